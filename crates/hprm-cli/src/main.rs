@@ -1,0 +1,2 @@
+//! The command `hprm`.
+fn main() {}

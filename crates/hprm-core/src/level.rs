@@ -1,0 +1,121 @@
+//! Levels: which reactions must run before which at one tag.
+//!
+//! A reaction precedes the next one of its reactor, and every reaction that can read, at the same
+//! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order.
+
+use std::collections::VecDeque;
+
+use crate::{Effect, PortId, Program, ReactionId, Table, Trigger};
+
+/// A circle of reactions.
+pub(crate) struct Loop(pub(crate) Vec<ReactionId>);
+
+/// The length of the longest chain of reactions before each one.
+pub(crate) fn levels(program: &Program) -> Result<Table<ReactionId, u32>, Loop> {
+    let successors = successors(program);
+    let mut waiting_for: Table<ReactionId, usize> = Table::filled(program.reactions.len(), 0);
+    for follower in successors.values().flatten() {
+        waiting_for[*follower] += 1;
+    }
+    let mut level: Table<ReactionId, u32> = Table::filled(program.reactions.len(), 0);
+    let mut ready: VecDeque<_> = waiting_for.ids().filter(|id| waiting_for[*id] == 0).collect();
+    let mut sorted = 0;
+    while let Some(reaction) = ready.pop_front() {
+        sorted += 1;
+        for follower in &successors[reaction] {
+            level[*follower] = level[*follower].max(level[reaction] + 1);
+            waiting_for[*follower] -= 1;
+            if waiting_for[*follower] == 0 {
+                ready.push_back(*follower);
+            }
+        }
+    }
+    if sorted == program.reactions.len() {
+        return Ok(level);
+    }
+    Err(Loop(circle(&successors, &waiting_for)))
+}
+
+fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
+    let readers = readers(program);
+    let followers = direct_followers(program);
+    let mut successors: Table<ReactionId, Vec<ReactionId>> =
+        Table::filled(program.reactions.len(), Vec::new());
+    let mut previous: Table<crate::ReactorId, Option<ReactionId>> =
+        Table::filled(program.reactors.len(), None);
+    for (id, reaction) in program.reactions.iter() {
+        if let Some(earlier) = previous[reaction.reactor].replace(id) {
+            successors[earlier].push(id);
+        }
+        let mut pending: Vec<PortId> = reaction
+            .effects
+            .iter()
+            .filter_map(|effect| match effect {
+                Effect::Port(port) => Some(*port),
+                Effect::Action(_) => None,
+            })
+            .collect();
+        // Several paths cannot lead to one port, for a port has one source.
+        while let Some(port) = pending.pop() {
+            successors[id].extend(readers[port].iter().filter(|reader| **reader != id));
+            pending.extend(&followers[port]);
+        }
+        successors[id].sort_unstable();
+        successors[id].dedup();
+    }
+    successors
+}
+
+fn readers(program: &Program) -> Table<PortId, Vec<ReactionId>> {
+    let mut readers: Table<PortId, Vec<ReactionId>> =
+        Table::filled(program.ports.len(), Vec::new());
+    for (id, reaction) in program.reactions.iter() {
+        for trigger in &reaction.triggers {
+            if let Trigger::Port(port) = trigger {
+                readers[*port].push(id);
+            }
+        }
+        for port in &reaction.sources {
+            readers[*port].push(id);
+        }
+    }
+    readers
+}
+
+/// Where each port's value appears at the same tag, one connection further.
+fn direct_followers(program: &Program) -> Table<PortId, Vec<PortId>> {
+    let mut followers: Table<PortId, Vec<PortId>> =
+        Table::filled(program.ports.len(), Vec::new());
+    for connection in program.connections.values().filter(|c| c.is_direct()) {
+        followers[connection.from].push(connection.to);
+    }
+    followers
+}
+
+/// One circle among the reactions that still wait for another.
+fn circle(
+    successors: &Table<ReactionId, Vec<ReactionId>>,
+    waiting_for: &Table<ReactionId, usize>,
+) -> Vec<ReactionId> {
+    // Everything left waits for something left, so walking back must return to where it has been.
+    let predecessor = |reaction: ReactionId| {
+        successors
+            .iter()
+            .find(|(id, next)| waiting_for[*id] > 0 && next.contains(&reaction))
+            .map(|(id, _)| id)
+    };
+    let mut walk: Vec<ReactionId> = Vec::new();
+    let mut here = waiting_for.ids().find(|id| waiting_for[*id] > 0);
+    while let Some(reaction) = here {
+        if let Some(at) = walk.iter().position(|seen| *seen == reaction) {
+            walk.drain(..at);
+            break;
+        }
+        walk.push(reaction);
+        here = predecessor(reaction);
+    }
+    walk.reverse();
+    let first = walk.iter().enumerate().min_by_key(|(_, id)| **id).map_or(0, |(i, _)| i);
+    walk.rotate_left(first);
+    walk
+}

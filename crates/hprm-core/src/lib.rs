@@ -1,0 +1,36 @@
+//! The reactor model: tags, the program graph, levels, the event queue and the scheduler.
+//!
+//! This crate is pure. It never reads a clock, opens a socket, starts a thread or touches a file;
+//! time is an argument and values are a type parameter. What runs a reaction's body, and what
+//! carries a message to another federate, is someone else's business.
+//!
+//! Where to start: [`Tag`] and [`Delay`] are the algebra of time, [`Program`] is the checked
+//! instance graph that [`ProgramBuilder`] builds, [`Scheduler`] executes it.
+
+#![deny(clippy::disallowed_methods, clippy::disallowed_types)]
+#![forbid(unsafe_code)]
+
+mod builder;
+mod id;
+mod level;
+mod object;
+mod program;
+mod queue;
+mod scheduler;
+mod tag;
+mod wiring;
+
+pub mod limits;
+
+pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
+pub use id::{
+    ActionId, ChannelId, ConnectionId, FederateId, PortId, ReactionId, ReactorId, Table, TimerId,
+};
+pub use object::{ObjectRef, Part, Payload};
+pub use program::{
+    Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
+    Properties, Reaction, Reactor, Timer, Trigger,
+};
+pub use scheduler::{Body, Scheduled, Scheduler, Send};
+pub use tag::{Delay, Nanos, PhysicalTime, Tag};
+pub use wiring::Scope;

@@ -1,0 +1,275 @@
+//! The checked, flat instance graph of a program.
+//!
+//! A `Program` is built once, by [`ProgramBuilder`](crate::ProgramBuilder), which is the only
+//! place that validates; whoever holds one may rely on its ids and levels. It is the same in every
+//! federate: a federate runs the whole program's share that lies within its own reactor. It knows
+//! nothing of bodies, source text or Python.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    ActionId, ConnectionId, Delay, FederateId, Nanos, PortId, ReactionId, ReactorId, Table, TimerId,
+};
+
+/// How federates agree on when a tag is safe to process.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
+pub enum Coordination {
+    /// The RTI grants every advance (paper, section III-A).
+    #[default]
+    Centralized,
+    /// Each federate waits by its own clock (paper, section III-B).
+    Decentralized,
+}
+
+/// The target properties that the runtime obeys.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Properties {
+    /// Stop at this time after the start.
+    pub timeout: Option<Nanos>,
+    /// Do not wait for physical time.
+    pub fast: bool,
+    /// Do not stop when nothing is left to do.
+    pub keepalive: bool,
+    /// How the federates of a federation are coordinated.
+    pub coordination: Coordination,
+}
+
+/// A reactor instance.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Reactor {
+    /// Full name from the main reactor down, with bank indices: `Main.bank[2].child`.
+    pub name: String,
+    /// The reactor that contains it; none for the main reactor.
+    pub parent: Option<ReactorId>,
+    /// The federate that it belongs to; none for the main reactor and in unfederated programs.
+    pub federate: Option<FederateId>,
+}
+
+/// Whether a port takes or gives.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Direction {
+    /// An input of its reactor.
+    Input,
+    /// An output of its reactor.
+    Output,
+}
+
+/// One channel of a port.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Port {
+    /// Name within its reactor, with the channel of a multiport: `out` or `out[2]`.
+    pub name: String,
+    /// The reactor whose port it is.
+    pub reactor: ReactorId,
+    /// Input or output.
+    pub direction: Direction,
+}
+
+/// Where an action's events come from.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Origin {
+    /// Scheduled relative to the current tag.
+    Logical,
+    /// Scheduled relative to the physical clock, from any thread.
+    Physical,
+}
+
+/// A logical or physical action.
+///
+/// Minimum spacing and its policies are not there yet: every event piles up in superdense time,
+/// as with an action that declares no spacing.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Action {
+    /// Name within its reactor.
+    pub name: String,
+    /// The reactor whose action it is.
+    pub reactor: ReactorId,
+    /// Logical or physical.
+    pub origin: Origin,
+    /// Added to every delay with which it is scheduled.
+    pub min_delay: Nanos,
+}
+
+/// A timer.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Timer {
+    /// Name within its reactor.
+    pub name: String,
+    /// The reactor whose timer it is.
+    pub reactor: ReactorId,
+    /// Time of the first event after the start.
+    pub offset: Nanos,
+    /// Time from one event to the next; zero for a single event.
+    pub period: Nanos,
+}
+
+/// What makes a reaction run.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Trigger {
+    /// The start of the program.
+    Startup,
+    /// The end of the program.
+    Shutdown,
+    /// An event of a timer.
+    Timer(TimerId),
+    /// An event of an action.
+    Action(ActionId),
+    /// A message at a port.
+    Port(PortId),
+}
+
+/// What a reaction may do.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Effect {
+    /// Set a port: an own output or a contained reactor's input.
+    Port(PortId),
+    /// Schedule an action.
+    Action(ActionId),
+}
+
+/// A reaction of one reactor instance.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Reaction {
+    /// The reactor whose reaction it is.
+    pub reactor: ReactorId,
+    /// Position among the reactor's reactions, from 1.
+    pub number: u32,
+    /// What makes it run.
+    pub triggers: Vec<Trigger>,
+    /// Ports that it reads without being triggered by them.
+    pub sources: Vec<PortId>,
+    /// What it may do.
+    pub effects: Vec<Effect>,
+    /// The lag of physical behind logical time beyond which its deadline handler runs instead.
+    pub deadline: Option<Nanos>,
+    /// Whether it declares what to do when an input is tardy (`STP`, `STAA` or `tardy`).
+    pub handles_tardy: bool,
+    /// Length of the longest chain of reactions that must run before it at the same tag.
+    pub level: u32,
+}
+
+/// A connection from one channel to another.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Connection {
+    /// The channel that is read: an output of a contained reactor or an input of the container.
+    pub from: PortId,
+    /// The channel that is set.
+    pub to: PortId,
+    /// What `after` adds to the tag.
+    pub delay: Delay,
+    /// `~>`: the message gets the physical time at which it arrives.
+    pub physical: bool,
+    /// The Python package that serializes its values, if not the native one.
+    pub serializer: Option<String>,
+    /// How much longer than `maxwait` a decentralized receiver waits for this input.
+    pub absent_after: Nanos,
+}
+
+impl Connection {
+    /// Whether a value appears at both ends at the same tag.
+    #[must_use]
+    pub fn is_direct(&self) -> bool {
+        self.delay == Delay::None && !self.physical
+    }
+}
+
+/// A federate: a top-level reactor of a federated program.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Federate {
+    /// The name of its instance, with the index in a bank: `client__2`.
+    pub name: String,
+    /// Its reactor.
+    pub reactor: ReactorId,
+    /// How long it waits for inputs under decentralized coordination (`@maxwait`, `STP_offset`).
+    /// [`Nanos::MAX`] waits for ever.
+    pub maxwait: Nanos,
+    /// The host that the program names for it (`at`).
+    pub host: Option<String>,
+}
+
+/// A connection between two federates, as the network sees it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Channel {
+    /// The connection that it carries.
+    pub connection: ConnectionId,
+    /// The sender.
+    pub from: FederateId,
+    /// The receiver.
+    pub to: FederateId,
+    /// What is added to the sender's tag.
+    pub delay: Delay,
+    /// Whether the receiver tags it with its physical time.
+    pub physical: bool,
+}
+
+/// A checked program.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Program {
+    /// The name of the main reactor.
+    pub name: String,
+    /// Target properties.
+    pub properties: Properties,
+    /// Reactor instances; the first is the main reactor.
+    pub reactors: Table<ReactorId, Reactor>,
+    /// Channels of ports.
+    pub ports: Table<PortId, Port>,
+    /// Actions.
+    pub actions: Table<ActionId, Action>,
+    /// Timers.
+    pub timers: Table<TimerId, Timer>,
+    /// Reactions: a reactor's own in their order, a container's before its contents'.
+    pub reactions: Table<ReactionId, Reaction>,
+    /// Connections.
+    pub connections: Table<ConnectionId, Connection>,
+    /// Federates; empty for an unfederated program.
+    pub federates: Table<FederateId, Federate>,
+    /// Connections between federates that somebody reads.
+    pub channels: Table<crate::ChannelId, Channel>,
+}
+
+impl Program {
+    /// Whether its top-level reactors are federates.
+    #[must_use]
+    pub fn is_federated(&self) -> bool {
+        !self.federates.is_empty()
+    }
+
+    /// The federate of that name.
+    #[must_use]
+    pub fn federate_named(&self, name: &str) -> Option<FederateId> {
+        self.federates.iter().find(|(_, federate)| federate.name == name).map(|(id, _)| id)
+    }
+
+    /// Whether the two ends of a connection lie in different federates.
+    #[must_use]
+    pub fn crosses_federates(&self, connection: &Connection) -> bool {
+        let federate = |port: PortId| self.reactors[self.ports[port].reactor].federate;
+        federate(connection.from) != federate(connection.to)
+    }
+
+    /// `Main.bank[2].child.out[1]`.
+    #[must_use]
+    pub fn port_name(&self, port: PortId) -> String {
+        let Port { name, reactor, .. } = &self.ports[port];
+        format!("{}.{name}", self.reactors[*reactor].name)
+    }
+
+    /// `Main.bank[2].child.3`: a reaction has a number, not a name.
+    #[must_use]
+    pub fn reaction_name(&self, reaction: ReactionId) -> String {
+        let Reaction { reactor, number, .. } = &self.reactions[reaction];
+        format!("{}.{number}", self.reactors[*reactor].name)
+    }
+
+    /// A number that two processes compare to be sure that they run the same program.
+    ///
+    /// It covers the structure, not the bodies: FNV-1a over the debug text, which names everything
+    /// that the coordination depends on.
+    #[must_use]
+    pub fn fingerprint(&self) -> u64 {
+        let text = format!("{:?}{:?}{:?}", self.federates, self.channels, self.connections);
+        text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+    }
+}

@@ -1,0 +1,499 @@
+//! Executing a program: one tag after the other, and within a tag by level.
+//!
+//! The scheduler decides what runs at which tag, and in which order; it holds the values of ports
+//! and actions while they are present. It does not run bodies, wait for physical time, or ask
+//! anybody whether it may advance: a driver does, in this order:
+//!
+//! ```text
+//! start(at);  loop { g = next_tag(); (wait); begin(g);
+//!                    while let Some((reaction, body)) = next_reaction(now) { run it; finish(reaction) }
+//!                    last = end(now);  while let Some(send) = poll_send() { … }
+//!                    if last { break } }
+//! ```
+//!
+//! Modes, minimum spacing and workers are not there yet. Their places: `end` is where a mode change
+//! takes effect, `schedule` where spacing applies, and `finish` is what a worker will report.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::queue::{Event, EventQueue};
+use crate::wiring::{Scope, Wiring};
+use crate::{
+    ActionId, Channel, ChannelId, Connection, ConnectionId, Delay, Nanos, Origin, PhysicalTime, PortId, Program,
+    ReactionId, Table, Tag, Trigger,
+};
+
+/// Which of a reaction's bodies runs.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Body {
+    /// The reaction itself.
+    Main,
+    /// Its deadline handler, instead: physical time is too far ahead of the tag.
+    Deadline,
+    /// Its tardy handler, instead: an input came too late for its tag.
+    Tardy,
+}
+
+/// A value that leaves for another federate.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Send<V> {
+    /// The connection that it takes.
+    pub channel: ChannelId,
+    /// The tag at the receiver; meaningless if the channel is physical.
+    pub tag: Tag,
+    /// The value.
+    pub value: V,
+}
+
+/// What became of a request to schedule an action.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Scheduled {
+    /// The action will be present at this tag.
+    At(Tag),
+    /// The program ends before.
+    AfterStop,
+}
+
+/// A value that is present at a port.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Present<V> {
+    value: V,
+    intended: Option<Tag>,
+}
+
+/// Reactions that wait for their turn at the current tag.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Ready {
+    by_level: Vec<Vec<ReactionId>>,
+    queued: Table<ReactionId, bool>,
+    /// The level that is running. Nothing below it can be queued any more.
+    level: usize,
+}
+
+/// Executes a program, or one federate's share of it.
+///
+/// `V` is a value: a Python object, a number in a simulation, anything.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Scheduler<V> {
+    program: Arc<Program>,
+    wiring: Arc<Wiring>,
+    scope: Scope,
+    start: PhysicalTime,
+    tag: Tag,
+    stop: Tag,
+    stop_requested: bool,
+    queue: EventQueue<V>,
+    ports: Table<PortId, Option<Present<V>>>,
+    present_ports: Vec<PortId>,
+    actions: Table<ActionId, Option<Option<V>>>,
+    present_actions: Vec<ActionId>,
+    /// The latest tag given to a message of each connection.
+    last_assigned: Table<ConnectionId, Tag>,
+    ready: Ready,
+    running: Option<ReactionId>,
+    /// The intended tag of a tardy input that the running reaction did not handle.
+    tardy: Option<Tag>,
+    sends: VecDeque<Send<V>>,
+}
+
+impl<V: Clone> Scheduler<V> {
+    /// A scheduler for `scope` that has not started.
+    #[must_use]
+    pub fn new(program: Arc<Program>, scope: Scope) -> Self {
+        let wiring = Arc::new(Wiring::new(&program, scope));
+        Self {
+            start: PhysicalTime(0),
+            tag: Tag::NEVER,
+            stop: program.properties.timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0)),
+            stop_requested: false,
+            queue: EventQueue::new(),
+            ports: Table::filled(program.ports.len(), None),
+            present_ports: Vec::new(),
+            actions: Table::filled(program.actions.len(), None),
+            present_actions: Vec::new(),
+            last_assigned: Table::filled(program.connections.len(), Tag::NEVER),
+            ready: Ready {
+                by_level: vec![Vec::new(); wiring.levels],
+                queued: Table::filled(program.reactions.len(), false),
+                level: 0,
+            },
+            running: None,
+            tardy: None,
+            sends: VecDeque::new(),
+            program,
+            wiring,
+            scope,
+        }
+    }
+
+    // Getters.
+
+    /// The program.
+    #[must_use]
+    pub fn program(&self) -> &Arc<Program> {
+        &self.program
+    }
+
+    /// The current tag; `NEVER` before the first.
+    #[must_use]
+    pub fn tag(&self) -> Tag {
+        self.tag
+    }
+
+    /// The last tag of the program, as far as it is known.
+    #[must_use]
+    pub fn stop_tag(&self) -> Tag {
+        self.stop
+    }
+
+    /// The physical time of tag zero.
+    #[must_use]
+    pub fn start_time(&self) -> PhysicalTime {
+        self.start
+    }
+
+    /// The value at a port, if it is present.
+    #[must_use]
+    pub fn port(&self, port: PortId) -> Option<&V> {
+        self.ports[self.wiring.root[port]].as_ref().map(|present| &present.value)
+    }
+
+    /// The tag that a message at the port was meant for, if it came too late.
+    #[must_use]
+    pub fn intended_tag(&self, port: PortId) -> Option<Tag> {
+        self.ports[self.wiring.root[port]].as_ref().and_then(|present| present.intended)
+    }
+
+    /// Whether an event of the action is present, and its value.
+    #[must_use]
+    pub fn action(&self, action: ActionId) -> Option<Option<&V>> {
+        self.actions[action].as_ref().map(Option::as_ref)
+    }
+
+    /// The earliest tag at which there is something to do. `FOREVER` if only the outside can cause
+    /// anything, which is possible if the program is kept alive.
+    #[must_use]
+    pub fn next_tag(&self) -> Tag {
+        if self.tag == Tag::NEVER {
+            return Tag::START.min(self.stop);
+        }
+        let idle = if self.program.properties.keepalive { Tag::FOREVER } else { self.tag.succ() };
+        self.queue.first().unwrap_or(idle).min(self.stop)
+    }
+
+    // Commands of the driver.
+
+    /// Sets the physical time of tag zero and inserts the first events of timers.
+    pub fn start(&mut self, at: PhysicalTime) {
+        assert_eq!(self.tag, Tag::NEVER, "a program starts once");
+        self.start = at;
+        for timer in &self.wiring.timers {
+            let tag = Tag::new(self.program.timers[*timer].offset.max(0), 0);
+            if tag <= self.stop {
+                self.queue.insert(tag, Event::Timer(*timer));
+            }
+        }
+    }
+
+    /// Advances to `tag`: makes its events present and queues the reactions that they trigger.
+    ///
+    /// # Panics
+    ///
+    /// If `tag` is not after the current one, or events before it would be skipped.
+    pub fn begin(&mut self, tag: Tag) {
+        assert!(tag > self.tag, "tags increase: {tag} after {}", self.tag);
+        assert!(self.queue.first().is_none_or(|first| first >= tag), "an event would be skipped");
+        let first = self.tag == Tag::NEVER;
+        self.tag = tag;
+        if first {
+            self.queue_all(|wiring| &wiring.startup);
+        }
+        if !self.program.properties.keepalive && self.queue.first().is_none() && !first {
+            self.stop = self.stop.min(tag);
+        }
+        for event in self.queue.take(tag) {
+            self.happen(event);
+        }
+        if tag >= self.stop {
+            self.queue.truncate(Tag::NEVER);
+            self.queue_all(|wiring| &wiring.shutdown);
+        }
+    }
+
+    /// The next reaction to run at this tag and which of its bodies, given the physical time.
+    /// None once the tag is complete.
+    pub fn next_reaction(&mut self, now: PhysicalTime) -> Option<(ReactionId, Body)> {
+        assert!(self.running.is_none(), "one reaction at a time");
+        let reaction = self.ready.pop()?;
+        self.running = Some(reaction);
+        let spec = &self.program.reactions[reaction];
+        self.tardy = spec
+            .triggers
+            .iter()
+            .filter_map(|trigger| match trigger {
+                Trigger::Port(port) => self.intended_tag(*port),
+                _ => None,
+            })
+            .min();
+        let late = |deadline: Nanos| {
+            deadline == 0 || now.since(self.start) > self.tag.time.saturating_add(deadline)
+        };
+        let body = if self.tardy.is_some() && spec.handles_tardy {
+            self.tardy = None;
+            Body::Tardy
+        } else if spec.deadline.is_some_and(late) {
+            Body::Deadline
+        } else {
+            Body::Main
+        };
+        Some((reaction, body))
+    }
+
+    /// The tag that a tardy input of the running reaction was meant for, if the reaction has no
+    /// handler for that.
+    #[must_use]
+    pub fn unhandled_tardy(&self) -> Option<Tag> {
+        self.tardy
+    }
+
+    /// Reports that the running reaction has returned.
+    pub fn finish(&mut self, reaction: ReactionId) {
+        assert_eq!(self.running.take(), Some(reaction), "the reaction that finishes is running");
+        self.tardy = None;
+    }
+
+    /// Completes the tag: sends what is present along delayed connections and to other federates,
+    /// and makes everything absent. Returns whether it was the last tag.
+    pub fn end(&mut self, now: PhysicalTime) -> bool {
+        assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
+        let mut ports = std::mem::take(&mut self.present_ports);
+        // Not in the order of setting, which workers may change.
+        ports.sort_unstable();
+        for port in ports.drain(..) {
+            if let Some(present) = self.ports[port].take() {
+                self.forward(port, &present.value, now);
+            }
+        }
+        self.present_ports = ports;
+        for action in self.present_actions.drain(..) {
+            self.actions[action] = None;
+        }
+        self.ready.level = 0;
+        self.tag >= self.stop
+    }
+
+    /// A value that leaves for another federate, in the order in which they were set.
+    pub fn poll_send(&mut self) -> Option<Send<V>> {
+        self.sends.pop_front()
+    }
+
+    /// Inserts a message from another federate. Returns the tag at which it will be present: its
+    /// own, or a later one if it is tardy; none if the program ends before.
+    pub fn deliver(&mut self, channel: ChannelId, tag: Tag, value: V) -> Option<Tag> {
+        let connection = self.program.channels[channel].connection;
+        // A tardy message must neither overtake nor displace another one of its connection.
+        let taken = self.tag.max(self.last_assigned[connection]);
+        if tag > taken {
+            self.insert_message(connection, tag, value, None)
+        } else {
+            self.insert_message(connection, taken.succ(), value, Some(tag))
+        }
+    }
+
+    /// Inserts a message of a physical connection, tagged with the time of its arrival.
+    pub fn deliver_physical(
+        &mut self,
+        channel: ChannelId,
+        now: PhysicalTime,
+        value: V,
+    ) -> Option<Tag> {
+        let connection = self.program.channels[channel].connection;
+        let tag = self.assign(connection, self.physical_tag(connection, now));
+        self.insert_message(connection, tag, value, None)
+    }
+
+    /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
+    pub fn set_stop(&mut self, tag: Tag) {
+        self.stop = self.stop.min(tag.max(self.tag.succ()));
+        self.queue.truncate(self.stop);
+    }
+
+    /// Whether a reaction has asked the federation to stop since this was last called.
+    pub fn take_stop_request(&mut self) -> bool {
+        std::mem::take(&mut self.stop_requested)
+    }
+
+    // Commands of a reaction.
+
+    /// Sets a port. The last value set at a tag wins; an earlier one is returned.
+    pub fn set(&mut self, port: PortId, value: V) -> Option<V> {
+        self.make_present(self.wiring.root[port], value, self.tardy)
+    }
+
+    /// Schedules a logical action `extra` nanoseconds after its minimum delay, or a physical one by
+    /// the clock (handbook, "actions"). A negative `extra` counts as zero.
+    pub fn schedule(
+        &mut self,
+        action: ActionId,
+        extra: Nanos,
+        value: Option<V>,
+        now: PhysicalTime,
+    ) -> Scheduled {
+        let spec = &self.program.actions[action];
+        let delay = spec.min_delay.saturating_add(extra.max(0));
+        let tag = match spec.origin {
+            Origin::Logical => Delay::after(delay).shift(self.tag),
+            Origin::Physical => self.tag_by_clock(delay, now),
+        };
+        if tag > self.stop {
+            return Scheduled::AfterStop;
+        }
+        let at = self.queue.pile(tag, Event::Action { action, value });
+        if at > self.stop {
+            self.queue.truncate(self.stop);
+            return Scheduled::AfterStop;
+        }
+        Scheduled::At(at)
+    }
+
+    /// Ends the program at the next microstep. A federate only asks: see
+    /// [`Self::take_stop_request`].
+    pub fn request_stop(&mut self) {
+        match self.scope {
+            Scope::Whole => self.set_stop(self.tag.succ()),
+            Scope::Federate(_) => self.stop_requested |= self.stop > self.tag.succ(),
+        }
+    }
+
+    // What happens inside.
+
+    fn happen(&mut self, event: Event<V>) {
+        match event {
+            Event::Timer(timer) => {
+                let period = self.program.timers[timer].period;
+                if let Some(time) = self.tag.time.checked_add(period).filter(|_| period > 0) {
+                    let next = Tag::new(time, 0);
+                    if next <= self.stop {
+                        self.queue.insert(next, Event::Timer(timer));
+                    }
+                }
+                self.queue_all(|wiring| &wiring.triggered_by_timer[timer]);
+            }
+            Event::Action { action, value } => {
+                self.actions[action] = Some(value);
+                self.present_actions.push(action);
+                self.queue_all(|wiring| &wiring.triggered_by_action[action]);
+            }
+            Event::Message { port, value, intended } => {
+                let earlier = self.make_present(port, value, intended);
+                assert!(earlier.is_none(), "two messages at one port and tag");
+            }
+        }
+    }
+
+    fn make_present(&mut self, root: PortId, value: V, intended: Option<Tag>) -> Option<V> {
+        let earlier = self.ports[root].replace(Present { value, intended });
+        if earlier.is_none() {
+            self.present_ports.push(root);
+        }
+        self.queue_all(|wiring| &wiring.triggered_by_port[root]);
+        earlier.map(|present| present.value)
+    }
+
+    fn queue_all(&mut self, reactions: impl Fn(&Wiring) -> &Vec<ReactionId>) {
+        for reaction in reactions(&self.wiring) {
+            let level = self.program.reactions[*reaction].level as usize;
+            self.ready.push(*reaction, level);
+        }
+    }
+
+    /// Sends the value at a root along what leaves from there.
+    fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
+        let wiring = Arc::clone(&self.wiring);
+        for connection in &wiring.delayed[root] {
+            let Connection { physical, delay, .. } = self.program.connections[*connection];
+            let computed = if physical {
+                self.physical_tag(*connection, now)
+            } else {
+                delay.shift(self.tag)
+            };
+            let tag = self.assign(*connection, computed);
+            self.insert_message(*connection, tag, value.clone(), None);
+        }
+        for channel in &wiring.outgoing[root] {
+            let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
+            let tag = self.assign(connection, delay.shift(self.tag));
+            if physical || tag <= self.stop {
+                self.sends.push_back(Send { channel: *channel, tag, value: value.clone() });
+            }
+        }
+    }
+
+    /// The tag of the next message of a connection: as computed, but after the one before it.
+    /// Messages with different tags at the sender never merge into one (handbook, "after").
+    fn assign(&mut self, connection: ConnectionId, computed: Tag) -> Tag {
+        let last = &mut self.last_assigned[connection];
+        *last = if computed > *last { computed } else { last.succ() };
+        *last
+    }
+
+    fn insert_message(
+        &mut self,
+        connection: ConnectionId,
+        at: Tag,
+        value: V,
+        intended: Option<Tag>,
+    ) -> Option<Tag> {
+        self.last_assigned[connection] = at;
+        let port = self.wiring.root[self.program.connections[connection].to];
+        if at > self.stop {
+            return None;
+        }
+        self.queue.insert(at, Event::Message { port, value, intended });
+        Some(at)
+    }
+
+    /// The tag that the clock gives to a message of a physical connection.
+    fn physical_tag(&self, connection: ConnectionId, now: PhysicalTime) -> Tag {
+        let delay = match self.program.connections[connection].delay {
+            Delay::Time(delay) => delay,
+            Delay::None | Delay::Microstep => 0,
+        };
+        self.tag_by_clock(delay, now)
+    }
+
+    /// `delay` after the reading of the clock, but never at or before the current tag.
+    fn tag_by_clock(&self, delay: Nanos, now: PhysicalTime) -> Tag {
+        let time = now.since(self.start).max(0).saturating_add(delay);
+        Tag::new(time, 0).max(self.tag.succ())
+    }
+}
+
+impl Ready {
+    fn is_empty(&self) -> bool {
+        self.by_level.iter().all(Vec::is_empty)
+    }
+
+    fn push(&mut self, reaction: ReactionId, level: usize) {
+        debug_assert!(level >= self.level, "a reaction precedes what triggers it");
+        if !std::mem::replace(&mut self.queued[reaction], true) {
+            self.by_level[level].push(reaction);
+        }
+    }
+
+    /// By level, and within a level in the order of the program.
+    fn pop(&mut self) -> Option<ReactionId> {
+        while self.level < self.by_level.len() {
+            let reactions = &mut self.by_level[self.level];
+            if let Some(at) = reactions.iter().enumerate().min_by_key(|(_, id)| **id).map(|(at, _)| at)
+            {
+                let reaction = reactions.swap_remove(at);
+                self.queued[reaction] = false;
+                return Some(reaction);
+            }
+            self.level += 1;
+        }
+        None
+    }
+}

@@ -1,0 +1,144 @@
+//! What a scheduler needs to know of the graph to move values: computed once, then only indexed.
+//!
+//! A value is kept where it is written. A port that a plain connection feeds is an alias of the
+//! port at the other end, its root; so a fan-out to a thousand inputs costs nothing until somebody
+//! reads. Network inputs and the ends of delayed connections are roots of their own.
+
+use crate::{
+    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, ReactionId, ReactorId, Table,
+    TimerId, Trigger,
+};
+
+/// Which share of a program a scheduler runs.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Scope {
+    /// All of it, in one process, with no network.
+    Whole,
+    /// The reactors of one federate.
+    Federate(FederateId),
+}
+
+/// Tables derived from a program for one scope.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Wiring {
+    /// The port that holds each port's value.
+    pub(crate) root: Table<PortId, PortId>,
+    /// Reactions that a value at a root triggers.
+    pub(crate) triggered_by_port: Table<PortId, Vec<ReactionId>>,
+    /// Reactions that an action's event triggers.
+    pub(crate) triggered_by_action: Table<ActionId, Vec<ReactionId>>,
+    /// Reactions that a timer's event triggers.
+    pub(crate) triggered_by_timer: Table<TimerId, Vec<ReactionId>>,
+    /// Reactions to the start.
+    pub(crate) startup: Vec<ReactionId>,
+    /// Reactions to the end.
+    pub(crate) shutdown: Vec<ReactionId>,
+    /// Delayed and physical connections, by root, that stay within the scope.
+    pub(crate) delayed: Table<PortId, Vec<ConnectionId>>,
+    /// Channels to other federates, by root.
+    pub(crate) outgoing: Table<PortId, Vec<ChannelId>>,
+    /// Timers in the scope.
+    pub(crate) timers: Vec<TimerId>,
+    /// One more than the highest level in the scope.
+    pub(crate) levels: usize,
+}
+
+impl Scope {
+    /// Whether `reactor` runs in this scope.
+    pub(crate) fn contains(self, program: &Program, reactor: ReactorId) -> bool {
+        match self {
+            Self::Whole => true,
+            Self::Federate(federate) => program.reactors[reactor].federate == Some(federate),
+        }
+    }
+}
+
+impl Wiring {
+    pub(crate) fn new(program: &Program, scope: Scope) -> Self {
+        let root = roots(program, scope);
+        let mut wiring = Self {
+            triggered_by_port: Table::filled(program.ports.len(), Vec::new()),
+            triggered_by_action: Table::filled(program.actions.len(), Vec::new()),
+            triggered_by_timer: Table::filled(program.timers.len(), Vec::new()),
+            startup: Vec::new(),
+            shutdown: Vec::new(),
+            delayed: Table::filled(program.ports.len(), Vec::new()),
+            outgoing: Table::filled(program.ports.len(), Vec::new()),
+            timers: Vec::new(),
+            levels: 0,
+            root,
+        };
+        wiring.find_triggers(program, scope);
+        wiring.find_connections(program, scope);
+        wiring.timers = program
+            .timers
+            .iter()
+            .filter(|(_, timer)| scope.contains(program, timer.reactor))
+            .map(|(id, _)| id)
+            .collect();
+        wiring
+    }
+
+    fn find_triggers(&mut self, program: &Program, scope: Scope) {
+        let local = program.reactions.iter().filter(|(_, r)| scope.contains(program, r.reactor));
+        for (id, reaction) in local {
+            self.levels = self.levels.max(reaction.level as usize + 1);
+            for trigger in &reaction.triggers {
+                let reactions = match *trigger {
+                    Trigger::Startup => &mut self.startup,
+                    Trigger::Shutdown => &mut self.shutdown,
+                    Trigger::Timer(timer) => &mut self.triggered_by_timer[timer],
+                    Trigger::Action(action) => &mut self.triggered_by_action[action],
+                    Trigger::Port(port) => &mut self.triggered_by_port[self.root[port]],
+                };
+                if reactions.last() != Some(&id) {
+                    reactions.push(id);
+                }
+            }
+        }
+    }
+
+    fn find_connections(&mut self, program: &Program, scope: Scope) {
+        for (id, connection) in program.connections.iter() {
+            let local = [connection.from, connection.to]
+                .iter()
+                .all(|port| scope.contains(program, program.ports[*port].reactor));
+            // A connection at the top of a federated program has both ends in federates, so one
+            // that is not local either is a channel or belongs to others.
+            if local && !connection.is_direct() {
+                self.delayed[self.root[connection.from]].push(id);
+            }
+        }
+        if let Scope::Federate(federate) = scope {
+            for (id, channel) in program.channels.iter().filter(|(_, c)| c.from == federate) {
+                let from = program.connections[channel.connection].from;
+                self.outgoing[self.root[from]].push(id);
+            }
+        }
+    }
+}
+
+/// Follows plain connections upstream, as far as the scope reaches.
+fn roots(program: &Program, scope: Scope) -> Table<PortId, PortId> {
+    let mut upstream: Table<PortId, Option<PortId>> = Table::filled(program.ports.len(), None);
+    for connection in program.connections.values().filter(|c| c.is_direct()) {
+        let crosses = scope != Scope::Whole && program.crosses_federates(connection);
+        if !crosses {
+            upstream[connection.to] = Some(connection.from);
+        }
+    }
+    upstream
+        .ids()
+        .map(|port| {
+            let mut root = port;
+            // Terminates: a circle of plain connections has no source and was never built.
+            let mut hops = 0;
+            while let Some(next) = upstream[root] {
+                root = next;
+                hops += 1;
+                assert!(hops <= program.ports.len(), "a circle of connections without a reaction");
+            }
+            root
+        })
+        .collect()
+}
