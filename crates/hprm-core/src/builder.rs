@@ -290,21 +290,29 @@ impl ProgramBuilder {
     /// and one reads from it at the other.
     fn find_channels(&mut self) {
         let program = &self.program;
-        let written = reachable(program, |c| (c.from, c.to), |reaction, mark| {
-            reaction.effects.iter().for_each(|effect| {
-                if let Effect::Port(port) = effect {
-                    mark(*port);
-                }
-            });
-        });
-        let read = reachable(program, |c| (c.to, c.from), |reaction, mark| {
-            reaction.sources.iter().for_each(|port| mark(*port));
-            reaction.triggers.iter().for_each(|trigger| {
-                if let Trigger::Port(port) = trigger {
-                    mark(*port);
-                }
-            });
-        });
+        let written = reachable(
+            program,
+            |c| (c.from, c.to),
+            |reaction, mark| {
+                reaction.effects.iter().for_each(|effect| {
+                    if let Effect::Port(port) = effect {
+                        mark(*port);
+                    }
+                });
+            },
+        );
+        let read = reachable(
+            program,
+            |c| (c.to, c.from),
+            |reaction, mark| {
+                reaction.sources.iter().for_each(|port| mark(*port));
+                reaction.triggers.iter().for_each(|trigger| {
+                    if let Trigger::Port(port) = trigger {
+                        mark(*port);
+                    }
+                });
+            },
+        );
         let federate = |port: PortId| program.reactors[program.ports[port].reactor].federate;
         self.program.channels = program
             .connections
@@ -373,7 +381,9 @@ mod tests {
         b.connect(a_out, c_in, Delay::None);
         b.connect(c_out, a_in, Delay::None);
         let error = b.build().unwrap_err();
-        assert!(matches!(&error, ProgramError::CausalityLoop { reactions, .. } if reactions.len() == 2));
+        assert!(
+            matches!(&error, ProgramError::CausalityLoop { reactions, .. } if reactions.len() == 2)
+        );
         assert!(error.to_string().contains("Main.a.1 -> Main.c.1"), "{error}");
     }
 

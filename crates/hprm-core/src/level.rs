@@ -84,8 +84,7 @@ fn readers(program: &Program) -> Table<PortId, Vec<ReactionId>> {
 
 /// Where each port's value appears at the same tag, one connection further.
 fn direct_followers(program: &Program) -> Table<PortId, Vec<PortId>> {
-    let mut followers: Table<PortId, Vec<PortId>> =
-        Table::filled(program.ports.len(), Vec::new());
+    let mut followers: Table<PortId, Vec<PortId>> = Table::filled(program.ports.len(), Vec::new());
     for connection in program.connections.values().filter(|c| c.is_direct()) {
         followers[connection.from].push(connection.to);
     }

@@ -11,10 +11,17 @@ use crate::{ActionId, PortId, Tag, TimerId};
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) enum Event<V> {
     Timer(TimerId),
-    Action { action: ActionId, value: Option<V> },
+    Action {
+        action: ActionId,
+        value: Option<V>,
+    },
     /// A message at a network input or at the end of a delayed connection. `intended` is its own
     /// tag, if it came too late for it.
-    Message { port: PortId, value: V, intended: Option<Tag> },
+    Message {
+        port: PortId,
+        value: V,
+        intended: Option<Tag>,
+    },
 }
 
 impl<V> Event<V> {

@@ -20,8 +20,8 @@ use std::sync::Arc;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
 use crate::{
-    ActionId, Channel, ChannelId, Connection, ConnectionId, Delay, Nanos, Origin, PhysicalTime, PortId, Program,
-    ReactionId, Table, Tag, Trigger,
+    ActionId, Channel, ChannelId, Connection, ConnectionId, Delay, Nanos, Origin, PhysicalTime,
+    PortId, Program, ReactionId, Table, Tag, Trigger,
 };
 
 /// Which of a reaction's bodies runs.
@@ -67,6 +67,8 @@ struct Present<V> {
 struct Ready {
     by_level: Vec<Vec<ReactionId>>,
     queued: Table<ReactionId, bool>,
+    /// How many wait.
+    waiting: usize,
     /// The level that is running. Nothing below it can be queued any more.
     level: usize,
 }
@@ -116,6 +118,7 @@ impl<V: Clone> Scheduler<V> {
             ready: Ready {
                 by_level: vec![Vec::new(); wiring.levels],
                 queued: Table::filled(program.reactions.len(), false),
+                waiting: 0,
                 level: 0,
             },
             running: None,
@@ -413,11 +416,8 @@ impl<V: Clone> Scheduler<V> {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.delayed[root] {
             let Connection { physical, delay, .. } = self.program.connections[*connection];
-            let computed = if physical {
-                self.physical_tag(*connection, now)
-            } else {
-                delay.shift(self.tag)
-            };
+            let computed =
+                if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
             let tag = self.assign(*connection, computed);
             self.insert_message(*connection, tag, value.clone(), None);
         }
@@ -472,28 +472,30 @@ impl<V: Clone> Scheduler<V> {
 
 impl Ready {
     fn is_empty(&self) -> bool {
-        self.by_level.iter().all(Vec::is_empty)
+        self.waiting == 0
     }
 
     fn push(&mut self, reaction: ReactionId, level: usize) {
         debug_assert!(level >= self.level, "a reaction precedes what triggers it");
         if !std::mem::replace(&mut self.queued[reaction], true) {
             self.by_level[level].push(reaction);
+            self.waiting += 1;
         }
     }
 
     /// By level, and within a level in the order of the program.
     fn pop(&mut self) -> Option<ReactionId> {
-        while self.level < self.by_level.len() {
-            let reactions = &mut self.by_level[self.level];
-            if let Some(at) = reactions.iter().enumerate().min_by_key(|(_, id)| **id).map(|(at, _)| at)
-            {
-                let reaction = reactions.swap_remove(at);
-                self.queued[reaction] = false;
-                return Some(reaction);
-            }
+        if self.is_empty() {
+            return None;
+        }
+        while self.by_level[self.level].is_empty() {
             self.level += 1;
         }
-        None
+        let reactions = &mut self.by_level[self.level];
+        let first = reactions.iter().enumerate().min_by_key(|(_, reaction)| **reaction)?.0;
+        let reaction = reactions.swap_remove(first);
+        self.queued[reaction] = false;
+        self.waiting -= 1;
+        Some(reaction)
     }
 }
