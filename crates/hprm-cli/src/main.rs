@@ -1,2 +1,45 @@
-//! The command `hprm`.
-fn main() {}
+//! The command `hprm`: what a person types to check, run and look after programs.
+//!
+//! It is thin. The front end checks, the RTI coordinates, Python runs the bodies; the command finds
+//! them, starts them, and says in one message what went wrong. It never embeds an interpreter.
+
+#![forbid(unsafe_code)]
+// The command is where the world outside begins.
+#![allow(clippy::disallowed_methods, clippy::disallowed_types)]
+
+mod args;
+mod check;
+mod children;
+mod doctor;
+mod follow;
+mod launch;
+mod message;
+mod output;
+mod probe;
+mod python;
+mod rti;
+mod run;
+mod signals;
+mod source;
+mod supervisor;
+mod verdict;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::args::{Arguments, Command};
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Run(run) => run::run(&run),
+        Command::Check(check) => check::check(&check),
+        Command::Rti(rti) => rti::rti(rti),
+        Command::Federate(federate) => run::federate(&federate),
+        Command::Doctor(doctor) => doctor::doctor(&doctor),
+    };
+    outcome.unwrap_or_else(|error| {
+        error.show();
+        ExitCode::FAILURE
+    })
+}

@@ -1,1 +1,37 @@
-//! To be written.
+//! Federations: the frames of the protocol, the RTI, and a federate's side of both coordinations.
+//!
+//! This crate is pure. A machine is told the time and what happened, with `handle`; it answers with
+//! outputs, which the caller drains with `poll` until there are none; `next_wakeup` tells when it
+//! wants to be asked again if nothing happens. A fault leaves a machine as it was. Sockets,
+//! descriptors and waiting are the driver's; running reactions is the scheduler's.
+//!
+//! What the machines rely on: a link keeps the order of its frames, and ends. Nothing else.
+//!
+//! Where to start: [`Frame`] is what they say to one another, [`Federate`] is the one end, [`Rti`]
+//! the other, [`Topology`] what both know of the program.
+
+#![deny(clippy::disallowed_methods, clippy::disallowed_types)]
+#![forbid(unsafe_code)]
+
+mod centralized;
+mod decentralized;
+mod earliest;
+mod fault;
+mod federate;
+#[cfg(test)]
+mod fixture;
+mod frame;
+mod input;
+mod rti;
+mod startup;
+mod stop;
+mod topology;
+
+pub mod codec;
+
+pub use fault::Fault;
+pub use federate::Federate;
+pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
+pub use input::{End, Input, Output, Permission};
+pub use rti::{LinkId, Rti, RtiInput, RtiOutput};
+pub use topology::{Edge, Topology, Unsupported};

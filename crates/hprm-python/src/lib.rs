@@ -1,1 +1,47 @@
-//! To be written.
+//! The extension module `hprm._hprm`: Python bodies for the reactors of a program.
+//!
+//! [`run`] takes a file to its end; [`load`](mod@load) makes a [`host`] of it, with the ports, actions
+//! and time that bodies see; [`serialize`](mod@serialize) carries their values to other processes.
+//! What runs when, and what travels where, is decided in the crates below.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    reason = "this is where programs meet the world"
+)]
+
+mod action;
+mod api;
+mod buffer;
+mod codec;
+mod console;
+mod failure;
+mod host;
+mod load;
+mod port;
+mod program;
+mod run;
+mod runtime;
+mod serialize;
+mod tag;
+mod testing;
+mod value;
+
+use pyo3::prelude::*;
+
+/// The native half of the package `hprm`.
+#[pymodule(gil_used = false)]
+mod _hprm {
+    #[pymodule_export]
+    use crate::action::Action;
+    #[pymodule_export]
+    use crate::api::Api;
+    #[pymodule_export]
+    use crate::port::Port;
+    #[pymodule_export]
+    use crate::run::{die_with_parent, run_federate, run_program};
+    #[pymodule_export]
+    use crate::tag::Tag;
+    #[pymodule_export]
+    use crate::testing::{decode, encode, store_round_trip};
+}

@@ -1,1 +1,32 @@
-//! To be written.
+//! The object store: large values written once and read in place by every process of a host.
+//!
+//! Each federate owns its store. It [`loan`](Store::loan)s memory, writes it, and
+//! [`seal`](Store::seal)s it for its readers; what travels is an [`ObjectRef`](hprm_core::ObjectRef)
+//! of some 40 bytes, and each reader [`open`](Store::open)s it as an [`Object`]. There is no daemon, no
+//! name in the file system and no shared counter: the owner's [`Ledger`] alone knows who holds what,
+//! and readers give back by message. Memory is recycled with its pages present, because faults, not
+//! copies, are what large messages cost.
+//!
+//! [`Arena`] and [`Ledger`] are plain data and can be simulated; the mapping of memory, and all unsafe
+//! code, is one private file. Linux only: it stands on sealed memfds.
+
+#![deny(clippy::disallowed_methods, clippy::disallowed_types)]
+
+mod announce;
+mod arena;
+mod claims;
+mod error;
+mod ledger;
+mod loan;
+mod object;
+mod returns;
+mod shm;
+mod store;
+
+pub use arena::{Arena, Block};
+pub use error::{SegmentError, StoreError};
+pub use ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
+pub use loan::WritableLoan;
+pub use object::Object;
+pub use returns::Wake;
+pub use store::{Announcement, Store};

@@ -1,1 +1,27 @@
-//! To be written.
+//! Running programs: the only room with sockets, threads and clocks.
+//!
+//! The pure crates decide; this one waits, reads, writes and asks. [`run_whole`] runs a program in
+//! one process, [`run_federate`] one federate of it, [`Rti`] coordinates a federation. What a value
+//! is, and how a reaction's body runs, is up to a [`Host`].
+
+mod bell;
+mod clock;
+mod federate_loop;
+mod host;
+mod inbox;
+mod link;
+mod local_loop;
+mod rti_loop;
+mod wait;
+
+pub use clock::Clock;
+pub use federate_loop::{FederateOptions, run_federate};
+pub use host::{Failure, Host};
+pub use inbox::Inbox;
+pub use link::{Address, AddressError};
+pub use local_loop::run_whole;
+pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
+
+pub use hprm_core as core;
+pub use hprm_federated as federated;
+pub use hprm_store as store;

@@ -1,0 +1,77 @@
+# Everything a clone needs, typed as one word. `make help` lists the words.
+#
+# Needs Rust (cargo), Python 3.10 or newer with venv, and make. The rest goes into .venv, out and
+# target, all of which git ignores.
+
+PY ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)
+
+# One interpreter for every compilation of the Python module, so that none undoes another's work.
+export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
+
+PYTHON_CODE := python tests bench examples
+RUST_SOURCES := Cargo.toml Cargo.lock \
+	$(shell find crates -name '*.rs' -o -name 'Cargo.toml')
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help build demo test bench fmt lint clean toolchain
+
+help: ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
+
+demo: build ## run the broadcast and gather example, print its table, draw its picture
+	@$(BIN)/python examples/broadcast_gather/demo.py
+
+test: lint build ## check format and lints, then run all Rust and Python tests
+	cargo test --workspace --exclude hprm-python
+	$(BIN)/python -m pytest tests/python
+
+bench: build ## compare with pickle over Unix sockets, side by side
+	@$(BIN)/python bench/gather_vs_pickle.py
+
+fmt: $(VENV)/.requirements ## format the Rust and the Python code
+	cargo fmt --all
+	$(BIN)/ruff check --quiet --fix $(PYTHON_CODE)
+	$(BIN)/ruff format --quiet $(PYTHON_CODE)
+
+lint: $(VENV)/.requirements ## check the format and the lints; nothing is changed
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	$(BIN)/ruff check $(PYTHON_CODE)
+	$(BIN)/ruff format --check $(PYTHON_CODE)
+
+clean: ## remove everything that the other targets made
+	rm -rf $(VENV) out
+	cargo clean
+
+# Says what is missing on this machine before a tool fails with something less clear.
+toolchain:
+	@command -v cargo >/dev/null 2>&1 || { \
+	  echo "error: cargo is not on the PATH" >&2; \
+	  echo "  hint: install Rust from https://rustup.rs and open a new shell" >&2; exit 1; }
+	@command -v $(PY) >/dev/null 2>&1 || { \
+	  echo "error: $(PY) is not on the PATH" >&2; \
+	  echo "  hint: install Python 3.10 or newer, or name one: make PY=/path/to/python3" >&2; exit 1; }
+	@$(PY) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	  echo "error: $(PY) is $$($(PY) --version 2>&1), but Python 3.10 or newer is needed" >&2; \
+	  echo "  hint: name another one: make PY=/path/to/python3" >&2; exit 1; }
+	@$(PY) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "error: $(PY) cannot make virtual environments" >&2; \
+	  echo "  hint: on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+
+$(VENV)/.requirements: requirements-dev.txt | toolchain
+	$(PY) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	@touch $@
+
+# maturin refuses to choose between two environments, so a surrounding conda is hidden from it.
+$(VENV)/.built: $(VENV)/.requirements pyproject.toml $(RUST_SOURCES) | toolchain
+	env -u CONDA_PREFIX VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/maturin develop --release
+	cargo build --release -p hprm-cli
+	install -m 755 $(TARGET)/release/hprm $(BIN)/hprm
+	@touch $@

@@ -1,0 +1,197 @@
+//! What can be typed: commands, options, and their help.
+//!
+//! Nothing is decided here but whether the words are well formed; clap answers the rest with usage
+//! and exit code 2.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+use hprm::Address;
+use hprm::federated::FederationId;
+
+/// Run, check and look after deterministic programs for robots.
+#[derive(Parser, Debug)]
+#[command(name = "hprm", version, after_help = EXAMPLES)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  hprm run Main.lf            run a program, in one process or as a federation
+  hprm check src/*.lf         say what is wrong, and run nothing
+  hprm doctor                 see whether this machine has what HPRM needs
+
+Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 130 Ctrl-C.";
+
+#[derive(Subcommand, Debug)]
+pub(crate) enum Command {
+    Run(Run),
+    Check(Check),
+    Rti(Rti),
+    Federate(Federate),
+    Doctor(Doctor),
+}
+
+/// Run a program to its end.
+///
+/// A main reactor runs in one Python process. A federated reactor runs as one process per federate,
+/// whose output is shown line by line behind its name. Ctrl-C stops in order; a second one at once.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  hprm run Main.lf
+  hprm run Main.lf --rounds 10              the program finds --rounds 10 in sys.argv
+  hprm run --join-timeout 120 Vision.lf     give federates two minutes to load their models
+
+The exit code is 0 if every federate ended well, and else that of the first one that did not.")]
+pub(crate) struct Run {
+    /// The program.
+    #[arg(value_name = "FILE.lf")]
+    pub(crate) file: PathBuf,
+    /// Seconds that federates may take to join.
+    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
+    pub(crate) join_timeout: Duration,
+    /// What the program finds in sys.argv.
+    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub(crate) arguments: Vec<OsString>,
+}
+
+/// Say what is wrong with programs, and run nothing.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  hprm check Main.lf
+  hprm check --json src/*.lf | jq .message
+
+The exit code is 1 if there is an error; a warning leaves it 0.")]
+pub(crate) struct Check {
+    /// The programs.
+    #[arg(value_name = "FILE.lf", required = true)]
+    pub(crate) files: Vec<PathBuf>,
+    /// Print one JSON object a line to the standard output, instead of text.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Coordinate a federation whose federates are started by hand.
+///
+/// It prints its address and the id of the federation, which each federate must know, and ends with
+/// the federation.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Example, in three terminals:
+  hprm rti Main.lf --listen unix:@robot --federation 0123456789abcdef0123456789abcdef
+  hprm federate Main.lf camera  --rti unix:@robot --federation 0123456789abcdef0123456789abcdef
+  hprm federate Main.lf planner --rti unix:@robot --federation 0123456789abcdef0123456789abcdef")]
+pub(crate) struct Rti {
+    /// The program, with a federated reactor.
+    #[arg(value_name = "FILE.lf")]
+    pub(crate) file: PathBuf,
+    /// Where to listen: unix:@NAME, unix:/PATH or tcp:127.0.0.1:PORT.
+    #[arg(long, value_name = "ADDRESS")]
+    pub(crate) listen: Address,
+    /// The secret of the federation, 32 hexadecimal digits. Chosen at random if it is not given.
+    #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
+    pub(crate) federation: Option<FederationId>,
+}
+
+/// Run one federate of a program.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Example:
+  HPRM_FEDERATION_ID=0123456789abcdef0123456789abcdef \\
+      hprm federate Main.lf camera --rti unix:@robot
+
+The id can be given as an option too, but then every user of the machine can see it.")]
+pub(crate) struct Federate {
+    /// The program.
+    #[arg(value_name = "FILE.lf")]
+    pub(crate) file: PathBuf,
+    /// The name of the federate. A member of a bank has its index: camera__2.
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    /// Where the RTI listens.
+    #[arg(long, value_name = "ADDRESS")]
+    pub(crate) rti: Address,
+    /// The secret of the federation, which the RTI prints.
+    #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
+    pub(crate) federation: FederationId,
+    /// What the program finds in sys.argv.
+    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub(crate) arguments: Vec<OsString>,
+}
+
+/// See whether this machine has what HPRM needs.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+The exit code is 1 if something is missing that programs need.")]
+pub(crate) struct Doctor {
+    /// Print one JSON object a line.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
+    match Duration::try_from_secs_f64(seconds) {
+        Ok(duration) if !duration.is_zero() => Ok(duration),
+        _ => Err("not a positive number of seconds".to_owned()),
+    }
+}
+
+fn federation(text: &str) -> Result<FederationId, String> {
+    text.parse().map_err(|_| "an id has 32 hexadecimal digits".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn parsed(words: &[&str]) -> Result<Command, clap::Error> {
+        Arguments::try_parse_from(words).map(|arguments| arguments.command)
+    }
+
+    #[test]
+    fn the_definition_is_sound() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn what_follows_the_file_is_for_the_program() {
+        let Command::Run(run) = parsed(&["hprm", "run", "A.lf", "--rounds", "3"]).unwrap() else {
+            panic!("not a run");
+        };
+        assert_eq!(run.file, PathBuf::from("A.lf"));
+        assert_eq!(run.arguments, ["--rounds", "3"]);
+        assert_eq!(run.join_timeout, Duration::from_secs(30));
+    }
+
+    #[test]
+    fn a_time_is_positive_and_finite() {
+        assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+        for text in ["0", "-1", "nan", "inf", "soon", "1e300"] {
+            assert!(seconds(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn wrong_words_are_usage_errors() {
+        for words in [
+            &["hprm"][..],
+            &["hprm", "run"],
+            &["hprm", "check"],
+            &["hprm", "dance"],
+            &["hprm", "rti", "A.lf", "--listen", "carrier-pigeon"],
+            &["hprm", "federate", "A.lf", "a", "--rti", "unix:@x", "--federation", "12"],
+        ] {
+            let error = parsed(words).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{words:?}");
+        }
+    }
+}

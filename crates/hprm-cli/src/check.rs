@@ -1,0 +1,155 @@
+//! `hprm check`, and what every other command does before it starts anything.
+//!
+//! Finding mistakes is up to the front end; this shows them, as text or as JSON.
+
+use std::io;
+use std::path::Path;
+use std::process::ExitCode;
+
+use hprm_lf::{Compiled, Diagnostic, Severity, Sources, Span};
+use serde_json::{Value, json};
+
+use crate::args::Check;
+use crate::message::{self, Error};
+use crate::source;
+
+/// The program at `path`; none if it has errors, all of which have been shown then.
+///
+/// # Errors
+///
+/// If the file is not a program at all.
+pub(crate) fn checked(path: &Path) -> Result<Option<Compiled>, Error> {
+    match source::compile(path)? {
+        Ok(compiled) => Ok(Some(compiled)),
+        Err(failure) => {
+            show(&failure.diagnostics, &failure.sources);
+            Ok(None)
+        }
+    }
+}
+
+/// Shows the warnings of a program that has no errors.
+pub(crate) fn show_warnings(compiled: &Compiled) {
+    show(&compiled.warnings, &compiled.sources);
+}
+
+/// Checks programs, one after the other.
+///
+/// # Errors
+///
+/// If a file is not a program at all.
+pub(crate) fn check(arguments: &Check) -> Result<ExitCode, Error> {
+    let mut count = Count::default();
+    for path in &arguments.files {
+        match source::compile(path) {
+            Ok(outcome) => {
+                let (diagnostics, sources) = match &outcome {
+                    Ok(compiled) => (&compiled.warnings, &compiled.sources),
+                    Err(failure) => (&failure.diagnostics, &failure.sources),
+                };
+                count.add(diagnostics);
+                if arguments.json {
+                    print_json(diagnostics, sources);
+                } else {
+                    show(diagnostics, sources);
+                }
+            }
+            // The other files are of interest all the same.
+            Err(error) => {
+                count.errors += 1;
+                error.show();
+            }
+        }
+    }
+    if !arguments.json {
+        message::print_line(&count.summary(arguments.files.len()));
+    }
+    Ok(if count.errors == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+struct Count {
+    errors: usize,
+    warnings: usize,
+}
+
+impl Count {
+    fn add(&mut self, diagnostics: &[Diagnostic]) {
+        let errors = diagnostics.iter().filter(|d| d.severity == Severity::Error).count();
+        self.errors += errors;
+        self.warnings += diagnostics.len() - errors;
+    }
+
+    /// `2 programs checked: 1 error, no warnings`.
+    fn summary(self, programs: usize) -> String {
+        let number = |count: usize, noun: &str| match count {
+            0 => format!("no {noun}s"),
+            1 => format!("1 {noun}"),
+            _ => format!("{count} {noun}s"),
+        };
+        let [programs, errors, warnings] =
+            [(programs, "program"), (self.errors, "error"), (self.warnings, "warning")]
+                .map(|(count, noun)| number(count, noun));
+        format!("{programs} checked: {errors}, {warnings}")
+    }
+}
+
+fn show(diagnostics: &[Diagnostic], sources: &Sources) {
+    let color = message::color(&io::stderr());
+    for diagnostic in diagnostics {
+        let text = hprm_lf::render(diagnostic, sources, color);
+        message::print_error(format!("{}\n\n", text.trim_end()).as_bytes());
+    }
+}
+
+fn print_json(diagnostics: &[Diagnostic], sources: &Sources) {
+    for diagnostic in diagnostics {
+        message::print_line(&as_json(diagnostic, sources).to_string());
+    }
+}
+
+fn as_json(diagnostic: &Diagnostic, sources: &Sources) -> Value {
+    let labels: Vec<_> = diagnostic
+        .labels
+        .iter()
+        .map(|label| json!({ "message": label.text, "at": place(label.span, sources) }))
+        .collect();
+    json!({
+        "code": diagnostic.code,
+        "severity": match diagnostic.severity {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        },
+        "message": diagnostic.message,
+        "at": place(diagnostic.span, sources),
+        "hint": diagnostic.hint,
+        "labels": labels,
+    })
+}
+
+fn place(span: Span, sources: &Sources) -> Value {
+    let start = sources.position(span);
+    let end = sources.position(Span { start: span.end, ..span });
+    json!({
+        "file": sources.path(span.file),
+        "line": start.line,
+        "column": start.column,
+        "end_line": end.line,
+        "end_column": end.column,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Count;
+
+    #[test]
+    fn the_summary_counts() {
+        let count = Count { errors: 1, warnings: 0 };
+        assert_eq!(count.summary(2), "2 programs checked: 1 error, no warnings");
+        assert_eq!(
+            Count { errors: 0, warnings: 3 }.summary(1),
+            "1 program checked: no errors, 3 warnings"
+        );
+    }
+}

@@ -1,0 +1,94 @@
+//! The processes of a federation: starting, signalling and reaping them.
+//!
+//! Each federate leads a process group of its own: a Ctrl-C at the terminal reaches only `hprm`,
+//! and what a federate has started can be ended with it. Nothing is left when this is dropped.
+
+use std::io;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::thread;
+
+use hprm_core::{FederateId, Table};
+use rustix::process::{Pid, kill_process_group};
+
+use crate::follow::Followed;
+use crate::message::Error;
+use crate::signals::Signal;
+use crate::supervisor::Event;
+
+/// The processes that have been started, and which of them are still to be reaped.
+#[derive(Debug, Default)]
+pub(crate) struct Children {
+    processes: Table<FederateId, Option<Child>>,
+}
+
+impl Children {
+    /// Starts the next process, and reports what becomes of it.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be started.
+    pub(crate) fn start(
+        &mut self,
+        name: &str,
+        mut command: Command,
+        report: impl Fn(Event) + Send + 'static,
+    ) -> Result<(), Error> {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.process_group(0);
+        let what = format!("cannot start federate {name} with {}", command.get_program().display());
+        let unstarted = |error: io::Error| Error::new(format!("{what}: {error}"));
+        let mut child = command.spawn().map_err(unstarted)?;
+        let pipes = child.stdout.take().zip(child.stderr.take());
+        let (output, error) = pipes.expect("both were asked to be pipes");
+        let followed = Followed::new(pid(&child), name, output, error);
+        let id = self.processes.push(Some(child));
+        let followed = followed.map_err(unstarted)?;
+        let follow = move || {
+            let how = followed.follow(|| report(Event::Signal(Signal::BROKEN_PIPE)));
+            report(Event::Exited { federate: id, how });
+        };
+        thread::Builder::new().name(name.to_owned()).spawn(follow).map_err(unstarted)?;
+        Ok(())
+    }
+
+    /// Sends a signal to a process and to what it has started.
+    pub(crate) fn send(&self, signal: Signal, to: FederateId) {
+        if let Some(child) = &self.processes[to] {
+            signal_group(child, signal);
+        }
+    }
+
+    /// Forgets a process that has ended. What it has started ends too if it did not end `well`.
+    pub(crate) fn reap(&mut self, id: FederateId, well: bool) {
+        if let Some(mut child) = self.processes[id].take() {
+            if !well {
+                signal_group(&child, Signal::KILL);
+            }
+            // Its status is known already.
+            let _ = child.wait();
+        }
+    }
+}
+
+impl Drop for Children {
+    fn drop(&mut self) {
+        for id in self.processes.ids() {
+            self.reap(id, false);
+        }
+    }
+}
+
+fn pid(child: &Child) -> Pid {
+    Pid::from_child(child)
+}
+
+/// A process that has not been reaped keeps its number, so this reaches nobody else.
+fn signal_group(child: &Child, signal: Signal) {
+    let signal = match signal {
+        Signal::KILL => rustix::process::Signal::KILL,
+        _ => rustix::process::Signal::TERM,
+    };
+    // There may be nobody left in the group.
+    let _ = kill_process_group(pid(child), signal);
+}

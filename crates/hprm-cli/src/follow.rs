@@ -1,0 +1,176 @@
+//! Following a process to its end: forwarding what it writes, then telling how it ended.
+//!
+//! One thread for each process waits for both its pipes and for its end at once. A process that
+//! the followed one has left behind may hold the pipes open; that delays nothing.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::process::{ChildStderr, ChildStdout};
+
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, WaitId, WaitIdOptions, pidfd_open, waitid};
+
+use crate::message;
+use crate::output::Lines;
+use crate::signals::Signal;
+use crate::verdict::Ending;
+
+/// Bytes that are read at once: what a pipe holds.
+const CHUNK: usize = 64 * 1024;
+
+/// A process that somebody else has started and will reap.
+#[derive(Debug)]
+pub(crate) struct Followed {
+    pid: Pid,
+    /// Readable once the process has ended.
+    end: OwnedFd,
+    streams: [Stream; 2],
+    /// Whether the standard output of this command can no longer be written to.
+    broken: bool,
+}
+
+/// Where a line goes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Target {
+    Output,
+    Error,
+}
+
+#[derive(Debug)]
+struct Stream {
+    /// None once the other end is closed.
+    pipe: Option<OwnedFd>,
+    lines: Lines,
+    target: Target,
+}
+
+impl Followed {
+    /// Prepares to follow the process `pid`, which is called `name`.
+    ///
+    /// # Errors
+    ///
+    /// If the system cannot watch processes (Linux before 5.3), or has no descriptor left.
+    pub(crate) fn new(
+        pid: Pid,
+        name: &str,
+        output: ChildStdout,
+        error: ChildStderr,
+    ) -> io::Result<Self> {
+        let stream = |pipe: OwnedFd, target| -> io::Result<Stream> {
+            fcntl_setfl(&pipe, fcntl_getfl(&pipe)? | OFlags::NONBLOCK)?;
+            Ok(Stream { pipe: Some(pipe), lines: Lines::of(name), target })
+        };
+        let streams =
+            [stream(output.into(), Target::Output)?, stream(error.into(), Target::Error)?];
+        let end = pidfd_open(pid, PidfdFlags::empty())?;
+        Ok(Self { pid, end, streams, broken: false })
+    }
+
+    /// Forwards everything until the process ends, and returns how it did. It still has to be
+    /// reaped. Calls `broken` once if the output goes nowhere.
+    pub(crate) fn follow(mut self, broken: impl FnOnce()) -> Ending {
+        let mut broken = Some(broken);
+        let mut buffer = vec![0; CHUNK];
+        loop {
+            // Asked before reading: what an ended process wrote is all there.
+            let ended = self.wait();
+            for stream in &mut self.streams {
+                while stream.forward(&mut buffer, &mut self.broken) && ended {}
+            }
+            if self.broken
+                && let Some(broken) = broken.take()
+            {
+                broken();
+            }
+            if ended {
+                break;
+            }
+        }
+        for stream in &mut self.streams {
+            stream.finish(&mut self.broken);
+        }
+        self.ending()
+    }
+
+    /// Waits until there is something to read or the process has ended, and returns whether it has.
+    fn wait(&self) -> bool {
+        let fds = self.streams.iter().filter_map(|stream| stream.pipe.as_ref());
+        let fds = std::iter::once(&self.end).chain(fds);
+        let mut fds: Vec<_> = fds.map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
+        match poll(&mut fds, None) {
+            Ok(_) => !fds[0].revents().is_empty(),
+            Err(Errno::INTR) => false,
+            Err(error) => unreachable!("poll of open descriptors: {error}"),
+        }
+    }
+
+    fn ending(&self) -> Ending {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
+        loop {
+            match waitid(WaitId::Pid(self.pid), options) {
+                Ok(Some(status)) => {
+                    let signal = status.terminating_signal().map(|it| Ending::Signal(Signal(it)));
+                    let code = status.exit_status().map(Ending::Code);
+                    return signal.or(code).expect("an end is one of the two");
+                }
+                Ok(None) | Err(Errno::INTR) => {}
+                // Somebody else has reaped it; nothing is known but that it is gone.
+                Err(_) => return Ending::Code(1),
+            }
+        }
+    }
+}
+
+impl Stream {
+    /// Forwards one chunk. Returns whether there may be more at once.
+    fn forward(&mut self, buffer: &mut [u8], broken: &mut bool) -> bool {
+        let Some(pipe) = &self.pipe else { return false };
+        match read(pipe.as_fd(), buffer) {
+            Ok(0) => {
+                self.pipe = None;
+                self.finish(broken);
+                false
+            }
+            Ok(len) => {
+                let lines = self.lines.take(&buffer[..len]);
+                self.target.write(&lines, broken);
+                true
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => false,
+            Err(_) => {
+                self.pipe = None;
+                false
+            }
+        }
+    }
+
+    fn finish(&mut self, broken: &mut bool) {
+        let rest = self.lines.end();
+        self.target.write(&rest, broken);
+    }
+}
+
+impl Target {
+    fn write(self, lines: &[u8], broken: &mut bool) {
+        if lines.is_empty() {
+            return;
+        }
+        match self {
+            Self::Output if *broken => {}
+            Self::Output => *broken = message::print(lines).is_err(),
+            Self::Error => message::print_error(lines),
+        }
+    }
+}
+
+fn read(pipe: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<usize> {
+    loop {
+        match rustix::io::read(pipe, &mut *buffer) {
+            Err(Errno::INTR) => {}
+            Ok(len) => return Ok(len),
+            Err(error) => return Err(error.into()),
+        }
+    }
+}

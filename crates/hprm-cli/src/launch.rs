@@ -1,0 +1,162 @@
+//! Running a federation on this machine: an RTI in a thread, and a process for each federate.
+//!
+//! This is the loop around the [`Supervisor`]: it brings events and carries out orders. The main
+//! thread starts the processes, because they ask the system to die with the thread that did.
+
+use std::ffi::OsString;
+use std::io::Read;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use hprm::federated::FederationId;
+use hprm::{Address, Rti, RtiHandle, RtiOptions};
+use hprm_core::Program;
+
+use crate::children::Children;
+use crate::message::Error;
+use crate::python;
+use crate::signals;
+use crate::supervisor::{Event, Order, Supervisor};
+use crate::verdict::Ending;
+
+/// Where a process finds the secret of its federation. The command line would show it to everybody.
+pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
+
+/// Events that may wait for the loop, which never takes long. More of them wait where they arise.
+const EVENTS: usize = 64;
+
+/// How a federation is to be run.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Plan {
+    pub(crate) python: PathBuf,
+    pub(crate) file: PathBuf,
+    pub(crate) arguments: Vec<OsString>,
+    pub(crate) join_timeout: Duration,
+}
+
+/// Runs a federation to its end, and returns the exit code.
+///
+/// # Errors
+///
+/// If it cannot be started; nothing is left of it then.
+pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> {
+    let (events, arrivals) = sync_channel(EVENTS);
+    let signals = events.clone();
+    signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())
+        .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
+    let federation = random_id()?;
+    let (rti, address) = start_rti(program, federation, events.clone())?;
+
+    let mut children = Children::default();
+    for federate in program.federates.values() {
+        let mut command = plan.command(&federate.name, &address);
+        command.env(FEDERATION_ID, federation.to_string());
+        let events = events.clone();
+        // Once nobody listens, the command is about to end.
+        children.start(&federate.name, command, move |event| drop(events.send(event)))?;
+    }
+    let names = program.federates.values().map(|federate| federate.name.clone());
+    let supervisor = Supervisor::new(names, plan.join_timeout);
+    let code = supervise(supervisor, &mut children, &rti, &arrivals);
+    rti.abort();
+    Ok(code)
+}
+
+/// A secret that nobody guesses.
+///
+/// # Errors
+///
+/// If the system has no randomness.
+pub(crate) fn random_id() -> Result<FederationId, Error> {
+    random().map(|bytes| FederationId(u128::from_ne_bytes(bytes)))
+}
+
+impl Plan {
+    fn command(&self, name: &str, rti: &Address) -> Command {
+        let mut command = python::module(&self.python, "federate");
+        command.arg("--rti").arg(rti.to_string());
+        // It leaves the words on its failure to this process, and never outlives it.
+        command.args(["--launched", "--die-with-parent"]);
+        command.arg("--").arg(&self.file).arg(name).args(&self.arguments);
+        command
+    }
+}
+
+fn random<const N: usize>() -> Result<[u8; N], Error> {
+    let mut bytes = [0; N];
+    std::fs::File::open("/dev/urandom")
+        .and_then(|mut source| source.read_exact(&mut bytes))
+        .map_err(|error| Error::new(format!("cannot read /dev/urandom: {error}")))?;
+    Ok(bytes)
+}
+
+/// Everybody on the machine can see the name of a socket, so it must not tell the secret.
+fn private_address() -> Result<Address, Error> {
+    let name = u64::from_ne_bytes(random()?);
+    Ok(format!("unix:@hprm-{name:016x}-rti").parse().expect("an abstract name is an address"))
+}
+
+fn start_rti(
+    program: &Arc<Program>,
+    federation: FederationId,
+    events: SyncSender<Event>,
+) -> Result<(RtiHandle, Address), Error> {
+    let listen = private_address()?;
+    let options = RtiOptions { program: Arc::clone(program), federation, listen };
+    let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
+    let (handle, address) = (rti.handle(), rti.address().clone());
+    let run = move || {
+        let outcome = rti.run(|event| drop(events.send(Event::Rti(event))));
+        drop(events.send(Event::RtiEnded(outcome)));
+    };
+    thread::Builder::new()
+        .name("rti".to_owned())
+        .spawn(run)
+        .map_err(|error| Error::new(format!("cannot start the RTI: {error}")))?;
+    Ok((handle, address))
+}
+
+fn supervise(
+    mut supervisor: Supervisor,
+    children: &mut Children,
+    rti: &RtiHandle,
+    arrivals: &Receiver<Event>,
+) -> i32 {
+    let launched = Instant::now();
+    loop {
+        while let Some(order) = supervisor.poll() {
+            carry_out(order, children, rti);
+        }
+        let now = launched.elapsed();
+        if let Some(code) = supervisor.outcome(now) {
+            return code;
+        }
+        let wakeup = supervisor.next_wakeup(now);
+        let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
+        match arrivals.recv_timeout(patience) {
+            Ok(event) => {
+                if let Event::Exited { federate, how } = event {
+                    children.reap(federate, how == Ending::Code(0) && supervisor.is_well());
+                }
+                supervisor.handle(launched.elapsed(), event);
+            }
+            Err(RecvTimeoutError::Timeout) => supervisor.tick(launched.elapsed()),
+            Err(RecvTimeoutError::Disconnected) => {
+                unreachable!("the thread that watches for signals never drops its end first")
+            }
+        }
+    }
+}
+
+fn carry_out(order: Order, children: &Children, rti: &RtiHandle) {
+    match order {
+        Order::RequestStop => rti.request_stop(),
+        Order::Send { signal, to } => children.send(signal, to),
+        Order::Report(error) => error.show(),
+        Order::Warn(error) => error.show_as_warning(),
+    }
+}

@@ -1,0 +1,155 @@
+//! Finding the interpreter that runs the bodies.
+//!
+//! The one beside the command comes first: it is the one that `hprm` was installed into.
+
+use std::env;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::message::Error;
+
+const PYTHON: &str = "python3";
+
+/// What the search depends on.
+#[derive(Clone, Debug, Default)]
+struct Surroundings {
+    /// The command as it was called.
+    called: Option<OsString>,
+    /// The command as the system knows it, with links resolved.
+    executable: Option<PathBuf>,
+    virtual_env: Option<OsString>,
+    path: Option<OsString>,
+}
+
+/// The interpreter: beside `hprm`, or in the active virtual environment, or on `PATH`.
+///
+/// # Errors
+///
+/// If there is none.
+pub(crate) fn find() -> Result<PathBuf, Error> {
+    let surroundings = Surroundings {
+        called: env::args_os().next(),
+        executable: env::current_exe().ok(),
+        virtual_env: env::var_os("VIRTUAL_ENV"),
+        path: env::var_os("PATH"),
+    };
+    search(&surroundings).ok_or_else(|| {
+        Error::new("there is no python3 to run reactions with")
+            .hint("install Python 3.10 or later, then HPRM into it: pip install hprm")
+    })
+}
+
+/// The interpreter with one of the commands of the module `hprm`.
+///
+/// Options come first, then `--`, and then what may look like options and is not.
+pub(crate) fn module(python: &Path, command: &str) -> Command {
+    let mut process = Command::new(python);
+    process.args(["-m", "hprm", command]);
+    process
+}
+
+fn search(surroundings: &Surroundings) -> Option<PathBuf> {
+    let beside = [called(surroundings), surroundings.executable.clone()];
+    let beside = beside.into_iter().flatten().map(|command| command.with_file_name(PYTHON));
+    let active = surroundings
+        .virtual_env
+        .as_deref()
+        .filter(|folder| !folder.is_empty())
+        .map(|folder| Path::new(folder).join("bin").join(PYTHON));
+    beside
+        .chain(active)
+        .find(|candidate| is_executable(candidate))
+        .or_else(|| on_path(surroundings.path.as_deref()?, OsStr::new(PYTHON)))
+}
+
+/// Where the command was called, without resolving links: a link in a virtual environment stands
+/// beside that environment's interpreter, its target does not.
+fn called(surroundings: &Surroundings) -> Option<PathBuf> {
+    let called = surroundings.called.as_deref()?;
+    if Path::new(called).components().count() > 1 {
+        return Some(PathBuf::from(called));
+    }
+    on_path(surroundings.path.as_deref()?, called)
+}
+
+fn on_path(path: &OsStr, name: &OsStr) -> Option<PathBuf> {
+    env::split_paths(path)
+        .filter(|folder| folder.is_absolute())
+        .map(|folder| folder.join(name))
+        .find(|candidate| is_executable(candidate))
+}
+
+fn is_executable(path: &Path) -> bool {
+    path.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with executables.
+    fn folder(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, "").unwrap();
+            std::fs::set_permissions(&path, PermissionsExt::from_mode(0o755)).unwrap();
+        }
+        folder
+    }
+
+    fn surroundings(called: &Path, virtual_env: &Path, path: &Path) -> Surroundings {
+        Surroundings {
+            called: Some(called.into()),
+            executable: None,
+            virtual_env: Some(virtual_env.into()),
+            path: Some(path.into()),
+        }
+    }
+
+    #[test]
+    fn the_nearest_wins() {
+        let beside = folder(&["hprm", "python3"]);
+        let active = folder(&["bin/python3"]);
+        let path = folder(&["python3"]);
+        let all = surroundings(&beside.path().join("hprm"), active.path(), path.path());
+        assert_eq!(search(&all), Some(beside.path().join("python3")));
+        std::fs::remove_file(beside.path().join("python3")).unwrap();
+        assert_eq!(search(&all), Some(active.path().join("bin/python3")));
+        std::fs::remove_dir_all(active.path().join("bin")).unwrap();
+        assert_eq!(search(&all), Some(path.path().join("python3")));
+        std::fs::remove_file(path.path().join("python3")).unwrap();
+        assert_eq!(search(&all), None);
+    }
+
+    #[test]
+    fn a_command_from_the_path_is_found_there() {
+        let path = folder(&["hprm", "python3"]);
+        let nowhere = Path::new("/nowhere");
+        let typed = surroundings(Path::new("hprm"), nowhere, path.path());
+        assert_eq!(search(&typed), Some(path.path().join("python3")));
+    }
+
+    #[test]
+    fn links_are_not_resolved() {
+        let real = folder(&["hprm", "python3"]);
+        let environment = folder(&["python3"]);
+        let link = environment.path().join("hprm");
+        std::os::unix::fs::symlink(real.path().join("hprm"), &link).unwrap();
+        let nowhere = Path::new("/nowhere");
+        let called = surroundings(&link, nowhere, nowhere);
+        assert_eq!(search(&called), Some(environment.path().join("python3")));
+    }
+
+    #[test]
+    fn what_cannot_be_executed_is_passed_over() {
+        let beside = folder(&["hprm", "python3"]);
+        let python = beside.path().join("python3");
+        std::fs::set_permissions(python, PermissionsExt::from_mode(0o644)).unwrap();
+        let nowhere = Path::new("/nowhere");
+        assert_eq!(search(&surroundings(&beside.path().join("hprm"), nowhere, nowhere)), None);
+    }
+}

@@ -1,0 +1,155 @@
+//! `hprm rti`: an RTI without federates, which are started by hand.
+//!
+//! It prints what they must know and what becomes of them.
+
+use std::net::IpAddr;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
+
+use hprm::{Address, RtiEvent, RtiHandle, RtiOptions};
+use hprm_core::{FederateId, Program};
+
+use crate::args::Rti;
+use crate::message::{self, Error};
+use crate::signals::Signal;
+use crate::verdict::{LastWords, Verdict};
+use crate::{check, launch, signals};
+
+/// Coordinates a federation to its end.
+///
+/// # Errors
+///
+/// If it cannot listen, or the federation fails.
+pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
+    refuse_open_network(&arguments.listen)?;
+    let Some(compiled) = check::checked(&arguments.file)? else {
+        return Ok(ExitCode::FAILURE);
+    };
+    require_federation(&compiled.program, &arguments.file)?;
+    check::show_warnings(&compiled);
+    let federation = arguments.federation.map_or_else(launch::random_id, Ok)?;
+    let (program, listen) = (Arc::clone(&compiled.program), arguments.listen);
+    let rti = hprm::Rti::bind(&RtiOptions { program, federation, listen })
+        .map_err(|failure| Error::of(&failure))?;
+    let interruption = Arc::new(Interruption::default());
+    interruption.watch(rti.handle())?;
+    message::print_line(&format!("listening at {}", rti.address()));
+    message::print_line(&format!("federation {federation}"));
+
+    let mut failure = None;
+    let outcome = rti.run(|event| {
+        if let RtiEvent::Started(_) = event {
+            interruption.started.store(true, Ordering::Relaxed);
+        }
+        match told(&compiled.program, event) {
+            Ok(line) => message::print_line(&line),
+            Err(verdict) => failure = failure.take().or(Some(verdict)),
+        }
+    });
+    if let Some(signal) = interruption.signal() {
+        return Ok(exit_code(signal.exit_code()));
+    }
+    let failure = failure.or_else(|| outcome.err().map(|failure| Verdict::on_rti(&failure)));
+    Ok(failure.map_or(ExitCode::SUCCESS, |verdict| {
+        verdict.error.show();
+        exit_code(verdict.code)
+    }))
+}
+
+/// Refuses addresses that other machines can reach.
+///
+/// # Errors
+///
+/// If it is one.
+pub(crate) fn refuse_open_network(address: &Address) -> Result<(), Error> {
+    let Address::Tcp(host_and_port) = address else { return Ok(()) };
+    let host = host_and_port.rsplit_once(':').map_or(host_and_port.as_str(), |(host, _)| host);
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    let loopback = host.parse::<IpAddr>().map_or(host == "localhost", |ip| ip.is_loopback());
+    if loopback {
+        return Ok(());
+    }
+    Err(Error::new(format!(
+        "{address} is open to other machines, and authentication is not there yet"
+    ))
+    .hint("use tcp:127.0.0.1:PORT, or unix:@NAME"))
+}
+
+/// Refuses programs without federates.
+///
+/// # Errors
+///
+/// If it is one.
+pub(crate) fn require_federation(program: &Program, file: &Path) -> Result<(), Error> {
+    if program.is_federated() {
+        return Ok(());
+    }
+    Err(Error::new(format!("{} is not a federation", file.display()))
+        .hint("its main reactor says `main reactor`: hprm run runs it in one process"))
+}
+
+/// Ctrl-C: whether and how it came.
+#[derive(Debug, Default)]
+struct Interruption {
+    /// The signal, or zero.
+    signal: AtomicI32,
+    /// Whether the federation runs, so that it can be stopped in order.
+    started: AtomicBool,
+}
+
+impl Interruption {
+    /// The first time, the federation stops in order; the second time, at once.
+    fn watch(self: &Arc<Self>, rti: RtiHandle) -> Result<(), Error> {
+        let interruption = Arc::clone(self);
+        signals::watch(move |signal| {
+            let first = interruption.signal.swap(signal.0, Ordering::Relaxed) == 0;
+            if first && interruption.started.load(Ordering::Relaxed) {
+                rti.request_stop();
+            } else {
+                rti.abort();
+            }
+            true
+        })
+        .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))
+    }
+
+    fn signal(&self) -> Option<Signal> {
+        Some(self.signal.load(Ordering::Relaxed)).filter(|number| *number != 0).map(Signal)
+    }
+}
+
+/// What a person reads about an event, or what has gone wrong.
+fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
+    let name = |federate: FederateId| program.federates[federate].name.as_str();
+    match event {
+        RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
+        RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
+        RtiEvent::Failed { federate, message, code } => {
+            let words = LastWords { message, code };
+            Err(Verdict::on_federate(name(federate), true, Some(&words), None))
+        }
+    }
+}
+
+fn exit_code(code: i32) -> ExitCode {
+    u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_listened_to() {
+        let refused = |text: &str| refuse_open_network(&text.parse().unwrap()).is_err();
+        for text in ["unix:@a", "unix:/run/a", "tcp:127.0.0.1:1", "tcp:[::1]:1", "tcp:localhost:1"]
+        {
+            assert!(!refused(text), "{text}");
+        }
+        for text in ["tcp:0.0.0.0:1", "tcp:[::]:1", "tcp:robot.local:1", "tcp:10.0.0.1:1"] {
+            assert!(refused(text), "{text}");
+        }
+    }
+}

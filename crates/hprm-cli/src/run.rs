@@ -1,0 +1,69 @@
+//! `hprm run` and `hprm federate`: from a checked program to the processes that run it.
+//!
+//! Programs are checked before any interpreter starts, so mistakes show at once.
+
+use std::os::unix::process::CommandExt;
+use std::process::{Command, ExitCode};
+
+use crate::args::{Federate, Run};
+use crate::launch::{self, FEDERATION_ID, Plan};
+use crate::message::Error;
+use crate::{check, python, rti};
+
+/// Runs a program to its end.
+///
+/// # Errors
+///
+/// If it cannot be started.
+pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
+    let Some(compiled) = check::checked(&arguments.file)? else {
+        return Ok(ExitCode::FAILURE);
+    };
+    let python = python::find()?;
+    if !compiled.program.is_federated() {
+        // The one process that runs it shows the warnings.
+        let mut command = python::module(&python, "run");
+        command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+        return Err(replace(command));
+    }
+    check::show_warnings(&compiled);
+    let plan = Plan {
+        python,
+        file: arguments.file.clone(),
+        arguments: arguments.arguments.clone(),
+        join_timeout: arguments.join_timeout,
+    };
+    let code = launch::launch(&compiled.program, &plan)?;
+    Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// Runs one federate of a program, in this process.
+///
+/// # Errors
+///
+/// If it cannot be started.
+pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
+    rti::refuse_open_network(&arguments.rti)?;
+    let Some(compiled) = check::checked(&arguments.file)? else {
+        return Ok(ExitCode::FAILURE);
+    };
+    rti::require_federation(&compiled.program, &arguments.file)?;
+    if compiled.program.federate_named(&arguments.name).is_none() {
+        let names = compiled.program.federates.values().map(|federate| federate.name.as_str());
+        let names: Vec<_> = names.collect();
+        let message = format!("{} has no federate {}", arguments.file.display(), arguments.name);
+        return Err(Error::new(message).hint(format!("its federates: {}", names.join(", "))));
+    }
+    let python = python::find()?;
+    let mut command = python::module(&python, "federate");
+    command.arg("--rti").arg(arguments.rti.to_string());
+    command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
+    command.env(FEDERATION_ID, arguments.federation.to_string());
+    Err(replace(command))
+}
+
+/// Becomes another program. Returns only if that fails.
+fn replace(mut command: Command) -> Error {
+    let error = command.exec();
+    Error::new(format!("cannot run {}: {error}", command.get_program().display()))
+}

@@ -1,0 +1,87 @@
+//! Reading `.lf` files for the front end, which itself never touches a disk.
+
+use std::path::Path;
+
+use hprm_lf::{Compiled, Failure};
+
+use crate::message::Error;
+
+/// Compiles the program at `path`, or gives what the front end has against it.
+///
+/// # Errors
+///
+/// If there is no such program: the path is wrong, the file is unreadable or not text. What is
+/// wrong *in* the program, or with a file that it imports, is the inner result.
+pub(crate) fn compile(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
+    let name = path.to_str().ok_or_else(|| {
+        Error::new(format!("the name of {} is not UTF-8 text", path.display()))
+            .hint("give the file another name")
+    })?;
+    if path.extension().is_none_or(|extension| extension != "lf") {
+        return Err(Error::new(format!("{name} is not a Lingua Franca program"))
+            .hint("programs are files whose name ends in .lf"));
+    }
+    // Read before anything else, so that a wrong path is one plain error, not a diagnostic in a
+    // file that does not exist.
+    let mut main = Some(read(name).map_err(|reason| unreadable(name, &reason))?);
+    let mut load = |path: &str| match main.take_if(|_| path == name) {
+        Some(text) => Ok(text),
+        None => read(path),
+    };
+    Ok(hprm_lf::compile(name, &mut load))
+}
+
+fn unreadable(name: &str, reason: &str) -> Error {
+    let error = Error::new(format!("cannot read {name}: {reason}"));
+    match Path::new(name).try_exists() {
+        Ok(false) => error.hint("is the path right? It is relative to the current directory"),
+        _ => error,
+    }
+}
+
+fn read(path: &str) -> Result<String, String> {
+    let bytes = std::fs::read(path).map_err(|error| reason(&error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
+        format!("line {line} is not UTF-8 text")
+    })
+}
+
+/// The reason alone: `No such file or directory`, without the number of the error.
+fn reason(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_file_is_one_error() {
+        let Err(error) = compile(Path::new("/nowhere/Main.lf")) else { panic!("it is there") };
+        assert_eq!(
+            error,
+            Error::new("cannot read /nowhere/Main.lf: No such file or directory")
+                .hint("is the path right? It is relative to the current directory")
+        );
+    }
+
+    #[test]
+    fn another_kind_of_file_is_refused() {
+        for name in ["main.py", "Main", "lf"] {
+            let Err(error) = compile(Path::new(name)) else { panic!("{name}") };
+            assert!(format!("{error:?}").contains("not a Lingua Franca program"), "{error:?}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_named_by_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("Main.lf");
+        std::fs::write(&path, b"target Python\n\xff\n").unwrap();
+        let Err(error) = compile(&path) else { panic!("it is text") };
+        assert!(format!("{error:?}").contains("line 2 is not UTF-8 text"), "{error:?}");
+    }
+}

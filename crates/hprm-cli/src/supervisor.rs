@@ -1,0 +1,327 @@
+//! What to do about a federation of processes, as a machine without processes.
+//!
+//! It is told what happens, and when; it orders what is to be done. The first failure is reported,
+//! once the true cause is known; what it leads to is not. After that the federates may end by
+//! themselves, then they are asked to, then they are killed: in the end none is left.
+//!
+//! Time is counted from the launch. Processes and signals are [`launch`](crate::launch)'s.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use hprm::{Failure, RtiEvent};
+use hprm_core::{FederateId, Table};
+
+use crate::message::Error;
+use crate::signals::Signal;
+use crate::verdict::{Ending, LastWords, Verdict};
+
+/// How long to wait for the second witness of a failure.
+const GRACE: Duration = Duration::from_millis(500);
+/// How long the others may take to end by themselves after a failure.
+const AFTER_FAILURE: Duration = Duration::from_secs(2);
+/// How long an orderly stop may take.
+const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
+/// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
+const AFTER_SIGNAL: Duration = Duration::from_secs(1);
+
+/// Something that has happened.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Event {
+    /// A process has ended, and all that it wrote has been forwarded.
+    Exited { federate: FederateId, how: Ending },
+    /// The RTI has something to tell.
+    Rti(RtiEvent),
+    /// The RTI has come to its end.
+    RtiEnded(Result<(), Failure>),
+    /// Somebody asks this process to stop.
+    Signal(Signal),
+}
+
+/// Something to do.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Order {
+    /// Ask the federation to stop at its next tag.
+    RequestStop,
+    /// Send a signal to a process, which has not been seen to end.
+    Send { signal: Signal, to: FederateId },
+    /// Show an error.
+    Report(Error),
+    /// Show a warning.
+    Warn(Error),
+}
+
+/// What is known of a federate.
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct Federate {
+    name: String,
+    joined: bool,
+    /// How its process ended, and when that was known.
+    ending: Option<(Ending, Duration)>,
+}
+
+/// What is going on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Phase {
+    /// The federation runs.
+    Watching,
+    /// The federates are to end by themselves.
+    Stopping { until: Duration },
+    /// They have been asked to end.
+    Terminating { until: Duration },
+    /// They have been killed.
+    Killing { until: Duration },
+}
+
+/// The machine.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Supervisor {
+    federates: Table<FederateId, Federate>,
+    join_until: Duration,
+    started: bool,
+    rti_ended: bool,
+    /// What the RTI said of the first failure, and when.
+    accused: Option<(FederateId, LastWords, Duration)>,
+    /// What the RTI said of its own failure, and when.
+    rti_failure: Option<(Failure, Duration)>,
+    phase: Phase,
+    /// Whether a failure has been reported; there is only one.
+    reported: bool,
+    /// What the first signal or failure has decided.
+    exit_code: Option<i32>,
+    orders: VecDeque<Order>,
+}
+
+impl Supervisor {
+    /// A supervisor of processes that have just been started.
+    pub(crate) fn new(names: impl IntoIterator<Item = String>, join_timeout: Duration) -> Self {
+        let federate = |name| Federate { name, joined: false, ending: None };
+        Self {
+            federates: names.into_iter().map(federate).collect(),
+            join_until: join_timeout,
+            started: false,
+            rti_ended: false,
+            accused: None,
+            rti_failure: None,
+            phase: Phase::Watching,
+            reported: false,
+            exit_code: None,
+            orders: VecDeque::new(),
+        }
+    }
+
+    /// Takes note of an event.
+    pub(crate) fn handle(&mut self, now: Duration, event: Event) {
+        match event {
+            Event::Exited { federate, how } => {
+                self.federates[federate].ending.get_or_insert((how, now));
+            }
+            Event::Rti(event) => self.hear(now, event),
+            Event::RtiEnded(outcome) => {
+                self.rti_ended = true;
+                self.rti_failure = outcome.err().map(|failure| (failure, now));
+            }
+            Event::Signal(signal) => self.interrupt(now, signal),
+        }
+        self.tick(now);
+    }
+
+    /// Does what is due.
+    pub(crate) fn tick(&mut self, now: Duration) {
+        let listening = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
+        if listening
+            && !self.reported
+            && let Some(verdict) = self.verdict(now)
+        {
+            self.fail(now, verdict);
+        }
+        match self.phase {
+            Phase::Stopping { until } if now >= until => self.terminate(now),
+            Phase::Terminating { until } if now >= until => {
+                self.warn_of_the_stubborn();
+                self.kill(now);
+            }
+            _ => {}
+        }
+    }
+
+    /// The next order, if there is one.
+    pub(crate) fn poll(&mut self) -> Option<Order> {
+        self.orders.pop_front()
+    }
+
+    /// When to call [`Self::tick`] if nothing happens.
+    pub(crate) fn next_wakeup(&self, now: Duration) -> Option<Duration> {
+        let phase = match self.phase {
+            Phase::Watching => None,
+            Phase::Stopping { until } | Phase::Terminating { until } | Phase::Killing { until } => {
+                Some(until)
+            }
+        };
+        let joining = (!self.all_joined()).then_some(self.join_until);
+        let endings = self.federates.values().filter_map(|federate| federate.ending);
+        let heard = endings
+            .map(|(_, at)| at)
+            .chain(self.accused.as_ref().map(|(_, _, at)| *at))
+            .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
+        let graces = heard.map(|at| at + GRACE);
+        phase.into_iter().chain(joining).chain(graces).filter(|at| *at > now).min()
+    }
+
+    /// The exit code, once all is over.
+    pub(crate) fn outcome(&self, now: Duration) -> Option<i32> {
+        let gone = self.all_ended();
+        let over = match self.phase {
+            // What nobody survives may still not have been noticed: its output may be stuck.
+            Phase::Killing { until } => gone || now >= until,
+            _ if self.reported || matches!(self.phase, Phase::Terminating { .. }) => gone,
+            // The RTI may know of a failure that no exit code tells.
+            _ => gone && self.undisputed(now),
+        };
+        over.then(|| self.exit_code.unwrap_or(0))
+    }
+
+    /// Whether nothing has gone wrong so far.
+    pub(crate) fn is_well(&self) -> bool {
+        self.exit_code.is_none()
+    }
+
+    fn hear(&mut self, now: Duration, event: RtiEvent) {
+        match event {
+            RtiEvent::Joined(federate) => self.federates[federate].joined = true,
+            RtiEvent::Started(_) => self.started = true,
+            RtiEvent::Failed { federate, message, code } => {
+                self.accused.get_or_insert((federate, LastWords { message, code }, now));
+            }
+        }
+    }
+
+    /// The first time, all is to end in order; the second time, at once.
+    fn interrupt(&mut self, now: Duration, signal: Signal) {
+        if self.exit_code.is_some() {
+            // A pipe stays broken, and every federate that writes to it says so.
+            if signal != Signal::BROKEN_PIPE {
+                self.kill(now);
+            }
+            return;
+        }
+        self.exit_code = Some(signal.exit_code());
+        if self.started && !self.rti_ended {
+            self.orders.push_back(Order::RequestStop);
+            self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT };
+        } else {
+            self.terminate(now);
+        }
+    }
+
+    fn fail(&mut self, now: Duration, verdict: Verdict) {
+        self.reported = true;
+        self.exit_code.get_or_insert(verdict.code);
+        self.orders.push_back(Order::Report(verdict.error));
+        // The RTI tells the others. Those that have not started need no time to end in order.
+        if self.started {
+            self.phase = Phase::Stopping { until: now + AFTER_FAILURE };
+        } else {
+            self.terminate(now);
+        }
+    }
+
+    fn terminate(&mut self, now: Duration) {
+        self.phase = Phase::Terminating { until: now + AFTER_SIGNAL };
+        self.send_all(Signal::TERMINATE);
+    }
+
+    fn kill(&mut self, now: Duration) {
+        self.phase = Phase::Killing { until: now + AFTER_SIGNAL };
+        self.send_all(Signal::KILL);
+    }
+
+    fn send_all(&mut self, signal: Signal) {
+        let living = self.federates.iter().filter(|(_, federate)| federate.ending.is_none());
+        self.orders.extend(living.map(|(to, _)| Order::Send { signal, to }));
+    }
+
+    fn warn_of_the_stubborn(&mut self) {
+        let living = self.federates.values().filter(|federate| federate.ending.is_none());
+        let names: Vec<_> = living.map(|federate| federate.name.as_str()).collect();
+        if !names.is_empty() {
+            let warning = format!("killed what did not end by itself: {}", names.join(", "));
+            self.orders.push_back(Order::Warn(Error::new(warning)));
+        }
+    }
+
+    /// The cause of a failure, as soon as it is known.
+    ///
+    /// A signal is the root of whatever else is heard. Then comes what the RTI says, which knows
+    /// who was first; then its own end, which ends all others; then an exit code that nobody
+    /// explains.
+    fn verdict(&self, now: Duration) -> Option<Verdict> {
+        let due = |at: Duration| now >= at + GRACE;
+        let signalled = self.first_ending(|_, how| matches!(how, Ending::Signal(_)));
+        if let Some((federate, _)) = signalled {
+            return Some(self.blame(federate));
+        }
+        if let Some((federate, _, at)) = &self.accused {
+            let complete = self.federates[*federate].ending.is_some();
+            return (complete || due(*at)).then(|| self.blame(*federate));
+        }
+        if let Some((failure, at)) = &self.rti_failure {
+            return due(*at).then(|| Verdict::on_rti(failure));
+        }
+        let suspect = self.first_ending(|federate, how| how != Ending::Code(0) || !federate.joined);
+        if let Some((federate, at)) = suspect {
+            return due(at).then(|| self.blame(federate));
+        }
+        // Whoever waits for the rest of a federation that is asked to stop is told to stop.
+        let watching = self.phase == Phase::Watching;
+        (watching && now >= self.join_until && !self.all_joined()).then(|| self.absent())
+    }
+
+    fn blame(&self, id: FederateId) -> Verdict {
+        let federate = &self.federates[id];
+        let accused = self.accused.as_ref().filter(|(accused, _, _)| *accused == id);
+        let words = accused.map(|(_, words, _)| words);
+        let ending = federate.ending.map(|(how, _)| how);
+        Verdict::on_federate(&federate.name, federate.joined, words, ending)
+    }
+
+    fn absent(&self) -> Verdict {
+        let absent = self.federates.values().filter(|federate| !federate.joined);
+        let names: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
+        Verdict::on_absent(&names, self.join_until.as_secs_f64())
+    }
+
+    /// The first federate whose end is of that kind, and when it ended.
+    fn first_ending(
+        &self,
+        is: impl Fn(&Federate, Ending) -> bool,
+    ) -> Option<(FederateId, Duration)> {
+        let ended = self.federates.iter().filter_map(|(id, federate)| {
+            let (how, at) = federate.ending?;
+            is(federate, how).then_some((id, at))
+        });
+        ended.min_by_key(|(_, at)| *at)
+    }
+
+    /// Whether nobody can contradict any more that all went well.
+    fn undisputed(&self, now: Duration) -> bool {
+        let good = |federate: &Federate| {
+            federate.joined && matches!(federate.ending, Some((Ending::Code(0), _)))
+        };
+        let last = self.federates.values().filter_map(|federate| federate.ending).map(|(_, at)| at);
+        let late = last.max().is_none_or(|at| now >= at + GRACE);
+        let settled = self.accused.is_none() && self.rti_failure.is_none();
+        settled && self.federates.values().all(good) && (self.rti_ended || late)
+    }
+
+    fn all_joined(&self) -> bool {
+        self.federates.values().all(|federate| federate.joined)
+    }
+
+    fn all_ended(&self) -> bool {
+        self.federates.values().all(|federate| federate.ending.is_some())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,329 @@
+//! The supervisor under a script: events at times, and the orders that follow.
+
+use hprm_core::PhysicalTime;
+
+use super::*;
+
+const A: FederateId = FederateId(0);
+const B: FederateId = FederateId(1);
+const JOIN: Duration = Duration::from_secs(30);
+
+/// A supervisor of two federates, and its clock.
+struct Stage {
+    supervisor: Supervisor,
+    now: Duration,
+    reports: Vec<String>,
+    sent: Vec<(i32, FederateId)>,
+    stops: usize,
+}
+
+impl Stage {
+    /// Nobody has joined.
+    fn empty() -> Self {
+        let supervisor = Supervisor::new(["a".to_owned(), "b".to_owned()], JOIN);
+        let (reports, sent, stops) = (Vec::new(), Vec::new(), 0);
+        Self { supervisor, now: Duration::ZERO, reports, sent, stops }
+    }
+
+    /// All have joined and run.
+    fn running() -> Self {
+        let mut stage = Self::empty();
+        stage.rti(RtiEvent::Joined(A));
+        stage.rti(RtiEvent::Joined(B));
+        stage.rti(RtiEvent::Started(PhysicalTime(0)));
+        stage
+    }
+
+    fn event(&mut self, event: Event) {
+        self.supervisor.handle(self.now, event);
+        self.collect();
+    }
+
+    fn rti(&mut self, event: RtiEvent) {
+        self.event(Event::Rti(event));
+    }
+
+    fn exits(&mut self, federate: FederateId, how: Ending) {
+        self.event(Event::Exited { federate, how });
+    }
+
+    fn fails(&mut self, federate: FederateId, message: &str, code: i32) {
+        self.rti(RtiEvent::Failed { federate, message: message.to_owned(), code });
+    }
+
+    /// Lets time pass, as the loop does: from one wake-up to the next.
+    fn pass(&mut self, millis: u64) {
+        let until = self.now + Duration::from_millis(millis);
+        while let Some(at) = self.supervisor.next_wakeup(self.now).filter(|at| *at <= until) {
+            self.now = at;
+            self.supervisor.tick(at);
+            self.collect();
+        }
+        self.now = until;
+    }
+
+    fn collect(&mut self) {
+        while let Some(order) = self.supervisor.poll() {
+            match order {
+                Order::RequestStop => self.stops += 1,
+                Order::Send { signal, to } => self.sent.push((signal.0, to)),
+                Order::Report(error) | Order::Warn(error) => {
+                    self.reports.push(format!("{error:?}"));
+                }
+            }
+        }
+    }
+
+    fn outcome(&self) -> Option<i32> {
+        self.supervisor.outcome(self.now)
+    }
+
+    #[track_caller]
+    fn reported_once(&self, text: &str) {
+        assert_eq!(self.reports.len(), 1, "{:?}", self.reports);
+        assert!(self.reports[0].contains(text), "{:?}", self.reports);
+    }
+}
+
+const TERM: i32 = Signal::TERMINATE.0;
+const KILL: i32 = Signal::KILL.0;
+
+#[test]
+fn all_is_well_once_everybody_and_the_rti_have_ended() {
+    let mut stage = Stage::running();
+    stage.exits(A, Ending::Code(0));
+    stage.pass(60_000);
+    assert_eq!(stage.outcome(), None, "a federate may leave long before the others");
+    stage.exits(B, Ending::Code(0));
+    assert_eq!(stage.outcome(), None, "the RTI may still tell of a failure");
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(0));
+    assert!(stage.reports.is_empty() && stage.sent.is_empty());
+}
+
+#[test]
+fn an_rti_that_does_not_end_keeps_nobody() {
+    let mut stage = Stage::running();
+    stage.exits(A, Ending::Code(0));
+    stage.exits(B, Ending::Code(0));
+    stage.pass(499);
+    assert_eq!(stage.outcome(), None);
+    stage.pass(1);
+    assert_eq!(stage.outcome(), Some(0));
+}
+
+#[test]
+fn the_first_failure_is_reported_and_what_follows_is_not() {
+    let mut stage = Stage::running();
+    stage.fails(B, "reaction Main.b.1 raised ValueError: no", 1);
+    stage.exits(A, Ending::Code(1));
+    assert!(stage.reports.is_empty(), "the exit status of b is not known yet");
+    stage.exits(B, Ending::Code(1));
+    stage.reported_once("federate b: reaction Main.b.1 raised ValueError: no");
+    assert_eq!(stage.outcome(), Some(1));
+    assert!(stage.sent.is_empty());
+}
+
+#[test]
+fn a_consequence_seen_first_is_not_the_cause() {
+    let mut stage = Stage::running();
+    stage.exits(A, Ending::Code(1));
+    stage.pass(100);
+    stage.fails(B, "", 3);
+    stage.exits(B, Ending::Code(3));
+    stage.reported_once("federate b exited with code 3");
+    assert_eq!(stage.outcome(), Some(3));
+}
+
+#[test]
+fn a_killed_federate_is_told_from_a_lost_link() {
+    for rti_first in [false, true] {
+        let mut stage = Stage::running();
+        if rti_first {
+            stage.fails(B, "the process ended before its last tag", 1);
+            stage.pass(10);
+        }
+        stage.exits(B, Ending::Signal(Signal::KILL));
+        if !rti_first {
+            stage.fails(B, "the process ended before its last tag", 1);
+        }
+        stage.exits(A, Ending::Code(1));
+        stage.reported_once("federate b was killed by signal 9 (SIGKILL)");
+        assert_eq!(stage.outcome(), Some(1));
+    }
+}
+
+#[test]
+fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
+    let mut stage = Stage::running();
+    stage.fails(B, "bad", 4);
+    stage.pass(500);
+    stage.reported_once("federate b: bad");
+    stage.exits(A, Ending::Code(1));
+    stage.pass(1_999);
+    assert_eq!(stage.sent, []);
+    stage.pass(1);
+    assert_eq!(stage.sent, [(TERM, B)]);
+    stage.pass(1_000);
+    assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
+    assert!(stage.reports[1].contains("killed what did not end by itself: b"));
+    stage.exits(B, Ending::Signal(Signal::KILL));
+    assert_eq!(stage.reports.len(), 2, "the end that was ordered is no news");
+    assert_eq!(stage.outcome(), Some(4));
+}
+
+#[test]
+fn an_end_without_a_word_is_a_failure_after_the_grace() {
+    let mut stage = Stage::running();
+    stage.exits(B, Ending::Code(3));
+    stage.pass(499);
+    assert!(stage.reports.is_empty());
+    stage.pass(1);
+    stage.reported_once("federate b exited with code 3");
+}
+
+#[test]
+fn before_the_start_the_others_are_ended_at_once() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.exits(B, Ending::Code(3));
+    stage.pass(500);
+    stage.reported_once("federate b exited with code 3 before it joined");
+    assert_eq!(stage.sent, [(TERM, A)]);
+    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    assert_eq!(stage.reports.len(), 1);
+    assert_eq!(stage.outcome(), Some(3));
+}
+
+#[test]
+fn leaving_before_joining_is_a_failure_even_with_code_zero() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.exits(B, Ending::Code(0));
+    stage.pass(500);
+    stage.reported_once("federate b exited with code 0 before it joined");
+    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    assert_eq!(stage.outcome(), Some(1));
+}
+
+#[test]
+fn news_of_joining_may_come_after_the_end() {
+    let mut stage = Stage::empty();
+    stage.exits(A, Ending::Code(0));
+    stage.exits(B, Ending::Code(0));
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(0));
+    assert!(stage.reports.is_empty());
+}
+
+#[test]
+fn the_missing_are_waited_for_until_the_time_is_over() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.pass(29_999);
+    assert!(stage.reports.is_empty());
+    stage.pass(1);
+    stage.reported_once("federate b did not join within 30 s");
+    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+}
+
+#[test]
+fn an_interrupt_stops_in_order() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    assert_eq!((stage.stops, stage.sent.len()), (1, 0));
+    stage.exits(A, Ending::Code(0));
+    stage.exits(B, Ending::Code(0));
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(130));
+    assert!(stage.reports.is_empty());
+}
+
+#[test]
+fn a_second_interrupt_kills() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.exits(A, Ending::Code(0));
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    assert_eq!(stage.sent, [(KILL, B)]);
+    stage.exits(B, Ending::Signal(Signal::KILL));
+    assert_eq!(stage.outcome(), Some(130));
+    assert!(stage.reports.is_empty());
+}
+
+#[test]
+fn an_orderly_stop_takes_five_seconds_at_most() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::TERMINATE));
+    stage.pass(4_999);
+    assert!(stage.sent.is_empty());
+    stage.pass(1);
+    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+    stage.pass(1_000);
+    assert_eq!(stage.sent[2..], [(KILL, A), (KILL, B)]);
+    stage.pass(999);
+    assert_eq!(stage.outcome(), None);
+    stage.pass(1);
+    assert_eq!(stage.outcome(), Some(143), "even if nothing is heard of their end");
+}
+
+#[test]
+fn a_failure_while_stopping_is_reported_but_the_interrupt_counts() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.fails(A, "shutdown raised ValueError", 1);
+    stage.exits(A, Ending::Code(1));
+    stage.exits(B, Ending::Code(1));
+    stage.reported_once("federate a: shutdown raised ValueError");
+    assert_eq!(stage.outcome(), Some(130));
+}
+
+#[test]
+fn an_interrupt_after_a_failure_kills_and_keeps_the_code() {
+    let mut stage = Stage::running();
+    stage.fails(A, "", 3);
+    stage.exits(A, Ending::Code(3));
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    assert_eq!(stage.sent, [(KILL, B)]);
+    stage.exits(B, Ending::Signal(Signal::KILL));
+    assert_eq!(stage.outcome(), Some(3));
+}
+
+#[test]
+fn an_interrupt_before_the_start_ends_all_at_once() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    assert_eq!(stage.outcome(), Some(130));
+    assert!(stage.reports.is_empty());
+}
+
+#[test]
+fn a_broken_pipe_is_not_a_second_interrupt() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::BROKEN_PIPE));
+    stage.event(Event::Signal(Signal::BROKEN_PIPE));
+    assert_eq!((stage.stops, stage.sent.len()), (1, 0));
+    stage.exits(A, Ending::Code(0));
+    stage.exits(B, Ending::Code(0));
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(141));
+}
+
+#[test]
+fn the_end_of_the_rti_explains_the_end_of_the_others() {
+    let mut stage = Stage::running();
+    let failure = Failure { message: "error: no descriptor left".to_owned(), code: 1 };
+    stage.event(Event::RtiEnded(Err(failure)));
+    stage.exits(A, Ending::Code(1));
+    stage.exits(B, Ending::Code(1));
+    stage.pass(500);
+    stage.reported_once("no descriptor left");
+    assert_eq!(stage.outcome(), Some(1));
+}

@@ -1,0 +1,393 @@
+//! Frames as bytes: a length, then the body.
+//!
+//! ```text
+//! frame    = length:u32 (little endian, of the body)  body
+//! body     = 0  postcard(Frame)                       every frame but a message
+//!          | 1  postcard(Envelope)  head  part*       a message; the bytes of its payload as they are
+//! ```
+//!
+//! The bytes of a payload are copied once when a frame is encoded, or not at all if the caller
+//! writes what [`envelope`] returns straight to its link. Decoding any bytes gives a frame, an
+//! error, or the number of bytes that are missing; it never panics and allocates no more than the
+//! bytes at hand justify. Reading and writing links is the driver's.
+
+use hprm_core::limits::FRAME_LIMIT;
+use hprm_core::{ChannelId, ObjectRef, Part, Payload, Tag};
+use serde::{Deserialize, Serialize};
+
+use crate::Frame;
+
+/// Bytes of the length field.
+const LENGTH: usize = 4;
+
+/// The longest body of a frame that is no message, in bytes: room for the largest federation's
+/// list of peers.
+const CONTROL_LIMIT: usize = 16 << 20;
+
+/// The most bytes that the envelope of a message needs besides its parts' descriptions.
+const ENVELOPE: usize = 64;
+
+/// The most bytes that the description of a part needs.
+const PART: usize = 48;
+
+const CONTROL: u8 = 0;
+const MESSAGE: u8 = 1;
+
+/// Why bytes are not a frame. Nothing that follows on the link can be trusted.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CodecError {
+    /// The frame claims to be longer than any frame may be.
+    #[error("a frame of {len} bytes is longer than the limit of {limit}")]
+    TooLong {
+        /// Its length.
+        len: usize,
+        /// The limit for its kind.
+        limit: usize,
+    },
+    /// The body is no frame of this protocol.
+    #[error("the bytes are not a frame: is the other side another program or version?")]
+    Junk,
+    /// The body goes on after the frame.
+    #[error("{0} bytes too many in a frame")]
+    Trailing(usize),
+}
+
+/// What the start of a buffer holds.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Decoded {
+    /// A frame, in so many bytes.
+    Frame(Frame, usize),
+    /// The start of a frame; at least so many more bytes are needed.
+    Missing(usize),
+}
+
+/// The part of a message that is not the payload's bytes.
+#[derive(Serialize, Deserialize)]
+struct Envelope {
+    channel: ChannelId,
+    tag: Tag,
+    head: u64,
+    parts: Vec<Piece>,
+}
+
+#[derive(Serialize, Deserialize)]
+enum Piece {
+    Inline(u64),
+    Object(ObjectRef),
+}
+
+/// Whether a message with this payload is short enough to be a frame.
+#[must_use]
+pub fn fits(payload: &Payload) -> bool {
+    let described = ENVELOPE.saturating_add(payload.parts.len().saturating_mul(PART));
+    described.saturating_add(inline_len(payload)) <= FRAME_LIMIT
+}
+
+/// Appends `frame` to `out`.
+///
+/// # Panics
+///
+/// If the frame is longer than a frame may be: ask [`fits`] before making a message.
+pub fn encode(frame: &Frame, out: &mut Vec<u8>) {
+    let buffers = envelope(frame, out);
+    if let Some(payload) = buffers {
+        out.reserve(inline_len(payload));
+        for bytes in buffers_of(payload) {
+            out.extend_from_slice(bytes);
+        }
+    }
+}
+
+/// Appends to `out` what precedes the payload's bytes, all of it if the frame is no message. The
+/// payload whose [`buffers_of`] must follow is returned.
+///
+/// # Panics
+///
+/// As [`encode`].
+pub fn envelope<'a>(frame: &'a Frame, out: &mut Vec<u8>) -> Option<&'a Payload> {
+    let start = out.len();
+    out.extend_from_slice(&[0; LENGTH]);
+    let payload = if let Frame::Message { channel, tag, payload } = frame {
+        out.push(MESSAGE);
+        let parts = payload.parts.iter().map(Piece::of).collect();
+        let head = payload.head.len() as u64;
+        append(&Envelope { channel: *channel, tag: *tag, head, parts }, out);
+        Some(payload)
+    } else {
+        out.push(CONTROL);
+        append(frame, out);
+        None
+    };
+    let limit = if payload.is_some() { FRAME_LIMIT } else { CONTROL_LIMIT };
+    let len = out.len() - start - LENGTH + payload.map_or(0, inline_len);
+    assert!(len <= limit, "a {} of {len} bytes exceeds the limit of a frame", frame.name());
+    let length = u32::try_from(len).expect("the limit of a frame is below 4 GiB");
+    out[start..start + LENGTH].copy_from_slice(&length.to_le_bytes());
+    payload
+}
+
+/// The bytes of a payload that travel in its frame, in order.
+pub fn buffers_of(payload: &Payload) -> impl Iterator<Item = &[u8]> {
+    let parts = payload.parts.iter().filter_map(|part| match part {
+        Part::Inline(bytes) => Some(bytes.as_slice()),
+        Part::Object(_) => None,
+    });
+    std::iter::once(payload.head.as_slice()).chain(parts)
+}
+
+/// The frame at the start of `buffer` and the number of its bytes, or none if it is incomplete.
+///
+/// # Errors
+///
+/// If no continuation of these bytes is a frame; the link must be closed.
+pub fn decode(buffer: &[u8]) -> Result<Option<(Frame, usize)>, CodecError> {
+    Ok(match inspect(buffer)? {
+        Decoded::Frame(frame, len) => Some((frame, len)),
+        Decoded::Missing(_) => None,
+    })
+}
+
+/// As [`decode`], but tells how many bytes are missing: a reader can make room for a large frame
+/// once, and read it in one piece.
+///
+/// # Errors
+///
+/// As [`decode`].
+pub fn inspect(buffer: &[u8]) -> Result<Decoded, CodecError> {
+    let Some((length, rest)) = buffer.split_first_chunk::<LENGTH>() else {
+        return Ok(Decoded::Missing(LENGTH + 1 - buffer.len()));
+    };
+    let len = u32::from_le_bytes(*length) as usize;
+    let limit = match rest.first() {
+        Some(&CONTROL) => CONTROL_LIMIT,
+        Some(&MESSAGE) | None => FRAME_LIMIT,
+        Some(_) => return Err(CodecError::Junk),
+    };
+    if len > limit {
+        return Err(CodecError::TooLong { len, limit });
+    }
+    if len == 0 {
+        return Err(CodecError::Junk);
+    }
+    let Some(body) = rest.get(..len) else {
+        return Ok(Decoded::Missing(len - rest.len()));
+    };
+    let (frame, trailing) = match body {
+        [CONTROL, body @ ..] => control(body)?,
+        [_, body @ ..] => message(body)?,
+        [] => return Err(CodecError::Junk),
+    };
+    if trailing > 0 {
+        return Err(CodecError::Trailing(trailing));
+    }
+    Ok(Decoded::Frame(frame, LENGTH + len))
+}
+
+fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
+    match postcard::take_from_bytes(body) {
+        // A message has a body of its own kind.
+        Ok((Frame::Message { .. }, _)) | Err(_) => Err(CodecError::Junk),
+        Ok((frame, rest)) => Ok((frame, rest.len())),
+    }
+}
+
+fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
+    let (envelope, mut rest): (Envelope, _) =
+        postcard::take_from_bytes(body).map_err(|_| CodecError::Junk)?;
+    let mut take = |len: u64| {
+        let len = usize::try_from(len).map_err(|_| CodecError::Junk)?;
+        let (bytes, after) = rest.split_at_checked(len).ok_or(CodecError::Junk)?;
+        rest = after;
+        Ok(bytes.to_vec())
+    };
+    let head = take(envelope.head)?;
+    let parts = envelope
+        .parts
+        .into_iter()
+        .map(|piece| match piece {
+            Piece::Inline(len) => take(len).map(Part::Inline),
+            Piece::Object(object) => Ok(Part::Object(object)),
+        })
+        .collect::<Result<_, _>>()?;
+    let payload = Payload { head, parts };
+    Ok((Frame::Message { channel: envelope.channel, tag: envelope.tag, payload }, rest.len()))
+}
+
+impl Piece {
+    fn of(part: &Part) -> Self {
+        match part {
+            Part::Inline(bytes) => Self::Inline(bytes.len() as u64),
+            Part::Object(object) => Self::Object(*object),
+        }
+    }
+}
+
+fn inline_len(payload: &Payload) -> usize {
+    buffers_of(payload).fold(0, |sum, bytes| sum.saturating_add(bytes.len()))
+}
+
+fn append(value: &impl Serialize, out: &mut Vec<u8>) {
+    let bytes = postcard::to_extend(value, std::mem::take(out));
+    *out = bytes.expect("a frame has no part that postcard cannot write");
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_core::{FederateId, PhysicalTime};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::{Count, FederationId, HostId, Peer, Refusal};
+
+    fn tag() -> impl Strategy<Value = Tag> {
+        (any::<i64>(), any::<u32>()).prop_map(|(time, microstep)| Tag::new(time, microstep))
+    }
+
+    fn part() -> impl Strategy<Value = Part> {
+        let object = any::<(u16, u64, u32, u64, u64)>();
+        let object = object.prop_map(|(owner, serial, segment, offset, len)| {
+            let owner = FederateId(owner);
+            Part::Object(ObjectRef { owner, serial, segment, offset, len })
+        });
+        prop_oneof![prop::collection::vec(any::<u8>(), 0..300).prop_map(Part::Inline), object]
+    }
+
+    fn message() -> impl Strategy<Value = Frame> {
+        let head = prop::collection::vec(any::<u8>(), 0..300);
+        (any::<u32>(), tag(), head, prop::collection::vec(part(), 0..4)).prop_map(
+            |(channel, tag, head, parts)| {
+                let payload = Payload { head, parts };
+                Frame::Message { channel: ChannelId(channel), tag, payload }
+            },
+        )
+    }
+
+    fn frame() -> impl Strategy<Value = Frame> {
+        let peer = (any::<u16>(), any::<u128>(), any::<Option<String>>());
+        let peer = peer.prop_map(|(federate, host, listen)| Peer {
+            federate: FederateId(federate),
+            host: HostId(host),
+            listen,
+        });
+        let hello = (any::<(u128, u64, u16)>(), any::<Option<String>>());
+        let hello = hello.prop_map(|((federation, fingerprint, federate), listen)| Frame::Hello {
+            protocol: 1,
+            federation: FederationId(federation),
+            fingerprint,
+            federate: FederateId(federate),
+            host: HostId(3),
+            listen,
+        });
+        let count = any::<(u32, u64)>()
+            .prop_map(|(channel, messages)| Count { channel: ChannelId(channel), messages });
+        let release = (any::<u16>(), prop::collection::vec(any::<u64>(), 0..9));
+        prop_oneof![
+            4 => message(),
+            1 => hello,
+            1 => prop::collection::vec(peer, 0..4).prop_map(|peers| Frame::Peers { peers }),
+            1 => any::<i64>().prop_map(|now| Frame::Ready { now: PhysicalTime(now) }),
+            1 => tag().prop_map(|tag| Frame::NextEventTag { tag }),
+            1 => (tag(), prop::collection::vec(count, 0..4))
+                .prop_map(|(next, counts)| Frame::Progress { next, counts }),
+            1 => release.prop_map(|(id, serials)| Frame::Release {
+                owner: FederateId(id),
+                reader: FederateId(1),
+                serials,
+            }),
+            1 => any::<(u16, String, i32)>().prop_map(|(id, message, code)| Frame::Failed {
+                federate: FederateId(id),
+                message,
+                code,
+            }),
+            1 => Just(Frame::Resign),
+            1 => Just(Frame::Refused { reason: Refusal::TooLate }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn frames_are_read_as_they_are_written(frames in prop::collection::vec(frame(), 1..5)) {
+            let mut bytes = Vec::new();
+            frames.iter().for_each(|frame| encode(frame, &mut bytes));
+            let mut rest = bytes.as_slice();
+            for frame in frames {
+                let (read, len) = decode(rest).unwrap().unwrap();
+                prop_assert_eq!(read, frame);
+                rest = &rest[len..];
+            }
+            prop_assert!(rest.is_empty());
+        }
+
+        #[test]
+        fn what_is_missing_leads_to_the_frame(frame in frame()) {
+            let mut bytes = Vec::new();
+            encode(&frame, &mut bytes);
+            let mut have = 0;
+            loop {
+                match inspect(&bytes[..have]).unwrap() {
+                    Decoded::Missing(more) => {
+                        prop_assert!(more > 0 && have + more <= bytes.len());
+                        have += more;
+                    }
+                    Decoded::Frame(read, len) => {
+                        prop_assert_eq!((read, len), (frame, bytes.len()));
+                        break;
+                    }
+                }
+            }
+        }
+
+        #[test]
+        fn any_bytes_are_a_frame_or_an_error_or_too_few(
+            bytes in prop::collection::vec(any::<u8>(), 0..200),
+            kind in 0_u8..2,
+        ) {
+            let _ = decode(&bytes);
+            let mut body = u32::try_from(bytes.len() + 1).unwrap().to_le_bytes().to_vec();
+            body.push(kind);
+            body.extend(&bytes);
+            if let Ok(found) = decode(&body) {
+                let (frame, len) = found.expect("all bytes are there");
+                prop_assert_eq!(len, body.len());
+                let mut again = Vec::new();
+                encode(&frame, &mut again);
+                prop_assert_eq!(decode(&again).unwrap(), Some((frame, again.len())));
+            }
+        }
+    }
+
+    #[test]
+    fn an_envelope_and_the_buffers_make_the_frame() {
+        let parts = vec![Part::Inline(vec![4, 5])];
+        let payload = Payload { head: vec![1, 2, 3], parts };
+        let frame = Frame::Message { channel: ChannelId(7), tag: Tag::START, payload };
+        let (mut whole, mut pieces) = (Vec::new(), Vec::new());
+        encode(&frame, &mut whole);
+        let payload = envelope(&frame, &mut pieces).unwrap();
+        pieces.extend(buffers_of(payload).flatten());
+        assert_eq!(pieces, whole);
+        assert!(whole.ends_with(&[1, 2, 3, 4, 5]));
+    }
+
+    #[test]
+    fn lengths_beyond_the_limits_are_errors_at_once() {
+        let too_long = |len: usize, kind| {
+            let mut bytes = u32::try_from(len).unwrap().to_le_bytes().to_vec();
+            bytes.push(kind);
+            matches!(decode(&bytes), Err(CodecError::TooLong { .. }))
+        };
+        assert!(too_long(FRAME_LIMIT + 1, MESSAGE));
+        assert!(too_long(CONTROL_LIMIT + 1, CONTROL));
+        assert!(!too_long(CONTROL_LIMIT + 1, MESSAGE));
+    }
+
+    #[test]
+    fn bytes_after_the_frame_in_its_body_are_an_error() {
+        let mut bytes = Vec::new();
+        encode(&Frame::Resign, &mut bytes);
+        bytes.push(0);
+        bytes[0] += 1;
+        assert_eq!(decode(&bytes), Err(CodecError::Trailing(1)));
+    }
+}

@@ -1,0 +1,342 @@
+//! A federate's side of everything: joining, advancing, exchanging messages, ending.
+//!
+//! One machine for both coordinations. What differs between them is in `centralized` and
+//! `decentralized`; `startup` and `stop` keep the state of those phases. This file sorts what comes
+//! in; `starting`, `messages` and `ending` carry it out.
+
+mod ending;
+mod messages;
+mod starting;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeSet, VecDeque};
+
+use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
+
+use crate::centralized::Centralized;
+use crate::decentralized::Decentralized;
+use crate::startup::{Early, Startup};
+use crate::stop::Stop;
+use crate::{
+    End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Topology,
+};
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+enum Coordinator {
+    Centralized(Centralized),
+    Decentralized(Decentralized),
+}
+
+/// What the scheduler is doing, as far as it has said.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Activity {
+    /// It has not said what is next since its last tag.
+    Unknown,
+    /// It processes the current tag.
+    Processing,
+    /// It is between tags, and this is the next one.
+    Idle(Tag),
+}
+
+/// A federate's machine.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Federate {
+    me: FederateId,
+    topology: Topology,
+    startup: Startup,
+    coordinator: Coordinator,
+    stop: Stop,
+    activity: Activity,
+    /// The latest tag that has begun.
+    current: Tag,
+    /// Federates that have ended.
+    gone: BTreeSet<FederateId>,
+    /// This federate has resigned, failed, or been told to end: nothing matters any more.
+    over: bool,
+    outputs: VecDeque<Output>,
+}
+
+impl Federate {
+    /// A federate that asks to join. `listen` is where it accepts direct links; under decentralized
+    /// coordination a federate with inputs needs that.
+    #[must_use]
+    pub fn new(
+        me: FederateId,
+        program: &Program,
+        federation: FederationId,
+        fingerprint: u64,
+        host: HostId,
+        listen: Option<String>,
+    ) -> Self {
+        let topology = Topology::new(program);
+        let (coordinator, needed) = match topology.coordination() {
+            Coordination::Centralized => {
+                (Coordinator::Centralized(Centralized::new(&topology, me)), BTreeSet::new())
+            }
+            Coordination::Decentralized => {
+                let machine = Decentralized::new(program, &topology, me);
+                let neighbours = topology.upstream(me).iter().chain(topology.downstream(me));
+                let needed = neighbours.map(|edge| edge.federate).collect();
+                (Coordinator::Decentralized(machine), needed)
+            }
+        };
+        let hello = Frame::Hello {
+            protocol: PROTOCOL,
+            federation,
+            fingerprint,
+            federate: me,
+            host,
+            listen,
+        };
+        Self {
+            me,
+            topology,
+            startup: Startup::new(federation, host, needed),
+            coordinator,
+            stop: Stop::Open,
+            activity: Activity::Unknown,
+            current: Tag::NEVER,
+            gone: BTreeSet::new(),
+            over: false,
+            outputs: VecDeque::from([Output::ToRti(hello)]),
+        }
+    }
+
+    // Getters.
+
+    /// Whether `tag` may begin, as far as other federates are concerned. Waiting until it is due
+    /// by the clock is the driver's business.
+    #[must_use]
+    pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
+        let Some(start) = self.startup.start() else {
+            return Permission::Wait;
+        };
+        if self.over || self.stop.refuses(tag) {
+            return Permission::Wait;
+        }
+        match &self.coordinator {
+            Coordinator::Centralized(machine) => machine.permission(tag),
+            Coordinator::Decentralized(machine) => machine.permission(tag, now, start),
+        }
+    }
+
+    /// When the machine wants an [`Input::Wake`], if nothing happens before.
+    #[must_use]
+    pub fn next_wakeup(&self) -> Option<PhysicalTime> {
+        let Activity::Idle(next) = self.activity else {
+            return None;
+        };
+        if self.over || self.startup.start().is_none() {
+            return None;
+        }
+        match &self.coordinator {
+            Coordinator::Centralized(machine) => machine.next_wakeup(next),
+            Coordinator::Decentralized(machine) => machine.next_wakeup(next),
+        }
+    }
+
+    /// Whether a peer runs on the same host: objects may be passed to it by reference.
+    #[must_use]
+    pub fn shares_memory_with(&self, peer: FederateId) -> bool {
+        self.startup.shares_memory_with(peer)
+    }
+
+    /// Whether a peer has not ended, as far as is known.
+    #[must_use]
+    pub fn is_live(&self, peer: FederateId) -> bool {
+        !self.gone.contains(&peer)
+    }
+
+    /// What the machine wants done next, if anything.
+    pub fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    // The handshake of direct links, which precedes `Input::PeerUp`.
+
+    /// The first frame on a direct link that this side has opened; [`Frame::PeerWelcome`] answers.
+    #[must_use]
+    pub fn peer_hello(&self) -> Frame {
+        self.startup.peer_hello(self.me)
+    }
+
+    /// Who has opened a direct link, by its first frame, and what to answer.
+    ///
+    /// # Errors
+    ///
+    /// If it has no business here; the link should be closed.
+    pub fn admit(&self, hello: &Frame) -> Result<(FederateId, Frame), Refusal> {
+        let peer = self.startup.greeted(hello)?;
+        Ok((peer, Frame::PeerWelcome { federate: self.me }))
+    }
+
+    // What happens.
+
+    /// Tells the machine what has happened.
+    ///
+    /// # Errors
+    ///
+    /// If the input breaks the protocol. Nothing has changed; if it came from a link, that link
+    /// should be closed.
+    pub fn handle(&mut self, now: PhysicalTime, input: Input) -> Result<(), Fault> {
+        if self.over {
+            return Ok(());
+        }
+        match input {
+            Input::FromRti(frame) => self.rti_frame(now, frame)?,
+            Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,
+            Input::RtiLost => self.end(End::RtiLost),
+            Input::PeerUp(peer) => {
+                self.startup.link(peer);
+                self.get_ready(now);
+            }
+            Input::PeerLost(peer) => {
+                self.startup.unlink(peer);
+                // Otherwise the RTI will tell whether it has ended, and how.
+                if self.gone.contains(&peer) {
+                    self.closed(peer);
+                }
+            }
+            Input::Loaded => {
+                self.startup.loaded();
+                self.get_ready(now);
+            }
+            Input::NextEvent(tag) => {
+                if self.activity != Activity::Processing {
+                    self.activity = Activity::Idle(tag);
+                }
+            }
+            Input::Begun(tag) => {
+                self.current = tag;
+                self.activity = Activity::Processing;
+            }
+            Input::Completed(tag) => self.completed(tag),
+            Input::Send { channel, tag, payload } => self.send(channel, tag, payload)?,
+            Input::Release { owner, serials } => self.release(owner, &serials),
+            Input::Segment { reader, segment, len } => {
+                let frame = Frame::Segment { owner: self.me, reader, segment, len };
+                self.route(reader, frame);
+            }
+            Input::RequestStop => self.request_stop(),
+            Input::Finished => self.resign(),
+            Input::Failed { message, code } => self.fail(message, code),
+            Input::Wake => {}
+        }
+        self.report(now);
+        Ok(())
+    }
+
+    fn rti_frame(&mut self, now: PhysicalTime, frame: Frame) -> Result<(), Fault> {
+        let unexpected = Err(Fault::Unexpected { frame: frame.name() });
+        match frame {
+            Frame::Refused { reason } => self.end(End::Refused(reason)),
+            Frame::Peers { peers } if self.startup.awaits_peers() => {
+                self.startup.meet(peers);
+                self.connect();
+                self.get_ready(now);
+            }
+            Frame::Start { at } if self.startup.awaits_start() => self.begin(at),
+            Frame::TagAdvanceGrant { tag } => match &mut self.coordinator {
+                Coordinator::Centralized(machine) => machine.grant(tag),
+                Coordinator::Decentralized(_) => return unexpected,
+            },
+            Frame::Safe { through } => match &mut self.coordinator {
+                Coordinator::Decentralized(machine) => machine.safe(through),
+                Coordinator::Centralized(_) => return unexpected,
+            },
+            Frame::Message { channel, tag, payload } => {
+                let spec = self.topology.channel(channel, None, Some(self.me))?;
+                let Some(start) = self.startup.start() else {
+                    return unexpected;
+                };
+                if spec.physical {
+                    let by_clock = Tag::new(now.since(start).max(0), 0);
+                    self.expect(by_clock);
+                    self.outputs.push_back(Output::DeliverPhysical { channel, tag, payload });
+                } else if matches!(self.coordinator, Coordinator::Centralized(_)) {
+                    self.deliver(Early { channel, tag, payload });
+                } else {
+                    return unexpected;
+                }
+            }
+            Frame::Segment { owner, reader, segment, len } if reader == self.me => {
+                self.outputs.push_back(Output::Segment { owner, segment, len });
+            }
+            Frame::Release { owner, reader, serials } if owner == self.me => {
+                self.outputs.push_back(Output::Released { reader, serials });
+            }
+            Frame::StopRequest { tag } => {
+                if let Some(tag) = self.stop.reply(tag, self.current) {
+                    self.outputs.push_back(Output::ToRti(Frame::StopReply { tag }));
+                }
+            }
+            Frame::StopGranted { tag } => self.stop_at(tag),
+            Frame::Gone { federate } => self.peer_gone(federate),
+            Frame::Failed { federate, message, code } => {
+                self.end(End::Failed { federate, message, code });
+            }
+            _ => return unexpected,
+        }
+        Ok(())
+    }
+
+    fn peer_frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
+        let unexpected = Err(Fault::Unexpected { frame: frame.name() });
+        if !self.startup.is_linked(from) {
+            return Err(Fault::UnknownLink);
+        }
+        match frame {
+            Frame::Message { channel, tag, payload } => {
+                let spec = self.topology.channel(channel, Some(from), Some(self.me))?;
+                if spec.physical {
+                    return unexpected;
+                }
+                self.deliver(Early { channel, tag, payload });
+            }
+            Frame::Segment { owner, reader, segment, len }
+                if owner == from && reader == self.me =>
+            {
+                self.outputs.push_back(Output::Segment { owner, segment, len });
+            }
+            Frame::Release { owner, reader, serials } if owner == self.me && reader == from => {
+                self.outputs.push_back(Output::Released { reader, serials });
+            }
+            Frame::Resign => self.closed(from),
+            _ => return unexpected,
+        }
+        Ok(())
+    }
+
+    // Advancing.
+
+    fn completed(&mut self, tag: Tag) {
+        self.activity = Activity::Unknown;
+        if let Coordinator::Centralized(machine) = &mut self.coordinator
+            && machine.completed()
+        {
+            self.outputs.push_back(Output::ToRti(Frame::LatestTagConfirmed { tag }));
+        }
+    }
+
+    /// Reports the next event to the RTI, if the scheduler has said what it is and somebody needs
+    /// to know.
+    fn report(&mut self, now: PhysicalTime) {
+        let (Activity::Idle(next), Some(start)) = (self.activity, self.startup.start()) else {
+            return;
+        };
+        if self.over {
+            return;
+        }
+        let frame = match &mut self.coordinator {
+            Coordinator::Centralized(machine) => {
+                machine.report(now, start, next).map(|tag| Frame::NextEventTag { tag })
+            }
+            Coordinator::Decentralized(machine) => {
+                let report = machine.report(now, start, next);
+                report.map(|(next, counts)| Frame::Progress { next, counts })
+            }
+        };
+        self.outputs.extend(frame.map(Output::ToRti));
+    }
+}

@@ -1,0 +1,73 @@
+//! How a federate ends, in order or not, and what it makes of the ends of others.
+
+use hprm_core::{FederateId, Tag};
+
+use super::{Coordinator, Federate};
+use crate::stop::Stop;
+use crate::{End, Frame, Output};
+
+/// The longest text of a failure, in bytes; the rest is cut off.
+const MESSAGE: usize = 64 * 1024;
+
+impl Federate {
+    pub(super) fn request_stop(&mut self) {
+        if self.startup.start().is_none() {
+            self.stop = Stop::Wanted;
+        } else if let Some(tag) = self.stop.request(self.current) {
+            self.outputs.push_back(Output::ToRti(Frame::StopRequest { tag }));
+        }
+    }
+
+    pub(super) fn stop_at(&mut self, tag: Tag) {
+        self.stop = Stop::Decided;
+        match &mut self.coordinator {
+            Coordinator::Centralized(machine) => machine.stop_at(tag),
+            Coordinator::Decentralized(machine) => machine.stop_at(tag),
+        }
+        self.expect(tag);
+        self.outputs.push_back(Output::SetStop(tag));
+    }
+
+    pub(super) fn peer_gone(&mut self, peer: FederateId) {
+        self.gone.insert(peer);
+        self.outputs.push_back(Output::ReaderGone(peer));
+        // What it sent on a direct link may still be on its way.
+        if !self.startup.is_linked(peer) {
+            self.closed(peer);
+        }
+    }
+
+    /// Nothing more comes from a peer.
+    pub(super) fn closed(&mut self, peer: FederateId) {
+        if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+            machine.closed(peer);
+        }
+    }
+
+    pub(super) fn resign(&mut self) {
+        let peers: Vec<_> = self.startup.linked().collect();
+        for to in peers {
+            self.outputs.push_back(Output::ToPeer { to, frame: Frame::Resign });
+        }
+        if let Coordinator::Decentralized(machine) = &mut self.coordinator
+            && let Some((next, counts)) = machine.last_report()
+        {
+            self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
+        }
+        self.outputs.push_back(Output::ToRti(Frame::Resign));
+        self.over = true;
+    }
+
+    pub(super) fn fail(&mut self, mut message: String, code: i32) {
+        let cut = (0..=MESSAGE.min(message.len())).rev().find(|at| message.is_char_boundary(*at));
+        message.truncate(cut.unwrap_or(0));
+        let frame = Frame::Failed { federate: self.me, message, code };
+        self.outputs.push_back(Output::ToRti(frame));
+        self.over = true;
+    }
+
+    pub(super) fn end(&mut self, reason: End) {
+        self.outputs.push_back(Output::Ended { reason });
+        self.over = true;
+    }
+}

@@ -1,0 +1,70 @@
+//! What passes through a federate: values, and news about objects, each the way it takes.
+
+use hprm_core::limits::FRAME_LIMIT;
+use hprm_core::{ChannelId, FederateId, Payload, Tag};
+
+use super::{Activity, Coordinator, Federate};
+use crate::startup::Early;
+use crate::{Fault, Frame, Output, codec};
+
+/// The most serial numbers in one frame.
+const RELEASES: usize = 4096;
+
+impl Federate {
+    pub(super) fn deliver(&mut self, message: Early) {
+        if self.startup.start().is_none() {
+            self.startup.keep(message);
+            return;
+        }
+        let Early { channel, tag, payload } = message;
+        match &mut self.coordinator {
+            Coordinator::Centralized(machine) => machine.arrived(tag),
+            Coordinator::Decentralized(machine) => machine.received(channel, tag),
+        }
+        self.expect(tag);
+        self.outputs.push_back(Output::Deliver { channel, tag, payload });
+    }
+
+    /// Something has come that the scheduler will process at `tag`, or as soon as it can. It may
+    /// take a while until it says so itself.
+    pub(super) fn expect(&mut self, tag: Tag) {
+        if let Activity::Idle(next) = &mut self.activity {
+            *next = (*next).min(tag.max(self.current.succ()));
+        }
+    }
+
+    pub(super) fn send(&mut self, id: ChannelId, tag: Tag, payload: Payload) -> Result<(), Fault> {
+        let channel = self.topology.channel(id, Some(self.me), None)?;
+        if !codec::fits(&payload) {
+            let len = codec::buffers_of(&payload).map(<[u8]>::len).sum();
+            return Err(Fault::TooLong { len, limit: FRAME_LIMIT });
+        }
+        let frame = Frame::Message { channel: id, tag, payload };
+        match &mut self.coordinator {
+            Coordinator::Decentralized(machine) if !channel.physical => {
+                machine.sent(id);
+                if self.startup.is_linked(channel.to) {
+                    self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
+                }
+            }
+            _ => self.outputs.push_back(Output::ToRti(frame)),
+        }
+        Ok(())
+    }
+
+    pub(super) fn release(&mut self, owner: FederateId, serials: &[u64]) {
+        for serials in serials.chunks(RELEASES) {
+            let serials = serials.to_vec();
+            self.route(owner, Frame::Release { owner, reader: self.me, serials });
+        }
+    }
+
+    /// Sends a frame the shortest way, unless its receiver has ended.
+    pub(super) fn route(&mut self, to: FederateId, frame: Frame) {
+        if self.startup.is_linked(to) {
+            self.outputs.push_back(Output::ToPeer { to, frame });
+        } else if self.is_live(to) {
+            self.outputs.push_back(Output::ToRti(frame));
+        }
+    }
+}

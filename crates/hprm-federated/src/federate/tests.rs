@@ -1,0 +1,323 @@
+//! A federate between an RTI and peers that the test plays.
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+
+use super::Federate;
+use crate::fixture::{federate, program};
+use crate::{
+    Count, End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Peer, Permission,
+    Refusal,
+};
+
+const FEDERATION: FederationId = FederationId(7);
+const START: PhysicalTime = PhysicalTime(1_000);
+const MILLISECOND: i64 = 1_000_000;
+
+fn new(text: &str, name: &str) -> Federate {
+    let program = program(text);
+    let me = federate(&program, name);
+    Federate::new(me, &program, FEDERATION, 1, HostId(1), Some(format!("at {name}")))
+}
+
+fn at(time: i64) -> Tag {
+    Tag::new(time, 0)
+}
+
+fn message(channel: u32, tag: Tag) -> Frame {
+    Frame::Message { channel: ChannelId(channel), tag, payload: Payload::default() }
+}
+
+fn outputs(machine: &mut Federate) -> Vec<Output> {
+    std::iter::from_fn(|| machine.poll()).collect()
+}
+
+/// What comes of an input, `after` nanoseconds after the start.
+fn input(machine: &mut Federate, after: i64, input: Input) -> Vec<Output> {
+    machine.handle(START.plus(after), input).unwrap();
+    outputs(machine)
+}
+
+fn peers(count: u16) -> Frame {
+    let peer = |id: u16| Peer {
+        federate: FederateId(id),
+        host: HostId(u128::from(id / 2)),
+        listen: Some(format!("port {id}")),
+    };
+    Frame::Peers { peers: (0..count).map(peer).collect() }
+}
+
+/// Everything up to the start, with as many federates.
+fn started(text: &str, name: &str, count: u16, linked: &[u16]) -> Federate {
+    let mut machine = new(text, name);
+    input(&mut machine, 0, Input::FromRti(peers(count)));
+    input(&mut machine, 0, Input::Loaded);
+    for peer in linked {
+        input(&mut machine, 0, Input::PeerUp(FederateId(*peer)));
+    }
+    input(&mut machine, 0, Input::FromRti(Frame::Start { at: START }));
+    machine
+}
+
+#[test]
+fn a_federate_is_ready_when_all_links_are_up_and_the_program_is_loaded() {
+    let mut machine = new("decentralized\na -> b\nb -> c\nc ~> b", "b");
+    let hello = outputs(&mut machine);
+    assert!(matches!(hello.as_slice(), [Output::ToRti(Frame::Hello { protocol: PROTOCOL, .. })]));
+    let up = |id| Input::PeerUp(FederateId(id));
+    assert!(input(&mut machine, 0, up(0)).is_empty());
+    let connect = Output::Connect { peer: FederateId(2), listen: "port 2".into() };
+    assert_eq!(input(&mut machine, 0, Input::FromRti(peers(3))), [connect]);
+    assert!(input(&mut machine, 0, Input::Loaded).is_empty());
+    let ready = Output::ToRti(Frame::Ready { now: START });
+    assert_eq!(input(&mut machine, 0, up(2)), [ready]);
+}
+
+#[test]
+fn of_two_that_send_to_each_other_one_opens_the_link() {
+    let text = "decentralized\na -> b\nb -> a after 1";
+    let connects = |name| {
+        let outputs = input(&mut new(text, name), 0, Input::FromRti(peers(2)));
+        outputs.iter().filter(|output| matches!(output, Output::Connect { .. })).count()
+    };
+    assert_eq!((connects("a"), connects("b")), (1, 0));
+}
+
+#[test]
+fn only_neighbours_with_the_secret_may_link() {
+    let machine = new("decentralized\na -> b\nc ~> b", "b");
+    let hello = |federation, from| {
+        let from = FederateId(from);
+        machine.admit(&Frame::PeerHello { protocol: PROTOCOL, federation, from })
+    };
+    let welcome = Frame::PeerWelcome { federate: FederateId(1) };
+    assert_eq!(hello(FEDERATION, 0), Ok((FederateId(0), welcome)));
+    assert_eq!(hello(FederationId(8), 0), Err(Refusal::WrongFederation));
+    assert_eq!(hello(FEDERATION, 2), Err(Refusal::UnknownFederate));
+    assert_eq!(machine.admit(&Frame::Resign), Err(Refusal::WrongProtocol));
+    let opened = new("decentralized\na -> b\nc ~> b", "a").peer_hello();
+    assert!(machine.admit(&opened).is_ok());
+}
+
+#[test]
+fn federates_with_equal_hosts_share_memory() {
+    let machine = started("a -> b\nb -> c\nc -> d", "c", 4, &[]);
+    let shares: Vec<_> = (0..4).map(|id| machine.shares_memory_with(FederateId(id))).collect();
+    assert_eq!(shares, [false, false, true, true]);
+}
+
+#[test]
+fn a_centralized_federate_reports_and_waits_for_its_grant() {
+    let mut machine = started("a -> b\nb -> c", "b", 3, &[]);
+    let tag = at(5);
+    let report = |tag| Output::ToRti(Frame::NextEventTag { tag });
+    assert_eq!(input(&mut machine, 0, Input::NextEvent(tag)), [report(tag)]);
+    assert!(input(&mut machine, 0, Input::NextEvent(tag)).is_empty());
+    assert_eq!(machine.permission(tag, START.plus(9)), Permission::Wait);
+    input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: at(7) }));
+    assert_eq!(machine.permission(tag, START), Permission::Granted);
+    assert_eq!(machine.permission(at(8), START), Permission::Wait);
+    assert!(input(&mut machine, 0, Input::Begun(tag)).is_empty());
+    let channel = ChannelId(1);
+    let send = Input::Send { channel, tag, payload: Payload::default() };
+    assert_eq!(input(&mut machine, 0, send), [Output::ToRti(message(1, tag))]);
+    let confirmed = Output::ToRti(Frame::LatestTagConfirmed { tag });
+    assert_eq!(input(&mut machine, 0, Input::Completed(tag)), [confirmed]);
+    // c needs to know, although it is within the grant.
+    assert_eq!(input(&mut machine, 0, Input::NextEvent(at(6))), [report(at(6))]);
+}
+
+#[test]
+fn a_federate_on_which_nobody_depends_is_silent_within_its_grant() {
+    let mut machine = started("a -> b", "b", 2, &[]);
+    input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: at(7) }));
+    assert!(input(&mut machine, 0, Input::NextEvent(at(6))).is_empty());
+    assert_eq!(input(&mut machine, 0, Input::NextEvent(at(8))).len(), 1);
+}
+
+#[test]
+fn a_federate_that_a_clock_may_wake_promises_no_more_than_its_clock() {
+    let mut machine = started("b -> c\na ~> b", "b", 3, &[]);
+    let reported = |outputs: Vec<Output>| match outputs.as_slice() {
+        [] => None,
+        [Output::ToRti(Frame::NextEventTag { tag })] => Some(*tag),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(reported(input(&mut machine, 3, Input::NextEvent(Tag::FOREVER))), Some(at(3)));
+    let wakeup = machine.next_wakeup().unwrap();
+    assert_eq!(wakeup, START.plus(10 * MILLISECOND + 3));
+    assert_eq!(reported(input(&mut machine, 9, Input::Wake)), None);
+    let later = 10 * MILLISECOND + 3;
+    assert_eq!(reported(input(&mut machine, later, Input::Wake)), Some(at(later)));
+}
+
+#[test]
+fn a_decentralized_federate_waits_as_long_as_its_program_says() {
+    let text = "decentralized\nmaxwait 100\na -> b\nc -> b after 50";
+    let mut machine = started(text, "b", 3, &[0, 2]);
+    let due = |tag: Tag| Permission::WaitUntil(tag.due(START).plus(100));
+    assert_eq!(machine.permission(at(5), START), due(at(5)));
+    assert_eq!(machine.permission(at(5), START.plus(105)), Permission::Granted);
+    let from = FederateId(0);
+    let arrives = |tag| Input::FromPeer { from, frame: message(0, tag) };
+    let delivered = input(&mut machine, 0, arrives(at(5)));
+    assert!(matches!(delivered.as_slice(), [Output::Deliver { channel: ChannelId(0), .. }]));
+    // Nothing from c can come before 50.
+    assert_eq!(machine.permission(at(5), START), Permission::Granted);
+    assert_eq!(machine.permission(at(6), START), due(at(6)));
+    input(&mut machine, 0, arrives(at(60)));
+    assert_eq!(machine.permission(at(49), START), Permission::Granted);
+    assert_eq!(machine.permission(at(50), START), due(at(50)));
+    // One that is too late is delivered all the same: the scheduler sees that it is.
+    assert_eq!(input(&mut machine, 0, arrives(at(3))).len(), 1);
+}
+
+#[test]
+fn a_patient_federate_reports_and_is_told_what_is_safe() {
+    let mut machine = started("decentralized\na -> b\nb -> a after 1", "b", 2, &[0]);
+    let from = FederateId(0);
+    input(&mut machine, 0, Input::FromPeer { from, frame: message(0, at(2)) });
+    assert!(input(&mut machine, 0, Input::NextEvent(at(2))).is_empty());
+    let wakeup = machine.next_wakeup().unwrap();
+    let counts = vec![Count { channel: ChannelId(0), messages: 1 }];
+    let report = Output::ToRti(Frame::Progress { next: at(2), counts });
+    assert_eq!(input(&mut machine, wakeup.since(START), Input::Wake), [report]);
+    assert_eq!(machine.next_wakeup(), None);
+    assert_eq!(machine.permission(at(9), START.plus(i64::MAX / 2)), Permission::Wait);
+    input(&mut machine, 0, Input::FromRti(Frame::Safe { through: at(9) }));
+    assert_eq!(machine.permission(at(9), START), Permission::Granted);
+}
+
+#[test]
+fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
+    let text = "decentralized\na -> b";
+    let from = FederateId(0);
+    let gone = || Input::FromRti(Frame::Gone { federate: from });
+    let knows = |inputs: Vec<Input>| {
+        let mut machine = started(text, "b", 2, &[0]);
+        inputs.into_iter().for_each(|next| drop(input(&mut machine, 0, next)));
+        machine.permission(at(9), START) == Permission::Granted
+    };
+    assert!(!knows(vec![gone()]));
+    assert!(!knows(vec![Input::PeerLost(from)]));
+    assert!(knows(vec![gone(), Input::PeerLost(from)]));
+    assert!(knows(vec![Input::PeerLost(from), gone()]));
+    assert!(knows(vec![Input::FromPeer { from, frame: Frame::Resign }]));
+}
+
+#[test]
+fn a_message_that_precedes_the_start_is_delivered_after_it() {
+    let mut machine = new("decentralized\na -> b", "b");
+    input(&mut machine, 0, Input::FromRti(peers(2)));
+    input(&mut machine, 0, Input::Loaded);
+    input(&mut machine, 0, Input::PeerUp(FederateId(0)));
+    let early = Input::FromPeer { from: FederateId(0), frame: message(0, at(0)) };
+    assert!(input(&mut machine, 0, early).is_empty());
+    let outputs = input(&mut machine, 0, Input::FromRti(Frame::Start { at: START }));
+    assert!(matches!(outputs.as_slice(), [Output::Start { .. }, Output::Deliver { .. }]));
+}
+
+#[test]
+fn a_federate_stays_before_the_tag_that_it_named_until_the_decision() {
+    let mut machine = started("a -> b", "a", 2, &[]);
+    input(&mut machine, 0, Input::NextEvent(at(5)));
+    input(&mut machine, 0, Input::Begun(at(5)));
+    let reply = input(&mut machine, 0, Input::FromRti(Frame::StopRequest { tag: at(2) }));
+    let named = at(5).succ();
+    assert_eq!(reply, [Output::ToRti(Frame::StopReply { tag: named })]);
+    assert_eq!(machine.permission(named, START), Permission::Wait);
+    assert!(input(&mut machine, 0, Input::RequestStop).is_empty());
+    let granted = at(20);
+    let outputs = input(&mut machine, 0, Input::FromRti(Frame::StopGranted { tag: granted }));
+    assert_eq!(outputs, [Output::SetStop(granted)]);
+    assert_eq!(machine.permission(named, START), Permission::Granted);
+}
+
+#[test]
+fn a_stop_takes_back_grants_that_did_not_know_of_it() {
+    let mut machine = started("a -> b", "b", 2, &[]);
+    input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: Tag::FOREVER }));
+    input(&mut machine, 0, Input::FromRti(Frame::StopGranted { tag: at(9) }));
+    assert_eq!(machine.permission(at(8), START), Permission::Granted);
+    assert_eq!(machine.permission(at(9), START), Permission::Wait);
+}
+
+#[test]
+fn the_last_tag_is_followed_by_resigning_everywhere_and_silence() {
+    let mut machine = started("decentralized\nmaxwait 5\na -> b", "a", 2, &[1]);
+    let resign = || Frame::Resign;
+    let expected = [Output::ToPeer { to: FederateId(1), frame: resign() }, Output::ToRti(resign())];
+    assert_eq!(input(&mut machine, 0, Input::Finished), expected);
+    assert!(input(&mut machine, 0, Input::RtiLost).is_empty());
+}
+
+#[test]
+fn objects_are_announced_and_released_the_shortest_way() {
+    let text = "decentralized\na -> b\nb -> c";
+    let mut machine = started(text, "b", 3, &[0, 2]);
+    let me = machine.me;
+    let segment = |reader| Input::Segment { reader: FederateId(reader), segment: 1, len: 8 };
+    let direct = input(&mut machine, 0, segment(2));
+    assert!(matches!(direct.as_slice(), [Output::ToPeer { to: FederateId(2), .. }]));
+    let serials = (0..5_000).collect();
+    let released = input(&mut machine, 0, Input::Release { owner: FederateId(0), serials });
+    assert_eq!(released.len(), 2);
+    let news = Frame::Release { owner: me, reader: FederateId(2), serials: vec![3] };
+    assert_eq!(
+        input(&mut machine, 0, Input::FromPeer { from: FederateId(2), frame: news }),
+        [Output::Released { reader: FederateId(2), serials: vec![3] }]
+    );
+    let gone = Input::FromRti(Frame::Gone { federate: FederateId(2) });
+    assert_eq!(input(&mut machine, 0, gone), [Output::ReaderGone(FederateId(2))]);
+    input(&mut machine, 0, Input::PeerLost(FederateId(2)));
+    assert!(input(&mut machine, 0, segment(2)).is_empty());
+}
+
+#[test]
+fn the_end_of_another_ends_a_federate() {
+    let mut machine = started("a -> b", "b", 2, &[]);
+    let (federate, message, code) = (FederateId(0), "no".to_owned(), 3);
+    let failed = Frame::Failed { federate, message: message.clone(), code };
+    let reason = End::Failed { federate, message, code };
+    assert_eq!(input(&mut machine, 0, Input::FromRti(failed)), [Output::Ended { reason }]);
+    let mut machine = started("a -> b", "b", 2, &[]);
+    let reason = End::RtiLost;
+    assert_eq!(input(&mut machine, 0, Input::RtiLost), [Output::Ended { reason }]);
+}
+
+#[test]
+fn a_faulty_frame_changes_nothing() {
+    let centralized = started("a -> b\nb -> a after 1", "b", 2, &[]);
+    let decentralized = started("decentralized\na -> b\nb -> a after 1", "b", 2, &[0]);
+    let peer = |frame| Input::FromPeer { from: FederateId(0), frame };
+    let stranger = Input::FromPeer { from: FederateId(5), frame: message(0, at(1)) };
+    let payload = Payload::default();
+    let cases = [
+        (&centralized, Input::FromRti(message(1, at(1)))),
+        (&centralized, Input::FromRti(Frame::Start { at: START })),
+        (&centralized, Input::FromRti(Frame::Safe { through: at(1) })),
+        (&centralized, peer(message(0, at(1)))),
+        (&centralized, Input::Send { channel: ChannelId(0), tag: at(1), payload }),
+        (&decentralized, Input::FromRti(Frame::TagAdvanceGrant { tag: at(1) })),
+        (&decentralized, Input::FromRti(message(0, at(1)))),
+        (&decentralized, peer(message(1, at(1)))),
+        (&decentralized, peer(Frame::StopGranted { tag: at(1) })),
+        (&decentralized, stranger),
+    ];
+    for (before, input) in cases {
+        let mut after = before.clone();
+        let result: Result<(), Fault> = after.handle(START, input.clone());
+        assert!(result.is_err(), "{input:?}");
+        assert_eq!(&after, before, "{input:?}");
+    }
+}
+
+#[test]
+fn a_long_failure_text_is_cut_between_characters() {
+    let mut machine = started("a -> b", "b", 2, &[]);
+    let message = "é".repeat(100_000);
+    let outputs = input(&mut machine, 0, Input::Failed { message, code: 2 });
+    let [Output::ToRti(Frame::Failed { message, code: 2, .. })] = outputs.as_slice() else {
+        panic!("{outputs:?}");
+    };
+    assert_eq!(message.len(), 64 * 1024);
+}

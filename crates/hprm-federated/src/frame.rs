@@ -1,0 +1,302 @@
+//! What travels between a federate and the RTI, and between two federates.
+//!
+//! A frame is plain data. How it becomes bytes is in [`codec`](crate::codec); when it is sent and
+//! what it causes is with the machines.
+
+use std::fmt;
+use std::str::FromStr;
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+use serde::{Deserialize, Serialize};
+
+/// The version of the frames and of their meaning; both ends of a link must have the same.
+pub const PROTOCOL: u32 = 1;
+
+/// The secret that the members of a federation share: who knows it belongs to it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct FederationId(pub u128);
+
+impl fmt::Display for FederationId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:032x}", self.0)
+    }
+}
+
+impl fmt::Debug for FederationId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("FederationId(..)")
+    }
+}
+
+/// A text that is not a federation's id.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
+#[error("a federation id has 32 hexadecimal digits")]
+pub struct BadFederationId;
+
+impl FromStr for FederationId {
+    type Err = BadFederationId;
+
+    fn from_str(text: &str) -> Result<Self, BadFederationId> {
+        let is_hex = text.len() == 32 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        if !is_hex {
+            return Err(BadFederationId);
+        }
+        u128::from_str_radix(text, 16).map(Self).map_err(|_| BadFederationId)
+    }
+}
+
+/// Where a federate runs. Two federates with equal ids run under one kernel, in one namespace, and
+/// can share memory.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct HostId(pub u128);
+
+/// A member of a federation, as the others see it.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
+pub struct Peer {
+    /// Which federate it is.
+    pub federate: FederateId,
+    /// Where it runs.
+    pub host: HostId,
+    /// Where it accepts direct links, if it does.
+    pub listen: Option<String>,
+}
+
+/// Why a federate may not join, or a peer may not link.
+#[derive(
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Debug,
+    Serialize,
+    Deserialize,
+    thiserror::Error,
+)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// Another federation's secret.
+    #[error("this is another federation: check the federation id")]
+    WrongFederation,
+    /// Another program, or another version of it.
+    #[error("the program differs from that of the federation: run the same files everywhere")]
+    WrongProgram,
+    /// Another version of the protocol.
+    #[error("another version of the protocol: run the same version of hprm everywhere")]
+    WrongProtocol,
+    /// The program has no such federate, or none that links to this one.
+    #[error("the program has no such federate here")]
+    UnknownFederate,
+    /// That federate has joined already.
+    #[error("this federate has already joined: is it running twice?")]
+    Duplicate,
+    /// The federation has started, or failed.
+    #[error("the federation has already started or ended")]
+    TooLate,
+}
+
+/// How many messages a channel has carried, as one of its ends counts them.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct Count {
+    /// The channel.
+    pub channel: ChannelId,
+    /// Messages sent, if the sender says it; received, if the receiver says it.
+    pub messages: u64,
+}
+
+/// A message of the protocol.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum Frame {
+    /// Federate to RTI, first on a link: let me join.
+    Hello {
+        /// [`PROTOCOL`].
+        protocol: u32,
+        /// The federation's secret.
+        federation: FederationId,
+        /// [`Program::fingerprint`](hprm_core::Program::fingerprint).
+        fingerprint: u64,
+        /// Who it is.
+        federate: FederateId,
+        /// Where it runs.
+        host: HostId,
+        /// Where it accepts direct links, if it does.
+        listen: Option<String>,
+    },
+    /// RTI to federate, last on a link: no.
+    Refused {
+        /// Why.
+        reason: Refusal,
+    },
+    /// RTI to all, once every federate has joined.
+    Peers {
+        /// All federates.
+        peers: Vec<Peer>,
+    },
+    /// First on a direct link, from the side that opened it.
+    PeerHello {
+        /// [`PROTOCOL`].
+        protocol: u32,
+        /// The federation's secret.
+        federation: FederationId,
+        /// Who opened it.
+        from: FederateId,
+    },
+    /// The answer on a direct link.
+    PeerWelcome {
+        /// Who accepted it.
+        federate: FederateId,
+    },
+    /// Federate to RTI: the program is loaded and direct links are up.
+    Ready {
+        /// The reading of its clock.
+        now: PhysicalTime,
+    },
+    /// RTI to all: tag zero is at this time.
+    Start {
+        /// The physical time of tag zero.
+        at: PhysicalTime,
+    },
+    /// Federate to RTI: nothing happens here before this tag, unless a message arrives.
+    NextEventTag {
+        /// The earliest tag with something to do.
+        tag: Tag,
+    },
+    /// Federate to RTI: this tag is complete and its messages are sent.
+    LatestTagConfirmed {
+        /// The completed tag.
+        tag: Tag,
+    },
+    /// RTI to federate: every message up to this tag is before this frame.
+    TagAdvanceGrant {
+        /// The latest tag that it may process.
+        tag: Tag,
+    },
+    /// A value on its way.
+    Message {
+        /// The connection that it takes.
+        channel: ChannelId,
+        /// Its tag at the receiver; meaningless if the channel is physical.
+        tag: Tag,
+        /// The value.
+        payload: Payload,
+    },
+    /// A segment of a store for a reader to map. Its descriptor travels beside this frame.
+    Segment {
+        /// Whose segment it is.
+        owner: FederateId,
+        /// Who is to map it.
+        reader: FederateId,
+        /// The owner's number for it.
+        segment: u32,
+        /// Its length in bytes.
+        len: u64,
+    },
+    /// Objects that a reader no longer uses.
+    Release {
+        /// Whose objects they are.
+        owner: FederateId,
+        /// Who used them.
+        reader: FederateId,
+        /// The owner's numbers for them.
+        serials: Vec<u64>,
+    },
+    /// Federate to RTI: end at this tag or soon after. RTI to the others: somebody asks that.
+    StopRequest {
+        /// The earliest tag that suits.
+        tag: Tag,
+    },
+    /// The answer: this one suits me, and I stay before it until you have decided.
+    StopReply {
+        /// The earliest tag that suits.
+        tag: Tag,
+    },
+    /// RTI to all: this is the last tag.
+    StopGranted {
+        /// The last tag.
+        tag: Tag,
+    },
+    /// Federate to RTI, decentralized: how far it is. Enough of these tell that a wait is in vain.
+    Progress {
+        /// The earliest tag with something to do.
+        next: Tag,
+        /// Counts that have changed since the last such frame, of logical channels at this federate.
+        counts: Vec<Count>,
+    },
+    /// RTI to federate, decentralized: every message up to this tag has arrived.
+    Safe {
+        /// The latest tag for which that is so.
+        through: Tag,
+    },
+    /// The sender has completed its last tag: nothing follows on this link.
+    Resign,
+    /// RTI to all: this federate has ended, in order or not.
+    Gone {
+        /// Who.
+        federate: FederateId,
+    },
+    /// Federate to RTI: I cannot go on. RTI to all: this federate could not, end too.
+    Failed {
+        /// Who.
+        federate: FederateId,
+        /// Why, for people.
+        message: String,
+        /// The exit code of its process.
+        code: i32,
+    },
+}
+
+impl Frame {
+    /// The name of its kind, for messages.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Hello { .. } => "Hello",
+            Self::Refused { .. } => "Refused",
+            Self::Peers { .. } => "Peers",
+            Self::PeerHello { .. } => "PeerHello",
+            Self::PeerWelcome { .. } => "PeerWelcome",
+            Self::Ready { .. } => "Ready",
+            Self::Start { .. } => "Start",
+            Self::NextEventTag { .. } => "NextEventTag",
+            Self::LatestTagConfirmed { .. } => "LatestTagConfirmed",
+            Self::TagAdvanceGrant { .. } => "TagAdvanceGrant",
+            Self::Message { .. } => "Message",
+            Self::Segment { .. } => "Segment",
+            Self::Release { .. } => "Release",
+            Self::StopRequest { .. } => "StopRequest",
+            Self::StopReply { .. } => "StopReply",
+            Self::StopGranted { .. } => "StopGranted",
+            Self::Progress { .. } => "Progress",
+            Self::Safe { .. } => "Safe",
+            Self::Resign => "Resign",
+            Self::Gone { .. } => "Gone",
+            Self::Failed { .. } => "Failed",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::FederationId;
+
+    #[test]
+    fn a_federation_id_is_read_as_it_is_written() {
+        let id = FederationId(0x0123_4567_89ab_cdef);
+        let text = id.to_string();
+        assert_eq!(text, "00000000000000000123456789abcdef");
+        assert_eq!(text.parse(), Ok(id));
+        for bad in
+            ["", "12", "+0000000000000000123456789abcdef", "0000000000000000012345678-abcdef"]
+        {
+            assert!(bad.parse::<FederationId>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_secret_does_not_show_in_debug_output() {
+        assert!(!format!("{:?}", FederationId(0xabc)).contains("abc"));
+    }
+}

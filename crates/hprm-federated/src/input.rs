@@ -1,0 +1,177 @@
+//! What goes into a federate's machine and what comes out.
+//!
+//! The vocabulary between [`Federate`](crate::Federate) and its driver.
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+
+use crate::{Frame, Refusal};
+
+/// What has happened.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub enum Input {
+    /// A frame from the RTI.
+    FromRti(Frame),
+    /// The link to the RTI has ended.
+    RtiLost,
+    /// A frame on a direct link, after its handshake.
+    FromPeer {
+        /// The other end.
+        from: FederateId,
+        /// The frame.
+        frame: Frame,
+    },
+    /// A direct link has ended.
+    PeerLost(FederateId),
+    /// A direct link is established, by either side.
+    PeerUp(FederateId),
+    /// The program is ready to run.
+    Loaded,
+    /// The scheduler's next tag, after whatever may have changed it and never while a tag is being
+    /// processed. It includes the last tag.
+    NextEvent(Tag),
+    /// The scheduler processes this tag now.
+    Begun(Tag),
+    /// It has completed this tag, and everything sent at it has been handed over.
+    Completed(Tag),
+    /// A value leaves.
+    Send {
+        /// The connection that it takes.
+        channel: ChannelId,
+        /// Its tag at the receiver.
+        tag: Tag,
+        /// The value.
+        payload: Payload,
+    },
+    /// Objects of another federate's store that are no longer used here.
+    Release {
+        /// Whose objects they are.
+        owner: FederateId,
+        /// The owner's numbers for them.
+        serials: Vec<u64>,
+    },
+    /// A segment of the own store for a reader to map.
+    Segment {
+        /// Who is to map it.
+        reader: FederateId,
+        /// Its number.
+        segment: u32,
+        /// Its length in bytes.
+        len: u64,
+    },
+    /// A reaction, or the user, asks the federation to stop.
+    RequestStop,
+    /// The last tag is complete.
+    Finished,
+    /// The federate cannot go on.
+    Failed {
+        /// Why, for people.
+        message: String,
+        /// The exit code of its process.
+        code: i32,
+    },
+    /// Time has passed: [`Federate::next_wakeup`](crate::Federate::next_wakeup) has come.
+    Wake,
+}
+
+/// What is to be done.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[non_exhaustive]
+pub enum Output {
+    /// Send a frame to the RTI. The descriptor of a segment goes with its frame.
+    ToRti(Frame),
+    /// Send a frame on a direct link. The descriptor of a segment goes with its frame.
+    ToPeer {
+        /// The other end.
+        to: FederateId,
+        /// The frame.
+        frame: Frame,
+    },
+    /// Open a direct link.
+    Connect {
+        /// To whom.
+        peer: FederateId,
+        /// Where it listens.
+        listen: String,
+    },
+    /// Tag zero is at this time.
+    Start {
+        /// The physical time of tag zero.
+        at: PhysicalTime,
+    },
+    /// A message for the scheduler.
+    Deliver {
+        /// The connection that it took.
+        channel: ChannelId,
+        /// Its tag.
+        tag: Tag,
+        /// The value.
+        payload: Payload,
+    },
+    /// A message for the scheduler to tag with the time of its arrival.
+    DeliverPhysical {
+        /// The connection that it took.
+        channel: ChannelId,
+        /// Meaningless.
+        tag: Tag,
+        /// The value.
+        payload: Payload,
+    },
+    /// The federation ends at this tag.
+    SetStop(Tag),
+    /// A segment to map; its descriptor came with the frame.
+    Segment {
+        /// Whose segment it is.
+        owner: FederateId,
+        /// The owner's number for it.
+        segment: u32,
+        /// Its length in bytes.
+        len: u64,
+    },
+    /// A reader no longer uses objects of the own store.
+    Released {
+        /// Who used them.
+        reader: FederateId,
+        /// Their numbers.
+        serials: Vec<u64>,
+    },
+    /// A federate has ended: drop its holds on the own store.
+    ReaderGone(FederateId),
+    /// The federate must end now; there is no output after this.
+    Ended {
+        /// Why.
+        reason: End,
+    },
+}
+
+/// Why a federate must end before its last tag.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum End {
+    /// It may not join.
+    #[error("the federation refused this federate: {0}")]
+    Refused(Refusal),
+    /// Another federate could not go on.
+    #[error("federate {federate:?} failed: {message}")]
+    Failed {
+        /// Who.
+        federate: FederateId,
+        /// Why, for people.
+        message: String,
+        /// The exit code of its process.
+        code: i32,
+    },
+    /// The link to the RTI has ended.
+    #[error("the link to the RTI is lost")]
+    RtiLost,
+}
+
+/// Whether a tag may begin, as far as other federates are concerned.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Permission {
+    /// It may.
+    Granted,
+    /// It may at that time, if nothing arrives before.
+    WaitUntil(PhysicalTime),
+    /// Not before something arrives.
+    Wait,
+}

@@ -1,0 +1,296 @@
+//! The RTI: who belongs to the federation, when it starts and ends, and what passes between.
+//!
+//! This file has the machine's state and sorts what comes in. Joining and starting are in `join`,
+//! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`, and
+//! agreeing on a last tag in `ending`. The RTI never looks into a payload, and holds no clock.
+
+mod advance;
+mod ending;
+mod join;
+#[cfg(test)]
+mod scenarios;
+#[cfg(test)]
+mod tests;
+mod traffic;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use hprm_core::{ChannelId, Coordination, FederateId, Nanos, Payload, PhysicalTime, Table, Tag};
+
+use self::advance::Advance;
+use self::ending::Negotiation;
+use self::join::Member;
+use self::traffic::Traffic;
+use crate::{Fault, FederationId, Frame, Topology};
+
+/// A connection that the driver has accepted; it never uses a number twice.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct LinkId(pub u32);
+
+/// What has happened to the RTI.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub enum RtiInput {
+    /// A frame on a link.
+    Frame {
+        /// The link.
+        link: LinkId,
+        /// The frame.
+        frame: Frame,
+    },
+    /// A link has ended.
+    Closed {
+        /// The link.
+        link: LinkId,
+    },
+    /// Somebody outside of the federation, at a keyboard perhaps, wants it to stop.
+    RequestStop,
+}
+
+/// What the RTI wants done.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[non_exhaustive]
+pub enum RtiOutput {
+    /// Send a frame. The descriptor of a segment goes with its frame.
+    Send {
+        /// The link.
+        link: LinkId,
+        /// The frame.
+        frame: Frame,
+    },
+    /// Close a link, once what was sent on it has left.
+    Close {
+        /// The link.
+        link: LinkId,
+    },
+    /// A federate belongs to the federation now.
+    Joined {
+        /// The federate.
+        federate: FederateId,
+        /// Its link.
+        link: LinkId,
+    },
+    /// Everybody is ready, and has been told the time of tag zero.
+    Started {
+        /// The physical time of tag zero.
+        at: PhysicalTime,
+    },
+    /// A federate could not go on; the others have been told to end. Only the first is reported.
+    Failed {
+        /// The federate.
+        federate: FederateId,
+        /// Why, for people.
+        message: String,
+        /// The exit code of its process.
+        code: i32,
+    },
+    /// Nobody is left.
+    Finished,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Phase {
+    Joining,
+    Loading,
+    Running,
+}
+
+/// The RTI's machine.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Rti {
+    topology: Topology,
+    federation: FederationId,
+    fingerprint: u64,
+    start_delay: Nanos,
+    phase: Phase,
+    members: Table<FederateId, Member>,
+    links: BTreeMap<LinkId, FederateId>,
+    advance: Advance,
+    traffic: Traffic,
+    stop: Negotiation,
+    failed: bool,
+    finished: bool,
+    outputs: VecDeque<RtiOutput>,
+}
+
+impl Rti {
+    /// The RTI of a federation that nobody has joined yet. It starts `start_delay` after the latest
+    /// federate has become ready.
+    #[must_use]
+    pub fn new(
+        topology: Topology,
+        federation: FederationId,
+        fingerprint: u64,
+        start_delay: Nanos,
+    ) -> Self {
+        Self {
+            federation,
+            fingerprint,
+            start_delay,
+            phase: Phase::Joining,
+            members: topology.federates().map(|_| Member::Absent).collect(),
+            links: BTreeMap::new(),
+            advance: Advance::new(&topology),
+            traffic: Traffic::new(&topology),
+            stop: Negotiation::Idle,
+            failed: false,
+            finished: false,
+            outputs: VecDeque::new(),
+            topology,
+        }
+    }
+
+    /// Tells the RTI what has happened.
+    ///
+    /// # Errors
+    ///
+    /// If the input breaks the protocol. Nothing has changed; the link should be closed, and
+    /// [`RtiInput::Closed`] reported.
+    pub fn handle(&mut self, _now: PhysicalTime, input: RtiInput) -> Result<(), Fault> {
+        match input {
+            RtiInput::Closed { link } => {
+                if let Some(federate) = self.links.remove(&link) {
+                    self.lost(federate);
+                }
+                Ok(())
+            }
+            RtiInput::RequestStop => {
+                if self.phase == Phase::Running {
+                    self.stop_asked_from_outside();
+                }
+                Ok(())
+            }
+            RtiInput::Frame { link, frame } => match self.links.get(&link) {
+                None => self.hello(link, frame),
+                Some(federate) => self.frame(*federate, frame),
+            },
+        }
+    }
+
+    /// What the RTI wants done next, if anything.
+    pub fn poll(&mut self) -> Option<RtiOutput> {
+        self.outputs.pop_front()
+    }
+
+    /// When the RTI wants to be called if nothing happens: never, so far.
+    #[must_use]
+    pub fn next_wakeup(&self) -> Option<PhysicalTime> {
+        None
+    }
+
+    /// A frame from a member. Each arm checks before it changes anything.
+    fn frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
+        let unexpected = Err(Fault::Unexpected { frame: frame.name() });
+        let running = self.phase == Phase::Running;
+        if !self.members[from].is_live() {
+            return unexpected;
+        }
+        match frame {
+            Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
+            Frame::Failed { message, code, .. } => {
+                self.fail(from, message, code);
+                Ok(())
+            }
+            Frame::Segment { owner, reader, .. } if owner == from => self.route(reader, frame),
+            Frame::Release { owner, reader, .. } if reader == from => self.route(owner, frame),
+            Frame::Message { channel, tag, payload } if running => {
+                self.message(from, channel, tag, payload)
+            }
+            Frame::NextEventTag { tag } if running && self.is_centralized() => {
+                self.advance.next(&self.topology, from, tag);
+                self.tell();
+                Ok(())
+            }
+            Frame::LatestTagConfirmed { tag } if running && self.is_centralized() => {
+                self.advance.complete(&self.topology, from, tag);
+                self.tell();
+                Ok(())
+            }
+            Frame::Progress { next, counts } if running && !self.is_centralized() => {
+                self.traffic.count(&self.topology, from, &counts)?;
+                self.advance.next(&self.topology, from, next);
+                self.tell();
+                Ok(())
+            }
+            Frame::StopRequest { tag } if running => {
+                self.stop_request(from, tag);
+                Ok(())
+            }
+            Frame::StopReply { tag } if running => self.stop_reply(from, tag),
+            Frame::Resign if running => {
+                self.resigned(from);
+                Ok(())
+            }
+            _ => unexpected,
+        }
+    }
+
+    fn is_centralized(&self) -> bool {
+        self.topology.coordination() == Coordination::Centralized
+    }
+
+    /// Forwards a frame, unless its receiver has ended.
+    fn route(&mut self, to: FederateId, frame: Frame) -> Result<(), Fault> {
+        if !self.topology.has(to) {
+            return Err(Fault::UnknownFederate(to));
+        }
+        self.send(to, frame);
+        Ok(())
+    }
+
+    fn message(
+        &mut self,
+        from: FederateId,
+        id: ChannelId,
+        tag: Tag,
+        payload: Payload,
+    ) -> Result<(), Fault> {
+        let channel = self.topology.channel(id, Some(from), None)?;
+        let to = channel.to;
+        let frame = Frame::Message { channel: id, tag, payload };
+        if channel.physical {
+            self.send(to, frame);
+            return Ok(());
+        }
+        if !self.is_centralized() {
+            return Err(Fault::Unexpected { frame: frame.name() });
+        }
+        if self.members[to].is_live() {
+            let granted = self.advance.told(to);
+            if tag <= granted {
+                return Err(Fault::InThePast { tag, granted });
+            }
+            self.send(to, frame);
+            self.advance.in_transit(&self.topology, to, tag);
+            self.tell();
+        }
+        Ok(())
+    }
+
+    /// Tells federates how far they may advance, where that has changed and matters to them.
+    fn tell(&mut self) {
+        if self.failed || self.traffic.lags() {
+            return;
+        }
+        let centralized = self.is_centralized();
+        for (federate, tag) in self.advance.news(&self.topology) {
+            let frame = if centralized {
+                Frame::TagAdvanceGrant { tag }
+            } else {
+                Frame::Safe { through: tag }
+            };
+            self.send(federate, frame);
+        }
+    }
+
+    fn send(&mut self, to: FederateId, frame: Frame) {
+        if let Some(link) = self.members[to].link() {
+            self.outputs.push_back(RtiOutput::Send { link, frame });
+        }
+    }
+
+    fn send_all(&mut self, frame: &Frame) {
+        for federate in self.topology.federates() {
+            self.send(federate, frame.clone());
+        }
+    }
+}

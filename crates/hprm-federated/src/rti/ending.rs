@@ -1,0 +1,132 @@
+//! How a federation ends: agreeing on a last tag, federates that resign, and federates that fail.
+
+use hprm_core::{FederateId, Table, Tag};
+
+use super::join::Member;
+use super::{Phase, Rti, RtiOutput};
+use crate::{Fault, Frame};
+
+/// Agreeing on a last tag. Whoever has answered stays before the tag that it named.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) enum Negotiation {
+    /// Nobody has asked.
+    Idle,
+    /// Somebody has asked; these have answered, and the last tag is at least `latest`.
+    Asking { latest: Tag, answered: Table<FederateId, bool> },
+    /// It is decided.
+    Decided,
+}
+
+/// The exit code reported for a federate that ended without a word.
+const LOST: i32 = 1;
+
+impl Rti {
+    /// A federate asks to stop. A second one, while others are being asked, is among those and
+    /// will answer; its request only counts as a lower bound.
+    ///
+    /// Who has resigned has processed the last tag of the program. Then that stands, for whoever
+    /// has not come so far: nothing can be earlier for the one and later for the other.
+    pub(super) fn stop_request(&mut self, from: FederateId, tag: Tag) {
+        let tag =
+            if self.members.values().any(|m| *m == Member::Gone) { Tag::FOREVER } else { tag };
+        match &mut self.stop {
+            Negotiation::Decided => return,
+            Negotiation::Asking { latest, .. } => *latest = (*latest).max(tag),
+            Negotiation::Idle => {
+                let mut answered = Table::filled(self.members.len(), false);
+                answered[from] = true;
+                self.stop = Negotiation::Asking { latest: tag, answered };
+                for federate in self.topology.federates().filter(|federate| *federate != from) {
+                    self.send(federate, Frame::StopRequest { tag });
+                }
+            }
+        }
+        self.decide();
+    }
+
+    /// Somebody who is no federate asks to stop, as soon as that suits everybody.
+    pub(super) fn stop_asked_from_outside(&mut self) {
+        if self.stop == Negotiation::Idle {
+            let answered = Table::filled(self.members.len(), false);
+            self.stop = Negotiation::Asking { latest: Tag::START, answered };
+            self.send_all(&Frame::StopRequest { tag: Tag::START });
+        }
+        self.decide();
+    }
+
+    /// A federate answers.
+    pub(super) fn stop_reply(&mut self, from: FederateId, tag: Tag) -> Result<(), Fault> {
+        match &mut self.stop {
+            Negotiation::Asking { latest, answered } if !answered[from] => {
+                *latest = (*latest).max(tag);
+                answered[from] = true;
+            }
+            _ => return Err(Fault::Unexpected { frame: "StopReply" }),
+        }
+        self.decide();
+        Ok(())
+    }
+
+    /// Announces the last tag if everybody who is left has answered.
+    fn decide(&mut self) {
+        let Negotiation::Asking { latest, answered } = &self.stop else {
+            return;
+        };
+        let waits =
+            |(federate, member): (FederateId, &Member)| member.is_live() && !answered[federate];
+        if self.members.iter().any(waits) {
+            return;
+        }
+        let tag = *latest;
+        self.stop = Negotiation::Decided;
+        self.send_all(&Frame::StopGranted { tag });
+        self.advance.stop_at(&self.topology, tag);
+        self.tell();
+    }
+
+    /// A federate has completed its last tag.
+    pub(super) fn resigned(&mut self, federate: FederateId) {
+        self.members[federate] = Member::Gone;
+        self.send_all(&Frame::Gone { federate });
+        self.advance.end(&self.topology, federate);
+        self.traffic.end(&self.topology, federate);
+        if let Negotiation::Asking { latest, .. } = &mut self.stop {
+            *latest = Tag::FOREVER;
+        }
+        self.tell();
+        self.decide();
+        self.finish();
+    }
+
+    /// A federate's link has ended.
+    pub(super) fn lost(&mut self, federate: FederateId) {
+        if self.members[federate].is_live() {
+            let when = match self.phase {
+                Phase::Joining | Phase::Loading => "before the federation started",
+                Phase::Running => "before its last tag",
+            };
+            let name = self.topology.name(federate);
+            let message = format!("the process of federate {name} ended {when}");
+            self.fail(federate, message, LOST);
+        }
+    }
+
+    /// A federate cannot go on, so nobody can. Only the first is reported: the others fail because
+    /// they were told to end.
+    pub(super) fn fail(&mut self, federate: FederateId, message: String, code: i32) {
+        self.members[federate] = Member::Gone;
+        if !std::mem::replace(&mut self.failed, true) {
+            self.send_all(&Frame::Failed { federate, message: message.clone(), code });
+            self.outputs.push_back(RtiOutput::Failed { federate, message, code });
+        }
+        self.finish();
+    }
+
+    fn finish(&mut self) {
+        let over = self.failed || self.phase == Phase::Running;
+        if over && !self.finished && !self.members.values().any(Member::is_live) {
+            self.finished = true;
+            self.outputs.push_back(RtiOutput::Finished);
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! The RTI's decisions as texts: `tests/rti/*.txt`.
+//!
+//! A text has a program as in `fixture`, then a line for each input, and below it, indented, what
+//! the RTI sends. A tag is `time.microstep`, or the time alone; `before 10` is the last tag before
+//! 10. The whole text is written anew from its inputs and must come out the same.
+
+use std::fmt::Write as _;
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Tag};
+
+use super::{LinkId, Rti, RtiInput, RtiOutput};
+use crate::fixture::{federate, program};
+use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Topology};
+
+struct Scenario {
+    program: Program,
+    rti: Rti,
+}
+
+impl Scenario {
+    fn new(text: &str) -> Self {
+        let program = program(text);
+        let federation = FederationId(1);
+        let rti = Rti::new(Topology::new(&program), federation, 0, 0);
+        let mut scenario = Self { program, rti };
+        let federates: Vec<_> = scenario.program.federates.ids().collect();
+        for federate in &federates {
+            let (federate, host, listen) = (*federate, HostId(1), None);
+            let protocol = PROTOCOL;
+            let hello =
+                Frame::Hello { protocol, federation, fingerprint: 0, federate, host, listen };
+            scenario.input(federate, hello);
+        }
+        for federate in federates {
+            scenario.input(federate, Frame::Ready { now: PhysicalTime(0) });
+        }
+        while scenario.rti.poll().is_some() {}
+        scenario
+    }
+
+    fn input(&mut self, from: FederateId, frame: Frame) {
+        let link = LinkId(from.0.into());
+        self.rti.handle(PhysicalTime(0), RtiInput::Frame { link, frame }).unwrap();
+    }
+
+    fn line(&mut self, line: &str) {
+        let words: Vec<_> = line.split_whitespace().collect();
+        let from = federate(&self.program, words[0]);
+        let frame = match words[1..] {
+            ["next", at] => Frame::NextEventTag { tag: tag(at) },
+            ["completes", at] => Frame::LatestTagConfirmed { tag: tag(at) },
+            ["sends", to, at] => {
+                let (channel, payload) = (self.channel(from, to), Payload::default());
+                Frame::Message { channel, tag: tag(at), payload }
+            }
+            ["reports", at, ref counts @ ..] => {
+                let counts = counts.iter().map(|count| self.count(count)).collect();
+                Frame::Progress { next: tag(at), counts }
+            }
+            ["asks-stop", at] => Frame::StopRequest { tag: tag(at) },
+            ["replies", at] => Frame::StopReply { tag: tag(at) },
+            ["resigns"] => Frame::Resign,
+            _ => panic!("what does {line} mean?"),
+        };
+        self.input(from, frame);
+    }
+
+    fn channel(&self, from: FederateId, to: &str) -> ChannelId {
+        let to = federate(&self.program, to);
+        let mut channels = self.program.channels.iter();
+        channels.find(|(_, c)| c.from == from && c.to == to).unwrap().0
+    }
+
+    /// `a>b=3`.
+    fn count(&self, text: &str) -> Count {
+        let (channel, messages) = text.split_once('=').unwrap();
+        let (from, to) = channel.split_once('>').unwrap();
+        let channel = self.channel(federate(&self.program, from), to);
+        Count { channel, messages: messages.parse().unwrap() }
+    }
+
+    fn outputs(&mut self, text: &mut String) {
+        let name = |id: FederateId| self.program.federates[id].name.clone();
+        while let Some(output) = self.rti.poll() {
+            let line = match output {
+                RtiOutput::Send { link, frame } => {
+                    let to = name(FederateId(u16::try_from(link.0).unwrap()));
+                    let what = match frame {
+                        Frame::TagAdvanceGrant { tag } => format!("may process {}", show(tag)),
+                        Frame::Safe { through } => format!("is safe through {}", show(through)),
+                        Frame::Message { tag, .. } => format!("gets a message for {}", show(tag)),
+                        Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
+                        Frame::StopGranted { tag } => format!("stops at {}", show(tag)),
+                        Frame::Gone { federate } => {
+                            format!("hears that {} is gone", name(federate))
+                        }
+                        frame => panic!("no words for {frame:?}"),
+                    };
+                    format!("{to} {what}")
+                }
+                RtiOutput::Finished => "finished".to_owned(),
+                output => panic!("no words for {output:?}"),
+            };
+            writeln!(text, "  {line}").unwrap();
+        }
+    }
+}
+
+fn tag(text: &str) -> Tag {
+    let (time, microstep) = text.split_once('.').unwrap_or((text, "0"));
+    match time {
+        "forever" => Tag::FOREVER,
+        time => Tag::new(time.parse().unwrap(), microstep.parse().unwrap()),
+    }
+}
+
+fn show(tag: Tag) -> String {
+    match tag {
+        Tag::FOREVER => "forever".to_owned(),
+        Tag { time, microstep: u32::MAX } => format!("before {}", time + 1),
+        Tag { time, microstep: 0 } => format!("{time}"),
+        Tag { time, microstep } => format!("{time}.{microstep}"),
+    }
+}
+
+fn check(text: &str) {
+    let (head, body) = text.split_once("---\n").unwrap();
+    let mut scenario = Scenario::new(head);
+    let mut again = String::new();
+    for line in body.lines().filter(|line| !line.starts_with("  ")) {
+        writeln!(again, "{line}").unwrap();
+        if !line.is_empty() && !line.starts_with('#') {
+            scenario.line(line);
+            scenario.outputs(&mut again);
+        }
+    }
+    assert_eq!(again, body);
+}
+
+macro_rules! scenarios {
+    ($($name:ident)*) => {$(
+        #[test]
+        fn $name() {
+            check(include_str!(concat!("../../tests/rti/", stringify!($name), ".txt")));
+        }
+    )*};
+}
+
+scenarios! { chain diamond cycle resign stop stop_twice stop_late patience }

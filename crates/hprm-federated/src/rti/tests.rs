@@ -1,0 +1,201 @@
+//! The RTI as strangers, failing federates and broken ones meet it.
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+
+use super::{LinkId, Rti, RtiInput, RtiOutput};
+use crate::fixture::program;
+use crate::{Count, Fault, FederationId, Frame, HostId, PROTOCOL, Refusal, Topology};
+
+const FEDERATION: FederationId = FederationId(7);
+const NOW: PhysicalTime = PhysicalTime(0);
+
+fn rti(text: &str) -> Rti {
+    Rti::new(Topology::new(&program(text)), FEDERATION, 1, 100)
+}
+
+fn hello(federate: u16) -> Frame {
+    Frame::Hello {
+        protocol: PROTOCOL,
+        federation: FEDERATION,
+        fingerprint: 1,
+        federate: FederateId(federate),
+        host: HostId(1),
+        listen: None,
+    }
+}
+
+fn input(rti: &mut Rti, link: u32, frame: Frame) -> Result<Vec<RtiOutput>, Fault> {
+    rti.handle(NOW, RtiInput::Frame { link: LinkId(link), frame })?;
+    Ok(std::iter::from_fn(|| rti.poll()).collect())
+}
+
+fn close(rti: &mut Rti, link: u32) -> Vec<RtiOutput> {
+    rti.handle(NOW, RtiInput::Closed { link: LinkId(link) }).unwrap();
+    std::iter::from_fn(|| rti.poll()).collect()
+}
+
+fn sent(link: u32, frame: Frame) -> RtiOutput {
+    RtiOutput::Send { link: LinkId(link), frame }
+}
+
+/// Everybody has joined and is ready.
+fn running(text: &str) -> Rti {
+    let mut rti = rti(text);
+    let federates = u16::try_from(rti.members.len()).unwrap();
+    (0..federates).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
+    for id in 0..federates {
+        let now = PhysicalTime(10 * i64::from(id));
+        input(&mut rti, id.into(), Frame::Ready { now }).unwrap();
+    }
+    rti
+}
+
+#[test]
+fn everybody_starts_together_after_the_latest_clock() {
+    let mut rti = rti("a -> b");
+    assert_eq!(input(&mut rti, 5, hello(0)).unwrap().len(), 1);
+    let outputs = input(&mut rti, 6, hello(1)).unwrap();
+    assert!(matches!(
+        outputs.as_slice(),
+        [
+            RtiOutput::Joined { link: LinkId(6), .. },
+            RtiOutput::Send { link: LinkId(5), frame: Frame::Peers { .. } },
+            RtiOutput::Send { link: LinkId(6), frame: Frame::Peers { .. } },
+        ]
+    ));
+    assert!(input(&mut rti, 5, Frame::Ready { now: PhysicalTime(30) }).unwrap().is_empty());
+    let at = PhysicalTime(130);
+    assert_eq!(
+        input(&mut rti, 6, Frame::Ready { now: PhysicalTime(20) }).unwrap(),
+        [sent(5, Frame::Start { at }), sent(6, Frame::Start { at }), RtiOutput::Started { at }]
+    );
+}
+
+#[test]
+fn strangers_are_refused_with_a_reason() {
+    let other = |change: fn(&mut Frame)| {
+        let mut frame = hello(1);
+        change(&mut frame);
+        frame
+    };
+    let cases = [
+        (
+            other(|f| {
+                if let Frame::Hello { protocol, .. } = f {
+                    *protocol += 1;
+                }
+            }),
+            Refusal::WrongProtocol,
+        ),
+        (
+            other(|f| {
+                if let Frame::Hello { federation, .. } = f {
+                    federation.0 += 1;
+                }
+            }),
+            Refusal::WrongFederation,
+        ),
+        (
+            other(|f| {
+                if let Frame::Hello { fingerprint, .. } = f {
+                    *fingerprint += 1;
+                }
+            }),
+            Refusal::WrongProgram,
+        ),
+        (hello(9), Refusal::UnknownFederate),
+        (hello(0), Refusal::Duplicate),
+    ];
+    let mut rti = rti("a -> b");
+    input(&mut rti, 0, hello(0)).unwrap();
+    for (frame, reason) in cases {
+        let close = RtiOutput::Close { link: LinkId(3) };
+        let refused = [sent(3, Frame::Refused { reason }), close];
+        assert_eq!(input(&mut rti, 3, frame).unwrap(), refused);
+        assert!(self::close(&mut rti, 3).is_empty());
+    }
+    let mut running = running("a -> b");
+    let outputs = input(&mut running, 3, hello(0)).unwrap();
+    assert_eq!(outputs[0], sent(3, Frame::Refused { reason: Refusal::TooLate }));
+}
+
+#[test]
+fn a_faulty_frame_changes_nothing() {
+    let tag = Tag::new(5, 0);
+    let message =
+        |channel| Frame::Message { channel: ChannelId(channel), tag, payload: Payload::default() };
+    let count = |channel| Count { channel: ChannelId(channel), messages: 1 };
+    let mut centralized = running("a -> b\nb -> c after 10");
+    input(&mut centralized, 0, Frame::NextEventTag { tag: Tag::new(50, 0) }).unwrap();
+    input(&mut centralized, 1, Frame::NextEventTag { tag: Tag::new(20, 0) }).unwrap();
+    let decentralized = running("decentralized\na -> b\nb -> c after 10");
+    let progress = |counts| Frame::Progress { next: tag, counts };
+    let cases = [
+        (&centralized, 7, Frame::Resign),
+        (&centralized, 0, hello(0)),
+        (&centralized, 0, Frame::Ready { now: NOW }),
+        (&centralized, 0, Frame::StopReply { tag }),
+        (&centralized, 0, Frame::TagAdvanceGrant { tag }),
+        (&centralized, 0, message(1)),
+        (&centralized, 0, message(9)),
+        // b may process everything before 50 already.
+        (&centralized, 0, message(0)),
+        (&centralized, 0, progress(vec![])),
+        (
+            &centralized,
+            0,
+            Frame::Release { owner: FederateId(1), reader: FederateId(2), serials: vec![] },
+        ),
+        (&decentralized, 0, message(0)),
+        (&decentralized, 0, Frame::NextEventTag { tag }),
+        (&decentralized, 0, progress(vec![count(0), count(1)])),
+    ];
+    for (before, link, frame) in cases {
+        let mut after = before.clone();
+        let result = input(&mut after, link, frame.clone());
+        assert!(result.is_err(), "{frame:?} gave {result:?}");
+        assert_eq!(&after, before, "{frame:?}");
+    }
+}
+
+#[test]
+fn only_the_first_failure_is_reported_and_everybody_is_told() {
+    let mut rti = running("a -> b\nb -> c");
+    let federate = FederateId(1);
+    let failed = || Frame::Failed { federate, message: "no".into(), code: 3 };
+    assert_eq!(
+        input(&mut rti, 1, failed()).unwrap(),
+        [
+            sent(0, failed()),
+            sent(2, failed()),
+            RtiOutput::Failed { federate, message: "no".into(), code: 3 },
+        ]
+    );
+    assert!(close(&mut rti, 1).is_empty());
+    assert!(close(&mut rti, 0).is_empty());
+    assert_eq!(close(&mut rti, 2), [RtiOutput::Finished]);
+}
+
+#[test]
+fn a_link_that_ends_without_a_word_is_a_failure_with_a_name() {
+    let mut rti = running("a -> b");
+    let outputs = close(&mut rti, 0);
+    let [RtiOutput::Send { link: LinkId(1), .. }, RtiOutput::Failed { message, .. }] =
+        outputs.as_slice()
+    else {
+        panic!("{outputs:?}");
+    };
+    assert_eq!(message, "the process of federate a ended before its last tag");
+}
+
+#[test]
+fn object_news_find_their_federate_until_it_is_gone() {
+    let mut rti = running("a -> b");
+    let (owner, reader) = (FederateId(0), FederateId(1));
+    let segment = Frame::Segment { owner, reader, segment: 0, len: 9 };
+    assert_eq!(input(&mut rti, 0, segment.clone()).unwrap(), [sent(1, segment.clone())]);
+    let release = Frame::Release { owner, reader, serials: vec![4] };
+    assert_eq!(input(&mut rti, 1, release.clone()).unwrap(), [sent(0, release)]);
+    input(&mut rti, 1, Frame::Resign).unwrap();
+    assert!(input(&mut rti, 0, segment).unwrap().is_empty());
+}

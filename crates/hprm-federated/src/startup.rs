@@ -1,0 +1,144 @@
+//! A federate's way to the start: joining, meeting the others, linking to some, being ready.
+//!
+//! The handshake of a direct link is here as two pure steps; the driver performs them, because it
+//! does not know whose link it is before. Everything else is asked by the machine in `federate`.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+
+use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
+
+/// A message that came before the start.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Early {
+    pub(crate) channel: ChannelId,
+    pub(crate) tag: Tag,
+    pub(crate) payload: Payload,
+}
+
+/// See the module.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Startup {
+    federation: FederationId,
+    host: HostId,
+    /// Everybody, once everybody has joined.
+    peers: Option<BTreeMap<FederateId, Peer>>,
+    /// Whose direct links are up.
+    linked: BTreeSet<FederateId>,
+    /// Direct links without which this federate does not start.
+    needed: BTreeSet<FederateId>,
+    loaded: bool,
+    ready: bool,
+    start: Option<PhysicalTime>,
+    early: VecDeque<Early>,
+}
+
+impl Startup {
+    pub(crate) fn new(
+        federation: FederationId,
+        host: HostId,
+        needed: BTreeSet<FederateId>,
+    ) -> Self {
+        Self {
+            federation,
+            host,
+            peers: None,
+            linked: BTreeSet::new(),
+            needed,
+            loaded: false,
+            ready: false,
+            start: None,
+            early: VecDeque::new(),
+        }
+    }
+
+    /// The time of tag zero, once it is known.
+    pub(crate) fn start(&self) -> Option<PhysicalTime> {
+        self.start
+    }
+
+    pub(crate) fn is_linked(&self, peer: FederateId) -> bool {
+        self.linked.contains(&peer)
+    }
+
+    pub(crate) fn linked(&self) -> impl Iterator<Item = FederateId> {
+        self.linked.iter().copied()
+    }
+
+    pub(crate) fn shares_memory_with(&self, peer: FederateId) -> bool {
+        let peers = self.peers.as_ref();
+        peers.and_then(|peers| peers.get(&peer)).is_some_and(|peer| peer.host == self.host)
+    }
+
+    /// Whether the list of peers is still to come.
+    pub(crate) fn awaits_peers(&self) -> bool {
+        self.peers.is_none()
+    }
+
+    pub(crate) fn meet(&mut self, peers: Vec<Peer>) {
+        self.peers = Some(peers.into_iter().map(|peer| (peer.federate, peer)).collect());
+    }
+
+    /// Where a peer accepts direct links, if it does.
+    pub(crate) fn address(&self, peer: FederateId) -> Option<String> {
+        self.peers.as_ref()?.get(&peer)?.listen.clone()
+    }
+
+    pub(crate) fn link(&mut self, peer: FederateId) {
+        self.linked.insert(peer);
+    }
+
+    pub(crate) fn unlink(&mut self, peer: FederateId) {
+        self.linked.remove(&peer);
+    }
+
+    pub(crate) fn loaded(&mut self) {
+        self.loaded = true;
+    }
+
+    /// True once: when everything is there that the start takes.
+    pub(crate) fn becomes_ready(&mut self) -> bool {
+        let complete = self.loaded && self.peers.is_some() && self.needed.is_subset(&self.linked);
+        complete && !std::mem::replace(&mut self.ready, true)
+    }
+
+    /// Whether the start may be announced.
+    pub(crate) fn awaits_start(&self) -> bool {
+        self.ready && self.start.is_none()
+    }
+
+    /// Takes the start; returns what has come before it.
+    pub(crate) fn begin(&mut self, at: PhysicalTime) -> VecDeque<Early> {
+        self.start = Some(at);
+        std::mem::take(&mut self.early)
+    }
+
+    /// Keeps a message from a peer that was told of the start before this federate.
+    pub(crate) fn keep(&mut self, early: Early) {
+        self.early.push_back(early);
+    }
+
+    /// The first frame on a direct link that this side has opened.
+    pub(crate) fn peer_hello(&self, from: FederateId) -> Frame {
+        Frame::PeerHello { protocol: PROTOCOL, federation: self.federation, from }
+    }
+
+    /// Who has opened a direct link, by its first frame.
+    pub(crate) fn greeted(&self, frame: &Frame) -> Result<FederateId, Refusal> {
+        match *frame {
+            Frame::PeerHello { protocol, .. } if protocol != PROTOCOL => {
+                Err(Refusal::WrongProtocol)
+            }
+            Frame::PeerHello { federation, .. } if federation != self.federation => {
+                Err(Refusal::WrongFederation)
+            }
+            Frame::PeerHello { from, .. } if !self.needed.contains(&from) => {
+                Err(Refusal::UnknownFederate)
+            }
+            Frame::PeerHello { from, .. } if self.is_linked(from) => Err(Refusal::Duplicate),
+            Frame::PeerHello { from, .. } => Ok(from),
+            _ => Err(Refusal::WrongProtocol),
+        }
+    }
+}

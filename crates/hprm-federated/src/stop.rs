@@ -1,0 +1,48 @@
+//! A federate's part in agreeing on a last tag: naming one, and not reaching it before it is told.
+
+use hprm_core::Tag;
+
+/// See the module.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub(crate) enum Stop {
+    /// Nobody has asked.
+    Open,
+    /// This federate has asked before the start, and will again.
+    Wanted,
+    /// This federate has asked or answered with this tag, and stays before it.
+    Held(Tag),
+    /// It is decided; the scheduler knows.
+    Decided,
+}
+
+impl Stop {
+    /// Whether `tag` may not begin before the decision. The named tag itself may not: it could be
+    /// the last one, and would have run as if it were not.
+    pub(crate) fn refuses(self, tag: Tag) -> bool {
+        matches!(self, Self::Held(held) if tag >= held)
+    }
+
+    /// Asks to stop after `current`. Returns the tag to ask for, if asking is of use.
+    pub(crate) fn request(&mut self, current: Tag) -> Option<Tag> {
+        match *self {
+            Self::Open | Self::Wanted => {
+                let tag = current.succ().max(Tag::START);
+                *self = Self::Held(tag);
+                Some(tag)
+            }
+            Self::Held(_) | Self::Decided => None,
+        }
+    }
+
+    /// Answers somebody who asks to stop at `tag`. None, if it is decided already.
+    pub(crate) fn reply(&mut self, tag: Tag, current: Tag) -> Option<Tag> {
+        let held = match *self {
+            Self::Open | Self::Wanted => current.succ(),
+            Self::Held(held) => held,
+            Self::Decided => return None,
+        };
+        let tag = tag.max(held);
+        *self = Self::Held(tag);
+        Some(tag)
+    }
+}

@@ -1,0 +1,260 @@
+//! What the coordination needs to know of a program: who sends to whom, and with what delay.
+//!
+//! Physical channels are here as channels, but they make nobody wait: they are not edges.
+
+use hprm_core::{
+    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Program, Table,
+};
+
+use crate::Fault;
+
+/// A neighbour of a federate.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Edge {
+    /// The federate at the other end.
+    pub federate: FederateId,
+    /// The least delay of the logical channels between the two, in this direction.
+    pub delay: Delay,
+}
+
+/// A program that the coordination cannot run.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[error(
+    "federates {names} send to one another in a circle without a delay: put an `after` on one of \
+     the connections, `after 0` if no time is to pass"
+)]
+pub struct Unsupported {
+    /// The federates of the circle.
+    pub federates: Vec<FederateId>,
+    /// Their names.
+    pub names: String,
+}
+
+/// The federates of a program and the channels between them.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Topology {
+    coordination: Coordination,
+    names: Table<FederateId, String>,
+    channels: Table<ChannelId, Channel>,
+    upstream: Table<FederateId, Vec<Edge>>,
+    downstream: Table<FederateId, Vec<Edge>>,
+    by_clock: Table<FederateId, Option<Nanos>>,
+    patient: bool,
+}
+
+impl Topology {
+    /// The topology of a program.
+    #[must_use]
+    pub fn new(program: &Program) -> Self {
+        let federates = program.federates.len();
+        let mut topology = Self {
+            coordination: program.properties.coordination,
+            names: program.federates.values().map(|federate| federate.name.clone()).collect(),
+            channels: program.channels.values().copied().collect(),
+            upstream: Table::filled(federates, Vec::new()),
+            downstream: Table::filled(federates, Vec::new()),
+            by_clock: Table::filled(federates, None),
+            patient: false,
+        };
+        for channel in program.channels.values().filter(|channel| !channel.physical) {
+            let Channel { from, to, delay, .. } = *channel;
+            note(&mut topology.upstream[to], Edge { federate: from, delay });
+            note(&mut topology.downstream[from], Edge { federate: to, delay });
+            let wait = program.connections[channel.connection].absent_after;
+            let wait = wait.saturating_add(program.federates[to].maxwait);
+            topology.patient |= wait == Nanos::MAX;
+        }
+        topology.find_clocks(program);
+        topology
+    }
+
+    fn find_clocks(&mut self, program: &Program) {
+        let actions = program.actions.values().filter(|action| action.origin == Origin::Physical);
+        let actions = actions
+            .filter_map(|a| Some((program.reactors[a.reactor].federate?, a.min_delay.max(0))));
+        let arrivals = program.connections.values().filter(|connection| connection.physical);
+        let arrivals = arrivals.filter_map(|connection| {
+            let reactor = program.ports[connection.to].reactor;
+            let delay = match connection.delay {
+                Delay::Time(delay) => delay,
+                Delay::None | Delay::Microstep => 0,
+            };
+            Some((program.reactors[reactor].federate?, delay))
+        });
+        for (federate, delay) in actions.chain(arrivals) {
+            let least = &mut self.by_clock[federate];
+            *least = Some(least.map_or(delay, |least| least.min(delay)));
+        }
+    }
+
+    /// How the federates are coordinated.
+    #[must_use]
+    pub fn coordination(&self) -> Coordination {
+        self.coordination
+    }
+
+    /// All federates, in order.
+    pub fn federates(&self) -> impl Iterator<Item = FederateId> + use<> {
+        self.names.ids()
+    }
+
+    /// The name of a federate, for people; of one that the program lacks, its number.
+    #[must_use]
+    pub fn name(&self, federate: FederateId) -> String {
+        self.names.get(federate).cloned().unwrap_or_else(|| format!("number {}", federate.0))
+    }
+
+    /// Whether the program has this federate.
+    #[must_use]
+    pub fn has(&self, federate: FederateId) -> bool {
+        self.names.get(federate).is_some()
+    }
+
+    /// All channels, in order.
+    #[must_use]
+    pub fn channels(&self) -> &Table<ChannelId, Channel> {
+        &self.channels
+    }
+
+    /// The channel `id`, if it leads from and to the given federates, where they are given.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such channel, or it leads elsewhere.
+    pub(crate) fn channel(
+        &self,
+        id: ChannelId,
+        from: Option<FederateId>,
+        to: Option<FederateId>,
+    ) -> Result<Channel, Fault> {
+        let leads = |channel: &&Channel| {
+            from.is_none_or(|from| from == channel.from) && to.is_none_or(|to| to == channel.to)
+        };
+        self.channels.get(id).filter(leads).copied().ok_or(Fault::UnknownChannel(id))
+    }
+
+    /// Who sends logical messages to this federate.
+    #[must_use]
+    pub fn upstream(&self, federate: FederateId) -> &[Edge] {
+        &self.upstream[federate]
+    }
+
+    /// Whom this federate sends logical messages.
+    #[must_use]
+    pub fn downstream(&self, federate: FederateId) -> &[Edge] {
+        &self.downstream[federate]
+    }
+
+    /// If a clock can cause events at this federate: by how much, at least, their tags exceed it.
+    #[must_use]
+    pub fn by_clock(&self, federate: FederateId) -> Option<Nanos> {
+        self.by_clock[federate]
+    }
+
+    /// Whether some federate waits for some input for ever.
+    #[must_use]
+    pub fn is_patient(&self) -> bool {
+        self.patient
+    }
+
+    /// Groups of federates that send to one another in a circle without any delay.
+    #[must_use]
+    pub fn zero_delay_cycles(&self) -> Vec<Vec<FederateId>> {
+        let mut grouped = Table::filled(self.names.len(), false);
+        let mut cycles = Vec::new();
+        for federate in self.names.ids() {
+            if grouped[federate] {
+                continue;
+            }
+            let after = self.undelayed(federate, &self.downstream);
+            let before = self.undelayed(federate, &self.upstream);
+            let cycle: Vec<_> = self.names.ids().filter(|f| after[*f] && before[*f]).collect();
+            for member in &cycle {
+                grouped[*member] = true;
+            }
+            if !cycle.is_empty() {
+                cycles.push(cycle);
+            }
+        }
+        cycles
+    }
+
+    /// Whom one step or more without delay lead to from `federate`.
+    fn undelayed(
+        &self,
+        federate: FederateId,
+        edges: &Table<FederateId, Vec<Edge>>,
+    ) -> Table<FederateId, bool> {
+        let mut reached = Table::filled(self.names.len(), false);
+        let mut pending = vec![federate];
+        while let Some(here) = pending.pop() {
+            for edge in edges[here].iter().filter(|edge| edge.delay == Delay::None) {
+                if !std::mem::replace(&mut reached[edge.federate], true) {
+                    pending.push(edge.federate);
+                }
+            }
+        }
+        reached
+    }
+
+    /// Checks that the coordination can run this program.
+    ///
+    /// # Errors
+    ///
+    /// If federates depend on one another without a delay. Each would wait for the other at every
+    /// tag; that takes grants of less than a tag, which do not exist yet.
+    pub fn check(&self) -> Result<(), Unsupported> {
+        let Some(federates) = self.zero_delay_cycles().into_iter().next() else {
+            return Ok(());
+        };
+        let names: Vec<_> = federates.iter().map(|federate| self.name(*federate)).collect();
+        Err(Unsupported { federates, names: names.join(", ") })
+    }
+}
+
+fn note(edges: &mut Vec<Edge>, edge: Edge) {
+    match edges.iter_mut().find(|known| known.federate == edge.federate) {
+        Some(known) => known.delay = known.delay.min(edge.delay),
+        None => edges.push(edge),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_core::{Delay, FederateId};
+
+    use super::{Edge, Topology};
+    use crate::fixture::program;
+
+    #[test]
+    fn the_least_delay_between_two_counts() {
+        let topology = Topology::new(&program("a -> b after 5\na -> b after 0\na -> c after 7"));
+        let edge = |federate, delay| Edge { federate: FederateId(federate), delay };
+        let expected = [edge(1, Delay::Microstep), edge(2, Delay::Time(7))];
+        assert_eq!(topology.downstream(FederateId(0)), expected);
+        assert_eq!(topology.upstream(FederateId(1)), [edge(0, Delay::Microstep)]);
+    }
+
+    #[test]
+    fn a_circle_without_delay_names_its_federates() {
+        let topology = Topology::new(&program("x -> a\na -> b\nb -> c\nc -> a\nc -> y"));
+        assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
+        let error = topology.check().unwrap_err();
+        assert!(error.to_string().contains("federates a, b, c send"), "{error}");
+    }
+
+    #[test]
+    fn a_delay_or_a_physical_connection_breaks_a_circle() {
+        for last in ["b -> a after 0", "b ~> a"] {
+            let topology = Topology::new(&program(&format!("a -> b\n{last}")));
+            assert_eq!(topology.check(), Ok(()), "{last}");
+        }
+    }
+
+    #[test]
+    fn a_physical_input_wakes_a_federate_by_the_clock() {
+        let topology = Topology::new(&program("a ~> b after 5\na -> b"));
+        assert_eq!(topology.by_clock(FederateId(0)), None);
+        assert_eq!(topology.by_clock(FederateId(1)), Some(5));
+    }
+}

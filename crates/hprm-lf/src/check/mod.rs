@@ -1,0 +1,211 @@
+//! The rules of the language that concern one class, and the one that concerns their whole: no
+//! class contains itself.
+//!
+//! References have been resolved before; what depends on the values of parameters is checked when
+//! instances are made.
+
+pub(crate) mod attributes;
+mod federation;
+mod names;
+mod values;
+
+use crate::ast::{Import, Reactor, ReactorKind};
+use crate::diagnostic::{Diagnostic, Report};
+use crate::library::{ClassId, Library};
+use crate::model::Model;
+use crate::source::{Span, stem};
+
+/// The classes in use, by class.
+pub(crate) type Models<'a> = [Option<Model<'a>>];
+
+/// Checks all classes in use.
+pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report) {
+    for model in models.iter().flatten() {
+        header(model, report);
+        declarations(model, report);
+        reactions(model, report);
+        names::check(model, report);
+        values::check(model, models, report);
+        attributes::check(model, report);
+        federation::check(model, report);
+    }
+    cycles(models, report);
+    unused_imports(library, models, report);
+}
+
+/// The main reactor, of which there must be one.
+pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<ClassId> {
+    let mains: Vec<ClassId> = library
+        .classes()
+        .filter(|class| library.file_of(*class) == Library::MAIN)
+        .filter(|class| library.reactor(*class).kind != ReactorKind::Plain)
+        .collect();
+    let Some(main) = mains.first() else {
+        let message = "this file has no main reactor";
+        report.add(
+            Diagnostic::error("LF0206", Span::new(Library::MAIN, 0..0), message)
+                .hint("write `main reactor { ... }` or `federated reactor { ... }`"),
+        );
+        return None;
+    };
+    let first = library.reactor(*main);
+    for other in &mains[1..] {
+        let message = "a file has one main or federated reactor";
+        report.add(
+            Diagnostic::error("LF0205", library.reactor(*other).header, message)
+                .label(first.header, "the first one"),
+        );
+    }
+    let path = library.sources.path(Library::MAIN);
+    if let Some(name) = &first.name
+        && name.text != stem(path)
+    {
+        let message = format!("the main reactor `{}` is not called like its file", name.text);
+        report.add(
+            Diagnostic::warning("LF0213", name.span, message)
+                .hint(format!("leave the name out, or call it `{}`", stem(path))),
+        );
+    }
+    Some(*main)
+}
+
+fn header(model: &Model<'_>, report: &mut Report) {
+    let Reactor { kind, name, header, type_parameters, host, .. } = model.declared.decl;
+    if *kind == ReactorKind::Plain && name.is_none() {
+        let message = "only a main reactor can do without a name";
+        report.add(
+            Diagnostic::error("LF0204", *header, message)
+                .hint("name it, or write `main reactor` or `federated reactor`"),
+        );
+    }
+    if let Some(span) = type_parameters {
+        types_are_errors(*span, report);
+    }
+    if *kind != ReactorKind::Plain {
+        for port in &model.declared.ports {
+            let message = "the main reactor cannot have ports: nothing contains it";
+            report.add(Diagnostic::error("LF0207", port.name.span, message));
+        }
+    }
+    if let Some(host) = host
+        && *kind != ReactorKind::Federated
+    {
+        let message = "only a federated reactor has a host";
+        report.add(
+            Diagnostic::error("LF0802", host.span, message)
+                .hint("write `federated reactor`, or remove `at`"),
+        );
+    }
+}
+
+fn types_are_errors(span: Span, report: &mut Report) {
+    report.add(
+        Diagnostic::error("LF0202", span, "types are not allowed in the Python target")
+            .hint("remove the type: every value is a Python object"),
+    );
+}
+
+fn declarations(model: &Model<'_>, report: &mut Report) {
+    let declared = &model.declared;
+    let parameters = declared.decl.parameters.iter().map(|parameter| parameter.ty);
+    let types = parameters
+        .chain(declared.states.iter().map(|state| state.ty))
+        .chain(declared.ports.iter().map(|port| port.ty))
+        .chain(declared.actions.iter().map(|action| action.ty))
+        .chain(declared.methods.iter().flat_map(|method| method.types.iter().map(|ty| Some(*ty))))
+        .chain(declared.instances.iter().map(|instance| instance.decl.type_arguments));
+    types.flatten().for_each(|span| types_are_errors(span, report));
+    for state in &declared.states {
+        if let Some(span) = state.reset {
+            let instead = "it belongs to modes, which are not supported yet either";
+            report.add(Diagnostic::unsupported(span, "`reset state` is", instead));
+        }
+    }
+    for action in &declared.actions {
+        if action.physical.is_none() {
+            let message =
+                format!("the action `{}` is neither logical nor physical", action.name.text);
+            report.add(
+                Diagnostic::error("LF0209", action.name.span, message)
+                    .hint("write `logical action` or `physical action`"),
+            );
+        }
+        if let Some(span) = action.spacing {
+            let instead = "remove it, and compare times in the reaction";
+            report.add(Diagnostic::unsupported(span, "minimum spacing is", instead));
+        }
+    }
+}
+
+fn reactions(model: &Model<'_>, report: &mut Report) {
+    for reaction in &model.declared.reactions {
+        if reaction.mutation {
+            let instead = "write `reaction`";
+            report.add(Diagnostic::unsupported(reaction.header, "mutations are", instead));
+        }
+        if reaction.body.is_none() {
+            report.add(
+                Diagnostic::error("LF0210", reaction.header, "this reaction has no body")
+                    .hint("write `{= ... =}` behind it; `{= pass =}` does nothing"),
+            );
+        }
+    }
+}
+
+/// No class contains itself, on any way.
+fn cycles(models: &Models<'_>, report: &mut Report) {
+    #[derive(Clone, Copy, PartialEq, Eq)]
+    enum Visit {
+        Not,
+        Open,
+        Done,
+    }
+    let mut visits = vec![Visit::Not; models.len()];
+    for root in 0..models.len() {
+        if visits[root] != Visit::Not {
+            continue;
+        }
+        visits[root] = Visit::Open;
+        let mut stack = vec![(root, 0)];
+        while let Some((class, next)) = stack.pop() {
+            let instances = models[class].as_ref().map_or(&[][..], |m| &m.declared.instances[..]);
+            let Some(instance) = instances.get(next) else {
+                visits[class] = Visit::Done;
+                continue;
+            };
+            stack.push((class, next + 1));
+            match visits[instance.class.0] {
+                Visit::Done => {}
+                Visit::Open => {
+                    let name = &instance.decl.class;
+                    let message = format!("`{}` contains itself, without end", name.text);
+                    report.add(Diagnostic::error("LF0308", name.span, message));
+                }
+                Visit::Not => {
+                    visits[instance.class.0] = Visit::Open;
+                    stack.push((instance.class.0, 0));
+                }
+            }
+        }
+    }
+}
+
+fn unused_imports(library: &Library, models: &Models<'_>, report: &mut Report) {
+    let used = |name: &str| {
+        let in_main = |class: &ClassId| library.file_of(*class) == Library::MAIN;
+        library.classes().filter(in_main).filter_map(|class| models[class.0].as_ref()).any(
+            |model| {
+                model.declared.instances.iter().any(|instance| instance.decl.class.text == name)
+            },
+        )
+    };
+    for Import { reactors, .. } in &library.model(Library::MAIN).imports {
+        for imported in reactors {
+            let name = imported.alias.as_ref().unwrap_or(&imported.name);
+            if !used(&name.text) {
+                let message = format!("`{}` is imported and not used", name.text);
+                report.add(Diagnostic::warning("LF0104", name.span, message));
+            }
+        }
+    }
+}

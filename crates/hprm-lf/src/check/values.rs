@@ -1,0 +1,124 @@
+//! Parameters and the places that use them: each has a default, each use and each assignment names
+//! one that exists.
+
+use crate::ast::{Expression, ExpressionKind, Width, WidthTerm};
+use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::model::{Declarations, Model};
+
+use super::Models;
+
+pub(super) fn check(model: &Model<'_>, models: &Models<'_>, report: &mut Report) {
+    let declared = &model.declared;
+    defaults(declared, report);
+    assignments(declared, models, report);
+    let widths = declared.ports.iter().filter_map(|port| port.width.as_ref());
+    let banks = declared.instances.iter().filter_map(|instance| instance.decl.width.as_ref());
+    widths.chain(banks).for_each(|written| width(written, report));
+    for expression in expressions(declared) {
+        parameters_exist(expression, declared, report);
+    }
+}
+
+fn defaults(declared: &Declarations<'_>, report: &mut Report) {
+    for parameter in &declared.decl.parameters {
+        let name = &parameter.name;
+        match &parameter.default {
+            None => {
+                let message = format!("the parameter `{}` has no default value", name.text);
+                report.add(
+                    Diagnostic::error("LF0203", name.span, message)
+                        .hint(format!("write `{} = value`", name.text)),
+                );
+            }
+            Some(Expression { kind: ExpressionKind::Parameter(other), span }) => {
+                let message = format!("a default cannot be another parameter, `{other}`");
+                report.add(
+                    Diagnostic::error("LF0203", *span, message)
+                        .hint("write the value; where instances are made, parameters may be used"),
+                );
+            }
+            Some(_) => {}
+        }
+    }
+}
+
+fn assignments(declared: &Declarations<'_>, models: &Models<'_>, report: &mut Report) {
+    for instance in &declared.instances {
+        let Some(model) = &models[instance.class.0] else { continue };
+        let mut seen: Vec<&str> = Vec::new();
+        for assignment in &instance.decl.assignments {
+            let name = &assignment.name;
+            if model.declared.parameter(&name.text).is_none() && name.text != "bank_index" {
+                let class = &instance.decl.class.text;
+                let message = format!("`{class}` has no parameter `{}`", name.text);
+                let all = model.declared.decl.parameters.iter().map(|p| p.name.text.as_str());
+                let hint = existing(&name.text, "its parameters", all);
+                report.add(Diagnostic::error("LF0306", name.span, message).hint(hint));
+            }
+            if seen.contains(&name.text.as_str()) {
+                let message = format!("`{}` is assigned twice", name.text);
+                report.add(Diagnostic::error("LF0201", name.span, message));
+            }
+            seen.push(&name.text);
+        }
+    }
+}
+
+fn width(width: &Width, report: &mut Report) {
+    if width.terms.is_empty() {
+        report.add(
+            Diagnostic::error("LF0405", width.span, "a width must be given")
+                .hint("write `[4]` or `[n]`, with a parameter `n`"),
+        );
+    }
+    for term in &width.terms {
+        if let WidthTerm::WidthOf(span) = term {
+            let instead = "use one parameter for both widths";
+            report.add(Diagnostic::unsupported(*span, "`widthof` is", instead));
+        }
+    }
+}
+
+/// Every expression in which a parameter of this class may stand.
+fn expressions<'a>(declared: &Declarations<'a>) -> Vec<&'a Expression> {
+    let mut all: Vec<&Expression> = Vec::new();
+    let terms = |width: &'a Option<Width>| {
+        width.iter().flat_map(|width| &width.terms).filter_map(|term| match term {
+            WidthTerm::Value(expression) => Some(expression),
+            WidthTerm::WidthOf(_) => None,
+        })
+    };
+    all.extend(declared.states.iter().filter_map(|state| state.init.as_ref()));
+    all.extend(declared.ports.iter().flat_map(|port| terms(&port.width)));
+    all.extend(declared.actions.iter().filter_map(|action| action.min_delay.as_ref()));
+    all.extend(declared.timers.iter().flat_map(|timer| timer.offset.iter().chain(&timer.period)));
+    for reaction in &declared.reactions {
+        all.extend(reaction.deadline.as_ref().map(|deadline| &deadline.delay));
+        all.extend(reaction.late.as_ref().and_then(|late| late.wait.as_ref()));
+    }
+    for connection in &declared.connections {
+        all.extend(&connection.delay);
+        all.extend(connection.attributes.iter().flat_map(|attribute| &attribute.arguments));
+    }
+    for instance in &declared.instances {
+        all.extend(terms(&instance.decl.width));
+        all.extend(instance.decl.assignments.iter().map(|assignment| &assignment.value));
+        all.extend(instance.decl.attributes.iter().flat_map(|attribute| &attribute.arguments));
+    }
+    all
+}
+
+fn parameters_exist(expression: &Expression, declared: &Declarations<'_>, report: &mut Report) {
+    match &expression.kind {
+        ExpressionKind::Parameter(name) if declared.parameter(name).is_none() => {
+            let message = format!("there is no parameter `{name}`");
+            let all = declared.decl.parameters.iter().map(|p| p.name.text.as_str());
+            let hint = existing(name, "parameters", all);
+            report.add(Diagnostic::error("LF0306", expression.span, message).hint(hint));
+        }
+        ExpressionKind::List(items) | ExpressionKind::Tuple(items) => {
+            items.iter().for_each(|item| parameters_exist(item, declared, report));
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,49 @@
+//! Classes for Python: bodies brought to the margin, values in Python's terms.
+
+use crate::ast;
+use crate::code;
+use crate::compiled::{Class, Method, ParameterDecl, ReactionBody, StateDecl};
+use crate::library::{ClassId, Library};
+use crate::model::Model;
+use crate::value::Value;
+
+/// The class `id` for Python, under `name`.
+pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: String) -> Class {
+    let sources = &library.sources;
+    let declared = &model.declared;
+    let code = |body: ast::Body| code::dedent(sources, body.inner);
+    let value = |expression: &ast::Expression| Value::new(sources, expression);
+    let parameters = declared.decl.parameters.iter().filter_map(|parameter| {
+        let default = value(parameter.default.as_ref()?);
+        Some(ParameterDecl { name: parameter.name.text.clone(), default })
+    });
+    let state = declared.states.iter().map(|state| StateDecl {
+        name: state.name.text.clone(),
+        init: state.init.as_ref().map(value),
+    });
+    let methods = declared.methods.iter().map(|method| Method {
+        name: method.name.text.clone(),
+        args: method.arguments.iter().map(|argument| argument.text.clone()).collect(),
+        code: code(method.body),
+    });
+    let reactions = model.reactions.iter().filter_map(|reaction| {
+        let decl = reaction.decl;
+        Some(ReactionBody {
+            name: decl.name.as_ref().map(|name| name.text.clone()),
+            args: reaction.slots.iter().map(|slot| slot.name.clone()).collect(),
+            code: code(decl.body?),
+            deadline: decl.deadline.as_ref().map(|deadline| code(deadline.body)),
+            tardy: decl.late.as_ref().and_then(|late| late.body).map(code),
+            line: sources.position(decl.header).line,
+        })
+    });
+    Class {
+        name,
+        file: library.file_of(id),
+        preambles: declared.preambles.iter().map(|body| code(*body)).collect(),
+        parameters: parameters.collect(),
+        state: state.collect(),
+        methods: methods.collect(),
+        reactions: reactions.collect(),
+    }
+}

@@ -1,0 +1,211 @@
+//! Python bodies: where `{= ... =}` ends, and how its text is brought to the left margin.
+//!
+//! The scanner knows just enough Python to step over strings and comments. It accepts whatever
+//! Lingua Franca's own lexer accepts, and also what trips that one: single-quoted strings with
+//! `=}` in them and floor division.
+
+use crate::source::{FileId, Sources, Span};
+
+/// A piece of Python, ready to be compiled.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Code {
+    /// The text at the left margin, without a newline at its end. Empty for an empty body.
+    pub text: String,
+    /// The file that holds it.
+    pub file: FileId,
+    /// The line of the file that the first line of `text` comes from, from 1.
+    pub line: u32,
+    /// How many columns of that line precede the text. Unless the text starts right behind the
+    /// brace, later lines lost as many, if they had them; lines inside a string lost none.
+    pub column: u32,
+}
+
+impl Code {
+    /// Whether there is nothing to run.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.text.is_empty()
+    }
+}
+
+/// Offset of the `=}` that ends the body whose text starts at `start`.
+pub(crate) fn end(text: &str, start: usize) -> Option<usize> {
+    let bytes = text.as_bytes();
+    let mut at = start;
+    while at < bytes.len() {
+        if bytes[at..].starts_with(b"=}") {
+            return Some(at);
+        }
+        at = skip(bytes, at);
+    }
+    None
+}
+
+/// Steps over the string, the comment or the character at `at`.
+fn skip(bytes: &[u8], at: usize) -> usize {
+    match bytes[at] {
+        b'#' => line_end(bytes, at),
+        quote @ (b'"' | b'\'') => string_end(bytes, at, quote).unwrap_or(at + 1),
+        _ => at + 1,
+    }
+}
+
+fn line_end(bytes: &[u8], at: usize) -> usize {
+    bytes[at..].iter().position(|byte| *byte == b'\n').map_or(bytes.len(), |n| at + n)
+}
+
+/// Behind the string that starts at `at`; none if it is not closed, which is for Python to report.
+fn string_end(bytes: &[u8], at: usize, quote: u8) -> Option<usize> {
+    let triple = [quote; 3];
+    let long = bytes[at..].starts_with(&triple);
+    let mut here = at + if long { 3 } else { 1 };
+    while here < bytes.len() {
+        match bytes[here] {
+            b'\\' => here += 1,
+            b'\n' if !long => return None,
+            byte if byte == quote && !long => return Some(here + 1),
+            byte if byte == quote && bytes[here..].starts_with(&triple) => return Some(here + 3),
+            _ => {}
+        }
+        here += 1;
+    }
+    None
+}
+
+/// How the start of a line relates to the Python around it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Start {
+    /// A statement may start here: its indentation counts.
+    Statement,
+    /// Inside brackets or behind a backslash: Python ignores the indentation.
+    Bracket,
+    /// Inside a string: the indentation is part of a value.
+    String,
+}
+
+fn starts(raw: &str) -> Vec<Start> {
+    let bytes = raw.as_bytes();
+    let mut starts = vec![Start::Statement];
+    let (mut at, mut depth) = (0, 0_usize);
+    while at < bytes.len() {
+        let next = skip(bytes, at);
+        match bytes[at] {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            b'\n' if depth > 0 || continued(&bytes[..at]) => starts.push(Start::Bracket),
+            b'\n' => starts.push(Start::Statement),
+            _ => {
+                let inside = bytes[at..next.min(bytes.len())].iter().filter(|b| **b == b'\n');
+                starts.extend(inside.map(|_| Start::String));
+            }
+        }
+        at = next;
+    }
+    starts
+}
+
+fn continued(line: &[u8]) -> bool {
+    line.strip_suffix(b"\r").unwrap_or(line).ends_with(b"\\")
+}
+
+/// The Python between the braces of the body at `inner`.
+///
+/// Blank lines at both ends go; what all statements have in common in front of them goes; text in
+/// strings stays as it is.
+pub(crate) fn dedent(sources: &Sources, inner: Span) -> Code {
+    let raw = sources.slice(inner);
+    let at = sources.position(inner);
+    let code = |text, line, column| Code { text, file: inner.file, line, column };
+    let trimmed = raw.trim();
+    if trimmed.is_empty() {
+        return code(String::new(), at.line, 0);
+    }
+    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    let starts = starts(raw);
+    let lines: Vec<&str> = raw.split('\n').collect();
+    let kept = |line: &&str| !line.trim().is_empty();
+    let first = lines.iter().position(kept).unwrap_or(0);
+    let last = lines.iter().rposition(kept).unwrap_or(first);
+    let indent = |line: &str| line.len() - line.trim_start_matches([' ', '\t']).len();
+    let common = (first..=last)
+        .filter(|i| starts.get(*i) == Some(&Start::Statement))
+        .map(|i| lines[i])
+        .filter(|line| kept(line) && !line.trim_start().starts_with('#'))
+        .map(indent)
+        .min()
+        .unwrap_or(indent(lines[first]));
+    let dedented: Vec<&str> = (first..=last)
+        .map(|i| match starts.get(i) {
+            Some(Start::String) => lines[i],
+            _ => &lines[i][indent(lines[i]).min(common)..],
+        })
+        .map(|line| line.strip_suffix('\r').unwrap_or(line))
+        .collect();
+    let before = if first == 0 { at.column - 1 } else { 0 };
+    let text = dedented.join("\n").trim_end().to_owned();
+    code(text, at.line + count(first), before + count(common))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn body(text: &str) -> Code {
+        let mut sources = Sources::new();
+        let start = text.find("{=").unwrap() + 2;
+        let end = end(text, start).unwrap();
+        let file = sources.add("a.lf", text.to_owned());
+        dedent(&sources, Span::new(file, start..end))
+    }
+
+    #[test]
+    fn a_body_ends_outside_strings_and_comments() {
+        for inside in [
+            "",
+            " x ",
+            "\"=}\"",
+            "'=}'",
+            "f'{x=}'",
+            "'''\n=}\n'''",
+            "\"\"\" \" =} \"\"\"",
+            "# =}\n",
+            "'\\'=}'",
+            "7 // 2 ",
+            " = ",
+            "{}",
+            "r'\\' ",
+            "don't ",
+            "\"\"",
+        ] {
+            let text = format!("{{={inside}=}} rest =}}");
+            assert_eq!(end(&text, 2), Some(2 + inside.len()), "{text}");
+        }
+        assert_eq!(end("{= x }", 2), None);
+    }
+
+    #[test]
+    fn a_line_is_trimmed_and_its_column_kept() {
+        let code = body("\n  reaction(a) {=  f(x)  =}");
+        assert_eq!((code.text.as_str(), code.line, code.column), ("f(x)", 2, 18));
+    }
+
+    #[test]
+    fn statements_move_to_the_margin() {
+        let code = body("a {=\n\n    if x:\n      y\n  # low\n    z(\n  1)\n    a = \\\n  b\n  =}");
+        assert_eq!(code.text, "if x:\n  y\n# low\nz(\n1)\na = \\\nb");
+        assert_eq!((code.line, code.column), (3, 4));
+    }
+
+    #[test]
+    fn text_in_strings_stays() {
+        let code = body("{=\n    x = \"\"\"\n      a\n  b\"\"\"\n    y\n=}");
+        assert_eq!(code.text, "x = \"\"\"\n      a\n  b\"\"\"\ny");
+    }
+
+    #[test]
+    fn carriage_returns_and_empty_bodies() {
+        assert_eq!(body("{=\r\n  a\r\n  b\r\n=}").text, "a\nb");
+        assert!(body("{==}").is_empty());
+        assert!(body("{=  \n =}").is_empty());
+    }
+}

@@ -1,0 +1,118 @@
+//! The stages of the front end, one after the other; each starts only if the one before reported
+//! no error, so that nobody reads about the consequences of a mistake.
+
+use crate::ast::ReactorKind;
+use crate::check::{self, Models};
+use crate::code;
+use crate::compiled::{Compiled, Failure};
+use crate::diagnostic::Report;
+use crate::library::{ClassId, Library};
+use crate::lower::{self, Lowered};
+use crate::model::{Declarations, Model};
+use crate::properties::Stated;
+use crate::resolve;
+use crate::source::SourceLoader;
+
+/// Compiles the program in the file at `path`, which `loader` reads, together with what it imports.
+///
+/// ```
+/// let mut files = |path: &str| match path {
+///     "Hello.lf" => Ok("target Python\n\
+///         main reactor { reaction(startup) {= print(\"hello\") =} }".to_owned()),
+///     _ => Err("no such file".to_owned()),
+/// };
+/// let compiled = hprm_lf::compile("Hello.lf", &mut files).unwrap();
+/// assert_eq!(compiled.program.name, "Hello");
+/// assert_eq!(compiled.classes[0].reactions[0].code.text, "print(\"hello\")");
+/// ```
+///
+/// # Errors
+///
+/// Everything that is wrong with the program, as far as it could be understood.
+pub fn compile(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Failure> {
+    let mut report = Report::default();
+    let library = Library::load(path, loader, &mut report);
+    let stated = Stated::read(&library, &mut report);
+    match stages(&library, stated, &mut report) {
+        Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
+        _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
+    }
+}
+
+struct Parts {
+    lowered: Lowered,
+    stated: Stated,
+    main: ClassId,
+}
+
+fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<Parts> {
+    if report.has_errors() {
+        return None;
+    }
+    let main = check::main_class(library, report)?;
+    let models = models(library, report);
+    if !report.has_errors() {
+        check::check(library, &models, report);
+    }
+    let federated = library.reactor(main).kind == ReactorKind::Federated;
+    stated.settle(federated, has_physical_action(&models), report);
+    if report.has_errors() {
+        return None;
+    }
+    let lowered = lower::lower(library, &models, main, stated.properties.clone(), report)?;
+    Some(Parts { lowered, stated, main })
+}
+
+fn has_physical_action(models: &Models<'_>) -> bool {
+    let physical = |model: &Model<'_>| {
+        model.declared.actions.iter().any(|action| action.physical == Some(true))
+    };
+    models.iter().flatten().any(physical)
+}
+
+/// The classes of the main file, and those that they contain, resolved.
+fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>>> {
+    let mut classes: Vec<Option<Declarations<'a>>> = library.classes().map(|_| None).collect();
+    let in_main = |class: &ClassId| library.file_of(*class) == Library::MAIN;
+    let mut pending: Vec<ClassId> = library.classes().filter(in_main).collect();
+    while let Some(class) = pending.pop() {
+        if classes[class.0].is_none() {
+            let declared = Declarations::new(library, class, report);
+            pending.extend(declared.instances.iter().map(|instance| instance.class));
+            classes[class.0] = Some(declared);
+        }
+    }
+    let mut resolved = Vec::new();
+    for declared in &classes {
+        let parts = declared.as_ref().map(|d| resolve::resolve(d, &classes, report));
+        resolved.push(parts);
+    }
+    let model = |(declared, parts)| {
+        let (reactions, connections) = parts?;
+        Some(Model { declared: declared?, reactions, connections })
+    };
+    classes.into_iter().zip(resolved).map(model).collect()
+}
+
+fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
+    let Parts { lowered, stated, main } = parts;
+    let decl = library.reactor(main);
+    let federated = decl.kind == ReactorKind::Federated;
+    let rti_host = decl.host.as_ref().map(|host| host.text.clone());
+    let bodies = library.order.iter().flat_map(|file| &library.model(*file).preambles);
+    let preambles = bodies.map(|body| code::dedent(&library.sources, body.inner)).collect();
+    let Lowered { program, classes, instances, bodies } = lowered;
+    Compiled {
+        program,
+        federated,
+        sources: library.sources,
+        classes,
+        instances,
+        bodies,
+        preambles,
+        files: stated.files,
+        settings: stated.settings,
+        rti_host,
+        warnings: report.into_sorted(),
+    }
+}

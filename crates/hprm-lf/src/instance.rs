@@ -1,0 +1,263 @@
+//! The instance tree: every reactor of the running program, with its ports, actions and timers.
+//!
+//! Reactions and connections come later, when all ports exist; see [`lower`](crate::lower).
+
+use hprm_core::{
+    ActionId, Direction, Nanos, Origin, ProgramBuilder, ReactorId, Table, TimerId, limits,
+};
+
+use crate::ast::{self, PortKind};
+use crate::check::Models;
+use crate::check::attributes;
+use crate::compiled::{Instance, Ports};
+use crate::diagnostic::{Diagnostic, Report};
+use crate::environment::Environment;
+use crate::legacy;
+use crate::library::{ClassId, Library};
+use crate::model::Model;
+use crate::value::Value;
+
+/// The most reactors, channels, reactions and connections of one program together.
+pub(crate) const MOST: usize = 1_000_000;
+
+/// The deepest nesting of reactors.
+const DEEPEST: usize = 200;
+
+/// An instance and what it is made of, by index into the declarations of its class.
+#[derive(Debug)]
+pub(crate) struct Node<'a> {
+    pub(crate) model: &'a Model<'a>,
+    pub(crate) reactor: ReactorId,
+    pub(crate) environment: Environment<'a>,
+    pub(crate) ports: Vec<Ports>,
+    pub(crate) actions: Vec<ActionId>,
+    pub(crate) timers: Vec<TimerId>,
+    /// By instantiation, the members of the bank; one if it is not a bank.
+    pub(crate) children: Vec<Vec<usize>>,
+}
+
+/// All instances: node `i` is reactor `i`.
+pub(crate) struct Tree<'a> {
+    pub(crate) nodes: Vec<Node<'a>>,
+    pub(crate) instances: Table<ReactorId, Instance>,
+    pub(crate) builder: ProgramBuilder,
+    /// Classes that have instances, in the order of the first one.
+    pub(crate) classes: Vec<ClassId>,
+    size: usize,
+    federates: usize,
+    federated: bool,
+}
+
+/// Makes the instances of `main`, or reports why there are none.
+pub(crate) fn instantiate<'a>(
+    library: &'a Library,
+    models: &'a Models<'a>,
+    main: ClassId,
+    builder: ProgramBuilder,
+    report: &mut Report,
+) -> Option<Tree<'a>> {
+    let decl = library.reactor(main);
+    let tree = Tree {
+        nodes: Vec::new(),
+        instances: Table::new(),
+        builder,
+        classes: Vec::new(),
+        size: 0,
+        federates: 0,
+        federated: decl.kind == ast::ReactorKind::Federated,
+    };
+    let indices = vec![None; models.len()];
+    let mut growth = Growth { library, models, tree, indices, report };
+    let reactor = growth.tree.builder.main();
+    let name = name_of_main(library, decl);
+    let environment = Environment::of_main(decl);
+    growth.node(main, reactor, environment, (name, None, Vec::new()))?;
+    growth.contents(0, 1)?;
+    Some(growth.tree)
+}
+
+struct Growth<'a, 'r> {
+    library: &'a Library,
+    models: &'a Models<'a>,
+    tree: Tree<'a>,
+    /// By class, its index among those that have instances.
+    indices: Vec<Option<usize>>,
+    report: &'r mut Report,
+}
+
+impl<'a> Growth<'a, '_> {
+    /// Counts one more thing; `None` when there are too many.
+    fn count(&mut self, more: usize, span: crate::source::Span) -> Option<()> {
+        self.tree.size += more;
+        if self.tree.size <= MOST {
+            return Some(());
+        }
+        let message = format!("the program has more than {MOST} reactors and channels");
+        self.report
+            .add(Diagnostic::error("LF0406", span, message).hint("reduce the widths of its banks"));
+        None
+    }
+
+    /// One instance with what it declares itself, without what it contains.
+    fn node(
+        &mut self,
+        class: ClassId,
+        reactor: ReactorId,
+        environment: Environment<'a>,
+        (name, bank_index, assignments): (String, Option<u32>, Vec<(String, Value)>),
+    ) -> Option<usize> {
+        let model = self.models[class.0].as_ref()?;
+        self.count(1 + model.reactions.len(), model.declared.decl.header)?;
+        let index = *self.indices[class.0].get_or_insert_with(|| {
+            self.tree.classes.push(class);
+            self.tree.classes.len() - 1
+        });
+        self.tree.instances.push(Instance { class: index, name, bank_index, assignments });
+        let mut node = Node {
+            model,
+            reactor,
+            environment,
+            ports: Vec::new(),
+            actions: Vec::new(),
+            timers: Vec::new(),
+            children: Vec::new(),
+        };
+        for port in &model.declared.ports {
+            let ports = self.port(&node, port)?;
+            node.ports.push(ports);
+        }
+        self.events(&mut node);
+        self.tree.nodes.push(node);
+        Some(self.tree.nodes.len() - 1)
+    }
+
+    fn port(&mut self, node: &Node<'a>, port: &'a ast::Port) -> Option<Ports> {
+        let direction = match port.kind {
+            PortKind::Input { .. } => Direction::Input,
+            PortKind::Output => Direction::Output,
+        };
+        let name = &port.name.text;
+        let builder = &mut self.tree.builder;
+        let Some(written) = &port.width else {
+            return Some(Ports { first: builder.port(node.reactor, name, direction), width: None });
+        };
+        // A wrong width has been reported; one channel keeps the rest checkable.
+        let width = node.environment.width(written, self.report).unwrap_or(1);
+        self.count(width as usize, written.span)?;
+        let builder = &mut self.tree.builder;
+        let first = builder.port(node.reactor, &format!("{name}[0]"), direction);
+        for channel in 1..width {
+            builder.port(node.reactor, &format!("{name}[{channel}]"), direction);
+        }
+        Some(Ports { first, width: Some(width) })
+    }
+
+    fn events(&mut self, node: &mut Node<'a>) {
+        let mut time = |expression: Option<&'a ast::Expression>| -> Nanos {
+            expression.and_then(|e| node.environment.time(e, self.report)).unwrap_or_default()
+        };
+        for action in &node.model.declared.actions {
+            let min_delay = time(action.min_delay.as_ref());
+            let physical = action.physical == Some(true);
+            let origin = if physical { Origin::Physical } else { Origin::Logical };
+            let name = &action.name.text;
+            node.actions.push(self.tree.builder.action(node.reactor, name, origin, min_delay));
+        }
+        for timer in &node.model.declared.timers {
+            let (offset, period) = (time(timer.offset.as_ref()), time(timer.period.as_ref()));
+            let name = &timer.name.text;
+            node.timers.push(self.tree.builder.timer(node.reactor, name, offset, period));
+        }
+    }
+
+    /// Everything inside node `parent`, depth first.
+    fn contents(&mut self, parent: usize, depth: usize) -> Option<()> {
+        let model = self.tree.nodes[parent].model;
+        for instance in &model.declared.instances {
+            if depth > DEEPEST {
+                let message = format!("reactors are nested more than {DEEPEST} deep");
+                let span = instance.decl.name.span;
+                self.report.add(Diagnostic::error("LF0406", span, message));
+                return None;
+            }
+            let width = match &instance.decl.width {
+                None => None,
+                Some(written) => {
+                    let environment = &self.tree.nodes[parent].environment;
+                    Some(environment.width(written, self.report).unwrap_or(1))
+                }
+            };
+            let mut members = Vec::new();
+            for member in 0..width.unwrap_or(1) {
+                let bank_index = width.map(|_| member);
+                let node = self.member(parent, instance.decl, instance.class, bank_index)?;
+                members.push(node);
+                self.contents(node, depth + 1)?;
+            }
+            self.tree.nodes[parent].children.push(members);
+        }
+        Some(())
+    }
+
+    fn member(
+        &mut self,
+        parent: usize,
+        decl: &'a ast::Instantiation,
+        class: ClassId,
+        bank_index: Option<u32>,
+    ) -> Option<usize> {
+        let container = &self.tree.nodes[parent];
+        let environment =
+            container.environment.of_instance(decl, self.library.reactor(class), bank_index);
+        let name = &decl.name.text;
+        let place = bank_index.map_or_else(|| name.clone(), |index| format!("{name}[{index}]"));
+        let reactor = self.tree.builder.reactor(container.reactor, &place);
+        let full_name = format!("{}.{place}", self.tree.instances[container.reactor].name);
+        if self.tree.federated && parent == 0 {
+            self.federate(reactor, decl, &environment, bank_index)?;
+        }
+        let sources = &self.library.sources;
+        let assignments = decl
+            .assignments
+            .iter()
+            .map(|assignment| {
+                (assignment.name.text.clone(), Value::new(sources, &assignment.value))
+            })
+            .collect();
+        self.node(class, reactor, environment, (full_name, bank_index, assignments))
+    }
+
+    fn federate(
+        &mut self,
+        reactor: ReactorId,
+        decl: &'a ast::Instantiation,
+        environment: &Environment<'a>,
+        bank_index: Option<u32>,
+    ) -> Option<()> {
+        self.tree.federates += 1;
+        if self.tree.federates > limits::FEDERATES {
+            let message = format!("a federation has at most {} federates", limits::FEDERATES);
+            self.report.add(Diagnostic::error("LF0406", decl.name.span, message));
+            return None;
+        }
+        let outer = &self.tree.nodes[0].environment;
+        let maxwait = match legacy::maxwait(environment) {
+            Some(written) => environment.time(written, self.report),
+            None => attributes::argument(&decl.attributes, "maxwait")
+                .and_then(|written| outer.time(written, self.report)),
+        };
+        let name = &decl.name.text;
+        let name = bank_index.map_or_else(|| name.clone(), |index| format!("{name}__{index}"));
+        let host = decl.host.as_ref().map(|host| host.text.clone());
+        self.tree.builder.federate(reactor, &name, maxwait.unwrap_or(Nanos::MAX), host);
+        Some(())
+    }
+}
+
+/// The name of the main reactor: its own, or else its file's.
+pub(crate) fn name_of_main(library: &Library, main: &ast::Reactor) -> String {
+    let path = library.sources.path(Library::MAIN);
+    main.name
+        .as_ref()
+        .map_or_else(|| crate::source::stem(path).to_owned(), |name| name.text.clone())
+}

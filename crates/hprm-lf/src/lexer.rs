@@ -1,0 +1,301 @@
+//! Text to tokens.
+//!
+//! Comments vanish, a `{= ... =}` body is one token, and characters that the language does not
+//! know are reported once and skipped, so that the parser never sees them.
+
+use crate::code;
+use crate::diagnostic::{Diagnostic, Report};
+use crate::source::{FileId, Span};
+use crate::token::{Kind, Token};
+
+const MARKS: &str = "{}()[]<>,;:.=@+*-/\\?";
+
+/// The tokens of a file.
+pub(crate) struct Tokens {
+    /// The last one is [`Kind::End`].
+    pub(crate) all: Vec<Token>,
+    /// Whether the end comes too early, because something before it is not closed; that has been
+    /// reported.
+    pub(crate) cut: bool,
+}
+
+/// Reads all tokens of `text`.
+pub(crate) fn tokens(file: FileId, text: &str, report: &mut Report) -> Tokens {
+    let mut lexer = Lexer { file, text, at: 0, cut: false, report };
+    let mut all = Vec::new();
+    loop {
+        let token = lexer.next();
+        all.push(token);
+        if token.kind == Kind::End {
+            return Tokens { all, cut: lexer.cut };
+        }
+    }
+}
+
+struct Lexer<'a> {
+    file: FileId,
+    text: &'a str,
+    at: usize,
+    cut: bool,
+    report: &'a mut Report,
+}
+
+impl Lexer<'_> {
+    fn next(&mut self) -> Token {
+        loop {
+            self.skip_space();
+            let start = self.at;
+            let kind = self.kind();
+            if let Some(kind) = kind {
+                return Token { kind, span: Span::new(self.file, start..self.at) };
+            }
+        }
+    }
+
+    fn rest(&self) -> &str {
+        &self.text[self.at..]
+    }
+
+    /// Reads one token; `None` if what stands here is not one.
+    fn kind(&mut self) -> Option<Kind> {
+        let rest = self.rest();
+        let Some(first) = rest.chars().next() else { return Some(Kind::End) };
+        let second = rest.chars().nth(1);
+        let digit = |c: Option<char>| c.is_some_and(|c| c.is_ascii_digit());
+        match first {
+            _ if rest.starts_with("{=") => return self.body(),
+            _ if rest.starts_with("->") => self.take(2, Kind::Arrow),
+            _ if rest.starts_with("~>") => self.take(2, Kind::Squiggle),
+            'a'..='z' | 'A'..='Z' | '_' | '^' => {
+                let length = rest
+                    .find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '^'))
+                    .unwrap_or(rest.len());
+                self.take(length, Kind::Identifier)
+            }
+            '0'..='9' => self.number(),
+            '.' if digit(second) => self.number(),
+            '"' => return self.string(),
+            '\'' => return self.character(),
+            mark if MARKS.contains(mark) => self.take(1, Kind::Mark(mark)),
+            _ => {
+                self.unknown();
+                return None;
+            }
+        }
+        .into()
+    }
+
+    fn take(&mut self, length: usize, kind: Kind) -> Kind {
+        self.at += length;
+        kind
+    }
+
+    fn skip_space(&mut self) {
+        loop {
+            let rest = self.rest();
+            let blank = rest.len() - rest.trim_start_matches(char::is_whitespace).len();
+            if blank > 0 {
+                self.at += blank;
+            } else if rest.starts_with("//") || rest.starts_with('#') {
+                self.at += rest.find('\n').unwrap_or(rest.len());
+            } else if rest.starts_with("/*") {
+                self.skip_comment("/*", "*/");
+            } else if rest.starts_with("'''") {
+                self.skip_comment("'''", "'''");
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn skip_comment(&mut self, open: &str, close: &str) {
+        let inside = self.at + open.len();
+        match self.text[inside..].find(close) {
+            Some(length) => self.at = inside + length + close.len(),
+            None => {
+                self.unterminated(open.len(), "comment", close);
+                self.cut_off();
+            }
+        }
+    }
+
+    fn cut_off(&mut self) {
+        self.cut = true;
+        self.at = self.text.len();
+    }
+
+    fn unterminated(&mut self, opening: usize, what: &str, close: &str) {
+        let span = Span::new(self.file, self.at..self.at + opening);
+        let message = format!("this {what} has no end");
+        self.report.add(
+            Diagnostic::error("LF0002", span, message).hint(format!("close it with `{close}`")),
+        );
+    }
+
+    fn body(&mut self) -> Option<Kind> {
+        match code::end(self.text, self.at + 2) {
+            Some(end) => {
+                self.at = end + 2;
+                Some(Kind::Code)
+            }
+            None => {
+                self.unterminated(2, "code body", "=}");
+                self.cut_off();
+                None
+            }
+        }
+    }
+
+    /// `12`, `1.5`, `.5`, `1.5e-3`; but `1.` and `1e5` are not numbers in this language.
+    fn number(&mut self) -> Kind {
+        let bytes = self.text.as_bytes();
+        let digits = |mut at: usize| {
+            while bytes.get(at).is_some_and(u8::is_ascii_digit) {
+                at += 1;
+            }
+            at
+        };
+        self.at = digits(self.at);
+        if bytes.get(self.at) != Some(&b'.')
+            || !bytes.get(self.at + 1).is_some_and(u8::is_ascii_digit)
+        {
+            return Kind::Integer;
+        }
+        self.at = digits(self.at + 1);
+        if matches!(bytes.get(self.at), Some(b'e' | b'E')) {
+            let sign = usize::from(matches!(bytes.get(self.at + 1), Some(b'+' | b'-')));
+            let exponent = self.at + 1 + sign;
+            if digits(exponent) > exponent {
+                self.at = digits(exponent);
+            }
+        }
+        Kind::Float
+    }
+
+    fn string(&mut self) -> Option<Kind> {
+        if self.rest().starts_with("\"\"\"") {
+            let inside = self.at + 3;
+            let Some(length) = self.text[inside..].find("\"\"\"") else {
+                self.unterminated(3, "string", "\"\"\"");
+                self.cut_off();
+                return None;
+            };
+            self.at = inside + length + 3;
+            return Some(Kind::String);
+        }
+        match quoted(self.rest(), '"') {
+            Ok(length) => Some(self.take(length, Kind::String)),
+            Err(length) => {
+                self.unterminated(1, "string", "\"");
+                self.at += length;
+                None
+            }
+        }
+    }
+
+    fn character(&mut self) -> Option<Kind> {
+        let start = self.at;
+        let length = match quoted(self.rest(), '\'') {
+            Ok(length) => length,
+            Err(length) => {
+                self.unterminated(1, "character", "'");
+                self.at += length;
+                return None;
+            }
+        };
+        let inside = &self.text[start + 1..start + length - 1];
+        self.at += length;
+        let escaped = usize::from(inside.starts_with('\\'));
+        if inside.chars().count() == 1 + escaped {
+            return Some(Kind::Character);
+        }
+        let span = Span::new(self.file, start..self.at);
+        self.report.add(
+            Diagnostic::error("LF0005", span, "single quotes hold exactly one character")
+                .hint("write a string in double quotes"),
+        );
+        Some(Kind::String)
+    }
+
+    fn unknown(&mut self) {
+        let start = self.at;
+        let known = |c: char| {
+            c.is_ascii_alphanumeric()
+                || c.is_whitespace()
+                || "_#\"'".contains(c)
+                || MARKS.contains(c)
+        };
+        let rest = self.rest();
+        let first = rest.chars().next().map_or(0, char::len_utf8);
+        let length = rest[first..].find(known).map_or(rest.len(), |more| first + more);
+        self.at += length;
+        let text: String = self.text[start..self.at].chars().take(20).collect();
+        let span = Span::new(self.file, start..self.at);
+        let message = format!("`{}` means nothing here", text.escape_debug());
+        self.report.add(
+            Diagnostic::error("LF0001", span, message)
+                .hint("Python code belongs between `{=` and `=}`"),
+        );
+    }
+}
+
+/// The length of a literal in quotes that ends on its line, or else of what remains of the line.
+fn quoted(text: &str, quote: char) -> Result<usize, usize> {
+    let mut escaped = false;
+    for (at, c) in text.char_indices().skip(1) {
+        match c {
+            '\n' => return Err(at),
+            _ if escaped => escaped = false,
+            '\\' => escaped = true,
+            c if c == quote => return Ok(at + 1),
+            _ => {}
+        }
+    }
+    Err(text.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kinds(text: &str) -> (Vec<Kind>, usize) {
+        let mut report = Report::default();
+        let tokens = tokens(FileId(0), text, &mut report);
+        (tokens.all.into_iter().map(|token| token.kind).collect(), report.into_sorted().len())
+    }
+
+    #[test]
+    fn every_kind_of_token() {
+        use Kind::*;
+        let (kinds, errors) =
+            kinds("a 1 .5 1.5e-3 \"s\" 'c' {= x =} -> ~> ( # c\n /* d */ ''' e ''' // f");
+        let expected = vec![
+            Identifier,
+            Integer,
+            Float,
+            Float,
+            String,
+            Character,
+            Code,
+            Arrow,
+            Squiggle,
+            Mark('('),
+            End,
+        ];
+        assert_eq!((kinds, errors), (expected, 0));
+    }
+
+    #[test]
+    fn a_unit_may_touch_its_number_and_1e5_is_not_a_number() {
+        use Kind::*;
+        assert_eq!(kinds("120s 1e5").0, [Integer, Identifier, Integer, Identifier, End]);
+        assert_eq!(kinds("1.x").0, [Integer, Mark('.'), Identifier, End]);
+    }
+
+    #[test]
+    fn what_has_no_end_is_reported_at_its_start() {
+        for text in ["{= x", "/* x", "'''x", "\"x", "\"\"\"x", "'x", "§§ "] {
+            assert_eq!(kinds(text), (vec![Kind::End], 1), "{text}");
+        }
+    }
+}

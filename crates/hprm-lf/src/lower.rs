@@ -1,0 +1,160 @@
+//! From checked classes to the program: instances, then reactions, then connections, then the
+//! builder's own checks, whose findings become diagnostics.
+
+use std::sync::Arc;
+
+use hprm_core::{
+    Effect, PortId, Program, ProgramBuilder, ProgramError, Properties, ReactionId, ReactorId, Table,
+};
+
+use crate::check::Models;
+use crate::class;
+use crate::compiled::{Class, Instance, ReactionCode};
+use crate::diagnostic::{Diagnostic, Report};
+use crate::instance::{self, Tree};
+use crate::legacy::Waits;
+use crate::library::{ClassId, Library};
+use crate::reaction;
+use crate::source::Span;
+use crate::wiring;
+
+/// What lowering makes of a checked program.
+pub(crate) struct Lowered {
+    pub(crate) program: Arc<Program>,
+    pub(crate) classes: Vec<Class>,
+    pub(crate) instances: Table<ReactorId, Instance>,
+    pub(crate) bodies: Table<ReactionId, ReactionCode>,
+}
+
+/// The program with main reactor `main`; none if an error was reported.
+pub(crate) fn lower<'a>(
+    library: &'a Library,
+    models: &'a Models<'a>,
+    main: ClassId,
+    properties: Properties,
+    report: &mut Report,
+) -> Option<Lowered> {
+    let name = instance::name_of_main(library, library.reactor(main));
+    let builder = ProgramBuilder::new(&name, properties);
+    let mut tree = instance::instantiate(library, models, main, builder, report)?;
+    let mut origins = Origins::default();
+    let mut waits = Waits::default();
+    let bodies = reactions(&mut tree, &mut waits, &mut origins, report);
+    for wire in wiring::wires(&tree, waits, report) {
+        tree.builder.connection(wire.connection);
+        origins.connections.push(wire.span);
+    }
+    if report.has_errors() {
+        return None;
+    }
+    let Tree { nodes, instances, builder, classes, .. } = tree;
+    origins.reactors = nodes.iter().map(|node| node.model.declared.decl.header).collect();
+    let program = match builder.build() {
+        Ok(program) => Arc::new(program),
+        Err(error) => {
+            report.add(origins.explain(&error, library.reactor(main).header));
+            return None;
+        }
+    };
+    let emit = |id: &ClassId| {
+        let decl = library.reactor(*id);
+        let name = decl.name.as_ref().map_or_else(|| name.clone(), |name| name.text.clone());
+        Some(class::emit(library, *id, models[id.0].as_ref()?, name))
+    };
+    let classes = classes.iter().filter_map(emit).collect();
+    Some(Lowered { program, classes, instances, bodies })
+}
+
+fn reactions(
+    tree: &mut Tree<'_>,
+    waits: &mut Waits,
+    origins: &mut Origins,
+    report: &mut Report,
+) -> Table<ReactionId, ReactionCode> {
+    let mut bodies = Table::new();
+    for index in 0..tree.nodes.len() {
+        let node = &tree.nodes[index];
+        let (model, reactor) = (node.model, node.reactor);
+        let class = tree.instances[reactor].class;
+        for (number, reaction) in model.reactions.iter().enumerate() {
+            let node = &tree.nodes[index];
+            let spec = reaction::spec(tree, node, reaction, report);
+            let arguments = reaction::arguments(tree, node, reaction);
+            reaction::note_wait(tree, node, reaction, waits, report);
+            let writes = spec.effects.iter().filter_map(|effect| match effect {
+                Effect::Port(port) => Some((*port, reaction.decl.header)),
+                Effect::Action(_) => None,
+            });
+            origins.writers.extend(writes);
+            origins.reactions.push(reaction.decl.header);
+            tree.builder.reaction(reactor, spec);
+            bodies.push(ReactionCode { class, reaction: number, arguments });
+        }
+    }
+    bodies
+}
+
+/// Where the parts of the program are written.
+#[derive(Default)]
+struct Origins {
+    reactors: Vec<Span>,
+    reactions: Vec<Span>,
+    connections: Vec<Span>,
+    writers: Vec<(PortId, Span)>,
+}
+
+impl Origins {
+    /// The builder's finding, at the place in the text that causes it.
+    fn explain(&self, error: &ProgramError, main: Span) -> Diagnostic {
+        match error {
+            ProgramError::CausalityLoop { reactions, names } => self.causality(reactions, names),
+            ProgramError::TwoSources { port, name, connections } => {
+                self.two_sources(*port, name, connections.iter().map(|c| c.index()))
+            }
+            ProgramError::OutsideFederates { reactor, name } => {
+                let span = self.reactors.get(reactor.index()).copied().unwrap_or(main);
+                let message = format!("`{name}` belongs to no federate");
+                Diagnostic::error("LF0801", span, message)
+                    .hint("move it into a reactor that the federated reactor instantiates")
+            }
+            other => Diagnostic::error("LF0504", main, other.to_string()),
+        }
+    }
+
+    fn causality(&self, reactions: &[ReactionId], names: &str) -> Diagnostic {
+        let span = |reaction: &ReactionId| self.reactions[reaction.index()];
+        let mut spans: Vec<Span> = Vec::new();
+        for reaction in reactions {
+            if !spans.contains(&span(reaction)) {
+                spans.push(span(reaction));
+            }
+        }
+        let message = format!("reactions wait for one another in a circle: {names}");
+        let diagnostic = Diagnostic::error("LF0503", spans[0], message).hint(
+            "give one of the connections a delay, such as `after 0`, or reorder the reactions",
+        );
+        spans[1..].iter().fold(diagnostic, |diagnostic, span| {
+            diagnostic.label(*span, "this reaction is in the circle")
+        })
+    }
+
+    fn two_sources(
+        &self,
+        port: PortId,
+        name: &str,
+        connections: impl Iterator<Item = usize>,
+    ) -> Diagnostic {
+        let mut spans: Vec<Span> = connections.map(|index| self.connections[index]).collect();
+        spans.sort_unstable();
+        let writer = self.writers.iter().find(|(written, _)| *written == port);
+        let last = spans.pop().unwrap_or(self.reactors[0]);
+        let message = format!("the port `{name}` has two sources");
+        let diagnostic = Diagnostic::error("LF0502", last, message)
+            .hint("a port is set by one connection, or by the reactions of one reactor");
+        match (spans.first(), writer) {
+            (Some(first), _) if *first != last => diagnostic.label(*first, "it is also set here"),
+            (None, Some((_, reaction))) => diagnostic.label(*reaction, "this reaction sets it too"),
+            _ => diagnostic,
+        }
+    }
+}

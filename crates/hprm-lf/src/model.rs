@@ -1,0 +1,220 @@
+//! A reactor class with its members sorted by kind and its references resolved to indices.
+//!
+//! The types here are what lowering works on; they hold only what is known to exist. Finding out
+//! is the business of [`resolve`](crate::resolve).
+
+use crate::ast;
+use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::library::{ClassId, Library};
+
+/// The members of a class.
+#[derive(Debug)]
+pub(crate) struct Declarations<'a> {
+    pub(crate) decl: &'a ast::Reactor,
+    /// Whether an error has been reported for which members are missing here.
+    pub(crate) incomplete: bool,
+    pub(crate) preambles: Vec<ast::Body>,
+    pub(crate) states: Vec<&'a ast::State>,
+    pub(crate) methods: Vec<&'a ast::Method>,
+    pub(crate) ports: Vec<&'a ast::Port>,
+    pub(crate) timers: Vec<&'a ast::Timer>,
+    pub(crate) actions: Vec<&'a ast::Action>,
+    pub(crate) instances: Vec<Instance<'a>>,
+    pub(crate) reactions: Vec<&'a ast::Reaction>,
+    pub(crate) connections: Vec<&'a ast::Connection>,
+}
+
+/// An instantiation and the class that it names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Instance<'a> {
+    pub(crate) decl: &'a ast::Instantiation,
+    pub(crate) class: ClassId,
+}
+
+/// A class, resolved.
+#[derive(Debug)]
+pub(crate) struct Model<'a> {
+    pub(crate) declared: Declarations<'a>,
+    pub(crate) reactions: Vec<Reaction<'a>>,
+    pub(crate) connections: Vec<Connection<'a>>,
+}
+
+/// A variable that a reaction or a connection names, by index into the [`Declarations`].
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Entity {
+    Port(usize),
+    Timer(usize),
+    Action(usize),
+    /// `port` indexes the ports of the instance's class.
+    Contained {
+        instance: usize,
+        port: usize,
+    },
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Trigger {
+    Startup,
+    Shutdown,
+    Variable(Entity),
+}
+
+/// A parameter of a reaction's Python function.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Slot {
+    pub(crate) name: String,
+    pub(crate) holds: Held,
+}
+
+impl Slot {
+    pub(crate) fn is_alias(&self) -> bool {
+        matches!(self.holds, Held::Alias { .. })
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Held {
+    Port(usize),
+    Action(usize),
+    /// All ports of a contained instance that the reaction mentions.
+    Instance(usize),
+    /// One of those ports as a variable of its own, `instance_port`.
+    Alias {
+        instance: usize,
+        port: usize,
+    },
+}
+
+#[derive(Debug)]
+pub(crate) struct Reaction<'a> {
+    pub(crate) decl: &'a ast::Reaction,
+    pub(crate) triggers: Vec<Trigger>,
+    pub(crate) sources: Vec<Entity>,
+    pub(crate) effects: Vec<Entity>,
+    pub(crate) slots: Vec<Slot>,
+}
+
+impl Reaction<'_> {
+    /// What it can read: triggers and sources.
+    pub(crate) fn reads(&self) -> impl Iterator<Item = Entity> {
+        let triggers = self.triggers.iter().filter_map(|trigger| match trigger {
+            Trigger::Variable(entity) => Some(*entity),
+            Trigger::Startup | Trigger::Shutdown => None,
+        });
+        triggers.chain(self.sources.iter().copied())
+    }
+
+    /// All variables that it names, each once.
+    pub(crate) fn mentions(&self) -> Vec<Entity> {
+        let mut mentions = Vec::new();
+        for entity in self.reads().chain(self.effects.iter().copied()) {
+            if !mentions.contains(&entity) {
+                mentions.push(entity);
+            }
+        }
+        mentions
+    }
+}
+
+/// One port reference of a connection.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct End {
+    pub(crate) entity: Entity,
+    pub(crate) interleaved: bool,
+}
+
+#[derive(Debug)]
+pub(crate) struct Connection<'a> {
+    pub(crate) decl: &'a ast::Connection,
+    pub(crate) left: Vec<End>,
+    pub(crate) right: Vec<End>,
+}
+
+impl<'a> Declarations<'a> {
+    /// Sorts the members of a class. Instances of unknown classes are reported and left out.
+    pub(crate) fn new(library: &'a Library, class: ClassId, report: &mut Report) -> Self {
+        let decl = library.reactor(class);
+        let mut declared = Self {
+            decl,
+            incomplete: false,
+            preambles: Vec::new(),
+            states: Vec::new(),
+            methods: Vec::new(),
+            ports: Vec::new(),
+            timers: Vec::new(),
+            actions: Vec::new(),
+            instances: Vec::new(),
+            reactions: Vec::new(),
+            connections: Vec::new(),
+        };
+        if let Some(base) = decl.extends.first() {
+            let instead = "contain the other reactor and connect its ports";
+            declared.miss(Diagnostic::unsupported(base.span, "inheritance is", instead), report);
+        }
+        for member in &decl.members {
+            declared.member(library, class, member, report);
+        }
+        declared
+    }
+
+    fn member(
+        &mut self,
+        library: &'a Library,
+        class: ClassId,
+        member: &'a ast::Member,
+        report: &mut Report,
+    ) {
+        match member {
+            ast::Member::Preamble(body) => self.preambles.push(*body),
+            ast::Member::State(state) => self.states.push(state),
+            ast::Member::Method(method) => self.methods.push(method),
+            ast::Member::Port(port) => self.ports.push(port),
+            ast::Member::Timer(timer) => self.timers.push(timer),
+            ast::Member::Action(action) => self.actions.push(action),
+            ast::Member::Reaction(reaction) => self.reactions.push(reaction),
+            ast::Member::Connection(connection) => self.connections.push(connection),
+            ast::Member::Instantiation(decl) => match find_class(library, class, decl) {
+                Ok(class) => self.instances.push(Instance { decl, class }),
+                Err(diagnostic) => self.miss(*diagnostic, report),
+            },
+            ast::Member::Watchdog(watchdog) => {
+                let instead = "use a physical action, or a deadline";
+                let span = watchdog.name.span;
+                self.miss(Diagnostic::unsupported(span, "watchdogs are", instead), report);
+            }
+            ast::Member::Mode(mode) => {
+                let instead = "keep the mode in a state variable and test it in the reactions";
+                self.miss(Diagnostic::unsupported(mode.header, "modes are", instead), report);
+            }
+        }
+    }
+
+    /// Reports why a member is missing.
+    fn miss(&mut self, why: Diagnostic, report: &mut Report) {
+        self.incomplete = true;
+        report.add(why);
+    }
+
+    pub(crate) fn parameter(&self, name: &str) -> Option<&'a ast::Parameter> {
+        self.decl.parameters.iter().find(|parameter| parameter.name.text == name)
+    }
+}
+
+fn find_class(
+    library: &Library,
+    container: ClassId,
+    decl: &ast::Instantiation,
+) -> Result<ClassId, Box<Diagnostic>> {
+    let file = library.file_of(container);
+    let name = &decl.class;
+    let Some(class) = library.find(file, &name.text) else {
+        let message = format!("there is no reactor `{}`", name.text);
+        let hint = existing(&name.text, "reactors", library.names(file));
+        return Err(Box::new(Diagnostic::error("LF0301", name.span, message).hint(hint)));
+    };
+    if library.reactor(class).kind != ast::ReactorKind::Plain {
+        let message = format!("`{}` is a main reactor: it cannot be instantiated", name.text);
+        return Err(Box::new(Diagnostic::error("LF0307", name.span, message)));
+    }
+    Ok(class)
+}

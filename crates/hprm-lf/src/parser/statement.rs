@@ -1,0 +1,258 @@
+//! The members of a reactor that have parts: ports, actions, reactions, instances, connections.
+
+use super::{MEMBERS, Parsed, Parser};
+use crate::ast::{
+    Action, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late, Method, Port,
+    PortKind, Reaction, Reference, Timer, Trigger, Watchdog,
+};
+use crate::diagnostic::did_you_mean;
+use crate::token::Kind;
+
+impl Parser<'_> {
+    pub(super) fn method(&mut self) -> Parsed<Method> {
+        self.accept_word("const");
+        self.expect_word("method")?;
+        let name = self.name("the name of a method")?;
+        let mut types = Vec::new();
+        let arguments = self.enclosed(('(', ')'), |parser| {
+            let name = parser.name("the name of an argument")?;
+            Ok((name, parser.maybe_type()?))
+        })?;
+        types.extend(arguments.iter().filter_map(|(_, ty)| *ty));
+        types.extend(self.maybe_type()?);
+        let body = self.body()?;
+        self.accept(';');
+        Ok(Method {
+            name,
+            arguments: arguments.into_iter().map(|(name, _)| name).collect(),
+            types,
+            body,
+        })
+    }
+
+    pub(super) fn port(&mut self, attributes: Vec<Attribute>) -> Parsed<Port> {
+        let mutable = self.accept_word("mutable").is_some();
+        let kind = if !mutable && self.accept_word("output").is_some() {
+            PortKind::Output
+        } else {
+            self.expect_word("input")?;
+            PortKind::Input { mutable }
+        };
+        let width = self.width()?;
+        let name = self.name("the name of a port")?;
+        let ty = self.maybe_type()?;
+        self.accept(';');
+        Ok(Port { attributes, kind, width, name, ty })
+    }
+
+    pub(super) fn timer(&mut self, attributes: Vec<Attribute>) -> Parsed<Timer> {
+        self.expect_word("timer")?;
+        let name = self.name("the name of a timer")?;
+        let (mut offset, mut period) = (None, None);
+        if self.accept('(') {
+            offset = Some(self.expression()?);
+            if self.accept(',') {
+                period = Some(self.expression()?);
+            }
+            self.expect(')')?;
+        }
+        self.accept(';');
+        Ok(Timer { attributes, name, offset, period })
+    }
+
+    pub(super) fn action(&mut self, attributes: Vec<Attribute>) -> Parsed<Action> {
+        let physical = if self.accept_word("logical").is_some() {
+            Some(false)
+        } else {
+            self.accept_word("physical").map(|_| true)
+        };
+        self.expect_word("action")?;
+        let name = self.name("the name of an action")?;
+        let (mut min_delay, mut spacing) = (None, None);
+        if self.accept('(') {
+            min_delay = Some(self.expression()?);
+            if self.accept(',') {
+                let start = self.token().span;
+                self.list(Self::expression)?;
+                spacing = Some(start.to(self.previous()));
+            }
+            self.expect(')')?;
+        }
+        let ty = self.maybe_type()?;
+        self.accept(';');
+        Ok(Action { attributes, physical, name, min_delay, spacing, ty })
+    }
+
+    pub(super) fn watchdog(&mut self) -> Parsed<Watchdog> {
+        self.expect_word("watchdog")?;
+        let name = self.name("the name of a watchdog")?;
+        self.expect('(')?;
+        self.expression()?;
+        self.expect(')')?;
+        if self.is(Kind::Arrow) {
+            self.advance();
+            self.list(Self::effect)?;
+        }
+        self.body()?;
+        Ok(Watchdog { name })
+    }
+
+    pub(super) fn reaction(&mut self, attributes: Vec<Attribute>) -> Parsed<Reaction> {
+        let start = self.token().span;
+        let mutation = self.accept_word("mutation").is_some();
+        if !mutation {
+            self.expect_word("reaction")?;
+        }
+        let name = if self.is(Kind::Identifier) { Some(self.name("a name")?) } else { None };
+        let triggers = self.enclosed(('(', ')'), Self::trigger)?;
+        let sources = if self.is(Kind::Identifier) && !self.starts_member() {
+            self.list(Self::reference)?
+        } else {
+            Vec::new()
+        };
+        let effects = if self.is(Kind::Arrow) {
+            self.advance();
+            self.list(Self::effect)?
+        } else {
+            Vec::new()
+        };
+        let header = start.to(self.previous());
+        let body = self.maybe_body()?;
+        let late = self.late()?;
+        let deadline = self.deadline()?;
+        self.accept(';');
+        Ok(Reaction {
+            attributes,
+            mutation,
+            name,
+            triggers,
+            sources,
+            effects,
+            body,
+            late,
+            deadline,
+            header,
+        })
+    }
+
+    fn trigger(&mut self) -> Parsed<Trigger> {
+        let qualified = self.peek(1).kind == Kind::Mark('.');
+        if !qualified && self.accept_word("startup").is_some() {
+            return Ok(Trigger::Startup);
+        }
+        if !qualified && self.accept_word("shutdown").is_some() {
+            return Ok(Trigger::Shutdown);
+        }
+        if !qualified && let Some(span) = self.accept_word("reset") {
+            return Ok(Trigger::Reset(span));
+        }
+        Ok(Trigger::Variable(self.reference()?))
+    }
+
+    fn effect(&mut self) -> Parsed<Effect> {
+        let transition = self.is_word("reset") || self.is_word("history");
+        if !transition || self.peek(1).kind != Kind::Mark('(') {
+            return Ok(Effect::Variable(self.reference()?));
+        }
+        let start = self.advance().span;
+        self.expect('(')?;
+        self.name("the name of a mode")?;
+        Ok(Effect::Mode(start.to(self.expect(')')?.span)))
+    }
+
+    fn late(&mut self) -> Parsed<Option<Late>> {
+        if self.peek(1).kind == Kind::Mark('.') {
+            return Ok(None);
+        }
+        if self.accept_word("tardy").is_some() {
+            return Ok(Some(Late { wait: None, body: self.maybe_body()? }));
+        }
+        if !(self.is_word("STP") || self.is_word("STAA")) {
+            return Ok(None);
+        }
+        self.advance();
+        self.expect('(')?;
+        let wait = Some(self.expression()?);
+        self.expect(')')?;
+        Ok(Some(Late { wait, body: Some(self.body()?) }))
+    }
+
+    fn deadline(&mut self) -> Parsed<Option<Deadline>> {
+        if !self.is_word("deadline") || self.peek(1).kind != Kind::Mark('(') {
+            return Ok(None);
+        }
+        self.advance();
+        self.expect('(')?;
+        let delay = self.expression()?;
+        self.expect(')')?;
+        Ok(Some(Deadline { delay, body: self.body()? }))
+    }
+
+    pub(super) fn instantiation(&mut self, attributes: Vec<Attribute>) -> Parsed<Instantiation> {
+        let name = self.name("the name of an instance")?;
+        self.expect('=')?;
+        self.expect_word("new")?;
+        let width = self.width()?;
+        let class = self.name("the name of a reactor")?;
+        let type_arguments = self.maybe_types()?;
+        let assignments = self.enclosed(('(', ')'), |parser| {
+            let name = parser.name("the name of a parameter")?;
+            match parser.initializer()? {
+                Some(value) => Ok(Assignment { name, value }),
+                None => parser.fail("`=` and a value"),
+            }
+        })?;
+        let host = if self.accept_word("at").is_some() { Some(self.host()?) } else { None };
+        self.accept(';');
+        Ok(Instantiation { attributes, name, width, class, type_arguments, assignments, host })
+    }
+
+    pub(super) fn connection(&mut self, attributes: Vec<Attribute>) -> Parsed<Connection> {
+        let start = self.token().span;
+        let (left, iterated) = if self.is_mark('(') {
+            (self.enclosed(('(', ')'), Self::reference)?, self.accept('+'))
+        } else {
+            (self.list(Self::reference)?, false)
+        };
+        if left.is_empty() || !(self.is(Kind::Arrow) || self.is(Kind::Squiggle)) {
+            // Perhaps it was meant to be a statement of another kind.
+            let word = left.first().filter(|reference| reference.container.is_none());
+            let hint = word.and_then(|word| did_you_mean(&word.variable.text, MEMBERS));
+            return self.fail_with("`->` or `~>`", hint);
+        }
+        let physical = self.advance().kind == Kind::Squiggle;
+        let right = self.list(Self::reference)?;
+        let delay =
+            if self.accept_word("after").is_some() { Some(self.expression()?) } else { None };
+        let serializer = match self.accept_word("serializer") {
+            None => None,
+            Some(_) if self.is(Kind::String) => Some(self.string()),
+            Some(_) => return self.fail("the name of a serializer in double quotes"),
+        };
+        let span = start.to(self.previous());
+        self.accept(';');
+        Ok(Connection { attributes, left, iterated, physical, right, delay, serializer, span })
+    }
+
+    pub(super) fn reference(&mut self) -> Parsed<Reference> {
+        let start = self.token().span;
+        let interleaved = self.is_word("interleaved") && self.peek(1).kind == Kind::Mark('(');
+        if interleaved {
+            self.advance();
+            self.advance();
+        }
+        let first = self.name("the name of a port, an action or an instance")?;
+        let (container, variable) = if self.accept('.') {
+            (Some(first), self.name("the name of a port")?)
+        } else {
+            (None, first)
+        };
+        if interleaved {
+            self.expect(')')?;
+        }
+        let renamed = self.accept_word("as").is_some();
+        let alias = if renamed { Some(self.name("a name")?) } else { None };
+        let span = start.to(self.previous());
+        Ok(Reference { container, variable, interleaved, alias, span })
+    }
+}

@@ -1,0 +1,224 @@
+//! The target declaration: which properties the runtime obeys, which are harmless, which are wrong.
+//!
+//! The main file's properties rule; only `files` is collected from imported files as well.
+
+use hprm_core::{Coordination, Nanos, Properties};
+
+use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
+use crate::diagnostic::{Diagnostic, Report, did_you_mean};
+use crate::library::Library;
+use crate::source::{FileId, Span};
+
+/// Target properties for whoever runs the program, as far as they are stated.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Settings {
+    /// `logging`, in lower case: `error`, `warn`, `info`, `log` or `debug`.
+    pub logging: Option<String>,
+    /// `workers`.
+    pub workers: Option<u32>,
+    /// `tracing`.
+    pub tracing: bool,
+}
+
+/// Known, and without meaning where nothing is generated or compiled.
+const IGNORED: [&str; 22] = [
+    "auth",
+    "build",
+    "build-type",
+    "clock-sync",
+    "clock-sync-options",
+    "cmake-args",
+    "cmake-include",
+    "comm-type",
+    "compile-definitions",
+    "coordination-options",
+    "dnet",
+    "docker",
+    "no-compile",
+    "no-source-mapping",
+    "protobufs",
+    "python-version",
+    "scheduler",
+    "single-threaded",
+    "sst",
+    "threading",
+    "trace-plugin",
+    "verify",
+];
+
+const OBEYED: [&str; 8] =
+    ["coordination", "fast", "files", "keepalive", "logging", "timeout", "tracing", "workers"];
+
+/// What the target declarations say.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Stated {
+    pub(crate) properties: Properties,
+    pub(crate) settings: Settings,
+    pub(crate) files: Vec<(String, FileId)>,
+    keepalive: Option<bool>,
+    fast: Option<Span>,
+}
+
+impl Stated {
+    pub(crate) fn read(library: &Library, report: &mut Report) -> Self {
+        let mut stated = Self::default();
+        for file in &library.order {
+            let target = library.model(*file).target.as_ref();
+            target.iter().for_each(|target| check_name(target, report));
+            for property in target.iter().flat_map(|target| &target.properties) {
+                if property.name.text.eq_ignore_ascii_case("files") {
+                    stated.files(property, *file, report);
+                } else if *file == Library::MAIN {
+                    stated.property(property, report);
+                }
+            }
+        }
+        if library.model(Library::MAIN).target.is_none() && !report.has_errors() {
+            let message = "the file does not say what its target is";
+            report.add(
+                Diagnostic::error("LF0601", Span::new(Library::MAIN, 0..0), message)
+                    .hint("start it with `target Python`"),
+            );
+        }
+        stated
+    }
+
+    fn property(&mut self, property: &Property, report: &mut Report) {
+        let name = property.name.text.to_ascii_lowercase();
+        let value = &property.value;
+        let known = match name.as_str() {
+            "timeout" => time(value).map(|time| self.properties.timeout = Some(time)),
+            "fast" => boolean(value).map(|fast| {
+                self.properties.fast = fast;
+                self.fast = fast.then_some(value.span);
+            }),
+            "keepalive" => boolean(value).map(|keepalive| {
+                self.properties.keepalive = keepalive;
+                self.keepalive = Some(keepalive);
+            }),
+            "coordination" => coordination(value).map(|c| self.properties.coordination = c),
+            "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
+            "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),
+            "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
+            name if IGNORED.contains(&name) => Ok(()),
+            _ => {
+                unknown(property, report);
+                Ok(())
+            }
+        };
+        if let Err(expected) = known {
+            let message = format!("`{name}` must be {expected}");
+            report.add(Diagnostic::error("LF0603", value.span, message));
+        }
+    }
+
+    fn files(&mut self, property: &Property, file: FileId, report: &mut Report) {
+        let elements = match &property.value.kind {
+            ElementKind::List(elements) => elements.as_slice(),
+            _ => std::slice::from_ref(&property.value),
+        };
+        for element in elements {
+            match word(element) {
+                Some(path) => self.files.push((path.to_owned(), file)),
+                None => {
+                    let message = "`files` must be a path or a list of paths";
+                    report.add(Diagnostic::error("LF0603", element.span, message));
+                }
+            }
+        }
+    }
+
+    /// Properties that follow from the program, and those that contradict it.
+    pub(crate) fn settle(&mut self, federated: bool, physical_actions: bool, report: &mut Report) {
+        if let Some(span) = self.fast
+            && (federated || physical_actions)
+        {
+            let with = if federated { "a federated program" } else { "physical actions" };
+            let message = format!("`fast` does not go together with {with}");
+            report.add(Diagnostic::error("LF0605", span, message).hint("remove `fast: true`"));
+        }
+        self.properties.keepalive = federated || self.keepalive.unwrap_or(physical_actions);
+    }
+}
+
+fn check_name(target: &Target, report: &mut Report) {
+    let name = &target.name;
+    if name.text != "Python" {
+        let message = format!("the target `{}` is not supported", name.text);
+        report.add(Diagnostic::error("LF0601", name.span, message).hint("write `target Python`"));
+    }
+}
+
+fn unknown(property: &Property, report: &mut Report) {
+    let name = &property.name;
+    let message = format!("there is no target property `{}`; it is ignored", name.text);
+    let hint = did_you_mean(&name.text, OBEYED.into_iter().chain(IGNORED));
+    report.add(Diagnostic::warning("LF0602", name.span, message).maybe_hint(hint));
+}
+
+type Read<T> = Result<T, &'static str>;
+
+fn time(value: &Element) -> Read<Nanos> {
+    match &value.kind {
+        ElementKind::Value(expression) => match expression.kind {
+            ExpressionKind::Time(nanos) if nanos >= 0 => Ok(nanos),
+            ExpressionKind::Integer(0) => Ok(0),
+            _ => Err("a time, such as `10 s`"),
+        },
+        _ => Err("a time, such as `10 s`"),
+    }
+}
+
+fn boolean(value: &Element) -> Read<bool> {
+    match &value.kind {
+        ElementKind::Value(expression) => match expression.kind {
+            ExpressionKind::Bool(truth) => Ok(truth),
+            _ => Err("`true` or `false`"),
+        },
+        _ => Err("`true` or `false`"),
+    }
+}
+
+fn word(value: &Element) -> Option<&str> {
+    match &value.kind {
+        ElementKind::Path(word) => Some(word),
+        ElementKind::Value(expression) => match &expression.kind {
+            ExpressionKind::String(text) => Some(text),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+fn coordination(value: &Element) -> Read<Coordination> {
+    match word(value).map(str::to_ascii_lowercase).as_deref() {
+        Some("centralized") => Ok(Coordination::Centralized),
+        Some("decentralized") => Ok(Coordination::Decentralized),
+        _ => Err("`centralized` or `decentralized`"),
+    }
+}
+
+fn logging(value: &Element) -> Read<String> {
+    let level = word(value).map(str::to_ascii_lowercase);
+    level
+        .filter(|level| ["error", "warn", "info", "log", "debug"].contains(&level.as_str()))
+        .ok_or("`error`, `warn`, `info`, `log` or `debug`")
+}
+
+fn workers(value: &Element) -> Read<u32> {
+    match &value.kind {
+        ElementKind::Value(expression) => match expression.kind {
+            ExpressionKind::Integer(number) => u32::try_from(number).ok(),
+            _ => None,
+        },
+        _ => None,
+    }
+    .ok_or("a whole number, not negative")
+}
+
+fn tracing(value: &Element) -> Read<bool> {
+    match &value.kind {
+        ElementKind::Dictionary(_) => Ok(true),
+        _ => boolean(value),
+    }
+}

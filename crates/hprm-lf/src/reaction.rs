@@ -1,0 +1,149 @@
+//! Reaction instances: what the scheduler needs to know of each, and what its Python function gets.
+
+use hprm_core::{Effect, PortId, ReactionSpec, Trigger};
+
+use crate::ast::PortKind;
+use crate::compiled::{Access, Argument, ContainedPort, Ports};
+use crate::diagnostic::Report;
+use crate::instance::{Node, Tree};
+use crate::legacy::Waits;
+use crate::model::{self, Entity, Held, Model, Slot};
+
+/// The reaction `reaction` of `node`, for the scheduler.
+pub(crate) fn spec<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    reaction: &model::Reaction<'a>,
+    report: &mut Report,
+) -> ReactionSpec {
+    let mut spec = ReactionSpec::default();
+    for trigger in &reaction.triggers {
+        match trigger {
+            model::Trigger::Startup => spec.triggers.push(Trigger::Startup),
+            model::Trigger::Shutdown => spec.triggers.push(Trigger::Shutdown),
+            model::Trigger::Variable(Entity::Action(action)) => {
+                spec.triggers.push(Trigger::Action(node.actions[*action]));
+            }
+            model::Trigger::Variable(Entity::Timer(timer)) => {
+                spec.triggers.push(Trigger::Timer(node.timers[*timer]));
+            }
+            model::Trigger::Variable(entity) => {
+                spec.triggers.extend(channels(tree, node, *entity).into_iter().map(Trigger::Port));
+            }
+        }
+    }
+    for source in &reaction.sources {
+        spec.sources.extend(channels(tree, node, *source));
+    }
+    for effect in &reaction.effects {
+        match effect {
+            Entity::Action(action) => spec.effects.push(Effect::Action(node.actions[*action])),
+            port => spec.effects.extend(channels(tree, node, *port).into_iter().map(Effect::Port)),
+        }
+    }
+    let deadline = reaction.decl.deadline.as_ref();
+    spec.deadline = deadline.and_then(|d| node.environment.time(&d.delay, report));
+    spec.handles_tardy = reaction.decl.late.is_some();
+    spec
+}
+
+/// Notes the time of `STP(t)` or `STAA(t)` for every port that the reaction reads.
+pub(crate) fn note_wait<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    reaction: &model::Reaction<'a>,
+    waits: &mut Waits,
+    report: &mut Report,
+) {
+    let written = reaction.decl.late.as_ref().and_then(|late| late.wait.as_ref());
+    let Some(wait) = written.and_then(|written| node.environment.time(written, report)) else {
+        return;
+    };
+    for port in reaction.reads().flat_map(|entity| channels(tree, node, entity)) {
+        waits.add(port, wait);
+    }
+}
+
+/// All channels of a port: a contained one in all members of its bank. None of an action or timer.
+fn channels(tree: &Tree<'_>, node: &Node<'_>, entity: Entity) -> Vec<PortId> {
+    match entity {
+        Entity::Port(port) => node.ports[port].channels().collect(),
+        Entity::Contained { instance, port } => node.children[instance]
+            .iter()
+            .flat_map(|member| tree.nodes[*member].ports[port].channels())
+            .collect(),
+        Entity::Timer(_) | Entity::Action(_) => Vec::new(),
+    }
+}
+
+/// What the Python function of the reaction gets, by slot.
+pub(crate) fn arguments<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    reaction: &model::Reaction<'a>,
+) -> Vec<Argument> {
+    let declared = &node.model.declared;
+    let access = |entity: Entity| {
+        if reaction.effects.contains(&entity) { Access::Write } else { Access::Read }
+    };
+    let argument = |slot: &Slot| {
+        let name = slot.name.clone();
+        match slot.holds {
+            Held::Port(index) => Argument::Port {
+                name,
+                ports: node.ports[index],
+                access: access(Entity::Port(index)),
+                mutable: declared.ports[index].kind == PortKind::Input { mutable: true },
+            },
+            Held::Action(index) => Argument::Action { name, action: node.actions[index] },
+            Held::Instance(instance) => Argument::Contained {
+                name,
+                bank: declared.instances[instance].decl.width.is_some(),
+                members: members(tree, node, reaction, instance, &access),
+            },
+            Held::Alias { instance, port } => Argument::Alias {
+                name,
+                instance: declared.instances[instance].decl.name.text.clone(),
+                port: port_name(model_of(tree, node, instance), port),
+            },
+        }
+    };
+    reaction.slots.iter().map(argument).collect()
+}
+
+fn members<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    reaction: &model::Reaction<'a>,
+    instance: usize,
+    access: &dyn Fn(Entity) -> Access,
+) -> Vec<Vec<ContainedPort>> {
+    let mentioned: Vec<(usize, Access)> = reaction
+        .mentions()
+        .into_iter()
+        .filter_map(|entity| match entity {
+            Entity::Contained { instance: i, port } if i == instance => {
+                Some((port, access(entity)))
+            }
+            _ => None,
+        })
+        .collect();
+    let member = |index: &usize| {
+        let member = &tree.nodes[*index];
+        let port = |(port, access): &(usize, Access)| {
+            let ports: Ports = member.ports[*port];
+            ContainedPort { name: port_name(member.model, *port), ports, access: *access }
+        };
+        mentioned.iter().map(port).collect()
+    };
+    node.children[instance].iter().map(member).collect()
+}
+
+fn model_of<'a>(tree: &Tree<'a>, node: &Node<'a>, instance: usize) -> &'a Model<'a> {
+    // A bank has at least one member.
+    tree.nodes[node.children[instance][0]].model
+}
+
+fn port_name(model: &Model<'_>, port: usize) -> String {
+    model.declared.ports[port].name.text.clone()
+}

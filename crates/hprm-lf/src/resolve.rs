@@ -1,0 +1,297 @@
+//! Names to things: what the triggers, sources, effects and connections of a class refer to, and
+//! whether they may.
+
+use crate::ast::{self, PortKind, Reference};
+use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::model::{Connection, Declarations, End, Entity, Instance, Reaction, Trigger};
+use crate::slots;
+
+/// The declarations of all classes in use, by class.
+pub(crate) type Classes<'a> = [Option<Declarations<'a>>];
+
+/// What a reference is used for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Trigger,
+    Source,
+    Effect,
+    From,
+    To,
+}
+
+impl Role {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Trigger => "a trigger",
+            Self::Source => "a source",
+            Self::Effect => "an effect",
+            Self::From => "the source of a connection",
+            Self::To => "the destination of a connection",
+        }
+    }
+
+    fn writes(self) -> bool {
+        matches!(self, Self::Effect | Self::To)
+    }
+}
+
+/// Without a diagnostic, the failure follows from one that has been reported.
+type Resolved<T> = Result<T, Option<Box<Diagnostic>>>;
+
+fn refuse<T>(why: Diagnostic) -> Resolved<T> {
+    Err(Some(Box::new(why)))
+}
+
+/// Resolves what the reactions and connections of `declared` name.
+pub(crate) fn resolve<'a>(
+    declared: &Declarations<'a>,
+    classes: &Classes<'a>,
+    report: &mut Report,
+) -> (Vec<Reaction<'a>>, Vec<Connection<'a>>) {
+    let resolver = Resolver { declared, classes };
+    let reactions = declared.reactions.iter().map(|decl| resolver.reaction(decl, report)).collect();
+    let connections =
+        declared.connections.iter().map(|decl| resolver.connection(decl, report)).collect();
+    (reactions, connections)
+}
+
+struct Resolver<'r, 'a> {
+    declared: &'r Declarations<'a>,
+    classes: &'r Classes<'a>,
+}
+
+impl<'a> Resolver<'_, 'a> {
+    fn reaction(&self, decl: &'a ast::Reaction, report: &mut Report) -> Reaction<'a> {
+        let mut reaction = Reaction {
+            decl,
+            triggers: Vec::new(),
+            sources: Vec::new(),
+            effects: Vec::new(),
+            slots: Vec::new(),
+        };
+        for trigger in &decl.triggers {
+            let trigger = match trigger {
+                ast::Trigger::Startup => Trigger::Startup,
+                ast::Trigger::Shutdown => Trigger::Shutdown,
+                ast::Trigger::Reset(span) => {
+                    let instead = "it belongs to modes, which are not supported yet either";
+                    report.add(Diagnostic::unsupported(*span, "the trigger `reset` is", instead));
+                    continue;
+                }
+                ast::Trigger::Variable(reference) => {
+                    match self.find(reference, Role::Trigger, report) {
+                        Some(entity) => Trigger::Variable(entity),
+                        None => continue,
+                    }
+                }
+            };
+            reaction.triggers.push(trigger);
+        }
+        self.sources(&mut reaction, report);
+        for effect in &decl.effects {
+            match effect {
+                ast::Effect::Variable(reference) => {
+                    reaction.effects.extend(self.find(reference, Role::Effect, report));
+                }
+                ast::Effect::Mode(span) => report.add(Diagnostic::unsupported(
+                    *span,
+                    "mode transitions are",
+                    "keep the mode in a state variable",
+                )),
+            }
+        }
+        reaction.slots =
+            slots::slots(self.declared, |instance| self.ports_of(instance), &reaction, report);
+        reaction
+    }
+
+    fn sources(&self, reaction: &mut Reaction<'a>, report: &mut Report) {
+        let decl = reaction.decl;
+        if decl.triggers.is_empty() {
+            let inputs = self.declared.ports.iter().enumerate();
+            reaction.triggers = inputs
+                .filter(|(_, port)| port.kind != PortKind::Output)
+                .map(|(index, _)| Trigger::Variable(Entity::Port(index)))
+                .collect();
+            if reaction.triggers.is_empty() {
+                let message = "this reaction has no trigger, so it never runs";
+                report.add(
+                    Diagnostic::warning("LF0214", decl.header, message)
+                        .hint("name a trigger: an input, an action, a timer, `startup`"),
+                );
+            }
+        }
+        for reference in &decl.sources {
+            let Some(entity) = self.find(reference, Role::Source, report) else { continue };
+            if !decl.triggers.is_empty() && reaction.triggers.contains(&Trigger::Variable(entity)) {
+                let message = format!("`{}` is already a trigger", spell(reference));
+                report.add(
+                    Diagnostic::error("LF0309", reference.span, message)
+                        .hint("remove it here: a trigger can be read as well"),
+                );
+            }
+            reaction.sources.push(entity);
+        }
+    }
+
+    fn connection(&self, decl: &'a ast::Connection, report: &mut Report) -> Connection<'a> {
+        let mut ends = |references: &[Reference], role| -> Vec<End> {
+            let end = |reference: &Reference| {
+                let entity = self.find(reference, role, report)?;
+                Some(End { entity, interleaved: reference.interleaved })
+            };
+            references.iter().filter_map(end).collect()
+        };
+        let left = ends(&decl.left, Role::From);
+        let right = ends(&decl.right, Role::To);
+        Connection { decl, left, right }
+    }
+
+    fn find(&self, reference: &Reference, role: Role, report: &mut Report) -> Option<Entity> {
+        let checked = self.entity(reference, role).and_then(|entity| {
+            self.check_role(reference, entity, role)?;
+            self.check_form(reference, entity, role)?;
+            Ok(entity)
+        });
+        checked.map_err(|why| why.into_iter().for_each(|diagnostic| report.add(*diagnostic))).ok()
+    }
+
+    fn entity(&self, reference: &Reference, role: Role) -> Resolved<Entity> {
+        match &reference.container {
+            Some(container) => self.contained(container, &reference.variable),
+            None => self.own(&reference.variable, role),
+        }
+    }
+
+    fn own(&self, name: &ast::Name, role: Role) -> Resolved<Entity> {
+        let Declarations { ports, actions, timers, .. } = self.declared;
+        let called = |other: &ast::Name| other.text == name.text;
+        if let Some(index) = ports.iter().position(|port| called(&port.name)) {
+            return Ok(Entity::Port(index));
+        }
+        if let Some(index) = actions.iter().position(|action| called(&action.name)) {
+            return Ok(Entity::Action(index));
+        }
+        if let Some(index) = timers.iter().position(|timer| called(&timer.name)) {
+            return Ok(Entity::Timer(index));
+        }
+        if self.declared.incomplete {
+            return Err(None);
+        }
+        let mut names: Vec<&str> = ports.iter().map(|port| port.name.text.as_str()).collect();
+        if !matches!(role, Role::From | Role::To) {
+            names.extend(actions.iter().map(|action| action.name.text.as_str()));
+            names.extend(timers.iter().map(|timer| timer.name.text.as_str()));
+        }
+        let instance = self.declared.instances.iter().any(|i| called(&i.decl.name));
+        let hint = if instance {
+            format!("`{0}` is an instance; name one of its ports: `{0}.port`", name.text)
+        } else {
+            existing(&name.text, "names that fit here", names.iter().copied())
+        };
+        let message = format!("there is no `{}` in this reactor", name.text);
+        refuse(Diagnostic::error("LF0303", name.span, message).hint(hint))
+    }
+
+    fn contained(&self, container: &ast::Name, port: &ast::Name) -> Resolved<Entity> {
+        let instances = &self.declared.instances;
+        let found = instances.iter().position(|i| i.decl.name.text == container.text);
+        let Some(instance) = found else {
+            if self.declared.incomplete {
+                return Err(None);
+            }
+            let message = format!("there is no instance `{}` in this reactor", container.text);
+            let names = instances.iter().map(|instance| instance.decl.name.text.as_str());
+            let hint = existing(&container.text, "instances", names);
+            return refuse(Diagnostic::error("LF0302", container.span, message).hint(hint));
+        };
+        let ports = self.ports_of(instance);
+        if let Some(port) = ports.iter().position(|p| p.name.text == port.text) {
+            return Ok(Entity::Contained { instance, port });
+        }
+        let Instance { decl, class } = instances[instance];
+        if self.classes[class.0].as_ref().is_none_or(|declared| declared.incomplete) {
+            return Err(None);
+        }
+        let class = &decl.class;
+        let message = format!("`{}` has no port `{}`", class.text, port.text);
+        let names = ports.iter().map(|port| port.name.text.as_str());
+        let hint = existing(&port.text, "its ports", names);
+        refuse(Diagnostic::error("LF0304", port.span, message).hint(hint))
+    }
+
+    fn ports_of(&self, instance: usize) -> &[&'a ast::Port] {
+        let class = self.declared.instances[instance].class;
+        self.classes[class.0].as_ref().map_or(&[], |declared| &declared.ports)
+    }
+
+    /// A reactor reads its inputs and its contents' outputs, and writes the others.
+    fn check_role(&self, reference: &Reference, entity: Entity, role: Role) -> Resolved<()> {
+        let wrong = |what: &str, hint: &str| {
+            let message = format!("{what} `{}` cannot be {}", spell(reference), role.name());
+            refuse(Diagnostic::error("LF0305", reference.span, message).hint(hint))
+        };
+        const READ: &str = "a reactor reads its own inputs and the outputs of its instances";
+        const SET: &str = "a reactor sets its own outputs and the inputs of its instances";
+        let connects = matches!(role, Role::From | Role::To);
+        match entity {
+            Entity::Port(index) => match (self.declared.ports[index].kind, role.writes()) {
+                (PortKind::Output, false) => wrong("the output", READ),
+                (PortKind::Input { .. }, true) => wrong("the input", SET),
+                _ => Ok(()),
+            },
+            Entity::Contained { instance, port } => {
+                match (self.ports_of(instance)[port].kind, role.writes()) {
+                    (PortKind::Input { .. }, false) => wrong("the contained input", READ),
+                    (PortKind::Output, true) => wrong("the contained output", SET),
+                    _ => Ok(()),
+                }
+            }
+            Entity::Timer(_) if role != Role::Trigger => {
+                wrong("the timer", "a timer can only trigger a reaction")
+            }
+            Entity::Action(_) if connects => {
+                wrong("the action", "a connection joins ports; a reaction can pass on an action")
+            }
+            Entity::Timer(_) | Entity::Action(_) => Ok(()),
+        }
+    }
+
+    fn check_form(&self, reference: &Reference, entity: Entity, role: Role) -> Resolved<()> {
+        let connects = matches!(role, Role::From | Role::To);
+        if let Some(alias) = &reference.alias {
+            let instead = "use the port's own name";
+            let what = "other names for ports are";
+            return refuse(Diagnostic::unsupported(alias.span, what, instead));
+        }
+        if !reference.interleaved {
+            return Ok(());
+        }
+        let error = |message: &str| {
+            refuse(
+                Diagnostic::error("LF0310", reference.span, message)
+                    .hint("`interleaved` orders the channels of `bank.multiport` in a connection"),
+            )
+        };
+        if !connects {
+            return error("`interleaved` belongs to connections");
+        }
+        match entity {
+            Entity::Contained { instance, port }
+                if self.declared.instances[instance].decl.width.is_some()
+                    && self.ports_of(instance)[port].width.is_some() =>
+            {
+                Ok(())
+            }
+            _ => error("`interleaved` needs a bank and a multiport"),
+        }
+    }
+}
+
+/// The reference as written.
+fn spell(reference: &Reference) -> String {
+    match &reference.container {
+        Some(container) => format!("{}.{}", container.text, reference.variable.text),
+        None => reference.variable.text.clone(),
+    }
+}

@@ -1,0 +1,205 @@
+//! The files of a program: their text, and positions in it.
+//!
+//! Nothing here opens a file. Whoever compiles a program supplies a [`SourceLoader`]; paths are
+//! joined by text alone.
+
+use std::ops::Range;
+
+/// Where the text of a file comes from.
+///
+/// A closure from path to text is one.
+pub trait SourceLoader {
+    /// The text of the file at `path`, or why there is none.
+    ///
+    /// # Errors
+    ///
+    /// A sentence for people: `No such file or directory`.
+    fn load(&mut self, path: &str) -> Result<String, String>;
+}
+
+impl<F: FnMut(&str) -> Result<String, String>> SourceLoader for F {
+    fn load(&mut self, path: &str) -> Result<String, String> {
+        self(path)
+    }
+}
+
+/// A file among the [`Sources`] of a program.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct FileId(pub u32);
+
+impl FileId {
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// A range of bytes in a file.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Span {
+    /// The file.
+    pub file: FileId,
+    /// Offset of the first byte.
+    pub start: u32,
+    /// Offset behind the last byte.
+    pub end: u32,
+}
+
+impl Span {
+    pub(crate) fn new(file: FileId, range: Range<usize>) -> Self {
+        // A file is refused long before its offsets outgrow the integer (see `MAX_FILE`).
+        let offset = |at| u32::try_from(at).unwrap_or(u32::MAX);
+        Self { file, start: offset(range.start), end: offset(range.end) }
+    }
+
+    /// From the start of this span to the end of a later one.
+    #[must_use]
+    pub fn to(self, later: Self) -> Self {
+        Self { end: later.end.max(self.end), ..self }
+    }
+
+    /// The bytes.
+    #[must_use]
+    pub fn range(self) -> Range<usize> {
+        self.start as usize..self.end as usize
+    }
+}
+
+/// A line and a column, both from 1.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Position {
+    /// The line, from 1.
+    pub line: u32,
+    /// The character within the line, from 1.
+    pub column: u32,
+}
+
+/// The longest file that is read, in bytes.
+pub(crate) const MAX_FILE: usize = 16 << 20;
+
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct Source {
+    path: String,
+    text: String,
+    /// Offset of each line's first byte.
+    lines: Vec<usize>,
+}
+
+/// All files that a compilation has read, the main file first.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Sources {
+    files: Vec<Source>,
+}
+
+impl Sources {
+    /// No files.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    pub(crate) fn add(&mut self, path: &str, text: String) -> FileId {
+        let starts = text.match_indices('\n').map(|(at, _)| at + 1);
+        let lines = std::iter::once(0).chain(starts).collect();
+        self.files.push(Source { path: path.to_owned(), text, lines });
+        FileId(u32::try_from(self.files.len() - 1).expect("fewer files than u32 counts"))
+    }
+
+    pub(crate) fn find(&self, path: &str) -> Option<FileId> {
+        let index = self.files.iter().position(|file| file.path == path)?;
+        Some(FileId(u32::try_from(index).expect("fewer files than u32 counts")))
+    }
+
+    /// The number of files.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.files.len()
+    }
+
+    /// Whether nothing was read.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.files.is_empty()
+    }
+
+    /// The path of a file, as it was given to the loader.
+    #[must_use]
+    pub fn path(&self, file: FileId) -> &str {
+        &self.files[file.index()].path
+    }
+
+    /// The text of a file.
+    #[must_use]
+    pub fn text(&self, file: FileId) -> &str {
+        &self.files[file.index()].text
+    }
+
+    /// The text of a span.
+    #[must_use]
+    pub fn slice(&self, span: Span) -> &str {
+        self.text(span.file).get(span.range()).unwrap_or_default()
+    }
+
+    /// Where a span starts.
+    #[must_use]
+    pub fn position(&self, span: Span) -> Position {
+        let source = &self.files[span.file.index()];
+        let offset = (span.start as usize).min(source.text.len());
+        let line = source.lines.partition_point(|start| *start <= offset);
+        let before = source.text.get(source.lines[line - 1]..offset).unwrap_or_default();
+        let count = |n| u32::try_from(n).unwrap_or(u32::MAX);
+        Position { line: count(line), column: count(before.chars().count() + 1) }
+    }
+}
+
+/// The path of a file that `importer` names as `relative`: `a/b.lf` and `../c.lf` give `c.lf`.
+pub(crate) fn sibling(importer: &str, relative: &str) -> String {
+    let rooted = relative.starts_with('/');
+    let absolute = rooted || importer.starts_with('/');
+    let folder = if rooted { "" } else { importer };
+    let mut parts: Vec<&str> = folder.split('/').filter(|part| !part.is_empty()).collect();
+    parts.pop();
+    for part in relative.split(['/', '\\']) {
+        match part {
+            "" | "." => {}
+            ".." if parts.last().is_some_and(|last| *last != "..") => {
+                parts.pop();
+            }
+            ".." if absolute => {}
+            part => parts.push(part),
+        }
+    }
+    let joined = parts.join("/");
+    if absolute { format!("/{joined}") } else { joined }
+}
+
+/// The name of a file without its folder and its extension.
+pub(crate) fn stem(path: &str) -> &str {
+    let name = path.rsplit(['/', '\\']).next().unwrap_or(path);
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_joined_by_text() {
+        assert_eq!(sibling("src/Main.lf", "lib/Gain.lf"), "src/lib/Gain.lf");
+        assert_eq!(sibling("src/a/Main.lf", "../Gain.lf"), "src/Gain.lf");
+        assert_eq!(sibling("Main.lf", "../Gain.lf"), "../Gain.lf");
+        assert_eq!(sibling("/x/Main.lf", "./Gain.lf"), "/x/Gain.lf");
+        assert_eq!(sibling("/Main.lf", "../../Gain.lf"), "/Gain.lf");
+        assert_eq!(sibling("src/Main.lf", "/abs/x/../Gain.lf"), "/abs/Gain.lf");
+        assert_eq!(sibling("", "../Main.lf"), "../Main.lf");
+    }
+
+    #[test]
+    fn positions_count_characters() {
+        let mut sources = Sources::new();
+        let file = sources.add("a.lf", "one\nzwö drei\n".to_owned());
+        let at = "one\nzwö ".len();
+        let position = sources.position(Span::new(file, at..at + 4));
+        assert_eq!((position.line, position.column), (2, 5));
+        assert_eq!(sources.slice(Span::new(file, at..at + 4)), "drei");
+    }
+}

@@ -1,0 +1,137 @@
+//! Values as the program states them: units of time, escapes in strings, and the form in which
+//! Python gets them. What a parameter stands for in an instance is found by
+//! [`environment`](crate::environment).
+
+use hprm_core::Nanos;
+
+use crate::ast::{Expression, ExpressionKind};
+use crate::code::{self, Code};
+use crate::source::Sources;
+
+/// A value that Python computes or copies.
+#[derive(Clone, PartialEq, Debug)]
+#[non_exhaustive]
+pub enum Value {
+    /// A whole number.
+    Int(i64),
+    /// A number with a point.
+    Float(f64),
+    /// `true` or `false`.
+    Bool(bool),
+    /// A string, without quotes and escapes.
+    Str(String),
+    /// A character; a string to Python.
+    Char(char),
+    /// A time in nanoseconds. `forever` is [`i64::MAX`], `never` is [`i64::MIN`].
+    Time(Nanos),
+    /// A parameter: of the reactor itself in a state variable, of the container in an assignment.
+    Parameter(String),
+    /// `[..]`.
+    List(Vec<Self>),
+    /// `(..)`.
+    Tuple(Vec<Self>),
+    /// A Python expression.
+    Code(Code),
+}
+
+impl Value {
+    pub(crate) fn new(sources: &Sources, expression: &Expression) -> Self {
+        let all =
+            |items: &[Expression]| items.iter().map(|item| Self::new(sources, item)).collect();
+        match &expression.kind {
+            ExpressionKind::Integer(number) => Self::Int(*number),
+            ExpressionKind::Float(number) => Self::Float(*number),
+            ExpressionKind::Bool(truth) => Self::Bool(*truth),
+            ExpressionKind::String(text) => Self::Str(text.clone()),
+            ExpressionKind::Character(character) => Self::Char(*character),
+            ExpressionKind::Time(nanos) => Self::Time(*nanos),
+            ExpressionKind::Parameter(name) => Self::Parameter(name.clone()),
+            ExpressionKind::List(items) => Self::List(all(items)),
+            ExpressionKind::Tuple(items) => Self::Tuple(all(items)),
+            ExpressionKind::Code(body) => Self::Code(code::dedent(sources, body.inner)),
+        }
+    }
+}
+
+/// Nanoseconds of a unit of time.
+pub(crate) fn unit(name: &str) -> Option<Nanos> {
+    const SECOND: Nanos = 1_000_000_000;
+    Some(match name {
+        "nsec" | "ns" | "nsecs" => 1,
+        "usec" | "us" | "usecs" => 1_000,
+        "msec" | "ms" | "msecs" => 1_000_000,
+        "sec" | "s" | "secs" | "second" | "seconds" => SECOND,
+        "minute" | "min" | "mins" | "minutes" => 60 * SECOND,
+        "hour" | "h" | "hours" => 3_600 * SECOND,
+        "day" | "d" | "days" => 86_400 * SECOND,
+        "week" | "wk" | "weeks" => 7 * 86_400 * SECOND,
+        _ => return None,
+    })
+}
+
+/// The text that a literal denotes, with Python's escapes. An unknown escape stays as it is, as in
+/// Python.
+pub(crate) fn unescape(literal: &str) -> String {
+    let mut text = String::with_capacity(literal.len());
+    let mut rest = literal;
+    while let Some(at) = rest.find('\\') {
+        text.push_str(&rest[..at]);
+        let escape = &rest[at + 1..];
+        let Some(first) = escape.chars().next() else {
+            rest = &rest[at..];
+            break;
+        };
+        let simple = match first {
+            'n' => Some("\n"),
+            't' => Some("\t"),
+            'r' => Some("\r"),
+            '\\' => Some("\\"),
+            '\'' => Some("'"),
+            '"' => Some("\""),
+            '0' => Some("\0"),
+            '\n' => Some(""),
+            _ => None,
+        };
+        let digits = match first {
+            'x' => 2,
+            'u' => 4,
+            'U' => 8,
+            _ => 0,
+        };
+        let coded = escape
+            .get(1..=digits)
+            .filter(|code| !code.is_empty())
+            .and_then(|code| u32::from_str_radix(code, 16).ok())
+            .and_then(char::from_u32);
+        if let Some(simple) = simple {
+            text.push_str(simple);
+            rest = &escape[1..];
+        } else if let Some(coded) = coded {
+            text.push(coded);
+            rest = &escape[1 + digits..];
+        } else {
+            text.push('\\');
+            rest = escape;
+        }
+    }
+    text.push_str(rest);
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escapes_are_pythons() {
+        assert_eq!(unescape(r#"a\n\t\"\\\x41\u00e9"#), "a\n\t\"\\A\u{e9}");
+        assert_eq!(unescape(r"\d \xzz \"), r"\d \xzz \");
+    }
+
+    #[test]
+    fn units() {
+        assert_eq!(unit("ms"), Some(1_000_000));
+        assert_eq!(unit("weeks"), Some(604_800_000_000_000));
+        assert_eq!(unit("parsec"), None);
+    }
+}

@@ -1,0 +1,299 @@
+//! What people read when instances do not fit together: widths, times, connections, loops.
+
+mod common;
+
+use common::{errors, warnings};
+use insta::assert_snapshot;
+
+#[test]
+fn two_connections_into_one_port() {
+    assert_snapshot!(errors("
+reactor A { output out }
+reactor B { input inp }
+main reactor {
+  a1 = new A()
+  a2 = new A()
+  b = new B()
+  a1.out -> b.inp
+  a2.out -> b.inp after 1 s
+}
+"), @r#"
+    error[LF0502]: the port `Main.b.inp` has two sources
+     --> Main.lf:9:3
+      |
+    8 |   a1.out -> b.inp
+      |   --------------- it is also set here
+    9 |   a2.out -> b.inp after 1 s
+      |   ^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: a port is set by one connection, or by the reactions of one reactor
+    "#);
+}
+
+#[test]
+fn a_connection_and_a_reaction_into_one_port() {
+    assert_snapshot!(errors("
+reactor A { output out }
+reactor B { input inp }
+main reactor {
+  a = new A()
+  b = new B()
+  a.out -> b.inp
+  reaction(startup) -> b.inp {= b.inp.set(1) =}
+}
+"), @r#"
+    error[LF0502]: the port `Main.b.inp` has two sources
+     --> Main.lf:7:3
+      |
+    7 |   a.out -> b.inp
+      |   ^^^^^^^^^^^^^^
+    8 |   reaction(startup) -> b.inp {= b.inp.set(1) =}
+      |   -------------------------- this reaction sets it too
+      |
+      = help: a port is set by one connection, or by the reactions of one reactor
+    "#);
+}
+
+#[test]
+fn a_causality_loop() {
+    assert_snapshot!(errors("
+reactor A {
+  input inp
+  output out
+  reaction(inp) -> out {= out.set(inp.value) =}
+}
+reactor B {
+  input inp
+  output out
+  reaction(startup) {= pass =}
+  reaction(inp) -> out {= out.set(inp.value) =}
+}
+main reactor {
+  a = new A()
+  b = new B()
+  a.out -> b.inp
+  b.out -> a.inp
+}
+"), @r#"
+    error[LF0503]: reactions wait for one another in a circle: Main.a.1 -> Main.b.2
+      --> Main.lf:5:3
+       |
+     5 |   reaction(inp) -> out {= out.set(inp.value) =}
+       |   ^^^^^^^^^^^^^^^^^^^^
+    ...
+    11 |   reaction(inp) -> out {= out.set(inp.value) =}
+       |   -------------------- this reaction is in the circle
+       |
+       = help: give one of the connections a delay, such as `after 0`, or reorder the reactions
+    "#);
+}
+
+#[test]
+fn a_circle_of_connections_alone() {
+    assert_snapshot!(errors("
+reactor Wire {
+  input inp
+  output out
+  inp -> out
+}
+main reactor {
+  a = new Wire()
+  b = new Wire()
+  a.out -> b.inp
+  b.out -> a.inp
+}
+"), @r#"
+    error[LF0503]: connections lead in a circle, without a delay and a reaction
+     --> Main.lf:5:3
+      |
+    5 |   inp -> out
+      |   ^^^^^^^^^^
+      |
+      = help: no reaction sets any of these ports; remove one of the connections
+    "#);
+}
+
+#[test]
+fn times_that_are_not() {
+    assert_snapshot!(errors("
+reactor A(period = 100, name = \"x\", delay = {= 5 =}) {
+  timer t(0, period)
+  logical action a(name)
+  timer u(-1 s)
+  reaction(t) {= pass =} deadline(delay) {= pass =}
+}
+main reactor { a = new A() }
+"), @r#"
+    error[LF0403]: a time needs a unit
+     --> Main.lf:3:14
+      |
+    2 | reactor A(period = 100, name = "x", delay = {= 5 =}) {
+      |                    --- the value is stated here
+    3 |   timer t(0, period)
+      |              ^^^^^^
+      |
+      = help: write `100 ms`, for example; only `0` needs none
+
+    error[LF0403]: this is not a time
+     --> Main.lf:4:20
+      |
+    2 | reactor A(period = 100, name = "x", delay = {= 5 =}) {
+      |                                --- the value is stated here
+    3 |   timer t(0, period)
+    4 |   logical action a(name)
+      |                    ^^^^
+      |
+      = help: write a number and a unit: `10 ms`
+
+    error[LF0407]: this time is negative
+     --> Main.lf:5:11
+      |
+    5 |   timer u(-1 s)
+      |           ^^^^
+      |
+      = help: times count forward; use `0` or more
+
+    error[LF0404]: a time cannot be computed in Python: it is needed before anything runs
+     --> Main.lf:6:35
+      |
+    2 | reactor A(period = 100, name = "x", delay = {= 5 =}) {
+      |                                             ------- the value is stated here
+    ...
+    6 |   reaction(t) {= pass =} deadline(delay) {= pass =}
+      |                                   ^^^^^
+      |
+      = help: write the value, or a parameter whose value is written
+    "#);
+}
+
+#[test]
+fn widths_that_are_not() {
+    assert_snapshot!(errors("
+reactor A(n = 0, m = 1 s) {
+  input[n] p
+  input[m] q
+}
+main reactor(k = {= 3 =}) { a = new[k] A() b = new[1000000] A() }
+"), @r#"
+    error[LF0405]: a width is at least 1; this one is 0
+     --> Main.lf:3:8
+      |
+    3 |   input[n] p
+      |        ^^^
+
+    error[LF0405]: a width is a whole number
+     --> Main.lf:4:9
+      |
+    2 | reactor A(n = 0, m = 1 s) {
+      |                      --- the value is stated here
+    3 |   input[n] p
+    4 |   input[m] q
+      |         ^
+
+    error[LF0404]: a width cannot be computed in Python: it is needed before anything runs
+     --> Main.lf:6:37
+      |
+    6 | main reactor(k = {= 3 =}) { a = new[k] A() b = new[1000000] A() }
+      |                  -------            ^
+      |                  |
+      |                  the value is stated here
+      |
+      = help: write the value, or a parameter whose value is written
+
+    error[LF0405]: a width is at most 100000; this one is 1000000
+     --> Main.lf:6:51
+      |
+    6 | main reactor(k = {= 3 =}) { a = new[k] A() b = new[1000000] A() }
+      |                                                   ^^^^^^^^^
+    "#);
+    assert_snapshot!(errors("
+reactor A(n = 0, m = 1 s) { input[] r input[widthof(r)] s }
+main reactor { a = new A() }
+"), @r#"
+    error[LF0405]: a width must be given
+     --> Main.lf:2:34
+      |
+    2 | reactor A(n = 0, m = 1 s) { input[] r input[widthof(r)] s }
+      |                                  ^^
+      |
+      = help: write `[4]` or `[n]`, with a parameter `n`
+
+    error[LF0701]: `widthof` is not supported yet
+     --> Main.lf:2:45
+      |
+    2 | reactor A(n = 0, m = 1 s) { input[] r input[widthof(r)] s }
+      |                                             ^^^^^^^^^^
+      |
+      = help: use one parameter for both widths
+    "#);
+}
+
+#[test]
+fn a_reactor_that_contains_itself() {
+    assert_snapshot!(errors("
+reactor A { b = new B() }
+reactor B { a = new A() }
+main reactor { a = new A() }
+"), @r#"
+    error[LF0308]: `A` contains itself, without end
+     --> Main.lf:3:21
+      |
+    3 | reactor B { a = new A() }
+      |                     ^
+    "#);
+}
+
+#[test]
+fn unmatched_widths_and_other_warnings() {
+    assert_snapshot!(warnings("{ timeuot: 1 s }
+reactor A { output[3] out reaction() {= pass =} }
+reactor B { input inp }
+main reactor Other {
+  a = new A()
+  b = new[2] B()
+  c = new[5] B()
+  a.out -> b.inp
+  (a.out)+ -> c.inp
+}
+"), @r#"
+    warning[LF0602]: there is no target property `timeuot`; it is ignored
+     --> Main.lf:1:17
+      |
+    1 | target Python { timeuot: 1 s }
+      |                 ^^^^^^^
+      |
+      = help: did you mean `timeout`?
+
+    warning[LF0214]: this reaction has no trigger, so it never runs
+     --> Main.lf:2:27
+      |
+    2 | reactor A { output[3] out reaction() {= pass =} }
+      |                           ^^^^^^^^^^
+      |
+      = help: name a trigger: an input, an action, a timer, `startup`
+
+    warning[LF0213]: the main reactor `Other` is not called like its file
+     --> Main.lf:4:14
+      |
+    4 | main reactor Other {
+      |              ^^^^^
+      |
+      = help: leave the name out, or call it `Main`
+
+    warning[LF0501]: this connection joins 3 channels to 2 channels
+     --> Main.lf:8:3
+      |
+    8 |   a.out -> b.inp
+      |   ^^^^^^^^^^^^^^
+      |
+      = help: the rest on the left is not connected
+
+    warning[LF0501]: this broadcast joins 3 channels to 5 channels, which does not divide
+     --> Main.lf:9:3
+      |
+    9 |   (a.out)+ -> c.inp
+      |   ^^^^^^^^^^^^^^^^^
+      |
+      = help: the last round on the left is not complete
+    "#);
+}

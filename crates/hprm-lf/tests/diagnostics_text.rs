@@ -1,0 +1,460 @@
+//! What people read when a file cannot be understood: its text, its imports, its target, and what
+//! is not supported.
+
+mod common;
+
+use common::{errors, errors_in};
+use insta::assert_snapshot;
+
+#[test]
+fn several_syntax_errors_in_one_go() {
+    assert_snapshot!(errors("
+reactor A {
+  input
+  output out
+  timer t(0, 1 s
+  reaction(t) -> out {= out.set(1) =}
+}
+main reactor {
+  a = new A(
+  b = new A()
+  a.out b.out
+}
+"), @r#"
+    error[LF0003]: expected the name of a port, found `output`
+     --> Main.lf:4:3
+      |
+    4 |   output out
+      |   ^^^^^^
+
+    error[LF0003]: expected `)`, found `reaction`
+     --> Main.lf:6:3
+      |
+    6 |   reaction(t) -> out {= out.set(1) =}
+      |   ^^^^^^^^
+
+    error[LF0003]: expected `)`, found `A`
+      --> Main.lf:10:11
+       |
+    10 |   b = new A()
+       |           ^
+    "#);
+}
+
+#[test]
+fn misspelled_keywords() {
+    assert_snapshot!(errors("
+raector A { }
+main reactor {
+  timr t(0, 1 s)
+  recation(startup) {= pass =}
+}
+"), @r#"
+    error[LF0003]: expected `target`, `import`, `preamble` or `reactor`, found `raector`
+     --> Main.lf:2:1
+      |
+    2 | raector A { }
+      | ^^^^^^^
+      |
+      = help: did you mean `reactor`?
+
+    error[LF0003]: expected `->` or `~>`, found `t`
+     --> Main.lf:4:8
+      |
+    4 |   timr t(0, 1 s)
+      |        ^
+      |
+      = help: did you mean `timer`?
+    "#);
+}
+
+#[test]
+fn text_outside_the_language() {
+    assert_snapshot!(errors("
+main reactor {
+  print(§)
+}
+"), @r#"
+    error[LF0003]: expected `->` or `~>`, found `(`
+     --> Main.lf:3:8
+      |
+    3 |   print(§)
+      |        ^
+
+    error[LF0001]: `§` means nothing here
+     --> Main.lf:3:9
+      |
+    3 |   print(§)
+      |         ^
+      |
+      = help: Python code belongs between `{=` and `=}`
+    "#);
+}
+
+#[test]
+fn a_body_without_end() {
+    assert_snapshot!(errors("
+main reactor {
+  reaction(startup) {=
+    print(1)
+}
+"), @r#"
+    error[LF0002]: this code body has no end
+     --> Main.lf:3:21
+      |
+    3 |   reaction(startup) {=
+      |                     ^^
+      |
+      = help: close it with `=}`
+    "#);
+}
+
+#[test]
+fn a_reactor_without_end() {
+    assert_snapshot!(errors("
+main reactor {
+  state x = 1
+"), @r#"
+    error[LF0003]: expected `}`, found the end of the file
+     --> Main.lf:3:15
+      |
+    2 | main reactor {
+      |              - to close this brace
+    3 |   state x = 1
+      |              ^
+    "#);
+}
+
+#[test]
+fn a_missing_import() {
+    assert_snapshot!(errors("
+import Gain from \"lib/Gain.lf\"
+main reactor { g = new Gain() }
+"), @r#"
+    error[LF0101]: cannot read `lib/Gain.lf`: no such file
+     --> Main.lf:2:18
+      |
+    2 | import Gain from "lib/Gain.lf"
+      |                  ^^^^^^^^^^^^^
+      |
+      = help: the path is relative to the file that imports
+    "#);
+}
+
+#[test]
+fn a_reactor_that_the_imported_file_lacks() {
+    let library = "target Python\nreactor Gain { } reactor Sum { }";
+    let main = "target Python\nimport Gian from \"lib/Gain.lf\"\nmain reactor { }";
+    assert_snapshot!(errors_in(&[("Main.lf", main), ("lib/Gain.lf", library)]), @r#"
+    error[LF0102]: `lib/Gain.lf` has no reactor `Gian` to import
+     --> Main.lf:2:8
+      |
+    2 | import Gian from "lib/Gain.lf"
+      |        ^^^^
+      |
+      = help: did you mean `Gain`?
+    "#);
+}
+
+#[test]
+fn errors_in_an_imported_file_name_it() {
+    let library = "target Python\nreactor Gain { input }";
+    let main = "target Python\nimport Gain from \"lib/Gain.lf\"\nmain reactor { g = new Gain() }";
+    assert_snapshot!(errors_in(&[("Main.lf", main), ("lib/Gain.lf", library)]), @r#"
+    error[LF0003]: expected the name of a port, found `}`
+     --> lib/Gain.lf:2:22
+      |
+    2 | reactor Gain { input }
+      |                      ^
+    "#);
+}
+
+#[test]
+fn a_wrong_unit_of_time() {
+    assert_snapshot!(errors("
+main reactor {
+  timer t(0, 10 millis)
+}
+"), @r#"
+    error[LF0401]: `millis` is not a unit of time
+     --> Main.lf:3:17
+      |
+    3 |   timer t(0, 10 millis)
+      |                 ^^^^^^
+      |
+      = help: units: ns, us, ms, s, min, hour, day, week
+    "#);
+}
+
+#[test]
+fn packages_are_not_supported_yet() {
+    assert_snapshot!(errors("
+import Gain from <signals/Gain.lf>
+main reactor { }
+"), @r#"
+    error[LF0701]: package imports are not supported yet
+     --> Main.lf:2:18
+      |
+    2 | import Gain from <signals/Gain.lf>
+      |                  ^^^^^^^^^^^^^^^^^
+      |
+      = help: import the file by its path: `from "lib/Name.lf"`
+    "#);
+}
+
+#[test]
+fn modes_and_inheritance_are_not_supported_yet() {
+    assert_snapshot!(errors("
+reactor Base { output out }
+reactor Derived extends Base { }
+reactor Modal {
+  watchdog w(1 s) {= pass =}
+  initial mode One {
+    reaction(startup) -> reset(Two) {= Two.set() =}
+  }
+  mode Two { }
+}
+main reactor {
+  d = new Derived()
+  m = new Modal()
+  reaction(reset) -> history(X) {= pass =}
+  reaction(d.out) {= pass =}
+}
+"), @r#"
+    error[LF0701]: inheritance is not supported yet
+     --> Main.lf:3:25
+      |
+    3 | reactor Derived extends Base { }
+      |                         ^^^^
+      |
+      = help: contain the other reactor and connect its ports
+
+    error[LF0701]: watchdogs are not supported yet
+     --> Main.lf:5:12
+      |
+    5 |   watchdog w(1 s) {= pass =}
+      |            ^
+      |
+      = help: use a physical action, or a deadline
+
+    error[LF0701]: modes are not supported yet
+     --> Main.lf:6:3
+      |
+    6 |   initial mode One {
+      |   ^^^^^^^^^^^^^^^^
+      |
+      = help: keep the mode in a state variable and test it in the reactions
+
+    error[LF0701]: modes are not supported yet
+     --> Main.lf:9:3
+      |
+    9 |   mode Two { }
+      |   ^^^^^^^^
+      |
+      = help: keep the mode in a state variable and test it in the reactions
+
+    error[LF0701]: the trigger `reset` is not supported yet
+      --> Main.lf:14:12
+       |
+    14 |   reaction(reset) -> history(X) {= pass =}
+       |            ^^^^^
+       |
+       = help: it belongs to modes, which are not supported yet either
+
+    error[LF0701]: mode transitions are not supported yet
+      --> Main.lf:14:22
+       |
+    14 |   reaction(reset) -> history(X) {= pass =}
+       |                      ^^^^^^^^^^
+       |
+       = help: keep the mode in a state variable
+    "#);
+}
+
+#[test]
+fn resets_spacing_and_mutations_are_not_supported_yet() {
+    assert_snapshot!(errors("
+main reactor {
+  reset state x = 1
+  logical action a(0, 1 s, \"drop\")
+  action b
+  mutation(a) {= pass =}
+}
+"), @r#"
+    error[LF0701]: `reset state` is not supported yet
+     --> Main.lf:3:3
+      |
+    3 |   reset state x = 1
+      |   ^^^^^
+      |
+      = help: it belongs to modes, which are not supported yet either
+
+    error[LF0701]: minimum spacing is not supported yet
+     --> Main.lf:4:23
+      |
+    4 |   logical action a(0, 1 s, "drop")
+      |                       ^^^^^^^^^^^
+      |
+      = help: remove it, and compare times in the reaction
+
+    error[LF0209]: the action `b` is neither logical nor physical
+     --> Main.lf:5:10
+      |
+    5 |   action b
+      |          ^
+      |
+      = help: write `logical action` or `physical action`
+
+    error[LF0701]: mutations are not supported yet
+     --> Main.lf:6:3
+      |
+    6 |   mutation(a) {= pass =}
+      |   ^^^^^^^^^^^
+      |
+      = help: write `reaction`
+    "#);
+}
+
+#[test]
+fn attributes() {
+    assert_snapshot!(errors("
+@label(\"fine\")
+reactor A {
+  @maxwait(1 s)
+  input inp
+  @lable(\"wrong\")
+  output out
+}
+main reactor {
+  @transient
+  a = new A()
+}
+"), @r#"
+    error[LF0212]: `@maxwait` does not belong here
+     --> Main.lf:4:3
+      |
+    4 |   @maxwait(1 s)
+      |   ^^^^^^^^^^^^^
+      |
+      = help: it belongs to an instance of a federated reactor
+
+    error[LF0211]: there is no attribute `@lable`
+     --> Main.lf:6:3
+      |
+    6 |   @lable("wrong")
+      |   ^^^^^^^^^^^^^^^
+      |
+      = help: did you mean `label`?
+
+    error[LF0701]: the attribute `@transient` is not supported yet
+      --> Main.lf:10:3
+       |
+    10 |   @transient
+       |   ^^^^^^^^^^
+       |
+       = help: remove it
+    "#);
+}
+
+#[test]
+fn federations() {
+    assert_snapshot!(errors("
+reactor A { }
+federated reactor at localhost {
+  timer t
+  a = new A() at robot.local;
+  reaction(t) {= pass =}
+}
+"), @r#"
+    error[LF0801]: this belongs to no federate
+     --> Main.lf:4:9
+      |
+    4 |   timer t
+      |         ^
+      |
+      = help: move it into a reactor that the federated reactor instantiates
+
+    error[LF0801]: this belongs to no federate
+     --> Main.lf:6:3
+      |
+    6 |   reaction(t) {= pass =}
+      |   ^^^^^^^^^^^
+      |
+      = help: move it into a reactor that the federated reactor instantiates
+    "#);
+    assert_snapshot!(errors("
+reactor A { }
+main reactor { a = new A() at robot.local; }
+"), @r#"
+    error[LF0802]: only an instance in a federated reactor has a host
+     --> Main.lf:3:31
+      |
+    3 | main reactor { a = new A() at robot.local; }
+      |                               ^^^^^^^^^^^
+      |
+      = help: write `federated reactor`, or remove `at`
+    "#);
+}
+
+#[test]
+fn targets() {
+    assert_snapshot!(errors_in(&[("Main.lf", "target C\nmain reactor { }")]), @r#"
+    error[LF0601]: the target `C` is not supported
+     --> Main.lf:1:8
+      |
+    1 | target C
+      |        ^
+      |
+      = help: write `target Python`
+    "#);
+    assert_snapshot!(errors_in(&[("Main.lf", "main reactor { }")]), @r#"
+    error[LF0601]: the file does not say what its target is
+     --> Main.lf:1:1
+      |
+    1 | main reactor { }
+      | ^
+      |
+      = help: start it with `target Python`
+    "#);
+    let text = "target Python { timeout: 3, fast: yes, coordination: none }\nmain reactor { }";
+    assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
+    error[LF0603]: `timeout` must be a time, such as `10 s`
+     --> Main.lf:1:26
+      |
+    1 | target Python { timeout: 3, fast: yes, coordination: none }
+      |                          ^
+
+    error[LF0603]: `fast` must be `true` or `false`
+     --> Main.lf:1:35
+      |
+    1 | target Python { timeout: 3, fast: yes, coordination: none }
+      |                                   ^^^
+
+    error[LF0603]: `coordination` must be `centralized` or `decentralized`
+     --> Main.lf:1:54
+      |
+    1 | target Python { timeout: 3, fast: yes, coordination: none }
+      |                                                      ^^^^
+    "#);
+    let text = "target Python { fast: true }\nreactor A { }\nfederated reactor { a = new A() }";
+    assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
+    error[LF0605]: `fast` does not go together with a federated program
+     --> Main.lf:1:23
+      |
+    1 | target Python { fast: true }
+      |                       ^^^^
+      |
+      = help: remove `fast: true`
+    "#);
+}
+
+#[test]
+fn a_missing_main_file() {
+    assert_snapshot!(errors_in(&[]), @r#"
+    error[LF0101]: cannot read `Main.lf`: no such file
+     --> Main.lf:1:1
+      |
+    1 |
+      | ^
+    "#);
+}

@@ -1,0 +1,68 @@
+//! The class `action_capsule_t`: an action, as an argument of a reaction.
+
+use std::sync::Arc;
+
+use hprm_core::ActionId;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyFloat;
+
+use crate::runtime::Runtime;
+use crate::value::Value;
+
+/// An action.
+#[pyclass(frozen, name = "action_capsule_t", module = "hprm")]
+pub(crate) struct Action {
+    runtime: Arc<Runtime>,
+    action: ActionId,
+}
+
+impl Action {
+    /// The action, for arguments of reactions.
+    pub(crate) fn new(runtime: &Arc<Runtime>, action: ActionId) -> Self {
+        Self { runtime: Arc::clone(runtime), action }
+    }
+}
+
+#[pymethods]
+impl Action {
+    /// The value with which it was scheduled; None if it had none or is absent.
+    #[getter]
+    fn value<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let value = self.runtime.action(self.action)?.flatten();
+        value.map(|value| value.object(py)).transpose()
+    }
+
+    /// Whether it has an event at this tag.
+    #[getter]
+    fn is_present(&self) -> PyResult<bool> {
+        Ok(self.runtime.action(self.action)?.is_some())
+    }
+
+    /// Schedules it `offset` nanoseconds from now, and its minimum delay.
+    #[pyo3(signature = (offset = None, value = None))]
+    fn schedule(
+        &self,
+        offset: Option<&Bound<'_, PyAny>>,
+        value: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let offset = offset.map_or(Ok(0), nanos)?;
+        self.runtime.schedule(self.action, offset, value.map(Value::new))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<action {}>", self.runtime.program().actions[self.action].name)
+    }
+}
+
+/// A number of nanoseconds; `MSEC(1.5)` is a float.
+fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
+    let Ok(number) = offset.cast::<PyFloat>() else { return offset.extract() };
+    let number = number.value();
+    // Of the floats beyond, none is a number of 64 bits; the cast of one within is exact enough.
+    if number.abs() < i64::MAX as f64 {
+        Ok(number as i64)
+    } else {
+        Err(PyValueError::new_err(format!("{number} is no number of nanoseconds")))
+    }
+}

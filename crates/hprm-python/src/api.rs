@@ -1,0 +1,101 @@
+//! The class behind the module `lf`: time, tags, and what a program asks of its runtime.
+//!
+//! The module itself, with its names and signatures, is made in Python from one of these.
+
+use std::sync::Arc;
+
+use hprm::Clock;
+use hprm_core::{Coordination, Scope};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::runtime::{Late, Runtime};
+use crate::tag::Tag;
+
+/// The runtime of one program, for its module `lf`.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct Api(pub(crate) Arc<Runtime>);
+
+#[pymethods]
+impl Api {
+    /// The current tag.
+    fn tag(&self) -> PyResult<Tag> {
+        let (tag, start) = self.0.tag()?;
+        Ok(Tag::of(tag, start))
+    }
+
+    /// The time of the current tag, in nanoseconds since the Unix epoch.
+    fn logical(&self) -> PyResult<i64> {
+        Ok(self.tag()?.time())
+    }
+
+    /// The time of the current tag, in nanoseconds since the start.
+    fn logical_elapsed(&self) -> PyResult<i64> {
+        Ok(self.0.tag()?.0.time)
+    }
+
+    /// The clock, in nanoseconds since the Unix epoch.
+    #[staticmethod]
+    fn physical() -> i64 {
+        Clock::now().0
+    }
+
+    /// The clock, in nanoseconds since the start.
+    fn physical_elapsed(&self) -> PyResult<i64> {
+        Ok(Clock::now().since(self.0.tag()?.1))
+    }
+
+    /// The time of the start, in nanoseconds since the Unix epoch.
+    fn start(&self) -> PyResult<i64> {
+        Ok(self.0.tag()?.1.0)
+    }
+
+    /// Ends the program at its next tag.
+    fn request_stop(&self) {
+        self.0.request_stop();
+    }
+
+    /// Whether the deadline of the running reaction has passed; if so, runs its handler.
+    #[pyo3(signature = (invoke_deadline_handler = true))]
+    fn check_deadline(&self, py: Python<'_>, invoke_deadline_handler: bool) -> PyResult<bool> {
+        let Some(late) = self.0.deadline_missed(py)? else { return Ok(false) };
+        if let Some(Late { handler, arguments }) = late.filter(|_| invoke_deadline_handler) {
+            handler.bind(py).call1(arguments.into_bound(py))?;
+        }
+        Ok(true)
+    }
+
+    /// How long this federate waits for its inputs, in nanoseconds.
+    fn maxwait(&self) -> PyResult<i64> {
+        let program = self.0.program();
+        match self.0.scope() {
+            Scope::Federate(federate)
+                if program.properties.coordination == Coordination::Decentralized =>
+            {
+                Ok(program.federates[federate].maxwait)
+            }
+            _ => Err(PyRuntimeError::new_err(
+                "there is a maxwait only in the federates of a program with `coordination: decentralized`",
+            )),
+        }
+    }
+
+    /// What the object store had done when a value was last sent.
+    fn store_stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        stats(py, self.0.stats())
+    }
+}
+
+/// The numbers of a store, by name.
+pub(crate) fn stats(py: Python<'_>, stats: hprm_store::StoreStats) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("objects_sealed", stats.objects_sealed)?;
+    dict.set_item("bytes_copied", stats.bytes_copied)?;
+    dict.set_item("bytes_in_use", stats.bytes_in_use)?;
+    dict.set_item("bytes_mapped", stats.bytes_mapped)?;
+    dict.set_item("segments", stats.segments)?;
+    dict.set_item("inline_fallbacks", stats.inline_fallbacks)?;
+    dict.set_item("releases", stats.releases)?;
+    Ok(dict)
+}

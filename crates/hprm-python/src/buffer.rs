@@ -1,0 +1,159 @@
+//! Bytes of ours as Python buffers: the crate's one room for unsafe code.
+//!
+//! Two classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
+//! has arrived, [`Staging`] for writing what will be sent. What the bytes mean is not known here.
+
+#![allow(unsafe_code)]
+
+use std::ffi::c_int;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use hprm_store::{Object, WritableLoan};
+use pyo3::exceptions::{PyBufferError, PyRuntimeError};
+use pyo3::ffi;
+use pyo3::prelude::*;
+
+/// A buffer of a payload that has arrived.
+#[derive(Clone, Debug)]
+pub(crate) enum Part {
+    /// Bytes that came inside the message.
+    Inline(Arc<Vec<u8>>),
+    /// Bytes in the sender's store.
+    Object(Object),
+}
+
+impl Part {
+    /// The bytes.
+    pub(crate) fn as_bytes(&self) -> &[u8] {
+        match self {
+            Self::Inline(bytes) => bytes,
+            Self::Object(object) => object.as_bytes(),
+        }
+    }
+}
+
+/// Bytes that Python may read, and that stay where they are until nobody refers to them.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct Memory(pub(crate) Part);
+
+#[pymethods]
+impl Memory {
+    fn __len__(&self) -> usize {
+        self.0.as_bytes().len()
+    }
+
+    unsafe fn __getbuffer__(
+        slf: Bound<'_, Self>,
+        view: *mut ffi::Py_buffer,
+        flags: c_int,
+    ) -> PyResult<()> {
+        let bytes = slf.get().0.as_bytes();
+        // Benefit: arrays read the sender's memory in place.
+        // SAFETY: `view` comes from the interpreter, and we are attached to it. The bytes belong to
+        // `slf`, to which the view keeps a reference; the class is frozen and has no method that
+        // changes or drops them, so they neither move nor change before `slf` is dropped. The view
+        // is marked as read-only, so nobody writes through the pointer.
+        unsafe { fill(&slf, view, bytes.as_ptr().cast_mut(), bytes.len(), true, flags) }
+    }
+}
+
+/// Memory for the bytes of a value that is being encoded.
+pub(crate) enum Draft {
+    /// In the own store.
+    Loan(WritableLoan),
+    /// In the message.
+    Inline(Vec<u8>),
+}
+
+impl Draft {
+    /// The bytes.
+    pub(crate) fn bytes_mut(&mut self) -> &mut [u8] {
+        match self {
+            Self::Loan(loan) => loan,
+            Self::Inline(bytes) => bytes,
+        }
+    }
+}
+
+/// Lends a [`Draft`] to Python, which writes into it, and takes it back.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct Staging(Mutex<Option<Draft>>);
+
+impl Staging {
+    /// Lends `draft` to `write`, as an object with a writable buffer.
+    ///
+    /// # Errors
+    ///
+    /// What `write` returns; or if it keeps a reference to the object or to a view of it, because
+    /// then the bytes could still change.
+    pub(crate) fn lend<'py>(
+        py: Python<'py>,
+        draft: Draft,
+        write: impl FnOnce(&Bound<'py, PyAny>) -> PyResult<()>,
+    ) -> PyResult<Draft> {
+        let staging = Bound::new(py, Self(Mutex::new(Some(draft))))?;
+        write(staging.as_any())?;
+        // Whoever has a pointer to the memory has a reference to this object: a view by the rules
+        // of the protocol, an array because it keeps the object as its base.
+        // SAFETY: `staging` is a live object, and we are attached to the interpreter.
+        let references = unsafe { ffi::Py_REFCNT(staging.as_ptr()) };
+        if references != 1 {
+            return Err(PyRuntimeError::new_err("the memory of a message is still being written"));
+        }
+        let draft = staging.get().0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        Ok(draft.expect("only this function takes the draft"))
+    }
+}
+
+#[pymethods]
+impl Staging {
+    unsafe fn __getbuffer__(
+        slf: Bound<'_, Self>,
+        view: *mut ffi::Py_buffer,
+        flags: c_int,
+    ) -> PyResult<()> {
+        let mut draft = slf.get().0.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(draft) = draft.as_mut() else {
+            return Err(PyBufferError::new_err("the memory of a message was sent and is closed"));
+        };
+        let bytes = draft.bytes_mut();
+        let (start, len) = (bytes.as_mut_ptr(), bytes.len());
+        // Benefit: an array of any layout is gathered straight into the store, in one copy.
+        // SAFETY: `view` comes from the interpreter, and we are attached to it. The bytes lie on
+        // the heap or in a segment, so they do not move with the draft, and `slf`, to which the view
+        // keeps a reference, owns them. `lend` takes them out only when nobody but itself refers to
+        // `slf`, so no view outlives the draft; and Rust does not touch them before that.
+        unsafe { fill(&slf, view, start, len, false, flags) }
+    }
+}
+
+/// Describes `len` bytes at `start` to the interpreter, as owned by `owner`.
+///
+/// # Safety
+///
+/// Attached to the interpreter; `view` is valid to write; the bytes are valid, and if writable then
+/// only accessed through views, as long as there is a reference to `owner`.
+unsafe fn fill<T>(
+    owner: &Bound<'_, T>,
+    view: *mut ffi::Py_buffer,
+    start: *mut u8,
+    len: usize,
+    readonly: bool,
+    flags: c_int,
+) -> PyResult<()> {
+    let len = ffi::Py_ssize_t::try_from(len)
+        .map_err(|_| PyBufferError::new_err("more bytes than an address space holds"))?;
+    // SAFETY: by the contract above; the function checks `flags` itself, and takes a reference to
+    // the owner.
+    let status = unsafe {
+        ffi::PyBuffer_FillInfo(
+            view,
+            owner.as_ptr(),
+            start.cast(),
+            len,
+            c_int::from(readonly),
+            flags,
+        )
+    };
+    if status == 0 { Ok(()) } else { Err(PyErr::fetch(owner.py())) }
+}

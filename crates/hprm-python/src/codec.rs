@@ -1,0 +1,75 @@
+//! How a channel turns objects into bytes: our own way, or a package that the program names.
+
+use hprm_core::FederateId;
+use hprm_store::Store;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::buffer::Part;
+use crate::serialize::{self, Encoded, Place};
+
+/// Turns objects into bytes and back.
+pub(crate) enum Codec {
+    /// Adaptive serialization.
+    Native,
+    /// An object with `serialize` and `deserialize` (handbook, "serializer").
+    Package(Py<PyAny>),
+}
+
+impl Codec {
+    /// The codec that a connection names, or the native one.
+    ///
+    /// # Errors
+    ///
+    /// What importing the package raised.
+    pub(crate) fn of(py: Python<'_>, serializer: Option<&str>) -> PyResult<Self> {
+        let Some(name) = serializer.filter(|name| !name.eq_ignore_ascii_case("native")) else {
+            return Ok(Self::Native);
+        };
+        let package = py.import(name)?;
+        Ok(Self::Package(package.getattr(intern!(py, "Serializer"))?.call0()?.unbind()))
+    }
+
+    /// Encodes `value`.
+    ///
+    /// # Errors
+    ///
+    /// If the value cannot be encoded, or the system has no memory.
+    pub(crate) fn encode(
+        &self,
+        value: &Bound<'_, PyAny>,
+        store: &mut Store,
+        owner: FederateId,
+    ) -> PyResult<Encoded> {
+        let py = value.py();
+        match self {
+            Self::Native => serialize::encode(value, Place::store(store, owner)),
+            Self::Package(package) => {
+                let bytes = package.bind(py).call_method1(intern!(py, "serialize"), (value,))?;
+                let bytes = py.get_type::<PyBytes>().call1((bytes,))?;
+                serialize::wrap(bytes.cast::<PyBytes>()?.as_bytes(), store, owner)
+            }
+        }
+    }
+
+    /// Rebuilds a value from what arrived.
+    ///
+    /// # Errors
+    ///
+    /// If the bytes are no value, or if building it raises.
+    pub(crate) fn decode(
+        &self,
+        py: Python<'_>,
+        head: &[u8],
+        parts: &[Part],
+    ) -> PyResult<Py<PyAny>> {
+        match self {
+            Self::Native => serialize::decode(py, head, parts).map(Bound::unbind),
+            Self::Package(package) => {
+                let bytes = PyBytes::new(py, serialize::unwrap(head, parts));
+                package.call_method1(py, intern!(py, "deserialize"), (bytes,))
+            }
+        }
+    }
+}

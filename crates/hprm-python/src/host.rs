@@ -1,0 +1,140 @@
+//! The host: runs the Python bodies of a program, and carries Python objects across the network.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use hprm::{Failure, Host};
+use hprm_core::{Body, ChannelId, FederateId, Payload, PhysicalTime, ReactionId, Scheduler, Table};
+use hprm_store::{Object, Store};
+use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
+
+use crate::codec::Codec;
+use crate::failure::failure;
+use crate::runtime::{Late, Runtime};
+use crate::value::Value;
+
+/// What a reaction calls, and with what.
+pub(crate) struct Bodies {
+    pub(crate) main: Py<PyAny>,
+    pub(crate) deadline: Option<Py<PyAny>>,
+    /// None if it declares no handler, or one without a body: then the main body runs.
+    pub(crate) tardy: Option<Py<PyAny>>,
+    /// The reactor, then the arguments that the program declares.
+    pub(crate) arguments: Py<PyTuple>,
+    /// Positions of mutable inputs, of which each call gets a copy.
+    pub(crate) mutable: Vec<usize>,
+}
+
+/// Runs Python bodies.
+pub(crate) struct PyHost {
+    pub(crate) runtime: Arc<Runtime>,
+    /// The reactions that run here.
+    pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
+    pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
+    /// Owner of what is stored; meaningless where there is no network.
+    pub(crate) federate: FederateId,
+}
+
+impl PyHost {
+    fn call(
+        &self,
+        py: Python<'_>,
+        scheduler: &mut Scheduler<Value>,
+        reaction: ReactionId,
+        body: Body,
+    ) -> PyResult<()> {
+        let bodies = &self.bodies[&reaction];
+        let late = bodies.deadline.as_ref().filter(|_| body != Body::Deadline).map(|handler| {
+            Late { handler: handler.clone_ref(py), arguments: bodies.arguments.clone_ref(py) }
+        });
+        self.runtime.enter(scheduler, reaction, late);
+        let outcome = bodies.call(py, body);
+        self.runtime.leave(scheduler);
+        outcome
+    }
+
+    fn channel_name(&self, channel: ChannelId) -> String {
+        let program = self.runtime.program();
+        let connection = &program.connections[program.channels[channel].connection];
+        let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
+        format!("connection {from} -> {to}")
+    }
+}
+
+impl Bodies {
+    fn call(&self, py: Python<'_>, body: Body) -> PyResult<()> {
+        let function = match body {
+            Body::Main => &self.main,
+            Body::Deadline => self.deadline.as_ref().unwrap_or(&self.main),
+            Body::Tardy => self.tardy.as_ref().unwrap_or(&self.main),
+        };
+        let arguments = self.arguments.bind(py);
+        if self.mutable.is_empty() {
+            function.bind(py).call1(arguments)?;
+            return Ok(());
+        }
+        let arguments = PyList::new(py, arguments)?;
+        let copy = py.import("hprm._ports")?.getattr("mutable")?;
+        for at in &self.mutable {
+            arguments.set_item(*at, copy.call1((arguments.get_item(*at)?,))?)?;
+        }
+        function.bind(py).call1(arguments.to_tuple())?;
+        Ok(())
+    }
+}
+
+impl Host for PyHost {
+    type Value = Value;
+
+    fn react(
+        &mut self,
+        scheduler: &mut Scheduler<Value>,
+        reaction: ReactionId,
+        body: Body,
+    ) -> Result<(), Failure> {
+        Python::attach(|py| {
+            self.call(py, scheduler, reaction, body).map_err(|error| {
+                let name = self.runtime.program().reaction_name(reaction);
+                failure(py, error, &format!("reaction {name}"))
+            })
+        })
+    }
+
+    fn encode(
+        &mut self,
+        store: &mut Store,
+        channel: ChannelId,
+        value: &Value,
+    ) -> Result<Payload, Failure> {
+        let payload = Python::attach(|py| {
+            value.encoded(py, &self.codecs[channel], store, self.federate).map_err(|error| {
+                failure(py, error, &format!("sending a value on {}", self.channel_name(channel)))
+            })
+        });
+        self.runtime.note(store.stats());
+        payload
+    }
+
+    fn receive(
+        &mut self,
+        channel: ChannelId,
+        payload: Payload,
+        objects: Vec<Object>,
+        arrival: PhysicalTime,
+    ) -> Value {
+        Value::arrived(Arc::clone(&self.codecs[channel]), payload, objects, arrival)
+    }
+
+    fn idle<R: Send>(&mut self, wait: impl FnOnce() -> R + Send) -> R {
+        Python::attach(|py| py.detach(wait))
+    }
+
+    fn interrupted(&mut self) -> bool {
+        Python::attach(|py| py.check_signals().is_err())
+    }
+
+    fn warn(&mut self, message: &str) {
+        crate::console::say(&format!("warning: {message}"));
+    }
+}

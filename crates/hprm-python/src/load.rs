@@ -1,0 +1,175 @@
+//! Making the host of a compiled program: its instances, its bodies with their arguments, its codecs.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use hprm::{Failure, Inbox};
+use hprm_core::{FederateId, ReactionId, Scope, Table};
+use hprm_lf::{Argument, Compiled, ContainedPort, Ports};
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+
+use crate::action::Action;
+use crate::api::Api;
+use crate::codec::Codec;
+use crate::failure::failure;
+use crate::host::{Bodies, PyHost};
+use crate::port::Port;
+use crate::program;
+use crate::runtime::{Access, Runtime};
+use crate::value::Value;
+
+/// Loads the share of a program that lies in `scope`: runs its preambles, makes its instances.
+///
+/// # Errors
+///
+/// What the program raised, and where.
+pub(crate) fn load(
+    py: Python<'_>,
+    compiled: &Compiled,
+    scope: Scope,
+    inbox: &Inbox<Value>,
+) -> Result<PyHost, Failure> {
+    let runtime = Arc::new(Runtime::new(Arc::clone(&compiled.program), scope, inbox.clone()));
+    let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
+    let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
+    let codecs = codecs(py, compiled, scope)?;
+    let federate = match scope {
+        Scope::Whole => FederateId(0),
+        Scope::Federate(federate) => federate,
+    };
+    Ok(PyHost { runtime, bodies, codecs, federate })
+}
+
+fn bodies(
+    py: Python<'_>,
+    compiled: &Compiled,
+    runtime: &Arc<Runtime>,
+) -> PyResult<BTreeMap<ReactionId, Bodies>> {
+    let source = program::describe(py, compiled, runtime.scope())?;
+    let api = Bound::new(py, Api(Arc::clone(runtime)))?;
+    let loaded = py.import("hprm._program")?.call_method1("load", (source, api))?;
+    let mut bodies = BTreeMap::new();
+    for (id, code) in compiled.bodies.iter() {
+        let reactor = compiled.program.reactions[id].reactor;
+        // None if the reactor runs elsewhere.
+        let found = loaded.call_method1("bodies", (reactor.0, code.reaction))?;
+        let Some((instance, main, deadline, tardy)) = found.extract::<Option<Functions>>()? else {
+            continue;
+        };
+        let mut arguments = Arguments { py, runtime, reaction: id, contained: BTreeMap::new() };
+        let mut values = vec![instance.bind(py).clone()];
+        for argument in &code.arguments {
+            values.push(arguments.argument(argument)?);
+        }
+        let mutable = code.arguments.iter().zip(1..).filter_map(|(argument, at)| match argument {
+            Argument::Port { mutable: true, .. } => Some(at),
+            _ => None,
+        });
+        let mutable = mutable.collect();
+        let arguments = PyTuple::new(py, values)?.unbind();
+        bodies.insert(id, Bodies { main, deadline, tardy, arguments, mutable });
+    }
+    Ok(bodies)
+}
+
+/// The reactor, its body, its deadline handler and its tardy handler.
+type Functions = (Py<PyAny>, Py<PyAny>, Option<Py<PyAny>>, Option<Py<PyAny>>);
+
+/// Makes the arguments of one reaction.
+struct Arguments<'a, 'py> {
+    py: Python<'py>,
+    runtime: &'a Arc<Runtime>,
+    reaction: ReactionId,
+    /// The ports of contained instances, for their aliases.
+    contained: BTreeMap<(&'a str, &'a str), Bound<'py, PyAny>>,
+}
+
+impl<'a, 'py> Arguments<'a, 'py> {
+    fn argument(&mut self, argument: &'a Argument) -> PyResult<Bound<'py, PyAny>> {
+        match argument {
+            Argument::Port { name, ports, access, .. } => self.port(name, *ports, *access),
+            Argument::Contained { name, bank, members } => self.contained(name, *bank, members),
+            Argument::Alias { instance, port, .. } => {
+                let key = (instance.as_str(), port.as_str());
+                let port = self.contained.get(&key).cloned();
+                port.ok_or_else(|| PyKeyError::new_err(format!("no port {}.{}", key.0, key.1)))
+            }
+            Argument::Action { action, .. } => {
+                Ok(Bound::new(self.py, Action::new(self.runtime, *action))?.into_any())
+            }
+        }
+    }
+
+    fn contained(
+        &mut self,
+        name: &'a str,
+        bank: bool,
+        members: &'a [Vec<ContainedPort>],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let class = self.py.import("hprm._ports")?.getattr("Contained")?;
+        let mut instances = Vec::new();
+        for (index, member) in members.iter().enumerate() {
+            let label = if bank { format!("{name}[{index}]") } else { name.to_owned() };
+            let ports = PyDict::new(self.py);
+            for port in member {
+                let full = format!("{label}.{}", port.name);
+                let built = self.port(&full, port.ports, port.access)?;
+                ports.set_item(&port.name, &built)?;
+                self.contained.insert((name, &port.name), built);
+            }
+            instances.push(class.call1((label, ports))?);
+        }
+        if bank {
+            return Ok(PyTuple::new(self.py, instances)?.into_any());
+        }
+        instances.pop().ok_or_else(|| PyKeyError::new_err(format!("no instance {name}")))
+    }
+
+    fn port(
+        &self,
+        name: &str,
+        ports: Ports,
+        access: hprm_lf::Access,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let access = match access {
+            hprm_lf::Access::Read => Access::Read,
+            hprm_lf::Access::Write => Access::Write,
+        };
+        let channels = (ports.first, ports.width);
+        let user = (self.reaction, access);
+        Ok(Port::build(self.py, self.runtime, user, name, channels)?.into_any())
+    }
+}
+
+/// The codec of each channel; packages are imported only where they are needed, and once.
+fn codecs(
+    py: Python<'_>,
+    compiled: &Compiled,
+    scope: Scope,
+) -> Result<Table<hprm_core::ChannelId, Arc<Codec>>, Failure> {
+    let program = &compiled.program;
+    let mut known = BTreeMap::<Option<&str>, Arc<Codec>>::new();
+    let mut codecs = Table::new();
+    for channel in program.channels.values() {
+        let connection = &program.connections[channel.connection];
+        let here = [channel.from, channel.to].map(Scope::Federate).contains(&scope);
+        let name = connection.serializer.as_deref().filter(|_| here);
+        let codec = match known.get(&name) {
+            Some(codec) => Arc::clone(codec),
+            None => {
+                let codec = Codec::of(py, name).map_err(|error| {
+                    let [from, to] =
+                        [connection.from, connection.to].map(|port| program.port_name(port));
+                    let name = name.unwrap_or("native");
+                    let what = format!("loading the serializer \"{name}\" of {from} -> {to}");
+                    failure(py, error, &what)
+                })?;
+                Arc::clone(known.entry(name).or_insert(Arc::new(codec)))
+            }
+        };
+        codecs.push(codec);
+    }
+    Ok(codecs)
+}

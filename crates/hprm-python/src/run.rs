@@ -1,0 +1,117 @@
+//! The entry points: running a whole program, or one federate of it, from its file to its end.
+//!
+//! They return exit codes. What there is to say has been said by then.
+
+use std::fmt::Display;
+use std::io::IsTerminal;
+use std::sync::Arc;
+
+use hprm::{Failure, FederateOptions, Inbox};
+use hprm_core::Scope;
+use hprm_lf::Compiled;
+use hprm_store::StoreLimits;
+use pyo3::prelude::*;
+
+use crate::console::say;
+use crate::load::load;
+use crate::value::Value;
+
+/// Runs a program in this process, federated or not, to its end. Returns the exit code.
+#[pyfunction]
+pub(crate) fn run_program(py: Python<'_>, path: &str) -> i32 {
+    exit_code(compile(path, true).and_then(|compiled| {
+        let inbox = inbox()?;
+        let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
+        hprm::run_whole(&compiled.program, &mut host, &inbox)
+    }))
+}
+
+/// Runs one federate of a program to its end. Returns the exit code.
+#[pyfunction]
+#[pyo3(signature = (path, federate, *, rti, federation, warn = true))]
+pub(crate) fn run_federate(
+    py: Python<'_>,
+    path: &str,
+    federate: &str,
+    rti: &str,
+    federation: &str,
+    warn: bool,
+) -> i32 {
+    exit_code(compile(path, warn).and_then(|compiled| {
+        let options = options(&compiled, federate, rti, federation)?;
+        let inbox = inbox()?;
+        let scope = Scope::Federate(options.federate);
+        hprm::run_federate(&options, &inbox, || load(py, &compiled, scope, &inbox))
+    }))
+}
+
+/// Has the kernel end this process when the one that started it ends.
+///
+/// # Errors
+///
+/// If the kernel refuses.
+#[pyfunction]
+pub(crate) fn die_with_parent() -> PyResult<()> {
+    let signal = Some(rustix::process::Signal::KILL);
+    rustix::process::set_parent_process_death_signal(signal).map_err(std::io::Error::from)?;
+    Ok(())
+}
+
+fn options(
+    compiled: &Compiled,
+    federate: &str,
+    rti: &str,
+    federation: &str,
+) -> Result<FederateOptions, Failure> {
+    let program = &compiled.program;
+    let Some(id) = program.federate_named(federate) else {
+        let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
+        let name = &program.name;
+        return Err(Failure::new(if names.is_empty() {
+            format!("error: {name} is not federated, so it has no federate {federate}")
+        } else {
+            format!("error: {name} has no federate {federate}; it has: {}", names.join(", "))
+        }));
+    };
+    let wrong = |option, error: &dyn Display| Failure::new(format!("error: {option}: {error}"));
+    Ok(FederateOptions {
+        program: Arc::clone(program),
+        federate: id,
+        rti: rti.parse().map_err(|error| wrong("--rti", &error))?,
+        federation: federation.parse().map_err(|error| wrong("--federation", &error))?,
+        store: StoreLimits::default(),
+    })
+}
+
+fn compile(path: &str, warn: bool) -> Result<Compiled, Failure> {
+    let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let mut loader = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
+    match hprm_lf::compile(path, &mut loader) {
+        Ok(compiled) => {
+            if warn && !compiled.warnings.is_empty() {
+                say(&hprm_lf::render_all(&compiled.warnings, &compiled.sources, color));
+            }
+            Ok(compiled)
+        }
+        Err(failure) => {
+            let message = hprm_lf::render_all(&failure.diagnostics, &failure.sources, color);
+            Err(Failure::new(message))
+        }
+    }
+}
+
+fn inbox() -> Result<Inbox<Value>, Failure> {
+    Inbox::new().map_err(|error| Failure::new(format!("error: no descriptor is left: {error}")))
+}
+
+fn exit_code(outcome: Result<(), Failure>) -> i32 {
+    match outcome {
+        Ok(()) => 0,
+        Err(Failure { message, code }) => {
+            if !message.is_empty() {
+                say(&message);
+            }
+            code
+        }
+    }
+}

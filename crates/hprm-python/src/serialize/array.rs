@@ -1,0 +1,235 @@
+//! What a NumPy array is made of, and making one.
+//!
+//! NumPy is reached through its Python names, and only if the program has imported it or a payload
+//! holds an array. Which bytes go where is decided elsewhere.
+
+use pyo3::exceptions::PyValueError;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
+
+/// The names of NumPy that encoding needs.
+pub(super) struct Numpy {
+    ndarray: Py<PyType>,
+    dtype: Py<PyAny>,
+    copyto: Py<PyAny>,
+    /// From the dtypes seen so far to their descriptions, and back.
+    descriptions: Py<PyDict>,
+    dtypes: Py<PyDict>,
+}
+
+/// More dtypes than a program uses: forget all, rather than grow.
+const CACHE_LIMIT: usize = 256;
+
+static NUMPY: PyOnceLock<Numpy> = PyOnceLock::new();
+
+impl Numpy {
+    /// NumPy, if the program has imported it. If not, no value is an array.
+    pub(super) fn if_imported(py: Python<'_>) -> PyResult<Option<&'static Self>> {
+        if let Some(numpy) = NUMPY.get(py) {
+            return Ok(Some(numpy));
+        }
+        let modules = py.import(intern!(py, "sys"))?.getattr(intern!(py, "modules"))?;
+        if modules.contains(intern!(py, "numpy"))? {
+            Self::imported(py).map(Some)
+        } else {
+            Ok(None)
+        }
+    }
+
+    /// NumPy, imported now if need be.
+    pub(super) fn imported(py: Python<'_>) -> PyResult<&'static Self> {
+        NUMPY.get_or_try_init(py, || {
+            let numpy = py.import(intern!(py, "numpy"))?;
+            Ok(Self {
+                ndarray: numpy.getattr(intern!(py, "ndarray"))?.cast_into::<PyType>()?.unbind(),
+                dtype: numpy.getattr(intern!(py, "dtype"))?.unbind(),
+                copyto: numpy.getattr(intern!(py, "copyto"))?.unbind(),
+                descriptions: PyDict::new(py).unbind(),
+                dtypes: PyDict::new(py).unbind(),
+            })
+        })
+    }
+
+    /// Whether `value` is an array and not of a subclass, which has a state of its own.
+    pub(super) fn is_array(&self, value: &Bound<'_, PyAny>) -> bool {
+        value.get_type().is(&self.ndarray)
+    }
+
+    /// What `array` is made of; none if its elements are not plain bytes.
+    pub(super) fn layout<'py>(&self, array: &Bound<'py, PyAny>) -> PyResult<Option<Layout<'py>>> {
+        let py = array.py();
+        let dtype = array.getattr(intern!(py, "dtype"))?;
+        let Some(description) = self.description(&dtype)? else { return Ok(None) };
+        let flags = array.getattr(intern!(py, "flags"))?;
+        let flag = |name| flags.getattr(name)?.is_truthy();
+        let fortran = flag(intern!(py, "f_contiguous"))? && !flag(intern!(py, "c_contiguous"))?;
+        Ok(Some(Layout {
+            dtype,
+            description,
+            shape: array.getattr(intern!(py, "shape"))?.cast_into::<PyTuple>()?,
+            order: if fortran { Order::Fortran } else { Order::C },
+            len: array.getattr(intern!(py, "nbytes"))?.extract()?,
+        }))
+    }
+
+    /// The bytes of an array, in its order.
+    pub(super) fn bytes<'py>(
+        array: &Bound<'py, PyAny>,
+        layout: &Layout<'py>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let py = array.py();
+        let bytes = array.call_method1(intern!(py, "tobytes"), (layout.order.name(),))?;
+        Ok(bytes.cast_into::<PyBytes>()?)
+    }
+
+    /// Copies an array into a buffer of its length, in its order.
+    pub(super) fn gather(
+        &self,
+        array: &Bound<'_, PyAny>,
+        layout: &Layout<'_>,
+        buffer: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let Layout { dtype, shape, order, .. } = layout;
+        let target = self.over(shape.as_any(), dtype, buffer, *order)?;
+        self.copyto.bind(array.py()).call1((target, array))?;
+        Ok(())
+    }
+
+    /// An array over a buffer; read-only if the buffer is.
+    pub(super) fn over<'py>(
+        &self,
+        shape: &Bound<'py, PyAny>,
+        dtype: &Bound<'py, PyAny>,
+        buffer: &Bound<'py, PyAny>,
+        order: Order,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let py = shape.py();
+        let strides = py.None();
+        self.ndarray.bind(py).call1((shape, dtype, buffer, 0, strides, order.name()))
+    }
+
+    /// The dtype of that description.
+    pub(super) fn dtype<'py>(
+        &self,
+        description: &Bound<'py, PyBytes>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let py = description.py();
+        let known = self.dtypes.bind(py);
+        if let Some(dtype) = known.get_item(description)? {
+            return Ok(dtype);
+        }
+        let dtype = match description.as_bytes().split_first() {
+            Some((&SIMPLE, name)) => {
+                let name = std::str::from_utf8(name)
+                    .map_err(|_| PyValueError::new_err("malformed payload: a dtype is no text"))?;
+                self.dtype.bind(py).call1((name,))?
+            }
+            Some((&PICKLED, pickle)) => {
+                pickled_dtype(&PyBytes::new(py, pickle), self.dtype.bind(py))?
+            }
+            _ => return Err(PyValueError::new_err("malformed payload: unknown form of a dtype")),
+        };
+        if !is_plain(&dtype)? {
+            return Err(PyValueError::new_err("malformed payload: elements are not plain bytes"));
+        }
+        remember(known, description.as_any(), &dtype)?;
+        Ok(dtype)
+    }
+
+    fn description<'py>(&self, dtype: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let py = dtype.py();
+        let known = self.descriptions.bind(py);
+        if let Some(description) = known.get_item(dtype)? {
+            return Ok(Some(description.cast_into::<PyBytes>()?));
+        }
+        if !is_plain(dtype)? {
+            return Ok(None);
+        }
+        let description = self.describe(dtype)?;
+        remember(known, dtype, description.as_any())?;
+        Ok(Some(description))
+    }
+
+    /// By its short name where that says it all; fields, metadata and foreign dtypes need more.
+    fn describe<'py>(&self, dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
+        let py = dtype.py();
+        let name: String = dtype.getattr(intern!(py, "str"))?.extract()?;
+        let plain = dtype.getattr(intern!(py, "names"))?.is_none()
+            && dtype.getattr(intern!(py, "metadata"))?.is_none()
+            && self.dtype.bind(py).call1((&name,))?.eq(dtype)?;
+        let mut description = vec![if plain { SIMPLE } else { PICKLED }];
+        if plain {
+            description.extend_from_slice(name.as_bytes());
+        } else {
+            let pickle = py.import(intern!(py, "pickle"))?;
+            let bytes = pickle.call_method1(intern!(py, "dumps"), (dtype, 5))?;
+            description.extend_from_slice(bytes.cast::<PyBytes>()?.as_bytes());
+        }
+        Ok(PyBytes::new(py, &description))
+    }
+}
+
+/// What an array is made of.
+pub(super) struct Layout<'py> {
+    pub(super) dtype: Bound<'py, PyAny>,
+    pub(super) description: Bound<'py, PyBytes>,
+    pub(super) shape: Bound<'py, PyTuple>,
+    pub(super) order: Order,
+    /// The length of its elements in bytes.
+    pub(super) len: usize,
+}
+
+/// Which index varies fastest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Order {
+    /// The last one.
+    C,
+    /// The first one.
+    Fortran,
+}
+
+impl Order {
+    /// As NumPy calls it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::C => "C",
+            Self::Fortran => "F",
+        }
+    }
+}
+
+const SIMPLE: u8 = 0;
+const PICKLED: u8 = 1;
+
+fn is_plain(dtype: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let py = dtype.py();
+    let refers = dtype.getattr(intern!(py, "hasobject"))?.is_truthy()?;
+    let itemsize: usize = dtype.getattr(intern!(py, "itemsize"))?.extract()?;
+    // An element of no bytes is widened by NumPy when an array is made over a buffer.
+    Ok(!refers && itemsize > 0)
+}
+
+fn pickled_dtype<'py>(
+    pickle: &Bound<'py, PyBytes>,
+    class: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let py = pickle.py();
+    let dtype = py.import(intern!(py, "pickle"))?.call_method1(intern!(py, "loads"), (pickle,))?;
+    if !dtype.is_instance(class)? {
+        return Err(PyValueError::new_err("malformed payload: a dtype is something else"));
+    }
+    Ok(dtype)
+}
+
+fn remember(
+    cache: &Bound<'_, PyDict>,
+    key: &Bound<'_, PyAny>,
+    entry: &Bound<'_, PyAny>,
+) -> PyResult<()> {
+    if cache.len() >= CACHE_LIMIT {
+        cache.clear();
+    }
+    cache.set_item(key, entry)
+}

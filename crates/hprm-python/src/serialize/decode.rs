@@ -1,0 +1,240 @@
+//! Rebuilding a value from a head and its parts.
+//!
+//! The bytes may be anything: whatever is wrong with them becomes a `ValueError`, and no allocation
+//! exceeds what the bytes at hand can justify.
+
+use std::slice;
+
+use pyo3::exceptions::PyValueError;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+
+use super::array::{Numpy, Order};
+use super::format::{self, DEPTH_LIMIT, Kind};
+use crate::buffer::{Memory, Part};
+
+/// Rebuilds a value.
+///
+/// # Errors
+///
+/// If the bytes are no value, or if building it raises.
+pub(super) fn decode<'py>(
+    py: Python<'py>,
+    head: &[u8],
+    parts: &[Part],
+) -> PyResult<Bound<'py, PyAny>> {
+    let (head, parts) = match (head, parts) {
+        ([format::DIRECT, node @ ..], parts) => (node, parts),
+        ([format::INDIRECT], [parts @ .., head]) => match head.as_bytes() {
+            [format::DIRECT, node @ ..] => (node, parts),
+            _ => return Err(malformed("no format that is known here")),
+        },
+        _ => return Err(malformed("no format that is known here")),
+    };
+    let mut walk = Walk { py, head, parts: parts.iter(), seen: Vec::new(), depth: 0 };
+    let value = walk.node()?;
+    if walk.head.is_empty() && walk.parts.as_slice().is_empty() {
+        Ok(value)
+    } else {
+        Err(malformed("bytes after its end"))
+    }
+}
+
+/// A blob: where its bytes are.
+enum Blob<'a> {
+    Inline(&'a [u8]),
+    Part(&'a Part),
+}
+
+impl<'a> Blob<'a> {
+    fn as_bytes(&self) -> &'a [u8] {
+        match self {
+            Self::Inline(bytes) => bytes,
+            Self::Part(part) => part.as_bytes(),
+        }
+    }
+
+    /// The bytes as an object that arrays can lie over, read-only.
+    fn into_buffer<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(match self {
+            Self::Inline(bytes) => PyBytes::new(py, bytes).into_any(),
+            Self::Part(part) => Bound::new(py, Memory(part.clone()))?.into_any(),
+        })
+    }
+}
+
+struct Walk<'a, 'py> {
+    py: Python<'py>,
+    /// What has not been read.
+    head: &'a [u8],
+    parts: slice::Iter<'a, Part>,
+    /// The values that may occur again; none for a tuple that is not complete.
+    seen: Vec<Option<Bound<'py, PyAny>>>,
+    depth: u32,
+}
+
+impl<'a, 'py> Walk<'a, 'py> {
+    fn node(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        self.depth += 1;
+        if self.depth > DEPTH_LIMIT + 1 {
+            return Err(malformed("values nested too deeply"));
+        }
+        let [byte] = self.take()?;
+        let kind = Kind::of(byte).ok_or_else(|| malformed("an unknown kind of value"))?;
+        let py = self.py;
+        let value = match kind {
+            Kind::None => py.None().into_bound(py),
+            Kind::False | Kind::True => {
+                (kind == Kind::True).into_pyobject(py)?.to_owned().into_any()
+            }
+            Kind::Int => format::unzigzag(self.number()?).into_pyobject(py)?.into_any(),
+            Kind::Long => self.long()?,
+            Kind::Float => PyFloat::new(py, f64::from_le_bytes(self.take()?)).into_any(),
+            Kind::Str => self.text()?,
+            Kind::Bytes => {
+                let bytes = self.blob()?;
+                self.remember(PyBytes::new(py, bytes.as_bytes()).into_any())
+            }
+            Kind::ByteArray => {
+                let bytes = self.blob()?;
+                self.remember(PyByteArray::new(py, bytes.as_bytes()).into_any())
+            }
+            Kind::List => self.list()?,
+            Kind::Tuple => self.tuple()?,
+            Kind::Dict => self.dict()?,
+            Kind::Again => self.again()?,
+            Kind::Array => self.array()?,
+            Kind::Pickle => self.pickle()?,
+        };
+        self.depth -= 1;
+        Ok(value)
+    }
+
+    fn list(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let list = PyList::empty(self.py);
+        self.remember(list.clone().into_any());
+        for _ in 0..self.count()? {
+            list.append(self.node()?)?;
+        }
+        Ok(list.into_any())
+    }
+
+    fn tuple(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let number = self.seen.len();
+        self.seen.push(None);
+        let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
+        let tuple = PyTuple::new(self.py, members)?.into_any();
+        self.seen[number] = Some(tuple.clone());
+        Ok(tuple)
+    }
+
+    fn dict(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let dict = PyDict::new(self.py);
+        self.remember(dict.clone().into_any());
+        for _ in 0..self.count()? {
+            let key = self.node()?;
+            dict.set_item(key, self.node()?)?;
+        }
+        Ok(dict.into_any())
+    }
+
+    fn again(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let number = usize::try_from(self.number()?).ok();
+        let seen = number.and_then(|number| self.seen.get(number)).cloned().flatten();
+        seen.ok_or_else(|| malformed("a reference to nothing"))
+    }
+
+    fn array(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let numpy = Numpy::imported(self.py)?;
+        let len = self.count()?;
+        let description = PyBytes::new(self.py, self.bytes(len)?);
+        let order = match self.take()? {
+            [0] => Order::C,
+            [1] => Order::Fortran,
+            _ => return Err(malformed("an unknown order of an array")),
+        };
+        let dimensions = self.count()?;
+        let shape = (0..dimensions).map(|_| self.number()).collect::<PyResult<Vec<_>>>()?;
+        let buffer = self.blob()?.into_buffer(self.py)?;
+        let shape = PyTuple::new(self.py, shape)?;
+        let dtype = numpy.dtype(&description)?;
+        let array = numpy.over(shape.as_any(), &dtype, &buffer, order)?;
+        Ok(self.remember(array))
+    }
+
+    fn pickle(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let data = self.blob()?.into_buffer(self.py)?;
+        let count = self.count()?;
+        let buffers =
+            (0..count).map(|_| self.blob()?.into_buffer(self.py)).collect::<PyResult<Vec<_>>>()?;
+        let module = self.py.import(intern!(self.py, "hprm._pickle"))?;
+        module.call_method1(intern!(self.py, "loads"), (data, buffers))
+    }
+
+    fn long(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let bytes = PyBytes::new(self.py, self.blob()?.as_bytes());
+        let signed = PyDict::new(self.py);
+        signed.set_item(intern!(self.py, "signed"), true)?;
+        let args = (bytes, intern!(self.py, "little"));
+        self.py.get_type::<PyInt>().call_method(intern!(self.py, "from_bytes"), args, Some(&signed))
+    }
+
+    fn text(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let text = std::str::from_utf8(self.blob()?.as_bytes())
+            .map_err(|_| malformed("a string that is no text"))?;
+        Ok(PyString::new(self.py, text).into_any())
+    }
+
+    fn remember(&mut self, value: Bound<'py, PyAny>) -> Bound<'py, PyAny> {
+        self.seen.push(Some(value.clone()));
+        value
+    }
+
+    fn blob(&mut self) -> PyResult<Blob<'a>> {
+        let header = self.number()?;
+        let len = usize::try_from(header >> 1).map_err(|_| malformed("a buffer too long"))?;
+        if header & 1 == 0 {
+            return Ok(Blob::Inline(self.bytes(len)?));
+        }
+        match self.parts.next() {
+            Some(part) if part.as_bytes().len() == len => Ok(Blob::Part(part)),
+            Some(_) => Err(malformed("a buffer of another length than announced")),
+            None => Err(malformed("a buffer is missing")),
+        }
+    }
+
+    /// A number of things of at least one byte each, so no more than there are bytes.
+    fn count(&mut self) -> PyResult<usize> {
+        let count = self.number()?;
+        match usize::try_from(count) {
+            Ok(count) if count <= self.head.len() => Ok(count),
+            _ => Err(malformed("more entries than bytes")),
+        }
+    }
+
+    fn number(&mut self) -> PyResult<u64> {
+        let (number, len) =
+            format::number(self.head).ok_or_else(|| malformed("it ends in a number"))?;
+        self.head = &self.head[len..];
+        Ok(number)
+    }
+
+    fn take<const N: usize>(&mut self) -> PyResult<[u8; N]> {
+        let (taken, rest) =
+            self.head.split_first_chunk().ok_or_else(|| malformed("it ends too early"))?;
+        self.head = rest;
+        Ok(*taken)
+    }
+
+    fn bytes(&mut self, len: usize) -> PyResult<&'a [u8]> {
+        let (taken, rest) =
+            self.head.split_at_checked(len).ok_or_else(|| malformed("it ends too early"))?;
+        self.head = rest;
+        Ok(taken)
+    }
+}
+
+fn malformed(what: &str) -> PyErr {
+    PyValueError::new_err(format!("malformed payload: {what}"))
+}

@@ -1,0 +1,109 @@
+//! The bytes of an encoded value: what each node of a head looks like.
+//!
+//! A head is one byte that says which format it has, then one node. A node is a byte of [`Kind`] and
+//! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
+//! are the payload's next part rather than here. Containers, byte strings and arrays are counted as
+//! they begin, and [`Kind::Again`] refers to them by that number.
+
+/// The head is right here.
+pub(super) const DIRECT: u8 = 1;
+/// The head is the payload's last part, because it is too large to travel inside a message.
+pub(super) const INDIRECT: u8 = 2;
+
+/// Values nested deeper than this are left to pickle, which has its own limit.
+pub(super) const DEPTH_LIMIT: u32 = 100;
+
+/// What a node is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u8)]
+pub(super) enum Kind {
+    /// `None`.
+    None = 0,
+    /// `False`.
+    False = 1,
+    /// `True`.
+    True = 2,
+    /// An integer of 64 bits: a zigzag number.
+    Int = 3,
+    /// Any other integer: a blob, little-endian and in two's complement.
+    Long = 4,
+    /// A float: eight bytes, little-endian.
+    Float = 5,
+    /// A string: a blob of UTF-8.
+    Str = 6,
+    /// Bytes: a blob.
+    Bytes = 7,
+    /// A bytearray: a blob.
+    ByteArray = 8,
+    /// A list: a number, then as many nodes.
+    List = 9,
+    /// A tuple: a number, then as many nodes.
+    Tuple = 10,
+    /// A dict: a number, then as many pairs of nodes, in the order of insertion.
+    Dict = 11,
+    /// A value that occurred before: its number.
+    Again = 12,
+    /// A NumPy array: see `array`.
+    Array = 13,
+    /// A pickle: a blob, then a number and as many blobs, the buffers that are out of band.
+    Pickle = 14,
+}
+
+impl Kind {
+    /// The kind of that byte.
+    pub(super) fn of(byte: u8) -> Option<Self> {
+        const KINDS: [Kind; 15] = [
+            Kind::None,
+            Kind::False,
+            Kind::True,
+            Kind::Int,
+            Kind::Long,
+            Kind::Float,
+            Kind::Str,
+            Kind::Bytes,
+            Kind::ByteArray,
+            Kind::List,
+            Kind::Tuple,
+            Kind::Dict,
+            Kind::Again,
+            Kind::Array,
+            Kind::Pickle,
+        ];
+        KINDS.get(usize::from(byte)).copied()
+    }
+}
+
+/// Appends `number`.
+pub(super) fn put_number(head: &mut Vec<u8>, mut number: u64) {
+    while number >= 0x80 {
+        head.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    head.push(number as u8);
+}
+
+/// The number at the start of `bytes` and its length, if there is a whole one.
+pub(super) fn number(bytes: &[u8]) -> Option<(u64, usize)> {
+    let mut number = 0;
+    for (at, byte) in bytes.iter().take(10).enumerate() {
+        let digits = u64::from(byte & 0x7f);
+        if at == 9 && digits > 1 {
+            return None;
+        }
+        number |= digits << (7 * at);
+        if byte & 0x80 == 0 {
+            return Some((number, at + 1));
+        }
+    }
+    None
+}
+
+/// A signed number as one that is small if it is near zero.
+pub(super) fn zigzag(number: i64) -> u64 {
+    ((number << 1) ^ (number >> 63)) as u64
+}
+
+/// The inverse of [`zigzag`].
+pub(super) fn unzigzag(number: u64) -> i64 {
+    (number >> 1) as i64 ^ -((number & 1) as i64)
+}

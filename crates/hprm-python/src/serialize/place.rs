@@ -1,0 +1,112 @@
+//! Where the large buffers of a value go: into the own store, or into the message.
+//!
+//! The only copy of an array is made here.
+
+use hprm_core::limits::INLINE_LIMIT;
+use hprm_core::{FederateId, Part};
+use hprm_store::{Object, Store, StoreError};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+
+use super::array::Numpy;
+use super::encode::Source;
+use crate::buffer::{Draft, Staging};
+
+/// A place for large buffers.
+pub(crate) struct Place<'s> {
+    /// The store, and the federate that owns it; without one, everything travels in the message.
+    store: Option<(&'s mut Store, FederateId)>,
+    /// Holds on what was stored.
+    holds: Vec<Object>,
+}
+
+impl<'s> Place<'s> {
+    /// In the store of `owner`, as long as it has room.
+    pub(crate) fn store(store: &'s mut Store, owner: FederateId) -> Self {
+        Self { store: Some((store, owner)), holds: Vec::new() }
+    }
+
+    /// In the message.
+    pub(crate) fn inline() -> Self {
+        Self { store: None, holds: Vec::new() }
+    }
+
+    /// Ends the placing: what keeps the stored objects.
+    pub(super) fn into_holds(self) -> Vec<Object> {
+        self.holds
+    }
+
+    /// Places one buffer.
+    pub(super) fn put(&mut self, py: Python<'_>, source: &Source<'_>) -> PyResult<Part> {
+        let len = source.len()?;
+        self.write(len, |draft| source.write(py, draft))
+    }
+
+    /// Places bytes that are ours.
+    pub(super) fn put_bytes(&mut self, bytes: Vec<u8>) -> PyResult<Part> {
+        if self.store.is_none() || bytes.len() <= INLINE_LIMIT {
+            return Ok(Part::Inline(bytes));
+        }
+        self.write(bytes.len(), |mut draft| {
+            draft.bytes_mut().copy_from_slice(&bytes);
+            Ok(draft)
+        })
+    }
+
+    fn write(
+        &mut self,
+        len: usize,
+        write: impl FnOnce(Draft) -> PyResult<Draft>,
+    ) -> PyResult<Part> {
+        match write(self.draft(len)?)? {
+            Draft::Inline(bytes) => Ok(Part::Inline(bytes)),
+            Draft::Loan(loan) => {
+                let (store, owner) = self.store.as_mut().expect("the loan is from a store");
+                store.count_copy(len);
+                let object = store.seal(loan, &[*owner]);
+                self.holds.push(store.open(object).map_err(refused)?);
+                Ok(Part::Object(object))
+            }
+        }
+    }
+
+    fn draft(&mut self, len: usize) -> PyResult<Draft> {
+        let Some((store, _)) = self.store.as_mut() else { return Ok(Draft::Inline(vec![0; len])) };
+        match store.loan(len) {
+            Ok(loan) => Ok(Draft::Loan(loan)),
+            Err(StoreError::Full { .. }) => {
+                store.count_inline_fallback();
+                Ok(Draft::Inline(vec![0; len]))
+            }
+            Err(error) => Err(refused(error)),
+        }
+    }
+}
+
+impl Source<'_> {
+    fn len(&self) -> PyResult<usize> {
+        Ok(match self {
+            Self::Array(_, layout) => layout.len,
+            Self::Bytes(bytes) => bytes.as_bytes().len(),
+            Self::Text(text) => text.to_str()?.len(),
+            Self::Buffer(buffer) => buffer.len_bytes(),
+        })
+    }
+
+    fn write(&self, py: Python<'_>, mut draft: Draft) -> PyResult<Draft> {
+        match self {
+            Self::Array(array, layout) => {
+                let numpy = Numpy::imported(py)?;
+                return Staging::lend(py, draft, |buffer| numpy.gather(array, layout, buffer));
+            }
+            Self::Bytes(bytes) => draft.bytes_mut().copy_from_slice(bytes.as_bytes()),
+            Self::Text(text) => draft.bytes_mut().copy_from_slice(text.to_str()?.as_bytes()),
+            Self::Buffer(buffer) => buffer.copy_to_slice(py, draft.bytes_mut())?,
+        }
+        Ok(draft)
+    }
+}
+
+fn refused(error: StoreError) -> PyErr {
+    PyRuntimeError::new_err(error.to_string())
+}

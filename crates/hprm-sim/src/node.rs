@@ -1,0 +1,140 @@
+//! One federate of the world: its machine, its scheduler, and the loop between them.
+//!
+//! It does what a driver does: handle everything that has come, say what is next, ask, process.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use hprm_core::{FederateId, Payload, PhysicalTime, Program, Scheduler, Scope, Tag};
+use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
+
+use crate::Log;
+use crate::behaviour::process;
+
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub(crate) machine: Federate,
+    scheduler: Scheduler<u64>,
+    pub(crate) log: Log,
+    /// Messages that came too late for their tag.
+    pub(crate) tardy: usize,
+    start: Option<PhysicalTime>,
+    /// What is for the network to carry out.
+    pub(crate) outputs: VecDeque<Output>,
+    /// It asks to stop when it has processed this tag or a later one.
+    stop_after: Option<Tag>,
+    pub(crate) finished: bool,
+    pub(crate) ended: Option<End>,
+    pub(crate) crashed: bool,
+    /// When it looks up next; later wake-ups are void.
+    pub(crate) wake: Option<PhysicalTime>,
+}
+
+impl Node {
+    pub(crate) fn new(
+        me: FederateId,
+        program: &Arc<Program>,
+        federation: FederationId,
+        stop_after: Option<Tag>,
+    ) -> Self {
+        let fingerprint = program.fingerprint();
+        let listen = Some(format!("{}", me.0));
+        let machine = Federate::new(me, program, federation, fingerprint, HostId(1), listen);
+        Self {
+            machine,
+            scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
+            log: Log::new(program),
+            tardy: 0,
+            start: None,
+            outputs: VecDeque::new(),
+            stop_after,
+            finished: false,
+            ended: None,
+            crashed: false,
+            wake: None,
+        }
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        self.finished || self.ended.is_some() || self.crashed
+    }
+
+    pub(crate) fn last_tag(&self) -> Tag {
+        self.scheduler.tag()
+    }
+
+    /// Takes an input.
+    pub(crate) fn input(&mut self, now: PhysicalTime, input: Input) -> Result<(), Fault> {
+        self.machine.handle(now, input)?;
+        self.drain(now);
+        Ok(())
+    }
+
+    /// Carries out what concerns the scheduler.
+    pub(crate) fn drain(&mut self, now: PhysicalTime) {
+        while let Some(output) = self.machine.poll() {
+            match output {
+                Output::Start { at } => {
+                    self.start = Some(at);
+                    self.scheduler.start(at);
+                }
+                Output::Deliver { channel, tag, payload } => {
+                    let at = self.scheduler.deliver(channel, tag, value(&payload));
+                    self.tardy += usize::from(at.is_some_and(|at| at != tag));
+                }
+                Output::DeliverPhysical { channel, payload, .. } => {
+                    self.scheduler.deliver_physical(channel, now, value(&payload));
+                }
+                Output::SetStop(tag) => self.scheduler.set_stop(tag),
+                Output::Ended { reason } => self.ended = Some(reason),
+                output => self.outputs.push_back(output),
+            }
+        }
+    }
+
+    /// Processes tags as far as it may. Returns when to look up again.
+    pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
+        while let Some(start) = self.start.filter(|_| !self.is_over()) {
+            let tag = self.scheduler.next_tag();
+            self.input(now, Input::NextEvent(tag))?;
+            let due = tag.due(start);
+            let permission = self.machine.permission(tag, now);
+            let until = match permission {
+                Permission::Granted => due,
+                Permission::WaitUntil(until) => until.max(due),
+                Permission::Wait => PhysicalTime::FOREVER,
+            };
+            if until > now {
+                let wakeup = self.machine.next_wakeup();
+                let until = wakeup.map_or(until, |wakeup| wakeup.min(until));
+                return Ok(Some(until).filter(|until| *until < PhysicalTime::FOREVER));
+            }
+            self.process(now, tag)?;
+        }
+        Ok(None)
+    }
+
+    fn process(&mut self, now: PhysicalTime, tag: Tag) -> Result<(), Fault> {
+        self.scheduler.begin(tag);
+        self.input(now, Input::Begun(tag))?;
+        let last = process(&mut self.scheduler, now, &mut self.log);
+        while let Some(send) = self.scheduler.poll_send() {
+            let payload = Payload { head: send.value.to_le_bytes().to_vec(), parts: Vec::new() };
+            self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
+        }
+        if self.stop_after.take_if(|after| tag >= *after).is_some() {
+            self.input(now, Input::RequestStop)?;
+        }
+        self.input(now, Input::Completed(tag))?;
+        if last {
+            self.input(now, Input::Finished)?;
+            self.finished = true;
+        }
+        Ok(())
+    }
+}
+
+fn value(payload: &Payload) -> u64 {
+    let bytes = payload.head.as_slice().try_into().expect("a simulated value has eight bytes");
+    u64::from_le_bytes(bytes)
+}

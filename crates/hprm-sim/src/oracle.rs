@@ -1,0 +1,45 @@
+//! What a program must do: the run of all of it in one scheduler, which needs no coordination.
+
+use std::sync::Arc;
+
+use hprm_core::{PhysicalTime, Program, Scheduler, Scope, Tag};
+
+use crate::behaviour::process;
+use crate::{Entry, Log};
+
+/// What the program does if it runs as one.
+#[must_use]
+pub fn reference(program: &Arc<Program>) -> Log {
+    let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
+    let mut log = Log::new(program);
+    let start = PhysicalTime(0);
+    scheduler.start(start);
+    loop {
+        let tag = scheduler.next_tag();
+        scheduler.begin(tag);
+        if process(&mut scheduler, tag.due(start), &mut log) {
+            return log;
+        }
+    }
+}
+
+/// The first execution, by reaction, that is not as it must be, before `end`.
+#[must_use]
+pub fn difference(program: &Program, is: &Log, must: &Log, end: Tag) -> Option<String> {
+    let before = |entries: &[Entry]| -> Vec<Entry> {
+        entries.iter().filter(|entry| entry.tag < end).cloned().collect()
+    };
+    program.reactions.ids().find_map(|reaction| {
+        let (is, must) = (before(&is.entries[reaction]), before(&must.entries[reaction]));
+        let at = (0..is.len().max(must.len())).find(|at| is.get(*at) != must.get(*at))?;
+        let name = program.reaction_name(reaction);
+        let show = |entry: Option<&Entry>| {
+            entry.map_or("nothing".to_owned(), |Entry { tag, seen }| format!("{tag} {seen:?}"))
+        };
+        Some(format!(
+            "execution {at} of {name}: {}, but must be {}",
+            show(is.get(at)),
+            show(must.get(at))
+        ))
+    })
+}

@@ -1,0 +1,107 @@
+//! What can go wrong in a store, in words for the person who runs the program.
+
+use hprm_core::{FederateId, ObjectRef};
+use rustix::io::Errno;
+
+use crate::HoldError;
+
+/// Why a segment of shared memory cannot be had.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SegmentError {
+    /// The system does not give the memory.
+    #[error(
+        "cannot create {len} bytes of shared memory ({step}: {cause}); free memory on this host, \
+         raise its limits, or lower the capacity of the object store"
+    )]
+    Create {
+        /// The length in bytes.
+        len: u64,
+        /// What was being done.
+        step: &'static str,
+        /// What the system says.
+        cause: Errno,
+    },
+    /// The system does not map the memory of another federate.
+    #[error(
+        "cannot map {len} bytes of another federate's shared memory ({step}: {cause}); it must come \
+         from an HPRM object store on this host, and this process needs the address space"
+    )]
+    Map {
+        /// The length in bytes.
+        len: u64,
+        /// What was being done.
+        step: &'static str,
+        /// What the system says.
+        cause: Errno,
+    },
+    /// The memory could shrink, or be written by others than its owner.
+    #[error(
+        "another federate offers shared memory that is not sealed against shrinking and against \
+         foreign writes; refused, because reading it could end this process"
+    )]
+    NotSealed,
+    /// The memory is shorter than its owner says.
+    #[error("another federate announces {announced} bytes of shared memory and offers {actual}")]
+    TooShort {
+        /// What the owner says, in bytes.
+        announced: u64,
+        /// What there is, in bytes.
+        actual: u64,
+    },
+}
+
+/// Why a store cannot do what it was asked.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// The capacity is reached.
+    #[error(
+        "the object store of federate {} is full: {asked} bytes were asked for and {in_use} bytes of \
+         at most {capacity} are in use; receivers keep them until they drop the values, so drop \
+         values sooner or raise the capacity", owner.0
+    )]
+    Full {
+        /// The federate whose store it is.
+        owner: FederateId,
+        /// The length that was asked for, in bytes.
+        asked: u64,
+        /// The most bytes that may be mapped.
+        capacity: u64,
+        /// Bytes that are loaned or held.
+        in_use: u64,
+    },
+    /// Memory cannot be created or mapped.
+    #[error(transparent)]
+    Segment(#[from] SegmentError),
+    /// A segment was announced twice, or by the store itself.
+    #[error("segment {segment} of federate {} is known already", owner.0)]
+    KnownSegment {
+        /// The federate that owns the segment.
+        owner: FederateId,
+        /// The segment.
+        segment: u32,
+    },
+    /// An object lies in a segment that was never announced, or is retired.
+    #[error(
+        "object {} of federate {} lies in segment {}, which was not announced before it",
+        object.serial, object.owner.0, object.segment
+    )]
+    UnknownSegment {
+        /// The object.
+        object: ObjectRef,
+    },
+    /// A reference does not describe an object.
+    #[error(
+        "object {} of federate {} cannot lie at bytes {} to {} of segment {}",
+        object.serial, object.owner.0, object.offset, object.offset.saturating_add(object.len),
+        object.segment
+    )]
+    OutOfBounds {
+        /// What the reference says.
+        object: ObjectRef,
+    },
+    /// A hold does not exist.
+    #[error(transparent)]
+    Hold(#[from] HoldError),
+}

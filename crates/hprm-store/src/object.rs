@@ -1,0 +1,80 @@
+//! A reader's hold on a sealed object.
+//!
+//! Bytes to read, shared by as many clones as one likes; when the last of them is dropped, the hold is
+//! owed back to the owner. Sending that release is the business of who drains the store.
+
+#![forbid(unsafe_code)]
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use hprm_core::ObjectRef;
+
+use crate::returns::Returns;
+use crate::shm::{Reading, SegmentView};
+
+/// A sealed object that this process reads in place.
+#[derive(Clone)]
+pub struct Object(Arc<Hold>);
+
+struct Hold {
+    // Dropped in this order: the release is owed only when the bytes are not borrowed any more.
+    bytes: Bytes,
+    owed: Owed,
+}
+
+/// Where the bytes are.
+pub(crate) enum Bytes {
+    /// In a segment of this store.
+    Own(Reading),
+    /// In a segment of another federate.
+    Foreign(Arc<SegmentView>, Range<usize>),
+}
+
+/// The release that is due at the end.
+struct Owed {
+    object: ObjectRef,
+    releases: Arc<Returns<ObjectRef>>,
+}
+
+impl Drop for Owed {
+    fn drop(&mut self) {
+        self.releases.push(self.object);
+    }
+}
+
+impl Object {
+    pub(crate) fn new(object: ObjectRef, bytes: Bytes, releases: Arc<Returns<ObjectRef>>) -> Self {
+        Self(Arc::new(Hold { bytes, owed: Owed { object, releases } }))
+    }
+
+    /// The bytes. They do not change as long as this value or a clone of it lives.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        match &self.0.bytes {
+            Bytes::Own(reading) => reading.bytes(),
+            Bytes::Foreign(view, range) => {
+                view.bytes(range).expect("the range was checked when the object was opened")
+            }
+        }
+    }
+
+    /// The reference that was opened: what to send to pass the object on.
+    #[must_use]
+    pub fn object_ref(&self) -> ObjectRef {
+        self.0.owed.object
+    }
+}
+
+impl AsRef<[u8]> for Object {
+    fn as_ref(&self) -> &[u8] {
+        self.as_bytes()
+    }
+}
+
+impl fmt::Debug for Object {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Object").field(&self.0.owed.object).finish()
+    }
+}

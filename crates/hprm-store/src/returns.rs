@@ -1,0 +1,76 @@
+//! A queue for things that end on any thread and are dealt with by the store's own.
+//!
+//! Values of Python and of Rust are dropped wherever their last user is; the ledger has one owner.
+//! So a drop only leaves a note here.
+
+#![forbid(unsafe_code)]
+#![allow(clippy::disallowed_types, reason = "drops come from any thread; nothing waits under it")]
+
+use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Called when the first note is left in an empty queue; on any thread, so it should only wake one.
+pub type Wake = Box<dyn Fn() + Send + Sync>;
+
+/// Notes, in the order in which they were left.
+pub(crate) struct Returns<T> {
+    notes: Mutex<Vec<T>>,
+    wake: Option<Wake>,
+}
+
+impl<T> Returns<T> {
+    /// An empty queue.
+    pub(crate) fn new(wake: Option<Wake>) -> Self {
+        Self { notes: Mutex::new(Vec::new()), wake }
+    }
+
+    /// Leaves a note.
+    pub(crate) fn push(&self, note: T) {
+        let mut notes = self.lock();
+        notes.push(note);
+        let first = notes.len() == 1;
+        drop(notes);
+        if let Some(wake) = self.wake.as_ref().filter(|_| first) {
+            wake();
+        }
+    }
+
+    /// Takes all notes.
+    pub(crate) fn drain(&self) -> Vec<T> {
+        std::mem::take(&mut *self.lock())
+    }
+
+    /// A push cannot leave the vector half changed, so a panic elsewhere does not matter.
+    fn lock(&self) -> MutexGuard<'_, Vec<T>> {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T> fmt::Debug for Returns<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Returns").field("notes", &self.lock().len()).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn the_first_note_wakes_and_the_next_do_not() {
+        let calls = Arc::new(AtomicUsize::new(0));
+        let counter = Arc::clone(&calls);
+        let wake: Wake = Box::new(move || {
+            counter.fetch_add(1, Ordering::Relaxed);
+        });
+        let returns = Returns::new(Some(wake));
+        returns.push(1);
+        returns.push(2);
+        assert_eq!((returns.drain(), calls.load(Ordering::Relaxed)), (vec![1, 2], 1));
+        returns.push(3);
+        assert_eq!((returns.drain(), calls.load(Ordering::Relaxed)), (vec![3], 2));
+    }
+}

@@ -1,0 +1,370 @@
+//! The mapping of shared memory: the one file of this crate with unsafe code.
+//!
+//! What it buys: 50 MB that several processes read where they were written, without a copy. What it
+//! owns: memfds, mappings, and slices into them. What it does not: who may read or write which bytes
+//! and when, which is the ledger's business; but within a process it trusts nobody and checks every
+//! borrow against [`Claims`].
+//!
+//! The argument for soundness, on which the blocks below rely:
+//!
+//! - A [`Mapping`] is a live mapping of `len` bytes from `base` until it is dropped, and every slice
+//!   borrows from a value that owns the mapping. The memory behind it exists as long: the owner has
+//!   faulted in each page before the segment is used, and a view is made only of a file that is
+//!   sealed against shrinking.
+//! - Within the owner's process, a slice is only made under a claim, and claims do not overlap unless
+//!   all of them are for reading.
+//! - Other processes cannot write: the file is sealed against writable mappings other than the one
+//!   that the owner made before. That the owner itself does not write what a reader holds is the
+//!   protocol of the store (an object is freed only by its releases), and the one thing a reader has
+//!   to trust its peer for; the bytes are plain `u8`, valid whatever they are.
+
+#![allow(unsafe_code)]
+
+use std::ops::Range;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::ptr::{self, NonNull};
+use std::slice;
+use std::sync::{Arc, MutexGuard, PoisonError};
+
+use rustix::fs::{self, FallocateFlags, MemfdFlags, SealFlags};
+use rustix::io::Errno;
+use rustix::mm::{self, Advice, MapFlags, ProtFlags};
+
+use crate::SegmentError;
+use crate::claims::Claims;
+
+/// Length from which huge pages are asked for, in bytes.
+const HUGE_PAGE: usize = 2 << 20;
+
+#[allow(clippy::disallowed_types, reason = "claims end on any thread; nothing waits under it")]
+type Shared<T> = std::sync::Mutex<T>;
+
+/// A range of the address space that shows a file; unmapped when dropped.
+#[derive(Debug)]
+struct Mapping {
+    base: NonNull<u8>,
+    len: usize,
+}
+
+// SAFETY: a mapping belongs to the process, not to a thread, and `Mapping` itself only unmaps it;
+// access to the bytes is through `Segment` and `SegmentView`, which order it.
+unsafe impl Send for Mapping {}
+// SAFETY: as for `Send`; a shared `Mapping` only tells its address and length.
+unsafe impl Sync for Mapping {}
+
+impl Mapping {
+    fn new(file: &OwnedFd, len: usize, prot: ProtFlags, flags: MapFlags) -> Result<Self, Errno> {
+        // SAFETY: the kernel chooses the address, so no existing mapping is replaced.
+        let base =
+            unsafe { mm::mmap(ptr::null_mut(), len, prot, MapFlags::SHARED | flags, file, 0) }?;
+        let base = NonNull::new(base.cast()).expect("the kernel maps nothing at address zero");
+        Ok(Self { base, len })
+    }
+
+    fn advise(&self, advice: Advice) -> Result<(), Errno> {
+        // SAFETY: the range is exactly this mapping, and the advice given in this file (huge pages,
+        // populate) changes no byte of it.
+        unsafe { mm::madvise(self.base.as_ptr().cast(), self.len, advice) }
+    }
+
+    /// Where the byte `offset` is. The pointer is good for as many bytes as follow in the mapping.
+    fn at(&self, offset: usize) -> *mut u8 {
+        assert!(offset <= self.len, "every range was checked before it came here");
+        self.base.as_ptr().wrapping_add(offset)
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: the range is exactly this mapping; slices borrow from a value that owns it, so
+        // there are none left.
+        let unmapped = unsafe { mm::munmap(self.base.as_ptr().cast(), self.len) };
+        debug_assert!(unmapped.is_ok(), "unmapping a whole mapping does not fail");
+    }
+}
+
+/// Shared memory that this process owns: it alone writes, and passes [`Self::fd`] to its readers.
+///
+/// It has no name in the file system, so nothing is left of it when its last process ends, however.
+#[derive(Debug)]
+pub(crate) struct Segment {
+    mapping: Mapping,
+    file: OwnedFd,
+    claims: Shared<Claims>,
+}
+
+impl Segment {
+    /// Creates a segment of `len` bytes, all of them present: neither the first write to a page nor
+    /// the lack of memory later can disturb who uses it.
+    pub(crate) fn create(len: u64) -> Result<Self, SegmentError> {
+        let error = |step| move |cause| SegmentError::Create { len, step, cause };
+        let size = usize::try_from(len).map_err(|_| error("length")(Errno::OVERFLOW))?;
+        let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
+        let file = fs::memfd_create("hprm-store", flags).map_err(error("memfd_create"))?;
+        fs::ftruncate(&file, len).map_err(error("ftruncate"))?;
+        let mapping = map_present(&file, size).map_err(error("mmap"))?;
+        // Only now: this seal spares the writable mapping that exists, and forbids all later ones.
+        let seals = SealFlags::SHRINK | SealFlags::GROW | SealFlags::FUTURE_WRITE | SealFlags::SEAL;
+        fs::fcntl_add_seals(&file, seals).map_err(error("seal"))?;
+        Ok(Self { mapping, file, claims: Shared::default() })
+    }
+
+    /// The length in bytes.
+    pub(crate) fn len(&self) -> u64 {
+        self.mapping.len as u64
+    }
+
+    /// What a reader needs to map the segment.
+    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+
+    /// Borrows `len` bytes from `offset` for one writer; `None` if any of them is borrowed already
+    /// or lies outside.
+    pub(crate) fn writing(self: &Arc<Self>, offset: u64, len: u64) -> Option<Writing> {
+        let range = range_within(offset, len, self.mapping.len)?;
+        let claimed = self.claims().claim_exclusive(&range);
+        claimed.then(|| Writing { segment: Arc::clone(self), range })
+    }
+
+    /// Borrows `len` bytes from `offset` for one more reader; `None` if any of them is borrowed
+    /// already, other than by readers of the same bytes, or lies outside.
+    pub(crate) fn reading(self: &Arc<Self>, offset: u64, len: u64) -> Option<Reading> {
+        let range = range_within(offset, len, self.mapping.len)?;
+        let claimed = self.claims().claim_shared(&range);
+        claimed.then(|| Reading { segment: Arc::clone(self), range })
+    }
+
+    /// Claims are changed in one step each, or panic without a change.
+    fn claims(&self) -> MutexGuard<'_, Claims> {
+        self.claims.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Maps `len` bytes of an empty file for writing, every page present.
+///
+/// Huge pages have to be asked for before the pages come, so the pages cannot come with the file.
+/// Kernels before 5.14 cannot populate a mapping that exists: there the pages come with the file.
+fn map_present(file: &OwnedFd, len: usize) -> Result<Mapping, Errno> {
+    let prot = ProtFlags::READ | ProtFlags::WRITE;
+    let mapping = Mapping::new(file, len, prot, MapFlags::empty())?;
+    if len >= HUGE_PAGE {
+        // A wish: a kernel without huge pages for shared memory refuses it, and nothing is lost.
+        let _ = mapping.advise(Advice::LinuxHugepage);
+    }
+    match mapping.advise(Advice::LinuxPopulateWrite) {
+        Ok(()) => Ok(mapping),
+        Err(Errno::INVAL) => {
+            fs::fallocate(file, FallocateFlags::empty(), 0, len as u64)?;
+            Mapping::new(file, len, prot, MapFlags::POPULATE)
+        }
+        Err(cause) => Err(cause),
+    }
+}
+
+fn range_within(offset: u64, len: u64, bound: usize) -> Option<Range<usize>> {
+    let start = usize::try_from(offset).ok()?;
+    let end = start.checked_add(usize::try_from(len).ok()?)?;
+    (end <= bound).then_some(start..end)
+}
+
+/// Bytes of a [`Segment`] that only this value can see and change, within this process.
+#[derive(Debug)]
+pub(crate) struct Writing {
+    segment: Arc<Segment>,
+    range: Range<usize>,
+}
+
+impl Writing {
+    pub(crate) fn bytes(&self) -> &[u8] {
+        let start = self.segment.mapping.at(self.range.start);
+        // SAFETY: the range lies in the mapping, which `self` keeps; `self` has an exclusive claim
+        // on it, so only `bytes_mut` could change it, and that borrows `self` mutably.
+        unsafe { slice::from_raw_parts(start, self.range.len()) }
+    }
+
+    pub(crate) fn bytes_mut(&mut self) -> &mut [u8] {
+        let start = self.segment.mapping.at(self.range.start);
+        // SAFETY: the range lies in the mapping, which `self` keeps and which is writable; `self`
+        // has an exclusive claim on it and is borrowed mutably, so there is no other slice of it.
+        unsafe { slice::from_raw_parts_mut(start, self.range.len()) }
+    }
+}
+
+impl Drop for Writing {
+    fn drop(&mut self) {
+        self.segment.claims().end(self.range.start);
+    }
+}
+
+/// Bytes of a [`Segment`] that do not change while this value lives, within this process.
+#[derive(Debug)]
+pub(crate) struct Reading {
+    segment: Arc<Segment>,
+    range: Range<usize>,
+}
+
+impl Reading {
+    pub(crate) fn bytes(&self) -> &[u8] {
+        let start = self.segment.mapping.at(self.range.start);
+        // SAFETY: the range lies in the mapping, which `self` keeps; `self` has a shared claim on it,
+        // so nobody has an exclusive one, without which there is no writable slice.
+        unsafe { slice::from_raw_parts(start, self.range.len()) }
+    }
+}
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        self.segment.claims().end(self.range.start);
+    }
+}
+
+/// Shared memory of another federate, mapped for reading.
+#[derive(Debug)]
+pub(crate) struct SegmentView {
+    mapping: Mapping,
+}
+
+impl SegmentView {
+    /// Maps what the owner announced, every page present, if it can do no harm.
+    pub(crate) fn map(file: &OwnedFd, len: u64) -> Result<Self, SegmentError> {
+        let error = |step| move |cause| SegmentError::Map { len, step, cause };
+        let size = usize::try_from(len).map_err(|_| error("length")(Errno::OVERFLOW))?;
+        let needed = SealFlags::SHRINK | SealFlags::FUTURE_WRITE;
+        match fs::fcntl_get_seals(file) {
+            Ok(seals) if seals.contains(needed) => {}
+            // Not a memfd, or one that cannot be sealed.
+            Ok(_) | Err(Errno::INVAL) => return Err(SegmentError::NotSealed),
+            Err(cause) => return Err(error("get seals")(cause)),
+        }
+        let actual = fs::fstat(file).map_err(error("fstat"))?.st_size;
+        let actual = u64::try_from(actual).unwrap_or(0);
+        if actual < len {
+            return Err(SegmentError::TooShort { announced: len, actual });
+        }
+        let mapping = Mapping::new(file, size, ProtFlags::READ, MapFlags::POPULATE);
+        Ok(Self { mapping: mapping.map_err(error("mmap"))? })
+    }
+
+    /// The range of `len` bytes from `offset`, if there is one.
+    pub(crate) fn range(&self, offset: u64, len: u64) -> Option<Range<usize>> {
+        range_within(offset, len, self.mapping.len)
+    }
+
+    /// The bytes of a range; `None` if it lies outside. They are stable only as long as the owner
+    /// has not been told that the object in them is released.
+    pub(crate) fn bytes(&self, range: &Range<usize>) -> Option<&[u8]> {
+        if range.start > range.end || range.end > self.mapping.len {
+            return None;
+        }
+        let start = self.mapping.at(range.start);
+        // SAFETY: the range lies in the mapping, which `self` keeps, and whose file cannot shrink;
+        // this process cannot write it, and its owner does not while the object is held.
+        Some(unsafe { slice::from_raw_parts(start, range.len()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEN: u64 = 1 << 16;
+
+    fn segment() -> Arc<Segment> {
+        Arc::new(Segment::create(LEN).unwrap())
+    }
+
+    fn dup(segment: &Segment) -> OwnedFd {
+        segment.fd().try_clone_to_owned().unwrap()
+    }
+
+    #[test]
+    fn a_view_shows_what_the_owner_wrote() {
+        let segment = segment();
+        segment.writing(4096, 5).unwrap().bytes_mut().copy_from_slice(b"hello");
+        let view = SegmentView::map(&dup(&segment), LEN).unwrap();
+        assert_eq!(view.bytes(&(4096..4101)), Some(&b"hello"[..]));
+        drop(segment);
+        assert_eq!(view.bytes(&(4096..4101)), Some(&b"hello"[..]));
+    }
+
+    #[test]
+    fn a_view_does_not_reach_outside() {
+        let view = SegmentView::map(&dup(&segment()), LEN).unwrap();
+        assert_eq!(view.range(LEN - 1, 2), None);
+        assert_eq!(view.range(u64::MAX, 2), None);
+        assert_eq!(view.bytes(&(0..65_537)), None);
+        assert_eq!(view.range(LEN, 0), Some(65_536..65_536));
+        assert_eq!(view.bytes(&(65_536..65_536)), Some(&[][..]));
+    }
+
+    #[test]
+    fn the_kernel_refuses_a_second_writer() {
+        let segment = segment();
+        let path = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&segment.fd()));
+        let file = std::fs::OpenOptions::new().read(true).write(true).open(path).unwrap();
+        let file = OwnedFd::from(file);
+        let prot = ProtFlags::READ | ProtFlags::WRITE;
+        let mapped = Mapping::new(&file, 4096, prot, MapFlags::empty());
+        assert_eq!(mapped.map(|_| ()), Err(Errno::PERM));
+        assert_eq!(rustix::io::write(&file, b"x"), Err(Errno::PERM));
+        assert_eq!(fs::ftruncate(&file, 0), Err(Errno::PERM));
+        assert_eq!(fs::ftruncate(&file, LEN * 2), Err(Errno::PERM));
+        assert!(Mapping::new(&file, 4096, ProtFlags::READ, MapFlags::empty()).is_ok());
+        assert!(SegmentView::map(&file, LEN).is_ok());
+    }
+
+    #[test]
+    fn a_view_cannot_be_made_writable() {
+        let segment = segment();
+        let view = SegmentView::map(&dup(&segment), LEN).unwrap();
+        let base = view.mapping.base.as_ptr().cast();
+        // SAFETY: the call is expected to fail; if it did not, nothing would write here.
+        let changed = unsafe { mm::mprotect(base, 4096, mm::MprotectFlags::WRITE) };
+        assert_eq!(changed, Err(Errno::ACCESS));
+    }
+
+    #[test]
+    fn only_sealed_memory_of_the_right_length_is_mapped() {
+        let unsealed = fs::memfd_create("test", MemfdFlags::ALLOW_SEALING).unwrap();
+        fs::ftruncate(&unsealed, LEN).unwrap();
+        assert_eq!(SegmentView::map(&unsealed, LEN).unwrap_err(), SegmentError::NotSealed);
+        fs::fcntl_add_seals(&unsealed, SealFlags::SHRINK).unwrap();
+        assert_eq!(SegmentView::map(&unsealed, LEN).unwrap_err(), SegmentError::NotSealed);
+
+        let null = OwnedFd::from(std::fs::OpenOptions::new().read(true).open("/dev/null").unwrap());
+        assert_eq!(SegmentView::map(&null, LEN).unwrap_err(), SegmentError::NotSealed);
+
+        let too_short = SegmentError::TooShort { announced: LEN + 1, actual: LEN };
+        assert_eq!(SegmentView::map(&dup(&segment()), LEN + 1).unwrap_err(), too_short);
+    }
+
+    #[test]
+    fn memory_that_the_system_does_not_have_is_an_error() {
+        let error = Segment::create(1 << 62).unwrap_err();
+        assert!(matches!(error, SegmentError::Create { .. }), "{error}");
+        assert!(error.to_string().contains("lower the capacity"), "{error}");
+    }
+
+    #[test]
+    fn writers_are_apart_and_readers_are_not() {
+        let segment = segment();
+        let first = segment.writing(0, 64).unwrap();
+        assert!(segment.writing(32, 64).is_none());
+        assert!(segment.reading(0, 64).is_none());
+        assert!(segment.writing(LEN, 1).is_none());
+        let second = segment.writing(64, 64).unwrap();
+        drop((first, second));
+        let readers = [(); 2].map(|()| segment.reading(0, 64).unwrap());
+        assert!(segment.writing(0, 64).is_none());
+        drop(readers);
+        assert!(segment.writing(0, 64).is_some());
+    }
+
+    #[test]
+    fn every_page_of_a_new_segment_is_present() {
+        let segment = Segment::create(4 << 20).unwrap();
+        let blocks = fs::fstat(segment.fd()).unwrap().st_blocks;
+        assert_eq!(u64::try_from(blocks).unwrap() * 512, segment.len());
+    }
+}

@@ -1,0 +1,304 @@
+//! The store of one federate: its own segments, and its views of other federates' segments.
+//!
+//! It ties the ledger to memory and never blocks. Frames, links and the passing of descriptors are
+//! someone else's business: it says which segments a reader has to be told of, and which releases this
+//! process owes, and is told the same by its peers.
+
+#![forbid(unsafe_code)]
+
+use std::collections::BTreeMap;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
+
+use hprm_core::{FederateId, ObjectRef};
+
+use crate::announce::Announcements;
+use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
+use crate::loan::WritableLoan;
+use crate::object::{Bytes, Object};
+use crate::returns::{Returns, Wake};
+use crate::shm::{Segment, SegmentView};
+use crate::{SegmentError, StoreError};
+
+/// A segment that a reader has to map: send its number, its length and its descriptor.
+#[derive(Clone, Debug)]
+pub struct Announcement {
+    /// The segment.
+    pub segment: u32,
+    /// Its length in bytes.
+    pub len: u64,
+    memory: Arc<Segment>,
+}
+
+impl AsFd for Announcement {
+    /// The descriptor to pass on; the memory stays as long as this value.
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.memory.fd()
+    }
+}
+
+/// The object store of one federate.
+///
+/// As a sender: [`loan`](Self::loan), write, [`seal`](Self::seal) for the readers, tell each of them
+/// of [`unannounced`](Self::unannounced) segments before the message that carries the reference, and
+/// take their [`release`](Self::release)s. As a reader: [`attach`](Self::attach) what is announced,
+/// [`open`](Self::open) each reference once for each time it arrives, drop the object, and send what
+/// [`drain_releases`](Self::drain_releases) returns to the owners.
+#[derive(Debug)]
+pub struct Store {
+    owner: FederateId,
+    ledger: Ledger,
+    announcements: Announcements,
+    segments: BTreeMap<u32, Arc<Segment>>,
+    attached: BTreeMap<(FederateId, u32), Arc<SegmentView>>,
+    /// Releases that other federates wait for.
+    owed: Arc<Returns<ObjectRef>>,
+    /// Views of own objects that have ended.
+    ended: Arc<Returns<ObjectRef>>,
+    /// Loans that were dropped.
+    abandoned: Arc<Returns<Loan>>,
+}
+
+impl Store {
+    /// The store of `owner`; it maps memory when the first loan needs it.
+    #[must_use]
+    pub fn new(owner: FederateId, limits: StoreLimits) -> Self {
+        Self::build(owner, limits, None)
+    }
+
+    /// A store that calls `wake` when [`Self::drain_releases`] has something to return again.
+    #[must_use]
+    pub fn with_wake(owner: FederateId, limits: StoreLimits, wake: Wake) -> Self {
+        Self::build(owner, limits, Some(wake))
+    }
+
+    fn build(owner: FederateId, limits: StoreLimits, wake: Option<Wake>) -> Self {
+        Self {
+            owner,
+            ledger: Ledger::new(owner, limits),
+            announcements: Announcements::default(),
+            segments: BTreeMap::new(),
+            attached: BTreeMap::new(),
+            owed: Arc::new(Returns::new(wake)),
+            ended: Arc::new(Returns::new(None)),
+            abandoned: Arc::new(Returns::new(None)),
+        }
+    }
+
+    /// `len` bytes to write; what they hold at first is arbitrary. A loan that is dropped at once
+    /// maps the memory for the next of its size, which a program can so pay for at its start.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::Full`] if the capacity is reached: then send the bytes inline and call
+    /// [`Self::count_inline_fallback`]. [`StoreError::Segment`] if the system has no memory.
+    pub fn loan(&mut self, len: usize) -> Result<WritableLoan, StoreError> {
+        self.settle();
+        let asked = len as u64;
+        let mut loan = self.ledger.loan(asked);
+        if let Err(LoanError::NeedsSegment { len }) = loan {
+            self.map_segment(len)?;
+            loan = self.ledger.loan(asked);
+        }
+        let loan = loan.map_err(|error| match error {
+            LoanError::Full { asked, capacity, in_use } => {
+                StoreError::Full { owner: self.owner, asked, capacity, in_use }
+            }
+            LoanError::NeedsSegment { .. } => unreachable!("the loan fits the segment made for it"),
+        })?;
+        let segment = &self.segments[&loan.block().segment];
+        let bytes = segment
+            .writing(loan.block().offset, loan.len())
+            .expect("the ledger loans no block that anyone in this process holds");
+        Ok(WritableLoan::new(bytes, loan, Arc::clone(&self.abandoned)))
+    }
+
+    /// Ends a loan: nobody can write the bytes any more, and each of `readers` holds them; one that
+    /// gets the object twice stands there twice. Put the owner among them if it keeps a view.
+    ///
+    /// # Panics
+    ///
+    /// If the loan is of another store.
+    pub fn seal(&mut self, loan: WritableLoan, readers: &[FederateId]) -> ObjectRef {
+        let object = self.ledger.seal(loan.into_loan(), readers);
+        for reader in readers.iter().filter(|reader| **reader != self.owner) {
+            self.announcements.need(*reader, object.segment);
+        }
+        object
+    }
+
+    /// Copies `bytes` into an object for `readers`: the only copy, however many they are.
+    ///
+    /// # Errors
+    ///
+    /// As for [`Self::loan`].
+    pub fn put(&mut self, bytes: &[u8], readers: &[FederateId]) -> Result<ObjectRef, StoreError> {
+        let mut loan = self.loan(bytes.len())?;
+        loan.copy_from_slice(bytes);
+        self.count_copy(bytes.len());
+        Ok(self.seal(loan, readers))
+    }
+
+    /// Counts bytes that were copied into a loan, not computed in it.
+    pub fn count_copy(&mut self, bytes: usize) {
+        self.ledger.count_copy(bytes as u64);
+    }
+
+    /// Counts a payload that travels inline because the store is full.
+    pub fn count_inline_fallback(&mut self) {
+        self.ledger.count_inline_fallback();
+    }
+
+    /// The segments that `reader` must be told of before its next message; it counts as told.
+    pub fn unannounced(&mut self, reader: FederateId) -> Vec<Announcement> {
+        let due = self.announcements.take_due(reader).into_iter();
+        due.map(|segment| {
+            let memory = Arc::clone(&self.segments[&segment]);
+            Announcement { segment, len: memory.len(), memory }
+        })
+        .collect()
+    }
+
+    /// The segments that `reader` was told of and that are given up since the last call; it should
+    /// [`detach`](Self::detach) them, else their memory is not free.
+    pub fn retired(&mut self, reader: FederateId) -> Vec<u32> {
+        self.announcements.take_retired(reader)
+    }
+
+    /// Maps a segment that another federate announced.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::KnownSegment`] if the number is in use, [`StoreError::Segment`] if the memory
+    /// cannot be mapped or is not safe to read.
+    pub fn attach(
+        &mut self,
+        owner: FederateId,
+        segment: u32,
+        len: u64,
+        fd: OwnedFd,
+    ) -> Result<(), StoreError> {
+        if owner == self.owner || self.attached.contains_key(&(owner, segment)) {
+            return Err(StoreError::KnownSegment { owner, segment });
+        }
+        let view = SegmentView::map(&fd, len)?;
+        self.attached.insert((owner, segment), Arc::new(view));
+        Ok(())
+    }
+
+    /// Forgets a segment that its owner has given up; objects that are open keep it mapped.
+    pub fn detach(&mut self, owner: FederateId, segment: u32) {
+        self.attached.remove(&(owner, segment));
+    }
+
+    /// Opens an object that was sealed for this federate, its own included. Each call stands for one
+    /// hold, which ends with the last clone of the object.
+    ///
+    /// # Errors
+    ///
+    /// If the reference lies in no known segment or outside of it, or, for an own object, if this
+    /// federate has no hold on it that is not open yet.
+    pub fn open(&mut self, object: ObjectRef) -> Result<Object, StoreError> {
+        self.settle();
+        if object.owner == self.owner {
+            return self.open_own(object);
+        }
+        let view = self.attached.get(&(object.owner, object.segment));
+        let view = view.ok_or(StoreError::UnknownSegment { object })?;
+        let range = view.range(object.offset, object.len);
+        let range = range.ok_or(StoreError::OutOfBounds { object })?;
+        Ok(Object::new(object, Bytes::Foreign(Arc::clone(view), range), Arc::clone(&self.owed)))
+    }
+
+    fn open_own(&mut self, object: ObjectRef) -> Result<Object, StoreError> {
+        self.ledger.view(&object)?;
+        let segment = &self.segments[&object.segment];
+        let reading = segment
+            .reading(object.offset, object.len)
+            .expect("nobody in this process writes an object that is held");
+        Ok(Object::new(object, Bytes::Own(reading), Arc::clone(&self.ended)))
+    }
+
+    /// Owes back a hold on an object that arrived and will not be opened.
+    ///
+    /// # Errors
+    ///
+    /// For an own object, if this federate has no hold on it that is not open.
+    pub fn decline(&mut self, object: ObjectRef) -> Result<(), StoreError> {
+        if object.owner == self.owner {
+            return Ok(self.ledger.release(object.serial, self.owner)?);
+        }
+        self.owed.push(object);
+        Ok(())
+    }
+
+    /// Gives `reader` a hold on an own object that someone holds: it was passed on to it.
+    ///
+    /// # Errors
+    ///
+    /// If nobody holds the object any more.
+    pub fn add_reader(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
+        let object = self.ledger.add_reader(serial, reader)?;
+        if reader != self.owner {
+            self.announcements.need(reader, object.segment);
+        }
+        Ok(())
+    }
+
+    /// Takes the release that `reader` sent.
+    ///
+    /// # Errors
+    ///
+    /// If it holds no such object; nothing has changed then.
+    pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
+        self.ledger.release(serial, reader)
+    }
+
+    /// Drops all holds of a reader whose link has closed, and what it was told.
+    pub fn reader_lost(&mut self, reader: FederateId) {
+        self.ledger.reader_lost(reader);
+        self.announcements.forget(reader);
+    }
+
+    /// Forgets all segments of an owner whose link has closed; objects that are open stay readable.
+    pub fn owner_lost(&mut self, owner: FederateId) {
+        self.attached.retain(|(of, _), _| *of != owner);
+    }
+
+    /// The releases that this process owes to other federates, each to its `owner`.
+    pub fn drain_releases(&mut self) -> Vec<ObjectRef> {
+        self.settle();
+        self.owed.drain()
+    }
+
+    /// What the store has done, and what it uses.
+    pub fn stats(&mut self) -> StoreStats {
+        self.settle();
+        self.ledger.stats()
+    }
+
+    /// Enters into the books what was dropped since the last time.
+    fn settle(&mut self) {
+        for loan in self.abandoned.drain() {
+            self.ledger.abandon(loan);
+        }
+        for object in self.ended.drain() {
+            self.ledger.end_view(object.serial);
+        }
+    }
+
+    /// Gives up what the ledger has retired, then maps `len` bytes more.
+    fn map_segment(&mut self, len: u64) -> Result<(), SegmentError> {
+        for segment in self.ledger.take_retired() {
+            self.segments.remove(&segment);
+            self.announcements.retire(segment);
+        }
+        let memory = Arc::new(Segment::create(len)?);
+        let segment = self.ledger.add_segment(len);
+        self.segments.insert(segment, memory);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

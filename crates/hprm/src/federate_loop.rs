@@ -1,0 +1,371 @@
+//! Running one federate: one loop, run to completion.
+//!
+//! ```text
+//! read every link -> machine -> deliver;  next tag -> machine -> permission?
+//!     yes: run the tag, hand its messages to the machine;  no: write, then wait
+//! ```
+//!
+//! The loop owns the links, the store and the clock, and decides nothing: the scheduler says what
+//! is next, and the federate's machine whether it may be begun.
+
+mod objects;
+mod wires;
+
+use std::sync::Arc;
+
+use hprm_core::{
+    ChannelId, FederateId, Nanos, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
+};
+use hprm_federated::{End, Federate, FederationId, Input, Output, Permission};
+use hprm_store::{Store, StoreLimits, Wake};
+
+use crate::local_loop::run_tag;
+use crate::{Address, Clock, Failure, Host, Inbox};
+use objects::Objects;
+use wires::{Event, Wires};
+
+/// How long a federate that ends waits until its last frames have left.
+const FAREWELL: Nanos = 2_000_000_000;
+
+/// Which federate to run, and where its federation is.
+#[derive(Clone, Debug)]
+pub struct FederateOptions {
+    /// The program of the federation.
+    pub program: Arc<Program>,
+    /// Which federate of it.
+    pub federate: FederateId,
+    /// Where the RTI listens.
+    pub rti: Address,
+    /// The secret of the federation.
+    pub federation: FederationId,
+    /// How much memory its object store may take.
+    pub store: StoreLimits,
+}
+
+/// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
+/// that federates load at the same time and the others learn of a failure.
+///
+/// # Errors
+///
+/// What a reaction raised, or why the federation ended. A failure that another federate has
+/// reported has an empty message.
+pub fn run_federate<H: Host>(
+    options: &FederateOptions,
+    inbox: &Inbox<H::Value>,
+    load: impl FnOnce() -> Result<H, Failure>,
+) -> Result<(), Failure>
+where
+    H::Value: Send + 'static,
+{
+    let bell = inbox.clone();
+    let mut federation = Membership::join(options, Box::new(move || bell.ring()))?;
+    let host = match load() {
+        Ok(host) => host,
+        Err(failure) => return Err(federation.fail(failure)),
+    };
+    let mut federate = FederateLoop {
+        scheduler: Scheduler::new(Arc::clone(&options.program), Scope::Federate(options.federate)),
+        now: Clock::now(),
+        inbox,
+        host,
+        federation,
+        phase: Phase::Joining,
+        interrupted: false,
+    };
+    let outcome = federate.run();
+    inbox.close();
+    federate.leave(outcome)
+}
+
+/// What connects a federate to its federation, with or without a host.
+struct Membership {
+    machine: Federate,
+    wires: Wires,
+    objects: Objects,
+}
+
+struct FederateLoop<'a, H: Host> {
+    scheduler: Scheduler<H::Value>,
+    /// The clock, as this round of the loop has read it.
+    now: PhysicalTime,
+    inbox: &'a Inbox<H::Value>,
+    host: H,
+    federation: Membership,
+    phase: Phase,
+    interrupted: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Phase {
+    /// Waiting for the start time.
+    Joining,
+    /// Executing tags.
+    Running,
+    /// The last tag is complete.
+    Done,
+}
+
+impl Membership {
+    fn join(options: &FederateOptions, wake: Wake) -> Result<Self, Failure> {
+        let wires = Wires::connect(options)?;
+        let machine = Federate::new(
+            options.federate,
+            &options.program,
+            options.federation,
+            options.program.fingerprint(),
+            wires.host(),
+            wires.listen_address(),
+        );
+        let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
+        let mut membership = Self { machine, wires, objects };
+        // The greeting leaves before the program is loaded.
+        while let Some(output) = membership.machine.poll() {
+            if let Output::ToRti(frame) = output {
+                membership.wires.to_rti(&frame, None);
+            }
+        }
+        membership.wires.flush();
+        Ok(membership)
+    }
+
+    fn read(&mut self) -> Result<Option<Event>, Failure> {
+        let Self { machine, wires, .. } = self;
+        wires.read(|hello| machine.admit(hello).ok())
+    }
+
+    /// Tells the others why this federate ends, and returns it.
+    fn fail(&mut self, failure: Failure) -> Failure {
+        let Failure { message, code } = failure.clone();
+        // The machine may have ended already; then there is nobody left to tell.
+        let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
+        while let Some(output) = self.machine.poll() {
+            if let Output::ToRti(frame) = output {
+                self.wires.to_rti(&frame, None);
+            }
+        }
+        self.wires.leave(Clock::now().plus(FAREWELL));
+        failure
+    }
+}
+
+impl<H: Host> FederateLoop<'_, H>
+where
+    H::Value: Send,
+{
+    fn run(&mut self) -> Result<(), Failure> {
+        self.handle(Input::Loaded)?;
+        while self.phase != Phase::Done {
+            // Before the inbox: whatever is scheduled from now on has a later time, so what the
+            // machine promises the others by this reading stays true.
+            self.now = Clock::now();
+            self.read_links()?;
+            self.read_inbox()?;
+            self.give_back()?;
+            self.handle(Input::Wake)?;
+            if self.phase == Phase::Running && self.step()? {
+                continue;
+            }
+            if self.phase != Phase::Done {
+                self.federation.wires.flush();
+                self.wait();
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends well or badly, so that the others know which.
+    fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
+        match outcome {
+            Ok(()) => {
+                self.federation.wires.leave(Clock::now().plus(FAREWELL));
+                match self.interrupted {
+                    true => Err(Failure { message: String::new(), code: 130 }),
+                    false => Ok(()),
+                }
+            }
+            Err(failure) if failure.code == 0 => {
+                // The program chose to leave: for the others that is an ordinary end.
+                let ended = self.handle(Input::Finished);
+                self.federation.wires.leave(Clock::now().plus(FAREWELL));
+                ended
+            }
+            Err(failure) => Err(self.federation.fail(failure)),
+        }
+    }
+
+    fn read_links(&mut self) -> Result<(), Failure> {
+        while let Some(event) = self.federation.read()? {
+            let input = match event {
+                Event::FromRti(frame) => Input::FromRti(frame),
+                Event::FromPeer { from, frame } => Input::FromPeer { from, frame },
+                Event::RtiLost => Input::RtiLost,
+                Event::PeerUp(peer) => Input::PeerUp(peer),
+                Event::PeerLost(peer) => Input::PeerLost(peer),
+            };
+            self.handle(input)?;
+        }
+        Ok(())
+    }
+
+    fn read_inbox(&mut self) -> Result<(), Failure> {
+        let (requests, mut stop) = self.inbox.take();
+        for request in requests {
+            self.scheduler.schedule(request.action, request.extra, request.value, request.at);
+        }
+        if !self.interrupted && self.host.interrupted() {
+            self.interrupted = true;
+            stop = true;
+        }
+        if stop && self.phase == Phase::Running {
+            self.handle(Input::RequestStop)?;
+        }
+        Ok(())
+    }
+
+    /// Tells owners of objects that nothing here refers to them any more.
+    fn give_back(&mut self) -> Result<(), Failure> {
+        for (owner, serials) in self.federation.objects.dropped() {
+            self.handle(Input::Release { owner, serials })?;
+        }
+        Ok(())
+    }
+
+    /// Runs the next tag if it may be begun. Returns whether it did.
+    fn step(&mut self) -> Result<bool, Failure> {
+        let tag = self.scheduler.next_tag();
+        self.handle(Input::NextEvent(tag))?;
+        let start = self.scheduler.start_time();
+        if tag == Tag::FOREVER
+            || tag.due(start) > Clock::now()
+            || self.federation.machine.permission(tag, Clock::now()) != Permission::Granted
+        {
+            return Ok(false);
+        }
+        self.handle(Input::Begun(tag))?;
+        self.scheduler.begin(tag);
+        run_tag(&mut self.scheduler, &mut self.host)?;
+        let last = self.scheduler.end(Clock::now());
+        while let Some(departure) = self.scheduler.poll_send() {
+            self.send(departure)?;
+        }
+        self.give_back()?;
+        self.handle(Input::Completed(tag))?;
+        if self.scheduler.take_stop_request() {
+            self.handle(Input::RequestStop)?;
+        }
+        if last {
+            self.handle(Input::Finished)?;
+            self.phase = Phase::Done;
+        }
+        Ok(true)
+    }
+
+    fn send(&mut self, departure: Departure<H::Value>) -> Result<(), Failure> {
+        let Departure { channel, tag, value } = departure;
+        let to = self.scheduler.program().channels[channel].to;
+        let Membership { machine, objects, .. } = &mut self.federation;
+        if !machine.is_live(to) {
+            return Ok(());
+        }
+        let payload = self.host.encode(objects.store(), channel, &value)?;
+        let (payload, segments) = if machine.shares_memory_with(to) {
+            objects.share(payload, to)?
+        } else {
+            (objects.inline(payload)?, Vec::new())
+        };
+        for (segment, len) in segments {
+            self.handle(Input::Segment { reader: to, segment, len })?;
+        }
+        self.handle(Input::Send { channel, tag, payload })
+    }
+
+    /// Gives the machine an input, and does what it wants done.
+    fn handle(&mut self, input: Input) -> Result<(), Failure> {
+        let handled = self.federation.machine.handle(self.now, input);
+        while let Some(output) = self.federation.machine.poll() {
+            self.apply(output)?;
+        }
+        handled.map_err(|fault| Failure::new(format!("error: the federation's protocol: {fault}")))
+    }
+
+    fn apply(&mut self, output: Output) -> Result<(), Failure> {
+        let Membership { wires, objects, machine } = &mut self.federation;
+        match output {
+            Output::ToRti(frame) => {
+                let descriptor = objects.descriptor_for(&frame)?;
+                wires.to_rti(&frame, descriptor);
+            }
+            Output::ToPeer { to, frame } => {
+                let descriptor = objects.descriptor_for(&frame)?;
+                wires.to_peer(to, &frame, descriptor);
+            }
+            Output::Connect { peer, listen } => {
+                wires.connect_peer(peer, &listen, &machine.peer_hello())?;
+            }
+            Output::Start { at } => {
+                self.scheduler.start(at);
+                self.phase = Phase::Running;
+            }
+            Output::Deliver { channel, tag, payload } => {
+                let value = receive(&mut self.host, objects, channel, payload)?;
+                self.scheduler.deliver(channel, tag, value);
+            }
+            Output::DeliverPhysical { channel, payload, .. } => {
+                let value = receive(&mut self.host, objects, channel, payload)?;
+                self.scheduler.deliver_physical(channel, Clock::now(), value);
+            }
+            Output::SetStop(tag) => self.scheduler.set_stop(tag),
+            Output::Segment { owner, segment, len } => {
+                objects.attach(owner, segment, len, wires.take_descriptor(owner, segment))?;
+            }
+            Output::Released { reader, serials } => objects.released(reader, &serials),
+            Output::ReaderGone(federate) => objects.gone(federate),
+            Output::Ended { reason } => return Err(ended(self.scheduler.program(), &reason)),
+            _ => unreachable!("an output that this loop does not know"),
+        }
+        Ok(())
+    }
+
+    /// Waits until something may have changed.
+    fn wait(&mut self) {
+        let until = self.wakeup();
+        let Membership { wires, .. } = &self.federation;
+        let bell = self.inbox;
+        self.host.idle(|| wires.wait(bell, until));
+    }
+
+    fn wakeup(&self) -> Option<PhysicalTime> {
+        if self.phase != Phase::Running {
+            return None;
+        }
+        let tag = self.scheduler.next_tag();
+        let machine = &self.federation.machine;
+        let due = tag.due(self.scheduler.start_time());
+        let permitted = match machine.permission(tag, self.now) {
+            Permission::Granted => Some(due),
+            Permission::WaitUntil(time) => Some(due.max(time)),
+            Permission::Wait => None,
+        };
+        [permitted, machine.next_wakeup()].into_iter().flatten().min()
+    }
+}
+
+fn receive<H: Host>(
+    host: &mut H,
+    objects: &mut Objects,
+    channel: ChannelId,
+    payload: hprm_core::Payload,
+) -> Result<H::Value, Failure> {
+    let opened = objects.open(&payload)?;
+    Ok(host.receive(channel, payload, opened, Clock::now()))
+}
+
+fn ended(program: &Program, reason: &End) -> Failure {
+    let message = match reason {
+        // Whoever failed has said so.
+        End::Failed { .. } => String::new(),
+        End::Refused(refusal) => format!("error: the RTI refuses this federate: {refusal}"),
+        _ => format!("error: federation {}: {reason}", program.name),
+    };
+    Failure { message, code: 1 }
+}

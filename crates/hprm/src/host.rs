@@ -1,0 +1,81 @@
+//! What the loops need from whoever knows values and bodies.
+//!
+//! The Python extension is one host; a Rust program with closures is another. A host runs bodies
+//! and turns values into payloads and back; it decides nothing about order or time.
+
+use hprm_core::{Body, ChannelId, Payload, PhysicalTime, ReactionId, Scheduler};
+use hprm_store::{Object, Store};
+
+/// Why a program cannot go on, or must not.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Failure {
+    /// For people: what, where, and what to do. Empty if there is nothing to say.
+    pub message: String,
+    /// The exit code of the process. Zero if the program chose to leave and all is well.
+    pub code: i32,
+}
+
+impl Failure {
+    /// A failure with exit code 1.
+    #[must_use]
+    pub fn new(message: impl Into<String>) -> Self {
+        Self { message: message.into(), code: 1 }
+    }
+}
+
+/// Runs bodies, and carries values across the network.
+pub trait Host {
+    /// What ports and actions hold. Cloning it shares it.
+    type Value: Clone;
+
+    /// Runs a body of a reaction. Its inputs are in the scheduler, and so go its outputs.
+    ///
+    /// # Errors
+    ///
+    /// What the body raised; the program ends.
+    fn react(
+        &mut self,
+        scheduler: &mut Scheduler<Self::Value>,
+        reaction: ReactionId,
+        body: Body,
+    ) -> Result<(), Failure>;
+
+    /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until
+    /// the last clone of `value` is dropped; the loop adds the readers. Several channels may ask
+    /// for the same value: it should be encoded once.
+    ///
+    /// # Errors
+    ///
+    /// If the value cannot be encoded; the program ends.
+    fn encode(
+        &mut self,
+        store: &mut Store,
+        channel: ChannelId,
+        value: &Self::Value,
+    ) -> Result<Payload, Failure>;
+
+    /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
+    /// its order. Decoding may wait until the value is read. `arrival` is the physical time.
+    fn receive(
+        &mut self,
+        channel: ChannelId,
+        payload: Payload,
+        objects: Vec<Object>,
+        arrival: PhysicalTime,
+    ) -> Self::Value;
+
+    /// Waits. A host that holds a lock which other threads of the process need lets go of it
+    /// meanwhile.
+    fn idle<R: Send>(&mut self, wait: impl FnOnce() -> R + Send) -> R {
+        wait()
+    }
+
+    /// Whether the user has asked the process to stop (Ctrl-C) since this was last called.
+    fn interrupted(&mut self) -> bool {
+        false
+    }
+
+    /// Reports something that the user should know and that does not end the program: a tardy
+    /// input that its reaction does not handle.
+    fn warn(&mut self, message: &str);
+}

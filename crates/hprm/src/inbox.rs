@@ -1,0 +1,132 @@
+//! Where other threads leave events for a loop: physical actions, and calls to stop.
+//!
+//! A loop waits on the inbox's descriptor together with its links, so nothing here polls.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use hprm_core::{ActionId, Nanos, PhysicalTime};
+
+use crate::Clock;
+use crate::bell::Bell;
+
+/// An action that a thread outside of the loop has scheduled.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Request<V> {
+    pub(crate) action: ActionId,
+    pub(crate) extra: Nanos,
+    pub(crate) value: Option<V>,
+    pub(crate) at: PhysicalTime,
+}
+
+/// A handle by which any thread reaches the loop. Clones share one inbox.
+#[derive(Debug)]
+pub struct Inbox<V> {
+    shared: Arc<Shared<V>>,
+}
+
+#[derive(Debug)]
+struct Shared<V> {
+    pending: Mutex<Pending<V>>,
+    bell: Bell,
+}
+
+#[derive(Debug)]
+struct Pending<V> {
+    requests: Vec<Request<V>>,
+    stop: bool,
+    closed: bool,
+}
+
+impl<V> Clone for Inbox<V> {
+    fn clone(&self) -> Self {
+        Self { shared: Arc::clone(&self.shared) }
+    }
+}
+
+impl<V> Inbox<V> {
+    /// An empty inbox.
+    ///
+    /// # Errors
+    ///
+    /// If the process has no descriptor left.
+    pub fn new() -> io::Result<Self> {
+        let pending = Mutex::new(Pending { requests: Vec::new(), stop: false, closed: false });
+        Ok(Self { shared: Arc::new(Shared { pending, bell: Bell::new()? }) })
+    }
+
+    /// Schedules a physical action now. Returns false if the program has ended.
+    pub fn schedule(&self, action: ActionId, extra: Nanos, value: Option<V>) -> bool {
+        let mut pending = self.pending();
+        if pending.closed {
+            return false;
+        }
+        // Read under the lock, so that requests are in the order of their times.
+        let at = Clock::now();
+        pending.requests.push(Request { action, extra, value, at });
+        drop(pending);
+        self.ring();
+        true
+    }
+
+    /// Asks the program to stop at its next tag.
+    pub fn request_stop(&self) {
+        self.pending().stop = true;
+        self.ring();
+    }
+
+    /// Wakes the loop without leaving anything.
+    pub fn ring(&self) {
+        self.shared.bell.ring();
+    }
+
+    /// Takes what has been left: actions, and whether to stop.
+    pub(crate) fn take(&self) -> (Vec<Request<V>>, bool) {
+        self.shared.bell.silence();
+        let mut pending = self.pending();
+        (std::mem::take(&mut pending.requests), std::mem::take(&mut pending.stop))
+    }
+
+    /// Refuses everything from now on.
+    pub(crate) fn close(&self) {
+        self.pending().closed = true;
+    }
+
+    fn pending(&self) -> MutexGuard<'_, Pending<V>> {
+        self.shared.pending.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<V> AsFd for Inbox<V> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.shared.bell.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_leaves_events_in_order() {
+        let inbox = Inbox::new().unwrap();
+        let sender = inbox.clone();
+        std::thread::spawn(move || {
+            for value in 0..3 {
+                assert!(sender.schedule(ActionId(0), 0, Some(value)));
+            }
+        })
+        .join()
+        .unwrap();
+        let (requests, stop) = inbox.take();
+        assert_eq!(
+            requests.iter().map(|r| r.value).collect::<Vec<_>>(),
+            [Some(0), Some(1), Some(2)]
+        );
+        assert!(requests.is_sorted_by_key(|r| r.at));
+        assert!(!stop);
+        inbox.close();
+        assert!(!inbox.schedule(ActionId(0), 0, None));
+    }
+}

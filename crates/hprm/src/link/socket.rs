@@ -1,0 +1,200 @@
+//! Sockets: Unix and TCP behind one face, never blocking.
+
+use std::collections::VecDeque;
+use std::io::{self, IoSlice, IoSliceMut};
+use std::mem::MaybeUninit;
+use std::net::{TcpListener, TcpStream, ToSocketAddrs};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+
+use rustix::net::{
+    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
+    SendAncillaryMessage, SendFlags, recvmsg, send, sendmsg, sockopt,
+};
+
+use super::Address;
+
+/// The most descriptors that one read brings.
+const DESCRIPTORS: usize = 8;
+
+/// A connected socket.
+#[derive(Debug)]
+pub(crate) struct Socket {
+    fd: OwnedFd,
+    unix: bool,
+}
+
+/// A listening socket.
+#[derive(Debug)]
+pub(crate) struct Listener {
+    kind: Kind,
+    address: Address,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Unix(UnixListener),
+    Tcp(TcpListener),
+}
+
+impl Socket {
+    pub(super) fn connect(address: &Address) -> io::Result<Self> {
+        match address {
+            Address::Abstract(_) | Address::Path(_) => {
+                Self::unix(UnixStream::connect_addr(&unix_address(address)?)?)
+            }
+            Address::Tcp(host) => {
+                let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
+                for address in host.to_socket_addrs()? {
+                    match TcpStream::connect(address) {
+                        Ok(stream) => return Self::tcp(stream),
+                        Err(error) => last = error,
+                    }
+                }
+                Err(last)
+            }
+        }
+    }
+
+    fn unix(stream: UnixStream) -> io::Result<Self> {
+        stream.set_nonblocking(true)?;
+        // An abstract name has no permissions: the kernel's word on the peer is the check.
+        let peer = sockopt::socket_peercred(&stream)?;
+        if peer.uid != rustix::process::geteuid() {
+            return Err(io::Error::new(
+                io::ErrorKind::PermissionDenied,
+                "the process at the other end belongs to another user",
+            ));
+        }
+        Ok(Self { fd: stream.into(), unix: true })
+    }
+
+    fn tcp(stream: TcpStream) -> io::Result<Self> {
+        stream.set_nonblocking(true)?;
+        stream.set_nodelay(true)?;
+        Ok(Self { fd: stream.into(), unix: false })
+    }
+
+    pub(super) fn is_unix(&self) -> bool {
+        self.unix
+    }
+
+    pub(super) fn send(&self, bytes: &[u8]) -> io::Result<usize> {
+        Ok(send(&self.fd, bytes, SendFlags::NOSIGNAL)?)
+    }
+
+    /// Nothing more will be sent.
+    pub(super) fn finish(&self) -> io::Result<()> {
+        Ok(rustix::net::shutdown(&self.fd, rustix::net::Shutdown::Write)?)
+    }
+
+    /// Sends bytes, and a descriptor with the first of them.
+    pub(super) fn send_with(&self, bytes: &[u8], fd: BorrowedFd<'_>) -> io::Result<usize> {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+        let mut control = SendAncillaryBuffer::new(&mut space);
+        let fds = [fd];
+        let fits = control.push(SendAncillaryMessage::ScmRights(&fds));
+        assert!(fits, "there is space for one descriptor");
+        Ok(sendmsg(&self.fd, &[IoSlice::new(bytes)], &mut control, SendFlags::NOSIGNAL)?)
+    }
+
+    /// Receives bytes, and the descriptors that came with them.
+    pub(super) fn receive(
+        &self,
+        buffer: &mut [u8],
+        descriptors: &mut VecDeque<OwnedFd>,
+    ) -> io::Result<usize> {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(DESCRIPTORS))];
+        let mut control = RecvAncillaryBuffer::new(&mut space);
+        let flags = RecvFlags::CMSG_CLOEXEC;
+        let message = recvmsg(&self.fd, &mut [IoSliceMut::new(buffer)], &mut control, flags)?;
+        for ancillary in control.drain() {
+            if let RecvAncillaryMessage::ScmRights(fds) = ancillary {
+                descriptors.extend(fds);
+            }
+        }
+        Ok(message.bytes)
+    }
+}
+
+impl AsFd for Socket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}
+
+impl Listener {
+    pub(crate) fn bind(address: &Address) -> io::Result<Self> {
+        let (kind, address) = match address {
+            Address::Abstract(_) | Address::Path(_) => {
+                let listener = UnixListener::bind_addr(&unix_address(address)?)?;
+                listener.set_nonblocking(true)?;
+                (Kind::Unix(listener), address.clone())
+            }
+            Address::Tcp(host) => {
+                let listener = TcpListener::bind(host.as_str())?;
+                listener.set_nonblocking(true)?;
+                // The port may have been zero.
+                let address = Address::Tcp(listener.local_addr()?.to_string());
+                (Kind::Tcp(listener), address)
+            }
+        };
+        Ok(Self { kind, address })
+    }
+
+    /// Where it listens; a port of zero has become a real one.
+    pub(crate) fn address(&self) -> &Address {
+        &self.address
+    }
+
+    /// The next connection, if one waits.
+    pub(crate) fn accept(&self) -> io::Result<Option<Socket>> {
+        let accepted = match &self.kind {
+            Kind::Unix(listener) => listener.accept().and_then(|(stream, _)| Socket::unix(stream)),
+            Kind::Tcp(listener) => listener.accept().and_then(|(stream, _)| Socket::tcp(stream)),
+        };
+        match accepted {
+            Ok(socket) => Ok(Some(socket)),
+            // One that came and went, or that is not ours to serve, is no reason to stop listening.
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    io::ErrorKind::WouldBlock
+                        | io::ErrorKind::Interrupted
+                        | io::ErrorKind::ConnectionAborted
+                        | io::ErrorKind::PermissionDenied
+                ) =>
+            {
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        if let Address::Path(path) = &self.address {
+            // Somebody may have removed it already, which is what this wants.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+impl AsFd for Listener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match &self.kind {
+            Kind::Unix(listener) => listener.as_fd(),
+            Kind::Tcp(listener) => listener.as_fd(),
+        }
+    }
+}
+
+fn unix_address(address: &Address) -> io::Result<SocketAddr> {
+    match address {
+        Address::Abstract(name) => SocketAddr::from_abstract_name(name),
+        Address::Path(path) => SocketAddr::from_pathname(path),
+        Address::Tcp(_) => unreachable!("a TCP address is not a Unix address"),
+    }
+}

@@ -1,0 +1,301 @@
+//! Running the RTI: one loop over the links of all federates.
+//!
+//! Whatever one round of reading causes leaves in one write per link, so a message and the grant
+//! that it makes possible travel together. Which frames those are is the machine's business.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
+use hprm_federated::{FederationId, Frame, LinkId, RtiInput, RtiOutput, Topology};
+
+use crate::bell::Bell;
+use crate::link::{Arrival, Link, Listener};
+use crate::wait::{Interest, wait};
+use crate::{Address, Clock, Failure};
+
+/// Time between the last federate's being ready and the start of the program: enough for the start
+/// time to reach everybody on one machine.
+const START_DELAY: Nanos = 10_000_000;
+
+/// What to coordinate, and where.
+#[derive(Clone, Debug)]
+pub struct RtiOptions {
+    /// The program of the federation.
+    pub program: Arc<Program>,
+    /// Its secret.
+    pub federation: FederationId,
+    /// Where to listen.
+    pub listen: Address,
+}
+
+/// What an RTI reports while it runs.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum RtiEvent {
+    /// A federate has joined.
+    Joined(FederateId),
+    /// All have joined; the program starts at this time.
+    Started(PhysicalTime),
+    /// The first failure of a federate. The others are being told to end.
+    Failed {
+        /// Who failed.
+        federate: FederateId,
+        /// For people.
+        message: String,
+        /// Exit code of that federate.
+        code: i32,
+    },
+}
+
+/// Coordinates a federation.
+#[derive(Debug)]
+pub struct Rti {
+    machine: hprm_federated::Rti,
+    listener: Listener,
+    links: BTreeMap<LinkId, Link>,
+    next_link: u32,
+    /// Descriptors of segments on their way from owner to reader.
+    descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
+    /// Links to be closed once everything has been written.
+    closing: Vec<LinkId>,
+    control: Arc<Control>,
+    failure: Option<Failure>,
+    finished: bool,
+}
+
+/// Reaches a running RTI from other threads.
+#[derive(Clone, Debug)]
+pub struct RtiHandle {
+    control: Arc<Control>,
+}
+
+#[derive(Debug)]
+struct Control {
+    bell: Bell,
+    stop: AtomicBool,
+    abort: AtomicBool,
+}
+
+impl RtiHandle {
+    /// Asks the federation to stop in order.
+    pub fn request_stop(&self) {
+        self.control.stop.store(true, Ordering::Release);
+        self.control.bell.ring();
+    }
+
+    /// Closes all links and ends [`Rti::run`].
+    pub fn abort(&self) {
+        self.control.abort.store(true, Ordering::Release);
+        self.control.bell.ring();
+    }
+}
+
+impl Rti {
+    /// Listens for the federates of a program.
+    ///
+    /// # Errors
+    ///
+    /// If the address is taken, or the program needs what the coordination cannot do yet.
+    pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
+        let topology = Topology::new(&options.program);
+        topology.check().map_err(|unsupported| Failure::new(format!("error: {unsupported}")))?;
+        let failed = |error: io::Error| {
+            Failure::new(format!("error: the RTI cannot listen at {}: {error}", options.listen))
+        };
+        let fingerprint = options.program.fingerprint();
+        Ok(Self {
+            machine: hprm_federated::Rti::new(
+                topology,
+                options.federation,
+                fingerprint,
+                START_DELAY,
+            ),
+            listener: Listener::bind(&options.listen).map_err(failed)?,
+            links: BTreeMap::new(),
+            next_link: 0,
+            descriptors: BTreeMap::new(),
+            closing: Vec::new(),
+            control: Arc::new(Control {
+                bell: Bell::new().map_err(failed)?,
+                stop: AtomicBool::new(false),
+                abort: AtomicBool::new(false),
+            }),
+            failure: None,
+            finished: false,
+        })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> &Address {
+        self.listener.address()
+    }
+
+    /// A handle for other threads.
+    #[must_use]
+    pub fn handle(&self) -> RtiHandle {
+        RtiHandle { control: Arc::clone(&self.control) }
+    }
+
+    /// Coordinates until the federation has ended.
+    ///
+    /// # Errors
+    ///
+    /// The first failure of a federate, which has been reported as well.
+    pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
+        let mut ready: Vec<LinkId> = Vec::new();
+        loop {
+            if self.control.abort.load(Ordering::Acquire) {
+                break;
+            }
+            if self.control.stop.swap(false, Ordering::AcqRel) {
+                self.handle_input(RtiInput::RequestStop);
+            }
+            self.accept()?;
+            for link in ready.drain(..) {
+                self.read(link);
+            }
+            self.apply(&mut report);
+            self.flush(&mut report);
+            if self.finished && self.closing.is_empty() {
+                break;
+            }
+            ready = self.wait();
+        }
+        self.failure.map_or(Ok(()), Err)
+    }
+
+    fn accept(&mut self) -> Result<(), Failure> {
+        let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
+        while let Some(socket) = self.listener.accept().map_err(failed)? {
+            self.links.insert(LinkId(self.next_link), Link::new(socket));
+            self.next_link += 1;
+        }
+        Ok(())
+    }
+
+    /// Reads what a link holds; one that is broken is closed, and nobody else suffers.
+    fn read(&mut self, id: LinkId) {
+        let mut open = true;
+        while open {
+            let Some(link) = self.links.get_mut(&id) else { return };
+            let arrival = link.read().unwrap_or(Arrival::Closed);
+            loop {
+                let Some(link) = self.links.get_mut(&id) else { return };
+                match link.next_frame() {
+                    Ok(Some((frame, descriptor))) => self.frame(id, frame, descriptor),
+                    Ok(None) => break,
+                    Err(_) => {
+                        self.close(id);
+                        return;
+                    }
+                }
+            }
+            match arrival {
+                Arrival::Bytes => {}
+                Arrival::Nothing => open = false,
+                Arrival::Closed => {
+                    self.close(id);
+                    open = false;
+                }
+            }
+        }
+    }
+
+    fn frame(&mut self, link: LinkId, frame: Frame, descriptor: Option<OwnedFd>) {
+        if let (Frame::Segment { owner, reader, segment, .. }, Some(fd)) = (&frame, descriptor) {
+            self.descriptors.insert((*owner, *reader, *segment), fd);
+        }
+        self.handle_input(RtiInput::Frame { link, frame });
+    }
+
+    fn close(&mut self, link: LinkId) {
+        if self.links.remove(&link).is_some() {
+            self.closing.retain(|closing| *closing != link);
+            self.handle_input(RtiInput::Closed { link });
+        }
+    }
+
+    /// A fault is the peer's, and costs it its link.
+    fn handle_input(&mut self, input: RtiInput) {
+        let from = match &input {
+            RtiInput::Frame { link, .. } => Some(*link),
+            _ => None,
+        };
+        if self.machine.handle(Clock::now(), input).is_err()
+            && let Some(link) = from
+        {
+            self.close(link);
+        }
+    }
+
+    fn apply(&mut self, report: &mut impl FnMut(RtiEvent)) {
+        while let Some(output) = self.machine.poll() {
+            match output {
+                RtiOutput::Send { link, frame } => self.send(link, &frame),
+                RtiOutput::Close { link } => self.closing.push(link),
+                RtiOutput::Joined { federate, .. } => report(RtiEvent::Joined(federate)),
+                RtiOutput::Started { at } => report(RtiEvent::Started(at)),
+                RtiOutput::Failed { federate, message, code } => {
+                    self.failure = Some(Failure { message: message.clone(), code });
+                    report(RtiEvent::Failed { federate, message, code });
+                }
+                RtiOutput::Finished => self.finished = true,
+                _ => unreachable!("an output that this loop does not know"),
+            }
+        }
+    }
+
+    fn send(&mut self, link: LinkId, frame: &Frame) {
+        let Some(link) = self.links.get_mut(&link) else { return };
+        let descriptor = match frame {
+            Frame::Segment { owner, reader, segment, .. } => {
+                self.descriptors.remove(&(*owner, *reader, *segment))
+            }
+            _ => None,
+        };
+        match descriptor {
+            Some(descriptor) => link.queue_with(frame, descriptor),
+            None => link.queue(frame),
+        }
+    }
+
+    fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {
+        for link in self.links.values_mut() {
+            // The other end is closed. What it said before is still to be read, so its end is
+            // noticed there and not here.
+            link.flush().unwrap_or_else(|_| link.discard());
+        }
+        let done: Vec<_> = self
+            .closing
+            .iter()
+            .copied()
+            .filter(|id| self.links.get(id).is_none_or(|link| !link.has_outbound()))
+            .collect();
+        for link in done {
+            self.close(link);
+            self.closing.retain(|closing| *closing != link);
+        }
+        // Closing may have caused more to say; it is written before the next wait.
+        self.apply(report);
+    }
+
+    /// Waits, and returns the links that have something to read.
+    fn wait(&self) -> Vec<LinkId> {
+        let mut interests = vec![
+            Interest { fd: self.control.bell.as_fd(), write: false },
+            Interest { fd: self.listener.as_fd(), write: false },
+        ];
+        interests.extend(
+            self.links
+                .values()
+                .map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }),
+        );
+        let ready = wait(&interests, self.machine.next_wakeup());
+        self.control.bell.silence();
+        self.links.keys().zip(&ready[2..]).filter(|(_, ready)| **ready).map(|(id, _)| *id).collect()
+    }
+}

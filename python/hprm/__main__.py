@@ -1,0 +1,74 @@
+"""``python -m hprm``: running a program, or one federate of it, in this interpreter.
+
+The command ``hprm`` starts these; it does more for a person.
+"""
+
+import argparse
+import atexit
+import os
+import sys
+from typing import NoReturn
+
+from hprm import _hprm
+
+
+def main() -> NoReturn:
+    """Run what the command line says, and leave with its exit code."""
+    parser = _parser()
+    options = parser.parse_args()
+    if getattr(options, "die_with_parent", False):
+        _hprm.die_with_parent()
+    arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
+    sys.argv = [options.file, *arguments]
+    if options.command == "run":
+        code = _hprm.run_program(options.file)
+    else:
+        if not options.federation:
+            parser.error("the secret of the federation is missing: --federation ID")
+        for stream in (sys.stdout, sys.stderr):
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+        code = _hprm.run_federate(
+            options.file,
+            options.federate,
+            rti=options.rti,
+            federation=options.federation,
+            warn=not options.launched,
+        )
+    _leave(code)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m hprm", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="run a program in this process")
+    run.add_argument("file", help="the .lf file")
+    run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
+    federate = commands.add_parser("federate", help="run one federate of a program")
+    federate.add_argument("file", help="the .lf file")
+    federate.add_argument("federate", help="the name of the federate")
+    federate.add_argument("--rti", required=True, help="the address of the RTI")
+    federate.add_argument(
+        "--federation",
+        default=os.environ.get("HPRM_FEDERATION_ID"),
+        help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
+    )
+    federate.add_argument("--launched", action="store_true", help="warnings have been shown")
+    federate.add_argument("--die-with-parent", action="store_true", help="never outlive the caller")
+    federate.add_argument("arguments", nargs="*", help="for the program, in sys.argv, after --")
+    return parser
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process, whatever threads the program has left."""
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            # Closed by the program or at the other end: nobody is listening.
+            pass
+    os._exit(code & 0xFF)
+
+
+if __name__ == "__main__":
+    main()

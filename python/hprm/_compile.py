@@ -1,0 +1,106 @@
+"""Compiling the Python in a program, so that tracebacks show the lines of the ``.lf`` file.
+
+Text is parsed where it stands at the left margin, and the tree is moved to where it came from.
+"""
+
+import ast
+import linecache
+from collections.abc import Callable
+from types import CodeType
+from typing import Any
+
+from hprm._source import Code
+
+Namespace = dict[str, Any]
+
+
+def register(files: dict[str, str]) -> None:
+    """Let tracebacks show lines of these files, whatever becomes of them on disk."""
+    for path, text in files.items():
+        linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+
+
+def statements(code: Code) -> CodeType:
+    """Compile a preamble."""
+    return _compiled(_parsed(code), code)
+
+
+def function(
+    code: Code, name: str, arguments: list[str], namespace: Namespace
+) -> Callable[..., Any]:
+    """Make a function with that body."""
+    return _function(code, name, arguments, _parsed(code).body, namespace)
+
+
+def expression(code: Code, namespace: Namespace) -> Callable[..., Any]:
+    """Make a function of ``self`` and ``bank_index`` that evaluates an expression."""
+    # Parentheses let it span lines, and the newline ends a comment behind it.
+    wrapped = code._replace(text=f"({code.text}\n)", column=code.column - 1)
+    tree = _parsed(wrapped, original=code)
+    match tree.body:
+        case [ast.Expr(value)]:
+            returned = ast.copy_location(ast.Return(value), value)
+            return _function(code, "value", ["self", "bank_index"], [returned], namespace)
+    raise _located(SyntaxError("a value must be an expression"), code)
+
+
+def _function(
+    code: Code, name: str, arguments: list[str], body: list[ast.stmt], namespace: Namespace
+) -> Callable[..., Any]:
+    # What a template has besides its body differs from one version of Python to the next.
+    tree = ast.parse(f"def {name}({', '.join(arguments)}): pass")
+    for node in ast.walk(tree):
+        if hasattr(node, "lineno"):
+            node.lineno = node.end_lineno = code.line
+            node.col_offset = node.end_col_offset = 0
+    definition = tree.body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    definition.body = body or definition.body
+    made: Namespace = {}
+    exec(_compiled(tree, code), namespace, made)
+    return made[name]
+
+
+def _parsed(code: Code, original: Code | None = None) -> ast.Module:
+    try:
+        tree = ast.parse(code.text, code.path)
+    except SyntaxError as error:
+        raise _located(error, original or code) from None
+    shifts = _shifts(code)
+    for node in ast.walk(tree):
+        if hasattr(node, "lineno"):
+            node.col_offset += shifts(node.lineno)
+            node.end_col_offset += shifts(node.end_lineno)
+            node.lineno += code.line - 1
+            node.end_lineno += code.line - 1
+    return tree
+
+
+def _compiled(tree: ast.Module, code: Code) -> CodeType:
+    try:
+        return compile(tree, code.path, "exec", dont_inherit=True)
+    except SyntaxError as error:
+        # Its line is that of the file already.
+        error.text = linecache.getline(code.path, error.lineno or code.line)
+        raise
+
+
+def _shifts(code: Code) -> Callable[[int], int]:
+    """Find by how many bytes each line of the text has moved."""
+    moved = [code.column]
+    for number, line in enumerate(code.text.split("\n")[1:], start=code.line + 1):
+        original = linecache.getline(code.path, number)
+        moved.append(max(original.encode().find(line.rstrip().encode()), 0))
+    return lambda line: moved[line - 1] if line <= len(moved) else 0
+
+
+def _located(error: SyntaxError, code: Code) -> SyntaxError:
+    """Move an error that was found in the text to its place in the file."""
+    line = min(error.lineno or 1, code.text.count("\n") + 1)
+    shift = _shifts(code)(line)
+    error.filename = code.path
+    error.lineno = code.line + line - 1
+    error.text = linecache.getline(code.path, error.lineno)
+    error.offset = (error.offset or 1) + shift
+    error.end_lineno = error.end_offset = None
+    return error

@@ -1,0 +1,60 @@
+"""Exceptions as the end of a program: an exit code, and what to tell the person who ran it."""
+
+import os
+import traceback
+
+_PACKAGE = os.path.dirname(__file__) + os.sep
+
+
+def describe(error: BaseException, what: str) -> tuple[int, str]:
+    """Return the exit code and the message, which is empty if there is nothing to say."""
+    match error:
+        case SystemExit(code=None):
+            return 0, ""
+        case SystemExit(code=int(code)):
+            return code, ""
+        case SystemExit(code=reason):
+            return 1, str(reason)
+        case KeyboardInterrupt():
+            return 130, ""
+        case SyntaxError(filename=str()):
+            return 1, _syntax_error(error)
+    trace = traceback.TracebackException.from_exception(error)
+    _drop_own_frames(trace, set())
+    name = type(error).__name__
+    reason = str(error).partition("\n")[0]
+    title = f"error: {what} raised {name}" + (f": {reason}" if reason else "")
+    frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")] or trace.stack
+    place = f"\n  --> {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
+    return 1, f"{title}{place}\n{''.join(trace.format()).rstrip()}"
+
+
+def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> None:
+    """Leave only frames of the program and of what it calls, in all exceptions of a chain."""
+    if id(trace) in seen:
+        return
+    seen.add(id(trace))
+    user = [frame for frame in trace.stack if not frame.filename.startswith(_PACKAGE)]
+    trace.stack = traceback.StackSummary.from_list(user)
+    group = getattr(trace, "exceptions", None) or []
+    for other in (trace.__cause__, trace.__context__, *group):
+        if other is not None:
+            _drop_own_frames(other, seen)
+
+
+def _syntax_error(error: SyntaxError) -> str:
+    line = error.lineno or 1
+    column = error.offset or 1
+    place = f"{error.filename}:{line}:{column}"
+    text = (error.text or "").rstrip("\n")
+    margin = " " * len(str(line))
+    marker = "".join("\t" if c == "\t" else " " for c in text[: column - 1]) + "^"
+    return "\n".join(
+        [
+            f"error: {error.msg}",
+            f"{margin}--> {place}",
+            f"{margin} |",
+            f"{line} | {text}",
+            f"{margin} | {marker}",
+        ]
+    )

@@ -1,0 +1,68 @@
+"""The module ``lf`` of a program: time, tags and requests to its runtime."""
+
+import os
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import NoReturn
+
+from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
+
+
+def make_module(api: Api, name: str, path: str) -> ModuleType:
+    """Make the module of a program, importable by the name that Lingua Franca gives it."""
+    lf = ModuleType(f"LinguaFranca{name}", make_module.__doc__)
+    folder = os.path.dirname(os.path.abspath(path))
+    vars(lf).update(
+        Tag=Tag,
+        port_capsule=port_capsule,
+        action_capsule_t=action_capsule_t,
+        time=SimpleNamespace(
+            logical=api.logical,
+            logical_elapsed=api.logical_elapsed,
+            physical=api.physical,
+            physical_elapsed=api.physical_elapsed,
+            start=api.start,
+        ),
+        tag=api.tag,
+        tag_compare=tag_compare,
+        request_stop=api.request_stop,
+        source_directory=lambda: folder,
+        package_directory=lambda: _package(folder),
+        get_fed_maxwait=api.maxwait,
+        set_fed_maxwait=lambda nanoseconds: _fixed_maxwait(api),
+        start=_start,
+        check_deadline=lambda reactor, invoke=True: api.check_deadline(invoke),
+        register_user_trace_event=lambda reactor, description: 0,
+        tracepoint_user_event=lambda reactor, handle: None,
+        tracepoint_user_value=lambda reactor, handle, value: None,
+        store_stats=api.store_stats,
+    )
+    sys.modules[lf.__name__] = lf
+    return lf
+
+
+def tag_compare(left: Tag, right: Tag) -> int:
+    """Return -1, 0 or 1, as the first tag is before, at or after the second."""
+    return (left > right) - (left < right)
+
+
+def _package(folder: str) -> str:
+    """Find what contains the nearest folder named ``src``, or else the folder itself."""
+    here = folder
+    while os.path.basename(here) != "src":
+        above = os.path.dirname(here)
+        if above == here:
+            return folder
+        here = above
+    return os.path.dirname(here)
+
+
+def _fixed_maxwait(api: Api) -> NoReturn:
+    api.maxwait()
+    raise RuntimeError(
+        "maxwait cannot be changed while the program runs yet; state it there: @maxwait(...)"
+    )
+
+
+def _start(argv: object = None) -> NoReturn:
+    raise RuntimeError("the program has been started already, by the command that runs it")

@@ -1,0 +1,156 @@
+"""The Python side of a program: its module, the classes of its reactors, and their instances."""
+
+import copy
+import os
+import sys
+from collections.abc import Callable
+from operator import attrgetter
+from types import ModuleType
+from typing import Any
+
+import hprm
+from hprm import _compile, _lf
+from hprm._classes import ReactorBase
+from hprm._hprm import Api
+from hprm._source import ClassSource, Code, InstanceSource, Parameter, ProgramSource
+
+Body = Callable[..., Any]
+Bodies = tuple[Body, Body | None, Body | None]
+
+
+class Program:
+    """A program whose preambles have run and whose instances are made."""
+
+    def __init__(self, source: ProgramSource, api: Api) -> None:
+        """Load a program."""
+        _compile.register(source.files)
+        _extend_path(source)
+        self._lf = _lf.make_module(api, source.name, source.path)
+        self._module = _make_module(source, self._lf)
+        self._expressions: dict[Code, Body] = {}
+        for preamble in source.preambles:
+            exec(_compile.statements(preamble), self._names)
+        self._classes: dict[int, _Class] = {}
+        for used in sorted({instance.cls for instance in source.instances}):
+            made = _Class(source.classes[used], self)
+            self._classes[used] = made
+            self._names[made.cls.__name__] = made.cls
+        self._instances: dict[int, tuple[_Class, ReactorBase]] = {}
+        for instance in source.instances:
+            self._make_instance(instance)
+
+    def bodies(
+        self, reactor: int, reaction: int
+    ) -> tuple[ReactorBase, Body, Body | None, Body | None] | None:
+        """Return an instance and the bodies of one of its reactions, if it runs here."""
+        if reactor not in self._instances:
+            return None
+        made, instance = self._instances[reactor]
+        return (instance, *made.reactions[reaction])
+
+    def function(self, code: Code, name: str, arguments: list[str]) -> Body:
+        """Compile a function that sees the names of the program."""
+        return _compile.function(code, name, arguments, self._names)
+
+    def preamble(self, code: Code, names: dict[str, Any]) -> None:
+        """Run a preamble that adds to ``names``."""
+        exec(_compile.statements(code), self._names, names)
+
+    @property
+    def lf(self) -> ModuleType:
+        """The module ``lf``."""
+        return self._lf
+
+    @property
+    def _names(self) -> dict[str, Any]:
+        return vars(self._module)
+
+    def _make_instance(self, source: InstanceSource) -> None:
+        made = self._classes[source.cls]
+        parent = None if source.parent is None else self._instances[source.parent][1]
+        bank_index = source.bank_index or 0
+        instance = made.cls()
+        # A class may declare `bank_index` to have it assigned; its default is still the position.
+        values = dict(made.source.parameters) | {"bank_index": bank_index}
+        for name, value in (values | dict(source.assignments)).items():
+            vars(instance)[f"_{name}"] = self._evaluate(value, parent, bank_index)
+        for name, value in made.source.state:
+            setattr(instance, name, self._evaluate(value, instance, instance.bank_index))
+        self._instances[source.reactor] = (made, instance)
+
+    def _evaluate(self, value: Any, owner: ReactorBase | None, bank_index: int) -> Any:
+        """Compute a value in the context of ``owner``, afresh each time."""
+        match value:
+            case Code():
+                if value not in self._expressions:
+                    self._expressions[value] = _compile.expression(value, self._names)
+                return self._expressions[value](owner, bank_index)
+            case Parameter(name):
+                return getattr(owner, name)
+            case list():
+                return [self._evaluate(entry, owner, bank_index) for entry in value]
+            case tuple():
+                return tuple(self._evaluate(entry, owner, bank_index) for entry in value)
+        return value
+
+
+class _Class:
+    """The class of a reactor, and the bodies of its reactions."""
+
+    def __init__(self, source: ClassSource, program: Program) -> None:
+        self.source = source
+        names: dict[str, Any] = {"__module__": "__main__", "_lf": program.lf}
+        for preamble in source.preambles:
+            program.preamble(preamble, names)
+        for name, _ in source.parameters:
+            names[name] = property(attrgetter(f"_{name}"))
+        for name, arguments, code in source.methods:
+            names[name] = program.function(code, name, ["self", *arguments])
+        self.reactions: list[Bodies] = []
+        for number, reaction in enumerate(source.reactions):
+            arguments = ["self", *reaction.arguments]
+
+            def body(code: Code | None, name: str, arguments: list[str] = arguments) -> Body | None:
+                if code is None:
+                    return None
+                names[name] = program.function(code, name, arguments)
+                return names[name]
+
+            main = body(reaction.body, f"reaction_function_{number}")
+            assert main is not None
+            deadline = body(reaction.deadline, f"deadline_function_{number}")
+            tardy = body(reaction.tardy, f"STP_function_{number}")
+            self.reactions.append((main, deadline, tardy))
+        self.cls: type[ReactorBase] = type(f"_{source.name}", (ReactorBase,), names)
+
+
+def load(source: ProgramSource, api: Api) -> Program:
+    """Load a program."""
+    return Program(source, api)
+
+
+def _make_module(source: ProgramSource, lf: ModuleType) -> ModuleType:
+    """Make the module in which bodies run, with the names that they know without an import."""
+    module = ModuleType("__main__")
+    names = {name: getattr(hprm, name) for name in hprm.__all__}
+    names |= {name: getattr(lf, name) for name in ("get_fed_maxwait", "request_stop", "start")}
+    names |= {"copy": copy, "lf": lf, "os": os, "set_fed_maxwait": lf.set_fed_maxwait, "sys": sys}
+    vars(module).update(
+        names, __file__=os.path.abspath(source.path), __hprm_main__=sys.modules.get("__main__")
+    )
+    # Classes of the program are pickled by the name of their module, which is the same in all
+    # federates.
+    sys.modules["__main__"] = sys.modules[f"__lf_{source.name}__"] = module
+    return module
+
+
+def _extend_path(source: ProgramSource) -> None:
+    """Let the program import what lies beside it, and what it says it uses."""
+    folders = [os.path.dirname(os.path.abspath(source.path))]
+    for name, stated_in in source.uses:
+        path = os.path.join(os.path.dirname(os.path.abspath(stated_in)), name)
+        folders.append(path if os.path.isdir(path) else os.path.dirname(path))
+    for folder in reversed(folders):
+        if folder in sys.path:
+            sys.path.remove(folder)
+        sys.path.insert(0, folder)

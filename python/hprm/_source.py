@@ -1,0 +1,61 @@
+"""A program as the front end describes it, before any of its Python has run."""
+
+from typing import Any, NamedTuple
+
+
+class Code(NamedTuple):
+    """A piece of Python at the left margin, and where it was."""
+
+    text: str
+    path: str
+    line: int
+    column: int
+
+
+class Parameter(NamedTuple):
+    """A value that is that of a parameter."""
+
+    name: str
+
+
+class ReactionSource(NamedTuple):
+    """The bodies of a reaction; the arguments come after ``self``."""
+
+    arguments: list[str]
+    body: Code
+    deadline: Code | None
+    tardy: Code | None
+
+
+class ClassSource(NamedTuple):
+    """A reactor. Values are Python's, ``Code``, ``Parameter``, or lists and tuples of them."""
+
+    name: str
+    preambles: list[Code]
+    parameters: list[tuple[str, Any]]
+    state: list[tuple[str, Any]]
+    methods: list[tuple[str, list[str], Code]]
+    reactions: list[ReactionSource]
+
+
+class InstanceSource(NamedTuple):
+    """An instance of a reactor; ``cls`` is an index into the program's classes."""
+
+    reactor: int
+    parent: int | None
+    cls: int
+    name: str
+    bank_index: int | None
+    assignments: list[tuple[str, Any]]
+
+
+class ProgramSource(NamedTuple):
+    """A program; of its instances, those that run here, containers before their contents."""
+
+    name: str
+    path: str
+    files: dict[str, str]
+    uses: list[tuple[str, str]]
+    preambles: list[Code]
+    classes: list[ClassSource]
+    instances: list[InstanceSource]

@@ -1,0 +1,42 @@
+"""What several test modules need: running a program in an interpreter of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a program ended, and what it wrote."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Runs the text of a program, with other files beside it."""
+
+    def run(text: str, *arguments: str, **files: str) -> Outcome:
+        path = tmp_path / "Program.lf"
+        path.write_text(textwrap.dedent(text))
+        for name, content in files.items():
+            (tmp_path / name.replace("_dot_", ".")).write_text(textwrap.dedent(content))
+        command = [sys.executable, "-m", "hprm", "run", path.name, *arguments]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return run

@@ -1,0 +1,201 @@
+"""The command ``hprm``: what it answers, and how it runs programs that end well."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Answer = subprocess.CompletedProcess[str]
+Hprm = Callable[..., Answer]
+
+PROGRAM = """\
+target Python { timeout: 20 msec }
+preamble {=
+import sys
+=}
+main reactor {
+  timer t(0, 10 msec)
+  reaction(t) {=
+    print("tick", *sys.argv[1:])
+  =}
+}
+"""
+
+FEDERATION = """\
+target Python { coordination: centralized, timeout: 50 msec }
+preamble {=
+import sys
+=}
+reactor Source {
+  output out
+  timer t(0, 10 msec)
+  state count = 0
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(self.count)
+  =}
+}
+reactor Sink {
+  input inp
+  reaction(inp) {=
+    print(inp.value, *sys.argv[1:])
+    print("noted", file=sys.stderr)
+  =}
+}
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}
+"""
+
+
+def command() -> str:
+    """The command that is installed beside this interpreter."""
+    found = shutil.which("hprm", path=str(Path(sys.executable).parent))
+    assert found is not None, "make build puts hprm beside python"
+    return found
+
+
+@pytest.fixture
+def hprm(tmp_path: Path) -> Hprm:
+    def run(*arguments: str, **environment: str) -> Answer:
+        return subprocess.run(
+            [command(), *arguments],
+            cwd=tmp_path,
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    (tmp_path / "Main.lf").write_text(PROGRAM)
+    (tmp_path / "Fed.lf").write_text(FEDERATION)
+    return run
+
+
+def test_it_has_a_version_and_help(hprm: Hprm) -> None:
+    assert hprm("--version").stdout.startswith("hprm ")
+    for words in [["--help"], ["run", "--help"], ["federate", "--help"]]:
+        answer = hprm(*words)
+        assert answer.returncode == 0
+        assert "Example" in answer.stdout
+
+
+@pytest.mark.parametrize("words", [[], ["dance"], ["run"], ["check", "--loudly", "Main.lf"]])
+def test_wrong_usage_has_exit_code_two(hprm: Hprm, words: list[str]) -> None:
+    answer = hprm(*words)
+    assert answer.returncode == 2
+    assert "Usage:" in answer.stderr
+    assert answer.stdout == ""
+
+
+def test_the_doctor_finds_this_installation_well(hprm: Hprm) -> None:
+    answer = hprm("doctor", "--json")
+    findings = {line["subject"]: line for line in map(json.loads, answer.stdout.splitlines())}
+    bad = [finding for finding in findings.values() if finding["health"] == "bad"]
+    assert (answer.returncode, bad) == (0, [])
+    assert str(Path(sys.executable).parent) in findings["python"]["text"]
+
+
+def test_check_is_content_and_says_so(hprm: Hprm) -> None:
+    answer = hprm("check", "Main.lf", "Fed.lf")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout == "2 programs checked: no errors, no warnings\n"
+
+
+def test_check_gives_json_to_programs(hprm: Hprm, tmp_path: Path) -> None:
+    wrong = PROGRAM.replace("timer t(0, 10 msec)", "timer t(0, 10 parsec)")
+    (tmp_path / "Wrong.lf").write_text(wrong)
+    answer = hprm("check", "--json", "Main.lf", "Wrong.lf")
+    assert (answer.returncode, answer.stderr) == (1, "")
+    diagnostics = [json.loads(line) for line in answer.stdout.splitlines()]
+    assert [diagnostic["severity"] for diagnostic in diagnostics] == ["error"]
+    [diagnostic] = diagnostics
+    assert "parsec" in diagnostic["message"]
+    assert (diagnostic["at"]["file"], diagnostic["at"]["line"]) == ("Wrong.lf", 6)
+
+
+def test_colour_is_for_terminals(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Wrong.lf").write_text("target Python\nmain reactor {")
+    answer = hprm("check", "Wrong.lf", TERM="xterm-256color")
+    assert answer.returncode == 1
+    assert "\x1b" not in answer.stdout + answer.stderr
+
+
+def test_a_program_is_run_with_its_arguments(hprm: Hprm) -> None:
+    answer = hprm("run", "Main.lf", "--rounds", "3")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout == "tick --rounds 3\n" * 3
+
+
+@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+def test_federates_speak_behind_their_names(hprm: Hprm, tmp_path: Path, coordination: str) -> None:
+    (tmp_path / "Fed.lf").write_text(FEDERATION.replace("centralized", coordination))
+    answer = hprm("run", "Fed.lf", "--verbose")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.splitlines() == [f"[sink] {count} --verbose" for count in range(1, 7)]
+    assert answer.stderr.splitlines() == ["[sink] noted"] * 6
+
+
+def test_output_need_not_be_text(hprm: Hprm, tmp_path: Path) -> None:
+    body = r'sys.stdout.buffer.write(b"\xff\xfe no end"); sys.stdout.flush()'
+    program = FEDERATION.replace('print("noted", file=sys.stderr)', body)
+    (tmp_path / "Fed.lf").write_text(program)
+    done = subprocess.run(
+        [command(), "run", "Fed.lf"], cwd=tmp_path, capture_output=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"[sink] 1\n[sink] \xff\xfe no end2\n")
+    assert done.stdout.endswith(b"\xff\xfe no end\n")
+
+
+def test_a_federation_is_started_by_hand(tmp_path: Path) -> None:
+    (tmp_path / "Fed.lf").write_text(FEDERATION)
+    address = f"unix:@hprm-test-{uuid.uuid4().hex}"
+
+    def start(*arguments: str, **environment: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [command(), *arguments],
+            cwd=tmp_path,
+            env=os.environ | environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    rti = start("rti", "Fed.lf", "--listen", address)
+    assert rti.stdout is not None
+    assert rti.stdout.readline() == f"listening at {address}\n"
+    word, federation = rti.stdout.readline().split()
+    assert (word, len(federation)) == ("federation", 32)
+    federates = [
+        start("federate", "Fed.lf", name, "--rti", address, HPRM_FEDERATION_ID=federation)
+        for name in ["sink", "source"]
+    ]
+    outcomes = [(*process.communicate(timeout=60), process.returncode) for process in federates]
+    numbers = "".join(f"{count}\n" for count in range(1, 7))
+    assert outcomes == [(numbers, "noted\n" * 6, 0), ("", "", 0)]
+    out, err = rti.communicate(timeout=60)
+    assert (rti.returncode, err) == (0, "")
+    assert sorted(out.splitlines()) == [
+        "federate sink joined",
+        "federate source joined",
+        "the federation starts",
+    ]
+
+
+def test_an_rti_is_not_open_to_the_network(hprm: Hprm) -> None:
+    answer = hprm("rti", "Fed.lf", "--listen", "tcp:0.0.0.0:0")
+    assert answer.returncode == 1
+    assert "authentication is not there yet" in answer.stderr
+    assert "hint: " in answer.stderr

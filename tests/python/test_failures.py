@@ -1,0 +1,349 @@
+"""Programs that end badly: one clear message, an exit code, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+DEADLINE_S = 30.0
+COORDINATIONS = ["centralized", "decentralized"]
+
+MAIN = """\
+target Python
+preamble {=
+import os, pathlib, sys
+=}
+main reactor {
+  timer t(0, 10 msec)
+  state count = 0
+  reaction(t) {=
+    self.count += 1
+    if self.count == 3:
+        pathlib.Path("main.pid").write_text(f"{os.getpid()}\\n")
+        BODY
+  =}
+  reaction(shutdown) {=
+    print("main stops")
+  =}
+}
+"""
+
+FEDERATION = """\
+target Python { coordination: COORDINATION }
+preamble {=
+import os, pathlib, sys
+=}
+reactor Ping {
+  output out
+  timer t(0, 10 msec)
+  state count = 0
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(self.count)
+  =}
+  reaction(shutdown) {=
+    print("ping stops")
+  =}
+}
+reactor Pong {
+  input inp
+  reaction(inp) {=
+    if inp.value == 3:
+        pathlib.Path("pong.pid").write_text(f"{os.getpid()}\\n")
+        BODY
+  =}
+  reaction(shutdown) {=
+    print("pong stops")
+  =}
+}
+federated reactor {
+  ping = new Ping()
+  pong = new Pong()
+  ping.out -> pong.inp
+}
+"""
+
+
+def program(coordination: str | None, body: str) -> str:
+    """A program that does BODY on its third tick; a federation if it has a coordination."""
+    text = MAIN if coordination is None else FEDERATION.replace("COORDINATION", coordination)
+    return text.replace("BODY", body)
+
+
+def line_of(text: str, part: str) -> int:
+    """The line on which a part of a text stands, from 1."""
+    return text[: text.index(part)].count("\n") + 1
+
+
+@dataclass
+class Outcome:
+    """How the command ended, and what it wrote."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def errors(self) -> list[str]:
+        """The messages that are errors, of the command or of a federate."""
+        return [line for line in self.err.splitlines() if re.match(r"(\[\w+\] )?error", line)]
+
+    def assert_one_error(self, *parts: str) -> None:
+        """There is exactly one error, and these are in what was written."""
+        assert len(self.errors) == 1, self.err
+        for part in parts:
+            assert part in self.err, self.err
+
+
+@dataclass
+class Bench:
+    """A folder, and the processes that are started in it."""
+
+    folder: Path
+    mark: str = field(default_factory=lambda: f"HPRM_TEST_MARK={uuid.uuid4().hex}")
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def start(self, text: str) -> subprocess.Popen[str]:
+        """Start ``hprm run`` on the text of a program."""
+        (self.folder / "Main.lf").write_text(text)
+        return self.call("run", "Main.lf")
+
+    def call(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start the command, in a session of its own as a terminal would."""
+        command = shutil.which("hprm", path=str(Path(sys.executable).parent))
+        assert command is not None, "make build puts hprm beside python"
+        name, value = self.mark.split("=")
+        process = subprocess.Popen(
+            [command, *arguments],
+            cwd=self.folder,
+            env=os.environ | {name: value},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.started.append(process)
+        return process
+
+    def run(self, text: str) -> Outcome:
+        """Run the text of a program to its end."""
+        return finish(self.start(text))
+
+    def pid(self, name: str) -> int:
+        """The process that wrote its number into a file, once it has."""
+        file = self.folder / f"{name}.pid"
+        until(lambda: file.exists() and file.read_text().endswith("\n"), f"{name} is in the middle")
+        return int(file.read_text())
+
+    def left(self) -> set[int]:
+        """The processes that this test has brought about and that still run."""
+        return {pid for pid in processes() if self.mark in environment(pid)}
+
+
+def finish(process: subprocess.Popen[str]) -> Outcome:
+    """How a process ends."""
+    out, err = process.communicate(timeout=DEADLINE_S)
+    return Outcome(process.returncode, out, err)
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    """Wait until a condition holds, and fail if it never does."""
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain until {what}"
+        time.sleep(0.005)
+
+
+def processes() -> list[int]:
+    """All processes of this machine, but for this one."""
+    return [int(p.name) for p in Path("/proc").iterdir() if p.name.isdigit() if p.name != _SELF]
+
+
+_SELF = str(os.getpid())
+
+
+def environment(pid: int) -> set[str]:
+    """The environment of a process; empty once it has ended, even if nobody has reaped it."""
+    try:
+        text = Path(f"/proc/{pid}/environ").read_bytes()
+    except OSError:
+        return set()
+    return set(text.decode(errors="replace").split("\0"))
+
+
+def stores() -> set[int]:
+    """The processes that hold or map memory of an object store."""
+    return {pid for pid in processes() if _holds_store(pid)}
+
+
+def _holds_store(pid: int) -> bool:
+    try:
+        if "memfd:hprm" in Path(f"/proc/{pid}/maps").read_text(errors="replace"):
+            return True
+        links = [os.readlink(fd) for fd in Path(f"/proc/{pid}/fd").iterdir()]
+    except OSError:
+        return False
+    return any("memfd:hprm" in link for link in links)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    """A place to run programs in, which nothing may survive."""
+    shared = set(os.listdir("/dev/shm"))
+    held = stores()
+    bench = Bench(tmp_path)
+    yield bench
+    try:
+        until(lambda: not bench.left(), "no process is left")
+        until(lambda: set(os.listdir("/dev/shm")) <= shared, "no shared memory is left")
+        until(lambda: stores() <= held, "no object store is left")
+    finally:
+        for pid in bench.left():
+            os.kill(pid, signal.SIGKILL)
+        for process in bench.started:
+            process.communicate()
+
+
+# Programs that are wrong: nothing starts.
+
+WRONG = {
+    "a syntax error": ("main reactor {\n  reaction(startup {= pass =}\n}\n", 3, "expected"),
+    "an unknown reactor": ("main reactor {\n  a = new Missing()\n}\n", 3, "Missing"),
+    "a missing import": (
+        'import Part from "gone.lf"\nmain reactor {\n  a = new Part()\n}\n',
+        2,
+        "gone.lf",
+    ),
+    "a port that does not exist": (
+        "reactor A {\n  output out\n}\nmain reactor {\n  a = new A()\n  b = new A()\n"
+        "  a.out -> b.inp\n}\n",
+        8,
+        "inp",
+    ),
+}
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_program_is_named_by_file_and_line(bench: Bench, verb: str, case: str) -> None:
+    text, line, part = WRONG[case]
+    (bench.folder / "Main.lf").write_text("target Python\n" + text)
+    outcome = finish(bench.call(verb, "Main.lf"))
+    assert outcome.code == 1
+    outcome.assert_one_error(f"Main.lf:{line}:", part)
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_a_missing_file_is_named(bench: Bench, verb: str) -> None:
+    outcome = finish(bench.call(verb, "Gone.lf"))
+    assert outcome.code == 1
+    outcome.assert_one_error("error: cannot read Gone.lf: No such file or directory")
+
+
+# Programs that fail while they run.
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_an_exception_names_the_line(bench: Bench, coordination: str | None) -> None:
+    text = program(coordination, 'raise ValueError("too hot")')
+    outcome = bench.run(text)
+    assert outcome.code == 1
+    line = line_of(text, "raise ValueError")
+    outcome.assert_one_error(
+        "ValueError: too hot", f"Main.lf:{line}", 'raise ValueError("too hot")'
+    )
+    if coordination is not None:
+        assert outcome.errors[0].startswith("error: federate pong: "), outcome.err
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_a_mistake_in_a_body_names_the_line(bench: Bench, coordination: str | None) -> None:
+    text = program(coordination, "if = 1")
+    outcome = bench.run(text)
+    assert outcome.code == 1
+    outcome.assert_one_error(f"Main.lf:{line_of(text, 'if = 1')}", "invalid syntax")
+    assert not (bench.folder / "pong.pid").exists()
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_an_exit_code_is_passed_on(bench: Bench, coordination: str | None) -> None:
+    outcome = bench.run(program(coordination, "sys.exit(3)"))
+    assert outcome.code == 3
+    assert "Traceback" not in outcome.err
+    if coordination is not None:
+        outcome.assert_one_error("error: federate pong exited with code 3")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_an_end_without_farewell_is_a_failure(bench: Bench, coordination: str) -> None:
+    outcome = bench.run(program(coordination, "os._exit(4)"))
+    assert outcome.code == 4
+    outcome.assert_one_error("error: federate pong exited with code 4")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_killed_federate_is_named(bench: Bench, coordination: str) -> None:
+    process = bench.start(program(coordination, "pass"))
+    os.kill(bench.pid("pong"), signal.SIGKILL)
+    outcome = finish(process)
+    assert outcome.code == 1
+    outcome.assert_one_error("error: federate pong was killed by signal 9 (SIGKILL)")
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_federates_do_not_outlive_the_command(bench: Bench, coordination: str) -> None:
+    process = bench.start(program(coordination, "pass"))
+    bench.pid("pong")
+    assert len(bench.left()) == 3
+    process.kill()
+    until(lambda: not bench.left(), "the federates have ended")
+    assert finish(process).code == -signal.SIGKILL
+
+
+# Being interrupted.
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_an_interrupt_stops_in_order(bench: Bench, coordination: str | None) -> None:
+    process = bench.start(program(coordination, "pass"))
+    bench.pid("main" if coordination is None else "pong")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    assert outcome.code == 130
+    assert outcome.err == ""
+    stopped = {"main stops"} if coordination is None else {"[ping] ping stops", "[pong] pong stops"}
+    assert set(outcome.out.splitlines()) == stopped
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_second_interrupt_does_not_wait(bench: Bench, coordination: str) -> None:
+    text = program(coordination, "while True: pass")
+    process = bench.start(text)
+    bench.pid("pong")
+    begun = time.monotonic()
+
+    # The reaction never returns, so nothing stops in order. Of two signals that come at once the
+    # system may deliver one.
+    def gone() -> bool:
+        process.send_signal(signal.SIGINT)
+        return process.poll() is not None
+
+    until(gone, "the command has ended")
+    outcome = finish(process)
+    assert time.monotonic() - begun < 4, "an orderly stop takes five seconds to give up"
+    assert outcome.code == 130
+    assert outcome.errors == []

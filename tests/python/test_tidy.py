@@ -1,0 +1,124 @@
+"""The repository polices itself: rules of CONTRIBUTING.md, and documents that tell the truth."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+GENERATED = {"target", "out", "__pycache__", "corpus"}
+LONGEST_FILE = 800
+UNSAFE_ROOMS = {"crates/hprm-store/src/shm.rs", "crates/hprm-python/src/buffer.rs"}
+
+# Put together from halves, so that this file does not find itself.
+UNFINISHED = re.compile("|".join(["to" + "do!", "unimple" + "mented!", "FIX" + "ME", "XX" + "X:"]))
+UNSAFE = re.compile(r"\bunsafe\b|allow\(unsafe_code\)")
+
+
+def sources(*suffixes: str) -> Iterator[tuple[str, str]]:
+    """Path, relative to the root, and text of every file of the repository with such a suffix."""
+    for directory, subdirectories, files in os.walk(ROOT):
+        # Hidden directories hold what tools keep for themselves: .git, .venv, caches.
+        subdirectories[:] = [
+            name for name in subdirectories if name not in GENERATED and not name.startswith(".")
+        ]
+        for name in files:
+            path = Path(directory, name)
+            if path.suffix in suffixes:
+                yield path.relative_to(ROOT).as_posix(), path.read_text()
+
+
+def without_rust_comments(text: str) -> str:
+    """The code of a Rust file; a line's comment is cut off at `//`."""
+    return "\n".join(line.partition("//")[0] for line in text.splitlines())
+
+
+def fenced(document: str, language: str) -> str:
+    """The first code block of a document of the root that is marked with this language."""
+    text = (ROOT / document).read_text()
+    block = re.search(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    assert block, f"{document} has no block of {language}"
+    return block[1]
+
+
+def headings(text: str) -> list[str]:
+    """The first-level headings of a Markdown text, outside of code fences."""
+    parts = re.split(r"^```.*$", text, flags=re.MULTILINE)
+    return re.findall(r"^# .+$", "\n".join(parts[::2]), flags=re.MULTILINE)
+
+
+def test_every_rust_source_says_what_it_owns() -> None:
+    silent = [path for path, text in sources(".rs") if not text.startswith("//!")]
+    assert silent == []
+
+
+def test_every_python_source_says_what_it_owns() -> None:
+    silent = [path for path, text in sources(".py") if not ast.get_docstring(ast.parse(text))]
+    assert silent == []
+
+
+def test_no_file_is_too_long() -> None:
+    long = {
+        path: lines
+        for path, text in sources(".rs", ".py", ".pyi", ".md", ".lf", ".toml")
+        if (lines := text.count("\n")) > LONGEST_FILE
+    }
+    assert long == {}
+
+
+def test_every_document_has_one_title() -> None:
+    wrong = {path: found for path, text in sources(".md") if len(found := headings(text)) != 1}
+    assert wrong == {}
+
+
+def test_every_link_between_documents_leads_somewhere() -> None:
+    links = [
+        (path, target)
+        for path, text in sources(".md")
+        for target in re.findall(r"\]\(([^)#:]+)\)", text)
+    ]
+    broken = [link for link in links if not (ROOT / link[0]).parent.joinpath(link[1]).exists()]
+    assert links != []
+    assert broken == []
+
+
+def test_every_test_that_the_readme_names_exists() -> None:
+    named = re.findall(r"`((?:crates|tests)/[^`]+)`", (ROOT / "README.md").read_text())
+    assert named != []
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -> None:
+    program = tmp_path / "Camera.lf"
+    program.write_text(fenced("README.md", "lf"))
+    hprm = Path(sys.executable).parent / "hprm"
+    argv = [str(hprm), "run", str(program)]
+    run = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
+    assert (run.stdout, run.returncode) == (fenced("README.md", "text"), 0), run.stderr
+
+
+def test_nothing_is_left_unfinished() -> None:
+    unfinished = [
+        f"{path}:{number}"
+        for path, text in sources(".rs", ".py", ".pyi", ".lf", ".md")
+        for number, line in enumerate(text.splitlines(), start=1)
+        if UNFINISHED.search(line)
+    ]
+    assert unfinished == []
+
+
+def test_unsafe_code_keeps_to_its_two_rooms() -> None:
+    rooms = {path for path, text in sources(".rs") if UNSAFE.search(without_rust_comments(text))}
+    assert rooms <= UNSAFE_ROOMS
+
+
+def test_the_checks_find_what_they_look_for() -> None:
+    assert UNFINISHED.search("    to" + "do!()")
+    assert UNSAFE.search(without_rust_comments("let x = un" + "safe { y };"))
+    assert not UNSAFE.search(without_rust_comments("#![forbid(un" + "safe_code)] // unsafe"))
+    assert headings("# One\n```sh\n# a comment\n```\n# Two\n") == ["# One", "# Two"]
