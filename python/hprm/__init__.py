@@ -1,7 +1,7 @@
 """Deterministic, zero-copy middleware for robots and autonomous agents.
 
-Programs are written in ``.lf`` files and run by ``hprm run``; what their bodies use is here as well,
-for the modules that they import.
+Programs are written in ``.lf`` files and run by ``hprm run``; what their bodies use is here as
+well, for the modules that they import.
 """
 
 from hprm._classes import Make, ReactorBase

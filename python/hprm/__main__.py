@@ -5,6 +5,7 @@ The command ``hprm`` starts these; it does more for a person.
 
 import argparse
 import atexit
+import contextlib
 import os
 import sys
 from typing import NoReturn
@@ -62,11 +63,9 @@ def _leave(code: int) -> NoReturn:
     """End the process, whatever threads the program has left."""
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        try:
+        # Closed by the program or at the other end: then nobody is listening.
+        with contextlib.suppress(OSError, ValueError):
             stream.flush()
-        except (OSError, ValueError):
-            # Closed by the program or at the other end: nobody is listening.
-            pass
     os._exit(code & 0xFF)
 
 

@@ -1,7 +1,7 @@
 """The classes that bodies of reactions know besides ports and actions."""
 
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 
 class Make:
@@ -20,24 +20,30 @@ class Make:
 class ReactorBase:
     """The base of all reactors: what ``self`` can do in every body."""
 
-    _lf: ClassVar[ModuleType]
+    _lf: ClassVar[Any]
 
     @property
     def bank_index(self) -> int:
         """The position in the bank; zero outside of banks."""
-        return self.__dict__.get("_bank_index", 0)
+        index: int = self.__dict__.get("_bank_index", 0)
+        return index
 
     def lf_module(self) -> ModuleType:
         """Return the module ``lf``."""
-        return self._lf
+        module: ModuleType = self._lf
+        return module
 
     def check_deadline(self, invoke_deadline_handler: bool = True) -> bool:
         """Tell whether the deadline of the running reaction has passed; if so, run its handler."""
-        return self._lf.check_deadline(self, invoke_deadline_handler)
+        return bool(self._lf.check_deadline(self, invoke_deadline_handler))
+
+    def update_deadline(self, deadline: int) -> NoReturn:
+        """Change the deadline of the running reaction: not possible yet."""
+        raise self._lf.update_deadline(self, deadline)
 
     def register_user_trace_event(self, description: str) -> int:
-        """Name an event for traces. Nothing is traced, so the handle is zero."""
-        return self._lf.register_user_trace_event(self, description)
+        """Name an event for traces, of which there are none yet. Return a handle, not zero."""
+        return int(self._lf.register_user_trace_event(self, description))
 
     def tracepoint_user_event(self, handle: int) -> None:
         """Trace an event."""

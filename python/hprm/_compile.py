@@ -5,7 +5,7 @@ Text is parsed where it stands at the left margin, and the tree is moved to wher
 
 import ast
 import linecache
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import CodeType
 from typing import Any
 
@@ -49,14 +49,13 @@ def _function(
 ) -> Callable[..., Any]:
     # What a template has besides its body differs from one version of Python to the next.
     tree = ast.parse(f"def {name}({', '.join(arguments)}): pass")
-    for node in ast.walk(tree):
-        if hasattr(node, "lineno"):
-            node.lineno = node.end_lineno = code.line
-            node.col_offset = node.end_col_offset = 0
+    for node in _located_nodes(tree):
+        node.lineno = node.end_lineno = code.line
+        node.col_offset = node.end_col_offset = 0
     definition = tree.body[0]
     assert isinstance(definition, ast.FunctionDef)
     definition.body = body or definition.body
-    made: Namespace = {}
+    made: dict[str, Callable[..., Any]] = {}
     exec(_compiled(tree, code), namespace, made)
     return made[name]
 
@@ -67,13 +66,16 @@ def _parsed(code: Code, original: Code | None = None) -> ast.Module:
     except SyntaxError as error:
         raise _located(error, original or code) from None
     shifts = _shifts(code)
-    for node in ast.walk(tree):
-        if hasattr(node, "lineno"):
-            node.col_offset += shifts(node.lineno)
-            node.end_col_offset += shifts(node.end_lineno)
-            node.lineno += code.line - 1
-            node.end_lineno += code.line - 1
+    for node in _located_nodes(tree):
+        node.col_offset += shifts(node.lineno)
+        node.end_col_offset += shifts(node.end_lineno)
+        node.lineno += code.line - 1
+        node.end_lineno += code.line - 1
     return tree
+
+
+def _located_nodes(tree: ast.AST) -> Iterator[Any]:
+    return (node for node in ast.walk(tree) if hasattr(node, "lineno"))
 
 
 def _compiled(tree: ast.Module, code: Code) -> CodeType:

@@ -1,5 +1,6 @@
 """The module ``lf`` of a program: time, tags and requests to its runtime."""
 
+import itertools
 import os
 import sys
 from types import ModuleType, SimpleNamespace
@@ -12,6 +13,7 @@ def make_module(api: Api, name: str, path: str) -> ModuleType:
     """Make the module of a program, importable by the name that Lingua Franca gives it."""
     lf = ModuleType(f"LinguaFranca{name}", make_module.__doc__)
     folder = os.path.dirname(os.path.abspath(path))
+    handles = itertools.count(1)
     vars(lf).update(
         Tag=Tag,
         port_capsule=port_capsule,
@@ -32,7 +34,8 @@ def make_module(api: Api, name: str, path: str) -> ModuleType:
         set_fed_maxwait=lambda nanoseconds: _fixed_maxwait(api),
         start=_start,
         check_deadline=lambda reactor, invoke=True: api.check_deadline(invoke),
-        register_user_trace_event=lambda reactor, description: 0,
+        update_deadline=_fixed_deadline,
+        register_user_trace_event=lambda reactor, description: next(handles),
         tracepoint_user_event=lambda reactor, handle: None,
         tracepoint_user_value=lambda reactor, handle, value: None,
         store_stats=api.store_stats,
@@ -61,6 +64,12 @@ def _fixed_maxwait(api: Api) -> NoReturn:
     api.maxwait()
     raise RuntimeError(
         "maxwait cannot be changed while the program runs yet; state it there: @maxwait(...)"
+    )
+
+
+def _fixed_deadline(reactor: object, deadline: int) -> NoReturn:
+    raise RuntimeError(
+        "a deadline cannot be changed while the program runs yet; state it there: deadline(...)"
     )
 
 

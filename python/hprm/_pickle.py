@@ -22,7 +22,7 @@ class _Pickler(pickle.Pickler):
         return _array, (buffer, obj.dtype, obj.shape, order)
 
 
-def _array(buffer: Any, dtype: Any, shape: tuple[int, ...], order: str) -> Any:
+def _array(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Any) -> Any:
     """Make an array over a buffer; read-only if the buffer is."""
     import numpy
 

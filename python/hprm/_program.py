@@ -39,14 +39,12 @@ class Program:
         for instance in source.instances:
             self._make_instance(instance)
 
-    def bodies(
-        self, reactor: int, reaction: int
-    ) -> tuple[ReactorBase, Body, Body | None, Body | None] | None:
+    def bodies(self, reactor: int, reaction: int) -> tuple[ReactorBase, Bodies] | None:
         """Return an instance and the bodies of one of its reactions, if it runs here."""
         if reactor not in self._instances:
             return None
         made, instance = self._instances[reactor]
-        return (instance, *made.reactions[reaction])
+        return instance, made.reactions[reaction]
 
     def function(self, code: Code, name: str, arguments: list[str]) -> Body:
         """Compile a function that sees the names of the program."""
@@ -106,21 +104,20 @@ class _Class:
             names[name] = property(attrgetter(f"_{name}"))
         for name, arguments, code in source.methods:
             names[name] = program.function(code, name, ["self", *arguments])
+
+        def handler(code: Code | None, name: str, arguments: list[str]) -> Body | None:
+            return None if code is None else program.function(code, name, arguments)
+
         self.reactions: list[Bodies] = []
         for number, reaction in enumerate(source.reactions):
             arguments = ["self", *reaction.arguments]
-
-            def body(code: Code | None, name: str, arguments: list[str] = arguments) -> Body | None:
-                if code is None:
-                    return None
-                names[name] = program.function(code, name, arguments)
-                return names[name]
-
-            main = body(reaction.body, f"reaction_function_{number}")
-            assert main is not None
-            deadline = body(reaction.deadline, f"deadline_function_{number}")
-            tardy = body(reaction.tardy, f"STP_function_{number}")
-            self.reactions.append((main, deadline, tardy))
+            self.reactions.append(
+                (
+                    program.function(reaction.body, f"reaction_function_{number}", arguments),
+                    handler(reaction.deadline, f"deadline_function_{number}", arguments),
+                    handler(reaction.tardy, f"STP_function_{number}", arguments),
+                )
+            )
         self.cls: type[ReactorBase] = type(f"_{source.name}", (ReactorBase,), names)
 
 

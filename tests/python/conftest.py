@@ -24,19 +24,34 @@ class Outcome:
 Run = Callable[..., Outcome]
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    """Runs the text of a program, with other files beside it."""
+def runner(command: list[str], tmp_path: Path) -> Run:
+    """A function that runs the text of a program, with other files beside it."""
 
     def run(text: str, *arguments: str, **files: str) -> Outcome:
         path = tmp_path / "Program.lf"
         path.write_text(textwrap.dedent(text))
         for name, content in files.items():
             (tmp_path / name.replace("_dot_", ".")).write_text(textwrap.dedent(content))
-        command = [sys.executable, "-m", "hprm", "run", path.name, *arguments]
         done = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+            [*command, path.name, *arguments],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
         return Outcome(done.returncode, done.stdout, done.stderr)
 
     return run
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Runs a program in one process."""
+    return runner([sys.executable, "-m", "hprm", "run"], tmp_path)
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Run:
+    """Runs a program by the command, which gives each federate a process."""
+    return runner([str(Path(sys.executable).with_name("hprm")), "run"], tmp_path)

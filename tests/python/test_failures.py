@@ -329,6 +329,21 @@ def test_an_interrupt_stops_in_order(bench: Bench, coordination: str | None) -> 
     assert set(outcome.out.splitlines()) == stopped
 
 
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_an_interrupt_lets_a_reaction_finish(bench: Bench, coordination: str | None) -> None:
+    body = 'while not pathlib.Path("go").exists(): pass\n        print("finished")'
+    process = bench.start(program(coordination, body))
+    bench.pid("main" if coordination is None else "pong")
+    process.send_signal(signal.SIGINT)
+    (bench.folder / "go").touch()
+    outcome = finish(process)
+    assert outcome.code == 130
+    assert outcome.err == ""
+    prefix = "" if coordination is None else "[pong] "
+    assert f"{prefix}finished" in outcome.out.splitlines()
+    assert outcome.out.splitlines()[-1].endswith(" stops")
+
+
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_second_interrupt_does_not_wait(bench: Bench, coordination: str) -> None:
     text = program(coordination, "while True: pass")

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
+
+import pytest
 
 
 def printed(outcome: Any) -> list[str]:
@@ -448,3 +454,103 @@ def test_a_federated_program_runs_in_one_process(run: Any) -> None:
         )
     )
     assert lines == ["[1] 0", "[1] 1"]
+
+
+PAIR = """
+target Python {{ coordination: {coordination} }}
+preamble {{=
+  import numpy as np
+  class Frame:
+      def __init__(self, number, pixels): self.number, self.pixels = number, pixels
+=}}
+reactor Camera {{ output out
+  reaction(startup) -> out {{= out.set({value}) =}}
+}}
+reactor Viewer {{ input inp
+  reaction(inp) {{=
+    {body}
+    request_stop()
+  =}}
+}}
+federated reactor {{
+  camera = new Camera()
+  viewer = new Viewer()
+  camera.out -> viewer.inp {clause}
+}}
+"""
+
+
+@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+def test_objects_of_the_program_travel_with_their_arrays_in_place(
+    launch: Any, coordination: str
+) -> None:
+    text = PAIR.format(
+        coordination=coordination,
+        value="Frame(7, np.arange(20_000.0)[::-1])",
+        body=(
+            "pixels = inp.value.pixels; "
+            "print(inp.value.number, pixels[0], pixels.flags.writeable, pixels.flags.owndata, "
+            "inp.value is inp.value, inp.physical_time_of_arrival > lf.time.start())"
+        ),
+        clause="",
+    )
+    assert printed(launch(text)) == ["[viewer] 7 19999.0 False False True True"]
+
+
+SERIALIZER = """
+import json
+class Serializer:
+    def serialize(self, obj): return bytearray(json.dumps(obj).encode())
+    def deserialize(self, data):
+        assert type(data) is bytes
+        return json.loads(data)
+"""
+
+
+@pytest.mark.parametrize("length", [1, 100_000])
+def test_a_program_brings_its_own_serializer(launch: Any, length: int) -> None:
+    text = PAIR.format(
+        coordination="decentralized",
+        value=f"('tuple', 'x' * {length})",
+        body="print(type(inp.value).__name__, len(inp.value[1]))",
+        clause='serializer "as_json"',
+    )
+    outcome = launch(text, as_json_dot_py=SERIALIZER)
+    assert printed(outcome) == [f"[viewer] list {length}"]
+
+
+def test_a_missing_serializer_is_named(launch: Any) -> None:
+    text = PAIR.format(
+        coordination="centralized", value="1", body="pass", clause='serializer "nowhere"'
+    )
+    outcome = launch(text)
+    assert outcome.code == 1
+    assert 'loading the serializer "nowhere"' in outcome.err
+    assert "Program.camera.out -> Program.viewer.inp" in outcome.err
+
+
+def test_a_value_that_cannot_travel_is_named_with_its_connection(launch: Any) -> None:
+    text = PAIR.format(coordination="centralized", value="lambda: 1", body="pass", clause="")
+    outcome = launch(text)
+    assert outcome.code == 1
+    assert "sending a value on connection Program.camera.out -> Program.viewer.inp" in outcome.err
+
+
+def test_interrupting_a_program_ends_it_in_order(tmp_path: Path) -> None:
+    program = tmp_path / "Program.lf"
+    program.write_text(
+        """
+        target Python { keepalive: true }
+        main reactor {
+          reaction(startup) {= print("ready", flush=True) =}
+          reaction(shutdown) {= print("in order") =}
+        }
+        """
+    )
+    command = [sys.executable, "-m", "hprm", "run", str(program)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, b"in order\n", b"")

@@ -92,8 +92,14 @@ fn killed(name: &str, signal: Signal) -> Error {
     }
 }
 
+/// `said` adds what the exit code does not tell; that the process has ended, it does tell.
 fn exited(name: &str, joined: bool, code: i32, said: &str) -> Error {
-    let when = if joined { "" } else { " before it joined" };
+    let said = if said.contains(&format!("federate {name}")) { "" } else { said };
+    let when = match (joined, code) {
+        (false, _) => " before it joined",
+        (true, 0) => " before its last tag",
+        (true, _) => "",
+    };
     let colon = if said.is_empty() { "" } else { ": " };
     let error = Error::new(format!("federate {name} exited with code {code}{when}{colon}{said}"));
     if joined || !said.is_empty() {
@@ -151,8 +157,16 @@ mod tests {
         assert_eq!(error, Error::new("federate b exited with code 3: its link is lost"));
         assert_eq!(code, 3);
         let (error, code) = verdict(Some(lost), Some(Ending::Code(0)));
-        assert_eq!(error, Error::new("federate b exited with code 0: its link is lost"));
+        let told = "federate b exited with code 0 before its last tag: its link is lost";
+        assert_eq!(error, Error::new(told));
         assert_eq!(code, 1);
+    }
+
+    #[test]
+    fn what_the_exit_code_tells_is_not_told_twice() {
+        let lost = words("the process of federate b ended before its last tag", 1);
+        let (error, _) = verdict(Some(lost), Some(Ending::Code(4)));
+        assert_eq!(error, Error::new("federate b exited with code 4"));
     }
 
     #[test]

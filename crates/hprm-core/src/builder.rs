@@ -90,6 +90,8 @@ pub struct ReactionSpec {
 #[derive(Clone, Debug)]
 pub struct ProgramBuilder {
     program: Program,
+    /// How many reactions each reactor has so far.
+    reactions: Table<ReactorId, u32>,
 }
 
 impl ProgramBuilder {
@@ -99,6 +101,7 @@ impl ProgramBuilder {
         let mut reactors = Table::new();
         reactors.push(Reactor { name: name.to_owned(), parent: None, federate: None });
         Self {
+            reactions: Table::filled(1, 0),
             program: Program {
                 name: name.to_owned(),
                 properties,
@@ -124,6 +127,7 @@ impl ProgramBuilder {
     pub fn reactor(&mut self, parent: ReactorId, name: &str) -> ReactorId {
         let name = format!("{}.{name}", self.program.reactors[parent].name);
         let federate = self.program.reactors[parent].federate;
+        self.reactions.push(0);
         self.program.reactors.push(Reactor { name, parent: Some(parent), federate })
     }
 
@@ -175,10 +179,10 @@ impl ProgramBuilder {
 
     /// The next reaction of `reactor`.
     pub fn reaction(&mut self, reactor: ReactorId, spec: ReactionSpec) -> ReactionId {
-        let earlier = self.program.reactions.values().filter(|r| r.reactor == reactor).count();
+        self.reactions[reactor] += 1;
         self.program.reactions.push(Reaction {
             reactor,
-            number: u32::try_from(earlier + 1).expect("fewer reactions than u32 counts"),
+            number: self.reactions[reactor],
             triggers: spec.triggers,
             sources: spec.sources,
             effects: spec.effects,

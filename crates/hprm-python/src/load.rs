@@ -55,9 +55,10 @@ fn bodies(
         let reactor = compiled.program.reactions[id].reactor;
         // None if the reactor runs elsewhere.
         let found = loaded.call_method1("bodies", (reactor.0, code.reaction))?;
-        let Some((instance, main, deadline, tardy)) = found.extract::<Option<Functions>>()? else {
+        let Some((instance, functions)) = found.extract::<Option<(Py<PyAny>, Functions)>>()? else {
             continue;
         };
+        let (main, deadline, tardy) = functions;
         let mut arguments = Arguments { py, runtime, reaction: id, contained: BTreeMap::new() };
         let mut values = vec![instance.bind(py).clone()];
         for argument in &code.arguments {
@@ -74,8 +75,8 @@ fn bodies(
     Ok(bodies)
 }
 
-/// The reactor, its body, its deadline handler and its tardy handler.
-type Functions = (Py<PyAny>, Py<PyAny>, Option<Py<PyAny>>, Option<Py<PyAny>>);
+/// A reaction's body, its deadline handler and its tardy handler.
+type Functions = (Py<PyAny>, Option<Py<PyAny>>, Option<Py<PyAny>>);
 
 /// Makes the arguments of one reaction.
 struct Arguments<'a, 'py> {

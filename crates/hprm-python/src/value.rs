@@ -92,7 +92,7 @@ impl Value {
         store: &mut Store,
         owner: FederateId,
     ) -> PyResult<Payload> {
-        if let Some(payload) = self.as_it_came(codec) {
+        if let Some(payload) = self.as_it_came(py, codec) {
             return Ok(payload);
         }
         if let Some(encoded) = self.known(codec) {
@@ -112,15 +112,14 @@ impl Value {
 
     /// The bytes that arrived, to be passed on. Not with objects: they are their owner's to lend,
     /// and to readers that it knows of.
-    fn as_it_came(&self, codec: &Arc<Codec>) -> Option<Payload> {
+    fn as_it_came(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Payload> {
         let arrival = self.0.arrival.as_ref()?;
         let inline = |part: &Part| match part {
             Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
             Part::Object(_) => None,
         };
         // Decoded values may have been changed since.
-        let untouched = Arc::ptr_eq(&arrival.codec, codec)
-            && Python::attach(|py| self.0.object.get(py).is_none());
+        let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
         if !untouched {
             return None;
         }

@@ -4,7 +4,7 @@
 //! time; what they do is compared with a run of the same program in one scheduler. A seed that
 //! fails is printed, and fails again.
 //!
-//! Where to start: [`World`] runs a federation, [`generate`] makes a program, [`reference`] says
+//! Where to start: [`World`] runs a federation, [`generate`] makes a program, [`reference()`] says
 //! what it must do.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]

@@ -16,7 +16,11 @@ pub(crate) struct Node {
     pub(crate) machine: Federate,
     scheduler: Scheduler<u64>,
     pub(crate) log: Log,
-    /// Messages that came too late for their tag.
+    /// Logical messages sent.
+    pub(crate) sent: usize,
+    /// Logical messages that have come.
+    pub(crate) received: usize,
+    /// Those of them that came too late for their tag.
     pub(crate) tardy: usize,
     start: Option<PhysicalTime>,
     /// What is for the network to carry out.
@@ -44,6 +48,8 @@ impl Node {
             machine,
             scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
             log: Log::new(program),
+            sent: 0,
+            received: 0,
             tardy: 0,
             start: None,
             outputs: VecDeque::new(),
@@ -79,8 +85,9 @@ impl Node {
                     self.scheduler.start(at);
                 }
                 Output::Deliver { channel, tag, payload } => {
-                    let at = self.scheduler.deliver(channel, tag, value(&payload));
-                    self.tardy += usize::from(at.is_some_and(|at| at != tag));
+                    self.received += 1;
+                    self.tardy += usize::from(tag <= self.scheduler.tag());
+                    self.scheduler.deliver(channel, tag, value(&payload));
                 }
                 Output::DeliverPhysical { channel, payload, .. } => {
                     self.scheduler.deliver_physical(channel, now, value(&payload));
@@ -119,6 +126,8 @@ impl Node {
         self.input(now, Input::Begun(tag))?;
         let last = process(&mut self.scheduler, now, &mut self.log);
         while let Some(send) = self.scheduler.poll_send() {
+            let physical = self.scheduler.program().channels[send.channel].physical;
+            self.sent += usize::from(!physical);
             let payload = Payload { head: send.value.to_le_bytes().to_vec(), parts: Vec::new() };
             self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
         }

@@ -31,6 +31,8 @@ pub struct Outcome {
     pub last: Table<FederateId, Tag>,
     /// How many messages came too late for their tag.
     pub tardy: usize,
+    /// How many messages did not come at all before their receiver ended.
+    pub lost: usize,
     /// Whom the RTI reported as failed.
     pub failed: Option<FederateId>,
 }
@@ -109,7 +111,9 @@ impl World {
         }
         let last = self.nodes.values().map(Node::last_tag).collect();
         let tardy = self.nodes.values().map(|node| node.tardy).sum();
-        Ok(Outcome { log, last, tardy, failed: self.failed })
+        let lost = self.nodes.values().map(|node| node.sent).sum::<usize>()
+            - self.nodes.values().map(|node| node.received).sum::<usize>();
+        Ok(Outcome { log, last, tardy, lost, failed: self.failed })
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {

@@ -58,19 +58,30 @@ fn clocks_make_no_message_tardy() {
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
         let (_, outcome) = world(seed, shape, plan);
         let outcome = outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
-        assert_eq!((outcome.failed, outcome.tardy), (None, 0), "seed {seed}");
+        assert_eq!((outcome.failed, outcome.tardy, outcome.lost), (None, 0, 0), "seed {seed}");
     }
 }
 
 #[test]
-fn impatient_federations_come_to_their_end() {
-    for seed in 0..200 {
+fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
+    let (mut punctual, mut tardy) = (0, 0);
+    for seed in 0..400 {
         let shape = Shape { maxwait: 2_000, ..PATIENT };
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
-        let (_, outcome) = world(seed, shape, plan);
+        let (program, outcome) = world(seed, shape, plan);
         let outcome = outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
         assert_eq!(outcome.failed, None, "seed {seed}");
+        if outcome.tardy + outcome.lost > 0 {
+            tardy += 1;
+            continue;
+        }
+        punctual += 1;
+        let must = reference(&program);
+        if let Some(difference) = difference(&program, &outcome.log, &must, Tag::FOREVER) {
+            panic!("seed {seed}: {difference}");
+        }
     }
+    assert!(punctual > 50 && tardy > 50, "{punctual} without and {tardy} with tardy messages");
 }
 
 #[test]

@@ -121,7 +121,7 @@ impl Membership {
         // The greeting leaves before the program is loaded.
         while let Some(output) = membership.machine.poll() {
             if let Output::ToRti(frame) = output {
-                membership.wires.to_rti(&frame, None);
+                membership.wires.tell_rti(&frame, None);
             }
         }
         membership.wires.flush();
@@ -140,7 +140,7 @@ impl Membership {
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
         while let Some(output) = self.machine.poll() {
             if let Output::ToRti(frame) = output {
-                self.wires.to_rti(&frame, None);
+                self.wires.tell_rti(&frame, None);
             }
         }
         self.wires.leave(Clock::now().plus(FAREWELL));
@@ -293,11 +293,11 @@ where
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.to_rti(&frame, descriptor);
+                wires.tell_rti(&frame, descriptor);
             }
             Output::ToPeer { to, frame } => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.to_peer(to, &frame, descriptor);
+                wires.tell_peer(to, &frame, descriptor);
             }
             Output::Connect { peer, listen } => {
                 wires.connect_peer(peer, &listen, &machine.peer_hello())?;

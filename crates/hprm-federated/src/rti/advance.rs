@@ -83,7 +83,9 @@ impl Advance {
         // A message may have made it do something earlier than it had reported, and what that has
         // led to is not known yet.
         report.next = Tag::NEVER;
-        report.in_transit.retain(|message| *message > tag);
+        while report.in_transit.first().is_some_and(|message| *message <= tag) {
+            report.in_transit.pop_first();
+        }
         self.refresh(topology, federate);
     }
 

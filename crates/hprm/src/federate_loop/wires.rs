@@ -91,13 +91,13 @@ impl Wires {
         Ok(())
     }
 
-    pub(super) fn to_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn tell_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
         if let Some(link) = &mut self.rti {
             queue(link, frame, descriptor);
         }
     }
 
-    pub(super) fn to_peer(&mut self, to: FederateId, frame: &Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn tell_peer(&mut self, to: FederateId, frame: &Frame, descriptor: Option<OwnedFd>) {
         let link = self.outgoing.get_mut(&to).or_else(|| self.incoming.get_mut(&to));
         if let Some(link) = link {
             queue(link, frame, descriptor);
