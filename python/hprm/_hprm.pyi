@@ -73,8 +73,13 @@ class Api:
 def run_program(path: str) -> int:
     """Run a program in this process, federated or not, to its end. Return the exit code."""
 
-def run_federate(path: str, federate: str, *, rti: str, federation: str, warn: bool = True) -> int:
-    """Run one federate of a program to its end. Return the exit code."""
+def run_federate(
+    path: str, federate: str, *, rti: str, federation: str, launched: bool = False
+) -> int:
+    """Run one federate of a program to its end. Return the exit code.
+
+    If it was launched, then the one who did that reports warnings and failures.
+    """
 
 def die_with_parent() -> None:
     """Have the kernel end this process when the one that started it ends."""

@@ -11,6 +11,7 @@ use pyo3::types::{PyList, PyTuple};
 
 use crate::codec::Codec;
 use crate::failure::failure;
+use crate::interrupt::Interrupt;
 use crate::runtime::{Late, Runtime};
 use crate::value::Value;
 
@@ -31,6 +32,7 @@ pub(crate) struct PyHost {
     pub(crate) runtime: Arc<Runtime>,
     /// The reactions that run here.
     pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
+    pub(crate) interrupt: Py<Interrupt>,
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
@@ -131,7 +133,7 @@ impl Host for PyHost {
     }
 
     fn interrupted(&mut self) -> bool {
-        Python::attach(|py| py.check_signals().is_err())
+        Python::attach(|py| self.interrupt.get().take(py))
     }
 
     fn warn(&mut self, message: &str) {

@@ -17,6 +17,7 @@ mod codec;
 mod console;
 mod failure;
 mod host;
+mod interrupt;
 mod load;
 mod port;
 mod program;

@@ -15,6 +15,7 @@ use crate::api::Api;
 use crate::codec::Codec;
 use crate::failure::failure;
 use crate::host::{Bodies, PyHost};
+use crate::interrupt::Interrupt;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
@@ -35,11 +36,13 @@ pub(crate) fn load(
     let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
+    // Last, so that Ctrl-C breaks into a preamble at once.
+    let interrupt = Interrupt::install(py).map_err(loading)?;
     let federate = match scope {
         Scope::Whole => FederateId(0),
         Scope::Federate(federate) => federate,
     };
-    Ok(PyHost { runtime, bodies, codecs, federate })
+    Ok(PyHost { runtime, bodies, interrupt, codecs, federate })
 }
 
 fn bodies(

@@ -27,22 +27,33 @@ pub(crate) fn run_program(py: Python<'_>, path: &str) -> i32 {
 }
 
 /// Runs one federate of a program to its end. Returns the exit code.
+///
+/// If it was `launched`, then the one who did that shows the warnings, once for all federates, and
+/// what the RTI hears of a failure.
 #[pyfunction]
-#[pyo3(signature = (path, federate, *, rti, federation, warn = true))]
+#[pyo3(signature = (path, federate, *, rti, federation, launched = false))]
 pub(crate) fn run_federate(
     py: Python<'_>,
     path: &str,
     federate: &str,
     rti: &str,
     federation: &str,
-    warn: bool,
+    launched: bool,
 ) -> i32 {
-    exit_code(compile(path, warn).and_then(|compiled| {
+    let mut joined = false;
+    let outcome = compile(path, !launched).and_then(|compiled| {
         let options = options(&compiled, federate, rti, federation)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
-        hprm::run_federate(&options, &inbox, || load(py, &compiled, scope, &inbox))
-    }))
+        hprm::run_federate(&options, &inbox, || {
+            joined = true;
+            load(py, &compiled, scope, &inbox)
+        })
+    });
+    match outcome {
+        Err(failure) if launched && joined => failure.code,
+        outcome => exit_code(outcome),
+    }
 }
 
 /// Has the kernel end this process when the one that started it ends.

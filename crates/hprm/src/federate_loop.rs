@@ -8,42 +8,27 @@
 //! The loop owns the links, the store and the clock, and decides nothing: the scheduler says what
 //! is next, and the federate's machine whether it may be begun.
 
+mod membership;
 mod objects;
 mod wires;
 
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, Nanos, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
+    ChannelId, Payload, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
 };
-use hprm_federated::{End, Federate, FederationId, Input, Output, Permission};
-use hprm_store::{Store, StoreLimits, Wake};
+use hprm_federated::{End, Input, Output, Permission};
 
 use crate::local_loop::run_tag;
-use crate::{Address, Clock, Failure, Host, Inbox};
+use crate::{Clock, Failure, Host, Inbox};
+pub use membership::FederateOptions;
+
+use membership::Membership;
 use objects::Objects;
-use wires::{Event, Wires};
-
-/// How long a federate that ends waits until its last frames have left.
-const FAREWELL: Nanos = 2_000_000_000;
-
-/// Which federate to run, and where its federation is.
-#[derive(Clone, Debug)]
-pub struct FederateOptions {
-    /// The program of the federation.
-    pub program: Arc<Program>,
-    /// Which federate of it.
-    pub federate: FederateId,
-    /// Where the RTI listens.
-    pub rti: Address,
-    /// The secret of the federation.
-    pub federation: FederationId,
-    /// How much memory its object store may take.
-    pub store: StoreLimits,
-}
+use wires::Event;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
-/// that federates load at the same time and the others learn of a failure.
+/// that all federates load at the same time, and the RTI hears of whatever fails from then on.
 ///
 /// # Errors
 ///
@@ -57,8 +42,7 @@ pub fn run_federate<H: Host>(
 where
     H::Value: Send + 'static,
 {
-    let bell = inbox.clone();
-    let mut federation = Membership::join(options, Box::new(move || bell.ring()))?;
+    let mut federation = Membership::join(options, inbox)?;
     let host = match load() {
         Ok(host) => host,
         Err(failure) => return Err(federation.fail(failure)),
@@ -75,13 +59,6 @@ where
     let outcome = federate.run();
     inbox.close();
     federate.leave(outcome)
-}
-
-/// What connects a federate to its federation, with or without a host.
-struct Membership {
-    machine: Federate,
-    wires: Wires,
-    objects: Objects,
 }
 
 struct FederateLoop<'a, H: Host> {
@@ -103,49 +80,6 @@ enum Phase {
     Running,
     /// The last tag is complete.
     Done,
-}
-
-impl Membership {
-    fn join(options: &FederateOptions, wake: Wake) -> Result<Self, Failure> {
-        let wires = Wires::connect(options)?;
-        let machine = Federate::new(
-            options.federate,
-            &options.program,
-            options.federation,
-            options.program.fingerprint(),
-            wires.host(),
-            wires.listen_address(),
-        );
-        let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
-        let mut membership = Self { machine, wires, objects };
-        // The greeting leaves before the program is loaded.
-        while let Some(output) = membership.machine.poll() {
-            if let Output::ToRti(frame) = output {
-                membership.wires.tell_rti(&frame, None);
-            }
-        }
-        membership.wires.flush();
-        Ok(membership)
-    }
-
-    fn read(&mut self) -> Result<Option<Event>, Failure> {
-        let Self { machine, wires, .. } = self;
-        wires.read(|hello| machine.admit(hello).ok())
-    }
-
-    /// Tells the others why this federate ends, and returns it.
-    fn fail(&mut self, failure: Failure) -> Failure {
-        let Failure { message, code } = failure.clone();
-        // The machine may have ended already; then there is nobody left to tell.
-        let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
-        while let Some(output) = self.machine.poll() {
-            if let Output::ToRti(frame) = output {
-                self.wires.tell_rti(&frame, None);
-            }
-        }
-        self.wires.leave(Clock::now().plus(FAREWELL));
-        failure
-    }
 }
 
 impl<H: Host> FederateLoop<'_, H>
@@ -177,7 +111,7 @@ where
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         match outcome {
             Ok(()) => {
-                self.federation.wires.leave(Clock::now().plus(FAREWELL));
+                self.federation.say_goodbye();
                 match self.interrupted {
                     true => Err(Failure { message: String::new(), code: 130 }),
                     false => Ok(()),
@@ -186,7 +120,7 @@ where
             Err(failure) if failure.code == 0 => {
                 // The program chose to leave: for the others that is an ordinary end.
                 let ended = self.handle(Input::Finished);
-                self.federation.wires.leave(Clock::now().plus(FAREWELL));
+                self.federation.say_goodbye();
                 ended
             }
             Err(failure) => Err(self.federation.fail(failure)),
@@ -289,7 +223,7 @@ where
     }
 
     fn apply(&mut self, output: Output) -> Result<(), Failure> {
-        let Membership { wires, objects, machine } = &mut self.federation;
+        let Membership { wires, objects, machine, .. } = &mut self.federation;
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
@@ -354,7 +288,7 @@ fn receive<H: Host>(
     host: &mut H,
     objects: &mut Objects,
     channel: ChannelId,
-    payload: hprm_core::Payload,
+    payload: Payload,
 ) -> Result<H::Value, Failure> {
     let opened = objects.open(&payload)?;
     Ok(host.receive(channel, payload, opened, Clock::now()))

@@ -1,0 +1,56 @@
+//! Ctrl-C: the first one asks the program to stop in order, the second one breaks into it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::intern;
+use pyo3::prelude::*;
+
+/// The handler of the signal, as Python calls it.
+#[pyclass(frozen, module = "hprm._hprm")]
+#[derive(Default)]
+pub(crate) struct Interrupt {
+    asked: AtomicBool,
+    /// Whether the loop has not noticed yet.
+    pending: AtomicBool,
+}
+
+impl Interrupt {
+    /// A handler that is in force, unless the program has one of its own, or this thread is not the
+    /// one that gets signals.
+    ///
+    /// # Errors
+    ///
+    /// What Python raises.
+    pub(crate) fn install(py: Python<'_>) -> PyResult<Py<Self>> {
+        let handler = Py::new(py, Self::default())?;
+        let signal = py.import(intern!(py, "signal"))?;
+        let number = signal.getattr(intern!(py, "SIGINT"))?;
+        let current = signal.call_method1(intern!(py, "getsignal"), (&number,))?;
+        let threading = py.import(intern!(py, "threading"))?;
+        let this = threading.call_method0(intern!(py, "current_thread"))?;
+        let main = threading.call_method0(intern!(py, "main_thread"))?;
+        if current.is(signal.getattr(intern!(py, "default_int_handler"))?) && this.is(&main) {
+            signal.call_method1(intern!(py, "signal"), (&number, &handler))?;
+        }
+        Ok(handler)
+    }
+
+    /// Whether the user has asked the program to stop since this was last called.
+    pub(crate) fn take(&self, py: Python<'_>) -> bool {
+        // Runs the handlers of signals that have come, and raises what they raise.
+        let raised = py.check_signals().is_err();
+        self.pending.swap(false, Ordering::Relaxed) || raised
+    }
+}
+
+#[pymethods]
+impl Interrupt {
+    fn __call__(&self, _number: &Bound<'_, PyAny>, _frame: &Bound<'_, PyAny>) -> PyResult<()> {
+        if self.asked.swap(true, Ordering::Relaxed) {
+            return Err(PyKeyboardInterrupt::new_err(()));
+        }
+        self.pending.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+}

@@ -1,0 +1,95 @@
+//! Belonging to a federation, before there is anything to run.
+//!
+//! A federate joins first and loads its program then, so that all federates load at the same time,
+//! and one that cannot load says so to the others.
+
+use std::sync::Arc;
+
+use hprm_core::{FederateId, Nanos, Program};
+use hprm_federated::{Federate, FederationId, Input, Output};
+use hprm_store::{Store, StoreLimits};
+
+use super::objects::Objects;
+use super::wires::{Event, Wires};
+use crate::{Address, Clock, Failure, Inbox};
+
+/// How long a federate that ends waits until its last frames have arrived.
+const FAREWELL: Nanos = 2_000_000_000;
+
+/// Which federate to run, and where its federation is.
+#[derive(Clone, Debug)]
+pub struct FederateOptions {
+    /// The program of the federation.
+    pub program: Arc<Program>,
+    /// Which federate of it.
+    pub federate: FederateId,
+    /// Where the RTI listens.
+    pub rti: Address,
+    /// The secret of the federation.
+    pub federation: FederationId,
+    /// How much memory its object store may take.
+    pub store: StoreLimits,
+}
+
+/// What connects a federate to its federation.
+pub(super) struct Membership {
+    pub(super) machine: Federate,
+    pub(super) wires: Wires,
+    pub(super) objects: Objects,
+}
+
+impl Membership {
+    /// Asks the RTI to let a federate join. Fails if no RTI listens there, or this federate cannot
+    /// listen itself.
+    pub(super) fn join<V: Send + 'static>(
+        options: &FederateOptions,
+        inbox: &Inbox<V>,
+    ) -> Result<Self, Failure> {
+        let wires = Wires::connect(options)?;
+        let machine = Federate::new(
+            options.federate,
+            &options.program,
+            options.federation,
+            options.program.fingerprint(),
+            wires.host(),
+            wires.listen_address(),
+        );
+        let bell = inbox.clone();
+        let wake = Box::new(move || bell.ring());
+        let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
+        let mut membership = Self { machine, wires, objects };
+        // The greeting leaves before the program is loaded.
+        membership.tell_rti();
+        membership.wires.flush();
+        Ok(membership)
+    }
+
+    /// The next event of a link.
+    pub(super) fn read(&mut self) -> Result<Option<Event>, Failure> {
+        let Self { machine, wires, .. } = self;
+        wires.read(|hello| machine.admit(hello).ok())
+    }
+
+    /// Tells the others why this federate ends, and returns it.
+    pub(super) fn fail(&mut self, failure: Failure) -> Failure {
+        let Failure { message, code } = failure.clone();
+        // The machine may have ended already; then there is nobody left to tell.
+        let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
+        self.tell_rti();
+        self.say_goodbye();
+        failure
+    }
+
+    /// Makes sure that what has been said arrives.
+    pub(super) fn say_goodbye(&mut self) {
+        self.wires.leave(Clock::now().plus(FAREWELL));
+    }
+
+    fn tell_rti(&mut self) {
+        while let Some(output) = self.machine.poll() {
+            if let Output::ToRti(frame) = output {
+                self.wires.tell_rti(&frame, None);
+            }
+        }
+    }
+}
