@@ -218,6 +218,10 @@ impl Federate {
                 let frame = Frame::Segment { owner: self.me, reader, segment, len };
                 self.route(reader, frame);
             }
+            Input::Retired { reader, segments } => {
+                let frame = Frame::Retired { owner: self.me, reader, segments };
+                self.route(reader, frame);
+            }
             Input::RequestStop => self.request_stop(),
             Input::Finished => self.resign(),
             Input::Failed { message, code } => self.fail(message, code),
@@ -263,6 +267,9 @@ impl Federate {
             Frame::Segment { owner, reader, segment, len } if reader == self.me => {
                 self.outputs.push_back(Output::Segment { owner, segment, len });
             }
+            Frame::Retired { owner, reader, segments } if reader == self.me => {
+                self.outputs.push_back(Output::Retired { owner, segments });
+            }
             Frame::Release { owner, reader, serials } if owner == self.me => {
                 self.outputs.push_back(Output::Released { reader, serials });
             }
@@ -298,6 +305,9 @@ impl Federate {
                 if owner == from && reader == self.me =>
             {
                 self.outputs.push_back(Output::Segment { owner, segment, len });
+            }
+            Frame::Retired { owner, reader, segments } if owner == from && reader == self.me => {
+                self.outputs.push_back(Output::Retired { owner, segments });
             }
             Frame::Release { owner, reader, serials } if owner == self.me && reader == from => {
                 self.outputs.push_back(Output::Released { reader, serials });

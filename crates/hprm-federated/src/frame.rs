@@ -194,6 +194,15 @@ pub enum Frame {
         /// Its length in bytes.
         len: u64,
     },
+    /// Segments that their owner does not use any more: a reader may unmap them.
+    Retired {
+        /// Whose segments they are.
+        owner: FederateId,
+        /// Who has mapped them.
+        reader: FederateId,
+        /// The owner's numbers for them.
+        segments: Vec<u32>,
+    },
     /// Objects that a reader no longer uses.
     Release {
         /// Whose objects they are.
@@ -265,6 +274,7 @@ impl Frame {
             Self::TagAdvanceGrant { .. } => "TagAdvanceGrant",
             Self::Message { .. } => "Message",
             Self::Segment { .. } => "Segment",
+            Self::Retired { .. } => "Retired",
             Self::Release { .. } => "Release",
             Self::StopRequest { .. } => "StopRequest",
             Self::StopReply { .. } => "StopReply",

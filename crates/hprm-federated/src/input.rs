@@ -58,6 +58,13 @@ pub enum Input {
         /// Its length in bytes.
         len: u64,
     },
+    /// Segments of the own store that a reader may unmap.
+    Retired {
+        /// Who has mapped them.
+        reader: FederateId,
+        /// Their numbers.
+        segments: Vec<u32>,
+    },
     /// A reaction, or the user, asks the federation to stop.
     RequestStop,
     /// The last tag is complete.
@@ -126,6 +133,13 @@ pub enum Output {
         segment: u32,
         /// Its length in bytes.
         len: u64,
+    },
+    /// Segments of another federate's store to unmap.
+    Retired {
+        /// Whose segments they are.
+        owner: FederateId,
+        /// The owner's numbers for them.
+        segments: Vec<u32>,
     },
     /// A reader no longer uses objects of the own store.
     Released {

@@ -191,6 +191,7 @@ impl Rti {
                 Ok(())
             }
             Frame::Segment { owner, reader, .. } if owner == from => self.route(reader, frame),
+            Frame::Retired { owner, reader, .. } if owner == from => self.route(reader, frame),
             Frame::Release { owner, reader, .. } if reader == from => self.route(owner, frame),
             Frame::Message { channel, tag, payload } if running => {
                 self.message(from, channel, tag, payload)

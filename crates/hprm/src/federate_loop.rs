@@ -24,7 +24,7 @@ use crate::{Clock, Failure, Host, Inbox};
 pub use membership::FederateOptions;
 
 use membership::Membership;
-use objects::Objects;
+use objects::{Changes, Objects};
 use wires::Event;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
@@ -202,13 +202,17 @@ where
             return Ok(());
         }
         let payload = self.host.encode(objects.store(), channel, &value)?;
-        let (payload, segments) = if machine.shares_memory_with(to) {
-            objects.share(payload, to)?
+        let (payload, changes) = if machine.shares_memory_with(to) {
+            let changes = objects.share(&payload, to)?;
+            (payload, changes)
         } else {
-            (objects.inline(payload)?, Vec::new())
+            (objects.inline(payload)?, Changes::default())
         };
-        for (segment, len) in segments {
+        for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;
+        }
+        if !changes.retired.is_empty() {
+            self.handle(Input::Retired { reader: to, segments: changes.retired })?;
         }
         self.handle(Input::Send { channel, tag, payload })
     }
@@ -252,6 +256,7 @@ where
             Output::Segment { owner, segment, len } => {
                 objects.attach(owner, segment, len, wires.take_descriptor(owner, segment))?;
             }
+            Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
             Output::ReaderGone(federate) => objects.gone(federate),
             Output::Ended { reason } => return Err(ended(self.scheduler.program(), &reason)),

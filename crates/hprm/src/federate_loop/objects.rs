@@ -17,8 +17,14 @@ pub(super) struct Objects {
     leaving: BTreeMap<(FederateId, u32), Announcement>,
 }
 
-/// Segments that a reader must be told of: number and length.
-pub(super) type Segments = Vec<(u32, u64)>;
+/// What a reader must be told of before a message.
+#[derive(Default)]
+pub(super) struct Changes {
+    /// Segments that it has to map: number and length.
+    pub(super) mapped: Vec<(u32, u64)>,
+    /// Segments that it may unmap.
+    pub(super) retired: Vec<u32>,
+}
 
 impl Objects {
     pub(super) fn new(store: Store) -> Self {
@@ -29,25 +35,24 @@ impl Objects {
         &mut self.store
     }
 
-    /// Makes `reader` a holder of the payload's objects. Returns the segments that it does not
-    /// know yet.
+    /// Makes `reader` a holder of the payload's objects.
     pub(super) fn share(
         &mut self,
-        payload: Payload,
+        payload: &Payload,
         reader: FederateId,
-    ) -> Result<(Payload, Segments), Failure> {
+    ) -> Result<Changes, Failure> {
         if payload.objects().next().is_none() {
-            return Ok((payload, Vec::new()));
+            return Ok(Changes::default());
         }
         for object in payload.objects() {
             self.store.add_reader(object.serial, reader).map_err(|error| failure(&error))?;
         }
-        let mut segments = Vec::new();
+        let mut mapped = Vec::new();
         for announcement in self.store.unannounced(reader) {
-            segments.push((announcement.segment, announcement.len));
+            mapped.push((announcement.segment, announcement.len));
             self.leaving.insert((reader, announcement.segment), announcement);
         }
-        Ok((payload, segments))
+        Ok(Changes { mapped, retired: self.store.retired(reader) })
     }
 
     /// The payload with the bytes themselves in place of references.
@@ -93,6 +98,13 @@ impl Objects {
             .objects()
             .map(|object| self.store.open(object).map_err(|error| failure(&error)))
             .collect()
+    }
+
+    /// Unmaps what an owner does not use any more, once nobody here views it.
+    pub(super) fn retired(&mut self, owner: FederateId, segments: &[u32]) {
+        for segment in segments {
+            self.store.detach(owner, *segment);
+        }
     }
 
     /// Forgets a federate that has ended: what it held, and its memory once nobody views it.
