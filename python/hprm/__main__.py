@@ -53,7 +53,9 @@ def _parser() -> argparse.ArgumentParser:
         default=os.environ.get("HPRM_FEDERATION_ID"),
         help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
     )
-    federate.add_argument("--launched", action="store_true", help="a launcher shows warnings and failures")
+    federate.add_argument(
+        "--launched", action="store_true", help="a launcher shows warnings and failures"
+    )
     federate.add_argument("--die-with-parent", action="store_true", help="never outlive the caller")
     federate.add_argument("arguments", nargs="*", help="for the program, in sys.argv, after --")
     return parser
