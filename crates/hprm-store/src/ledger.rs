@@ -344,7 +344,10 @@ impl Ledger {
             self.stats.segments -= 1;
         }
         let room = (capacity - self.stats.bytes_mapped) / PAGE * PAGE;
-        let wanted = needed.max(self.limits.segment_min_bytes).checked_next_multiple_of(STEP);
+        // Room for the next object of its size as well, because readers still hold this one when it
+        // is made: what is mapped now, at the first message, is not mapped in the middle of a run.
+        let spare = needed.saturating_mul(2).max(self.limits.segment_min_bytes);
+        let wanted = spare.checked_next_multiple_of(STEP);
         LoanError::NeedsSegment { len: wanted.unwrap_or(room).min(room) }
     }
 

@@ -179,6 +179,8 @@ where
         self.scheduler.begin(tag);
         run_tag(&mut self.scheduler, &mut self.host)?;
         let last = self.scheduler.end(Clock::now());
+        // First: whoever gets a message from this tag can reuse what it has sent before.
+        self.give_back()?;
         while let Some(departure) = self.scheduler.poll_send() {
             self.send(departure)?;
         }
