@@ -17,8 +17,9 @@ def main() -> NoReturn:
     """Run what the command line says, and leave with its exit code."""
     parser = _parser()
     options = parser.parse_args()
-    if getattr(options, "die_with_parent", False):
-        _hprm.die_with_parent()
+    parent = getattr(options, "die_with_parent", None)
+    if parent is not None and not _hprm.die_with_parent(parent):
+        _leave(1)
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     if options.command == "run":
@@ -56,7 +57,9 @@ def _parser() -> argparse.ArgumentParser:
     federate.add_argument(
         "--launched", action="store_true", help="a launcher shows warnings and failures"
     )
-    federate.add_argument("--die-with-parent", action="store_true", help="never outlive the caller")
+    federate.add_argument(
+        "--die-with-parent", type=int, metavar="PID", help="never outlive the caller, which is PID"
+    )
     federate.add_argument("arguments", nargs="*", help="for the program, in sys.argv, after --")
     return parser
 

@@ -81,8 +81,8 @@ def run_federate(
     If it was launched, then the one who did that reports warnings and failures.
     """
 
-def die_with_parent() -> None:
-    """Have the kernel end this process when the one that started it ends."""
+def die_with_parent(parent: int) -> bool:
+    """Have the kernel end this process when its parent ends; return whether that is alive."""
 
 def encode(value: Any) -> tuple[bytes, list[bytes]]:
     """Return the head and the parts of a value, as it travels without shared memory."""

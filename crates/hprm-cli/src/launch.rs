@@ -80,7 +80,8 @@ impl Plan {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(rti.to_string());
         // It leaves the words on its failure to this process, and never outlives it.
-        command.args(["--launched", "--die-with-parent"]);
+        command.arg("--launched");
+        command.arg("--die-with-parent").arg(std::process::id().to_string());
         command.arg("--").arg(&self.file).arg(name).args(&self.arguments);
         command
     }

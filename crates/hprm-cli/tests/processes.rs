@@ -47,7 +47,7 @@ impl Place {
         let place = Self { folder: tempfile::tempdir().unwrap() };
         symlink(env!("CARGO_BIN_EXE_hprm"), place.path("hprm")).unwrap();
         std::fs::write(place.path("Main.lf"), program).unwrap();
-        std::fs::write(place.path("python3"), format!("#!/bin/sh\nNAME=${{10}}\n{script}\n"))
+        std::fs::write(place.path("python3"), format!("#!/bin/sh\nNAME=${{11}}\n{script}\n"))
             .unwrap();
         std::fs::set_permissions(place.path("python3"), PermissionsExt::from_mode(0o755)).unwrap();
         place
@@ -153,7 +153,8 @@ fn the_secret_is_not_on_the_command_line() {
     let arguments = arguments.expect("a was started");
     assert!(!arguments.contains(id), "{arguments}");
     assert!(
-        arguments.ends_with(" --launched --die-with-parent -- Main.lf a one --two"),
+        arguments.contains(" --launched --die-with-parent ")
+            && arguments.ends_with(" -- Main.lf a one --two"),
         "{arguments}"
     );
     assert!(shown.contains(&format!("[b] id {id}\n")), "both are members of one federation");

@@ -56,16 +56,18 @@ pub(crate) fn run_federate(
     }
 }
 
-/// Has the kernel end this process when the one that started it ends.
+/// Has the kernel end this process when the one that started it ends. Returns whether that is
+/// still alive: `parent` is its process id.
 ///
 /// # Errors
 ///
 /// If the kernel refuses.
 #[pyfunction]
-pub(crate) fn die_with_parent() -> PyResult<()> {
+pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
     let signal = Some(rustix::process::Signal::KILL);
     rustix::process::set_parent_process_death_signal(signal).map_err(std::io::Error::from)?;
-    Ok(())
+    // It may have ended before the kernel was asked.
+    Ok(rustix::process::getppid().is_some_and(|pid| pid.as_raw_nonzero().get() == parent))
 }
 
 fn options(
