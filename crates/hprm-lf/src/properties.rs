@@ -21,29 +21,33 @@ pub struct Settings {
 }
 
 /// Known, and without meaning where nothing is generated or compiled.
-const IGNORED: [&str; 22] = [
-    "auth",
+const IGNORED: [&str; 14] = [
     "build",
     "build-type",
-    "clock-sync",
-    "clock-sync-options",
     "cmake-args",
     "cmake-include",
-    "comm-type",
     "compile-definitions",
-    "coordination-options",
     "dnet",
     "docker",
     "no-compile",
     "no-source-mapping",
-    "protobufs",
     "python-version",
     "scheduler",
     "single-threaded",
-    "sst",
     "threading",
-    "trace-plugin",
     "verify",
+];
+
+/// Known, and of consequence: whoever states one must not believe that it is in force.
+const NOT_YET: [&str; 8] = [
+    "auth",
+    "clock-sync",
+    "clock-sync-options",
+    "comm-type",
+    "coordination-options",
+    "protobufs",
+    "sst",
+    "trace-plugin",
 ];
 
 const OBEYED: [&str; 8] =
@@ -101,6 +105,10 @@ impl Stated {
             "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => Ok(()),
+            name if NOT_YET.contains(&name) => {
+                not_yet(property, report);
+                Ok(())
+            }
             _ => {
                 unknown(property, report);
                 Ok(())
@@ -152,8 +160,14 @@ fn check_name(target: &Target, report: &mut Report) {
 fn unknown(property: &Property, report: &mut Report) {
     let name = &property.name;
     let message = format!("there is no target property `{}`; it is ignored", name.text);
-    let hint = did_you_mean(&name.text, OBEYED.into_iter().chain(IGNORED));
+    let hint = did_you_mean(&name.text, OBEYED.into_iter().chain(NOT_YET).chain(IGNORED));
     report.add(Diagnostic::warning("LF0602", name.span, message).maybe_hint(hint));
+}
+
+fn not_yet(property: &Property, report: &mut Report) {
+    let name = &property.name;
+    let message = format!("`{}` has no effect yet", name.text);
+    report.add(Diagnostic::warning("LF0606", name.span, message));
 }
 
 type Read<T> = Result<T, &'static str>;

@@ -297,3 +297,16 @@ main reactor Other {
       = help: the last round on the left is not complete
     "#);
 }
+
+#[test]
+fn a_property_that_is_not_obeyed_yet_is_not_passed_over_in_silence() {
+    assert_snapshot!(warnings("{ auth: true, build-type: Debug }
+main reactor { reaction(startup) {= pass =} }
+"), @r"
+    warning[LF0606]: `auth` has no effect yet
+     --> Main.lf:1:17
+      |
+    1 | target Python { auth: true, build-type: Debug }
+      |                 ^^^^
+    ");
+}
