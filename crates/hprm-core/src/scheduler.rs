@@ -318,7 +318,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
     pub fn set_stop(&mut self, tag: Tag) {
-        self.stop = self.stop.min(tag.max(self.tag.succ()));
+        self.stop = self.stop.min(tag.max(self.tag.succ()).max(Tag::START));
         self.queue.truncate(self.stop);
     }
 

@@ -115,6 +115,23 @@ fn request_stop_ends_at_the_next_microstep() {
 }
 
 #[test]
+fn a_program_that_is_stopped_before_it_starts_has_one_tag() {
+    let mut b = ProgramBuilder::new("Main", Properties::default());
+    b.reaction(b.main(), on(&[Trigger::Startup]));
+    b.reaction(b.main(), on(&[Trigger::Shutdown]));
+    let mut scheduler = Scheduler::<i64>::new(Arc::new(b.build().unwrap()), Scope::Whole);
+    scheduler.request_stop();
+    scheduler.start(START);
+    assert_eq!(scheduler.next_tag(), Tag::START);
+    scheduler.begin(Tag::START);
+    for _ in 0..2 {
+        let (reaction, _) = scheduler.next_reaction(START).unwrap();
+        scheduler.finish(reaction);
+    }
+    assert!(scheduler.end(START));
+}
+
+#[test]
 fn logical_actions_add_their_minimum_delay_and_pile_up() {
     let mut b = ProgramBuilder::new("Main", Properties::default());
     let action = b.action(b.main(), "a", Origin::Logical, 10);
