@@ -92,8 +92,8 @@ where
             // Before the inbox: whatever is scheduled from now on has a later time, so what the
             // machine promises the others by this reading stays true.
             self.now = Clock::now();
-            self.read_links()?;
             self.read_inbox()?;
+            self.read_links()?;
             self.give_back()?;
             self.handle(Input::Wake)?;
             if self.phase == Phase::Running && self.step()? {
@@ -145,6 +145,10 @@ where
         let (requests, mut stop) = self.inbox.take();
         for request in requests {
             self.scheduler.schedule(request.action, request.extra, request.value, request.at);
+        }
+        if self.phase == Phase::Running {
+            // Before any other input: the machine promises nothing beyond the next event.
+            self.handle(Input::NextEvent(self.scheduler.next_tag()))?;
         }
         if !self.interrupted && self.host.interrupted() {
             self.interrupted = true;
