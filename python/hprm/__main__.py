@@ -71,7 +71,8 @@ def _leave(code: int) -> NoReturn:
         # Closed by the program or at the other end: then nobody is listening.
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
-    os._exit(code & 0xFF)
+    # The kernel keeps eight bits, and a failure must not become a zero.
+    os._exit(code if 0 <= code <= 255 else 1)
 
 
 if __name__ == "__main__":

@@ -349,7 +349,8 @@ impl<V: Clone> Scheduler<V> {
             Origin::Logical => Delay::after(delay).shift(self.tag),
             Origin::Physical => self.tag_by_clock(delay, now),
         };
-        if tag > self.stop {
+        // At the end of time there is no next microstep to pile up at, and nobody gets there.
+        if tag > self.stop || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
         let at = self.queue.pile(tag, Event::Action { action, value });

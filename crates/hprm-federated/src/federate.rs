@@ -223,7 +223,8 @@ impl Federate {
                 self.route(reader, frame);
             }
             Input::RequestStop => self.request_stop(),
-            Input::Finished => self.resign(),
+            Input::Finished => self.resign(Frame::Resign),
+            Input::Leave => self.resign(Frame::Leave),
             Input::Failed { message, code } => self.fail(message, code),
             Input::Wake => {}
         }

@@ -239,8 +239,11 @@ pub enum Frame {
         /// The latest tag for which that is so.
         through: Tag,
     },
-    /// The sender has completed its last tag: nothing follows on this link.
+    /// The sender has completed its last tag: nothing follows on this link. On a direct link it may
+    /// also have left.
     Resign,
+    /// Federate to RTI: I leave before the last tag, and the others go on without me.
+    Leave,
     /// RTI to all: this federate has ended, in order or not.
     Gone {
         /// Who.
@@ -282,6 +285,7 @@ impl Frame {
             Self::Progress { .. } => "Progress",
             Self::Safe { .. } => "Safe",
             Self::Resign => "Resign",
+            Self::Leave => "Leave",
             Self::Gone { .. } => "Gone",
             Self::Failed { .. } => "Failed",
         }

@@ -69,6 +69,8 @@ pub enum Input {
     RequestStop,
     /// The last tag is complete.
     Finished,
+    /// The federate leaves before the last tag, and all is well.
+    Leave,
     /// The federate cannot go on.
     Failed {
         /// Why, for people.
@@ -150,6 +152,9 @@ pub enum Output {
     },
     /// A federate has ended: drop its holds on the own store.
     ReaderGone(FederateId),
+    /// A federate has ended and everything that it sent has arrived: nothing new will refer to its
+    /// store.
+    OwnerGone(FederateId),
     /// The federate must end now; there is no output after this.
     Ended {
         /// Why.

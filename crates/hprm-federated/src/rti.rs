@@ -42,6 +42,13 @@ pub enum RtiInput {
         /// The link.
         link: LinkId,
     },
+    /// What came on a link is no frame, or breaks the protocol; the link is closed.
+    Broken {
+        /// The link.
+        link: LinkId,
+        /// What is wrong, for people.
+        reason: String,
+    },
     /// Somebody outside of the federation, at a keyboard perhaps, wants it to stop.
     RequestStop,
 }
@@ -107,6 +114,8 @@ pub struct Rti {
     advance: Advance,
     traffic: Traffic,
     stop: Negotiation,
+    /// Whether a federate has processed the last tag of the program.
+    ended: bool,
     failed: bool,
     finished: bool,
     outputs: VecDeque<RtiOutput>,
@@ -132,6 +141,7 @@ impl Rti {
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
             stop: Negotiation::Idle,
+            ended: false,
             failed: false,
             finished: false,
             outputs: VecDeque::new(),
@@ -150,6 +160,12 @@ impl Rti {
             RtiInput::Closed { link } => {
                 if let Some(federate) = self.links.remove(&link) {
                     self.lost(federate);
+                }
+                Ok(())
+            }
+            RtiInput::Broken { link, reason } => {
+                if let Some(federate) = self.links.remove(&link) {
+                    self.broken(federate, &reason);
                 }
                 Ok(())
             }
@@ -219,6 +235,10 @@ impl Rti {
             Frame::StopReply { tag } if running => self.stop_reply(from, tag),
             Frame::Resign if running => {
                 self.resigned(from);
+                Ok(())
+            }
+            Frame::Leave if running => {
+                self.gone(from);
                 Ok(())
             }
             _ => unexpected,

@@ -1,29 +1,31 @@
 //! The physical clock of this process. The only place that reads one.
 
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::LazyLock;
 
 use hprm_core::PhysicalTime;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Reads physical time; never goes back (handbook, "physical time").
+///
+/// It is the monotonic clock, moved to the Unix epoch once: somebody who sets the clock of the
+/// machine does not stop a program or make it run ahead.
 #[derive(Debug)]
 pub struct Clock;
 
-/// The latest reading, in nanoseconds.
-static LATEST: AtomicI64 = AtomicI64::new(i64::MIN);
+/// From the monotonic clock to the Unix epoch, in nanoseconds.
+static OFFSET: LazyLock<i64> = LazyLock::new(|| read(ClockId::Realtime) - read(ClockId::Monotonic));
 
 impl Clock {
-    /// The time now. A reading earlier than the last one counts as one nanosecond after it.
+    /// The time now.
     #[must_use]
     pub fn now() -> PhysicalTime {
-        let read = clock_gettime(ClockId::Realtime);
-        let nanos = read.tv_sec * 1_000_000_000 + i64::from(read.tv_nsec as i32);
-        let before = LATEST.fetch_max(nanos, Ordering::Relaxed);
-        if nanos >= before {
-            return PhysicalTime(nanos);
-        }
-        PhysicalTime(LATEST.fetch_add(1, Ordering::Relaxed) + 1)
+        PhysicalTime(*OFFSET + read(ClockId::Monotonic))
     }
+}
+
+fn read(clock: ClockId) -> i64 {
+    let time = clock_gettime(clock);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
 }
 
 #[cfg(test)]

@@ -119,7 +119,7 @@ where
             }
             Err(failure) if failure.code == 0 => {
                 // The program chose to leave: for the others that is an ordinary end.
-                let ended = self.handle(Input::Finished);
+                let ended = self.handle(Input::Leave);
                 self.federation.say_goodbye();
                 ended
             }
@@ -128,7 +128,7 @@ where
     }
 
     fn read_links(&mut self) -> Result<(), Failure> {
-        while let Some(event) = self.federation.read()? {
+        for event in self.federation.read()? {
             let input = match event {
                 Event::FromRti(frame) => Input::FromRti(frame),
                 Event::FromPeer { from, frame } => Input::FromPeer { from, frame },
@@ -142,19 +142,22 @@ where
     }
 
     fn read_inbox(&mut self) -> Result<(), Failure> {
-        let (requests, mut stop) = self.inbox.take();
-        for request in requests {
-            self.scheduler.schedule(request.action, request.extra, request.value, request.at);
+        let mut stop = self.inbox.take_stop();
+        if !self.interrupted && self.host.interrupted() {
+            self.interrupted = true;
+            if self.phase == Phase::Joining {
+                return Err(Failure { message: String::new(), code: 130 });
+            }
+            stop = true;
         }
         if self.phase == Phase::Running {
+            for request in self.inbox.take_requests() {
+                self.scheduler.schedule(request.action, request.extra, request.value, request.at);
+            }
             // Before any other input: the machine promises nothing beyond the next event.
             self.handle(Input::NextEvent(self.scheduler.next_tag()))?;
         }
-        if !self.interrupted && self.host.interrupted() {
-            self.interrupted = true;
-            stop = true;
-        }
-        if stop && self.phase == Phase::Running {
+        if stop {
             self.handle(Input::RequestStop)?;
         }
         Ok(())
@@ -179,6 +182,8 @@ where
         {
             return Ok(false);
         }
+        // What the last tag sent; otherwise a federate that is behind would not write at all.
+        self.federation.wires.flush();
         self.handle(Input::Begun(tag))?;
         self.scheduler.begin(tag);
         run_tag(&mut self.scheduler, &mut self.host)?;
@@ -264,7 +269,8 @@ where
             }
             Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
-            Output::ReaderGone(federate) => objects.gone(federate),
+            Output::ReaderGone(federate) => objects.store().reader_lost(federate),
+            Output::OwnerGone(federate) => objects.store().owner_lost(federate),
             Output::Ended { reason } => return Err(ended(self.scheduler.program(), &reason)),
             _ => unreachable!("an output that this loop does not know"),
         }

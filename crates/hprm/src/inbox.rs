@@ -81,11 +81,16 @@ impl<V> Inbox<V> {
         self.shared.bell.ring();
     }
 
-    /// Takes what has been left: actions, and whether to stop.
-    pub(crate) fn take(&self) -> (Vec<Request<V>>, bool) {
+    /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
+    /// this, not before.
+    pub(crate) fn take_stop(&self) -> bool {
         self.shared.bell.silence();
-        let mut pending = self.pending();
-        (std::mem::take(&mut pending.requests), std::mem::take(&mut pending.stop))
+        std::mem::take(&mut self.pending().stop)
+    }
+
+    /// Takes the actions that have been scheduled, in the order of their times.
+    pub(crate) fn take_requests(&self) -> Vec<Request<V>> {
+        std::mem::take(&mut self.pending().requests)
     }
 
     /// Refuses everything from now on.
@@ -119,7 +124,8 @@ mod tests {
         })
         .join()
         .unwrap();
-        let (requests, stop) = inbox.take();
+        let stop = inbox.take_stop();
+        let requests = inbox.take_requests();
         assert_eq!(
             requests.iter().map(|r| r.value).collect::<Vec<_>>(),
             [Some(0), Some(1), Some(2)]

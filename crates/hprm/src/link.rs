@@ -18,10 +18,19 @@ use hprm_federated::codec::{self, CodecError, Decoded};
 pub use address::{Address, AddressError};
 pub(crate) use socket::{Listener, Socket};
 
+/// The longest frame that is taken from somebody who has not said who he is, in bytes.
+const STRANGER_LIMIT: usize = 4096;
+
+/// The most reads from one link before the others get their turn: a sender that is faster than
+/// this process must not keep it from doing anything else.
+pub(crate) const READS: usize = 64;
+
 /// One end of a connection to the RTI or to another federate.
 #[derive(Debug)]
 pub(crate) struct Link {
     socket: Socket,
+    /// Whether the other end is known to belong to the federation.
+    trusted: bool,
     inbound: Inbound,
     outbound: Outbound,
 }
@@ -60,12 +69,16 @@ pub(crate) enum Arrival {
 impl Link {
     /// Connects to a listening address.
     pub(crate) fn connect(address: &Address) -> io::Result<Self> {
-        Socket::connect(address).map(Self::new)
+        let mut link = Self::new(Socket::connect(address)?);
+        link.trust();
+        Ok(link)
     }
 
+    /// A link that somebody has opened, who has not said who he is.
     pub(crate) fn new(socket: Socket) -> Self {
         Self {
             socket,
+            trusted: false,
             inbound: Inbound {
                 buffer: vec![0; EAGER_BUFFER],
                 start: 0,
@@ -81,6 +94,11 @@ impl Link {
         }
     }
 
+    /// The other end belongs to the federation.
+    pub(crate) fn trust(&mut self) {
+        self.trusted = true;
+    }
+
     /// Whether descriptors can travel over this link.
     pub(crate) fn is_local(&self) -> bool {
         self.socket.is_unix()
@@ -88,13 +106,15 @@ impl Link {
 
     /// Appends a frame to what is to be written.
     pub(crate) fn queue(&mut self, frame: &Frame) {
+        self.outbound.compact();
         codec::encode(frame, &mut self.outbound.buffer);
     }
 
     /// Appends a frame with a descriptor.
     pub(crate) fn queue_with(&mut self, frame: &Frame, descriptor: OwnedFd) {
+        self.outbound.compact();
         self.outbound.descriptors.insert(self.outbound.buffer.len(), descriptor);
-        self.queue(frame);
+        codec::encode(frame, &mut self.outbound.buffer);
     }
 
     /// Whether something is still to be written.
@@ -167,8 +187,12 @@ impl Link {
                 *start += len;
                 frame
             }
-            Decoded::Missing(len) => {
-                *missing = len;
+            Decoded::Missing(more) => {
+                let (len, limit) = (*end - *start + more, STRANGER_LIMIT);
+                if !self.trusted && len > limit {
+                    return Err(CodecError::TooLong { len, limit });
+                }
+                *missing = more;
                 return Ok(None);
             }
         };
@@ -199,8 +223,9 @@ impl Inbound {
         if self.end + self.missing.max(1) > self.buffer.len() {
             self.buffer.copy_within(self.start..self.end, 0);
             (self.start, self.end) = (0, self.end - self.start);
-            let len = self.buffer.len().max(self.end + self.missing.max(1));
-            self.buffer.resize(len, 0);
+            // No faster than bytes arrive: who only claims to send much costs nothing.
+            let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
+            self.buffer.resize(self.buffer.len().max(wanted), 0);
         }
     }
 }
@@ -220,6 +245,17 @@ impl Outbound {
         }
         self.written += count;
         Ok(count)
+    }
+
+    /// Forgets what has left, once that is the larger half: a reader that always lags a little would
+    /// otherwise keep all of it here.
+    fn compact(&mut self) {
+        if self.written > EAGER_BUFFER && self.written > self.buffer.len() / 2 {
+            self.buffer.drain(..self.written);
+            let descriptors = std::mem::take(&mut self.descriptors).into_iter();
+            self.descriptors = descriptors.map(|(at, fd)| (at - self.written, fd)).collect();
+            self.written = 0;
+        }
     }
 
     fn clear(&mut self) {

@@ -40,8 +40,8 @@ where
 {
     let mut interrupted = false;
     loop {
-        let (requests, stop) = inbox.take();
-        for request in requests {
+        let stop = inbox.take_stop();
+        for request in inbox.take_requests() {
             scheduler.schedule(request.action, request.extra, request.value, request.at);
         }
         if stop {

@@ -13,7 +13,7 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::{FederationId, Frame, LinkId, RtiInput, RtiOutput, Topology};
 
 use crate::bell::Bell;
-use crate::link::{Arrival, Link, Listener};
+use crate::link::{Arrival, Link, Listener, READS};
 use crate::wait::{Interest, wait};
 use crate::{Address, Clock, Failure};
 
@@ -179,8 +179,7 @@ impl Rti {
 
     /// Reads what a link holds; one that is broken is closed, and nobody else suffers.
     fn read(&mut self, id: LinkId) {
-        let mut open = true;
-        while open {
+        for _ in 0..READS {
             let Some(link) = self.links.get_mut(&id) else { return };
             let arrival = link.read().unwrap_or(Arrival::Closed);
             loop {
@@ -188,18 +187,18 @@ impl Rti {
                 match link.next_frame() {
                     Ok(Some((frame, descriptor))) => self.frame(id, frame, descriptor),
                     Ok(None) => break,
-                    Err(_) => {
-                        self.close(id);
+                    Err(error) => {
+                        self.break_off(id, error.to_string());
                         return;
                     }
                 }
             }
             match arrival {
                 Arrival::Bytes => {}
-                Arrival::Nothing => open = false,
+                Arrival::Nothing => return,
                 Arrival::Closed => {
                     self.close(id);
-                    open = false;
+                    return;
                 }
             }
         }
@@ -225,11 +224,15 @@ impl Rti {
             RtiInput::Frame { link, .. } => Some(*link),
             _ => None,
         };
-        if self.machine.handle(Clock::now(), input).is_err()
-            && let Some(link) = from
-        {
-            self.close(link);
+        if let (Err(fault), Some(link)) = (self.machine.handle(Clock::now(), input), from) {
+            self.break_off(link, fault.to_string());
         }
+    }
+
+    /// Closes a link on which nothing more can be trusted.
+    fn break_off(&mut self, link: LinkId, reason: String) {
+        self.handle_input(RtiInput::Broken { link, reason });
+        self.close(link);
     }
 
     fn apply(&mut self, report: &mut impl FnMut(RtiEvent)) {
@@ -237,7 +240,12 @@ impl Rti {
             match output {
                 RtiOutput::Send { link, frame } => self.send(link, &frame),
                 RtiOutput::Close { link } => self.closing.push(link),
-                RtiOutput::Joined { federate, .. } => report(RtiEvent::Joined(federate)),
+                RtiOutput::Joined { federate, link } => {
+                    if let Some(link) = self.links.get_mut(&link) {
+                        link.trust();
+                    }
+                    report(RtiEvent::Joined(federate));
+                }
                 RtiOutput::Started { at } => report(RtiEvent::Started(at)),
                 RtiOutput::Failed { federate, message, code } => {
                     self.failure = Some(Failure { message: message.clone(), code });
@@ -247,6 +255,8 @@ impl Rti {
                 _ => unreachable!("an output that this loop does not know"),
             }
         }
+        // What is left was for federates that have ended.
+        self.descriptors.clear();
     }
 
     fn send(&mut self, link: LinkId, frame: &Frame) {

@@ -305,3 +305,21 @@ fn a_timeout_ends_every_federate_at_its_tag() {
         assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
     }
 }
+
+#[test]
+fn a_stranger_who_claims_to_send_much_is_hung_up_on() {
+    use std::io::{Read, Write};
+
+    let program = Arc::new(gather(Coordination::Centralized, 1).program);
+    let listen = "tcp:127.0.0.1:0".parse().unwrap();
+    let rti = Rti::bind(&RtiOptions { program, federation: FederationId(7), listen }).unwrap();
+    let Address::Tcp(address) = rti.address().clone() else { unreachable!("it is TCP") };
+    let handle = rti.handle();
+    let rti = thread::spawn(move || rti.run(|_| {}));
+    let mut stranger = std::net::TcpStream::connect(address).unwrap();
+    // A message of a gigabyte, or so it says.
+    stranger.write_all(&[0, 0, 0, 64, 1]).unwrap();
+    assert_eq!(stranger.read(&mut [0]).unwrap(), 0);
+    handle.abort();
+    assert_eq!(rti.join().unwrap(), Ok(()));
+}

@@ -39,12 +39,14 @@ impl Federate {
 
     /// Nothing more comes from a peer.
     pub(super) fn closed(&mut self, peer: FederateId) {
+        self.outputs.push_back(Output::OwnerGone(peer));
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.closed(peer);
         }
     }
 
-    pub(super) fn resign(&mut self) {
+    /// Ends in order; `farewell` is what the RTI is told.
+    pub(super) fn resign(&mut self, farewell: Frame) {
         let peers: Vec<_> = self.startup.linked().collect();
         for to in peers {
             self.outputs.push_back(Output::ToPeer { to, frame: Frame::Resign });
@@ -54,7 +56,7 @@ impl Federate {
         {
             self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
         }
-        self.outputs.push_back(Output::ToRti(Frame::Resign));
+        self.outputs.push_back(Output::ToRti(farewell));
         self.over = true;
     }
 

@@ -27,8 +27,7 @@ impl Rti {
     /// Who has resigned has processed the last tag of the program. Then that stands, for whoever
     /// has not come so far: nothing can be earlier for the one and later for the other.
     pub(super) fn stop_request(&mut self, from: FederateId, tag: Tag) {
-        let tag =
-            if self.members.values().any(|m| *m == Member::Gone) { Tag::FOREVER } else { tag };
+        let tag = if self.ended { Tag::FOREVER } else { tag };
         match &mut self.stop {
             Negotiation::Decided => return,
             Negotiation::Asking { latest, .. } => *latest = (*latest).max(tag),
@@ -84,15 +83,21 @@ impl Rti {
         self.tell();
     }
 
-    /// A federate has completed its last tag.
+    /// A federate has completed the last tag.
     pub(super) fn resigned(&mut self, federate: FederateId) {
+        self.ended = true;
+        if let Negotiation::Asking { latest, .. } = &mut self.stop {
+            *latest = Tag::FOREVER;
+        }
+        self.gone(federate);
+    }
+
+    /// A federate has ended in order, at the last tag or before.
+    pub(super) fn gone(&mut self, federate: FederateId) {
         self.members[federate] = Member::Gone;
         self.send_all(&Frame::Gone { federate });
         self.advance.end(&self.topology, federate);
         self.traffic.end(&self.topology, federate);
-        if let Negotiation::Asking { latest, .. } = &mut self.stop {
-            *latest = Tag::FOREVER;
-        }
         self.tell();
         self.decide();
         self.finish();
@@ -107,6 +112,16 @@ impl Rti {
             };
             let name = self.topology.name(federate);
             let message = format!("the process of federate {name} ended {when}");
+            self.fail(federate, message, LOST);
+        }
+    }
+
+    /// A federate breaks the protocol. That is a defect of ours, or of somebody who plays tricks.
+    pub(super) fn broken(&mut self, federate: FederateId, reason: &str) {
+        if self.members[federate].is_live() {
+            let name = self.topology.name(federate);
+            let message =
+                format!("federate {name} breaks the protocol of the federation: {reason}");
             self.fail(federate, message, LOST);
         }
     }

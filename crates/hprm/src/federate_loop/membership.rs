@@ -64,8 +64,8 @@ impl Membership {
         Ok(membership)
     }
 
-    /// The next event of a link.
-    pub(super) fn read(&mut self) -> Result<Option<Event>, Failure> {
+    /// What has come from links.
+    pub(super) fn read(&mut self) -> Result<Vec<Event>, Failure> {
         let Self { machine, wires, .. } = self;
         wires.read(|hello| machine.admit(hello).ok())
     }

@@ -107,12 +107,6 @@ impl Objects {
         }
     }
 
-    /// Forgets a federate that has ended: what it held, and its memory once nobody views it.
-    pub(super) fn gone(&mut self, federate: FederateId) {
-        self.store.reader_lost(federate);
-        self.store.owner_lost(federate);
-    }
-
     /// Takes back holds. One that is not known is a reader's error, and no harm is done.
     pub(super) fn released(&mut self, reader: FederateId, serials: &[u64]) {
         for serial in serials {

@@ -2,14 +2,14 @@
 //!
 //! It greets peers and turns bytes into frames. What a frame means is the machine's business.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 
 use hprm_core::{Coordination, FederateId, PhysicalTime};
 use hprm_federated::{Frame, HostId};
 
 use super::FederateOptions;
-use crate::link::{Arrival, Link, Listener};
+use crate::link::{Arrival, Link, Listener, READS};
 use crate::wait::{Interest, wait};
 use crate::{Address, Clock, Failure, Inbox};
 
@@ -33,7 +33,7 @@ pub(super) struct Wires {
     /// Links that peers opened: their messages come from there.
     incoming: BTreeMap<FederateId, Link>,
     host: HostId,
-    events: VecDeque<Event>,
+    events: Vec<Event>,
     descriptors: BTreeMap<(FederateId, u32), OwnedFd>,
 }
 
@@ -56,7 +56,7 @@ impl Wires {
             greeting: Vec::new(),
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
-            events: VecDeque::new(),
+            events: Vec::new(),
             descriptors: BTreeMap::new(),
         })
     }
@@ -147,18 +147,17 @@ impl Wires {
         }
     }
 
-    /// The next event. Reads what the sockets hold. `admit` tells who greets, and what to answer.
+    /// Reads what the sockets hold, up to a limit for each. `admit` tells who greets, and what to
+    /// answer.
     pub(super) fn read(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
-    ) -> Result<Option<Event>, Failure> {
-        if self.events.is_empty() {
-            self.read_rti()?;
-            self.accept()?;
-            self.read_greetings(admit);
-            self.read_peers();
-        }
-        Ok(self.events.pop_front())
+    ) -> Result<Vec<Event>, Failure> {
+        self.read_rti()?;
+        self.accept()?;
+        self.read_greetings(admit);
+        self.read_peers();
+        Ok(std::mem::take(&mut self.events))
     }
 
     /// Waits until a link is ready, the bell rings, or `until` has come.
@@ -189,11 +188,11 @@ impl Wires {
         let open = read_frames(link, &mut frames)?;
         for (frame, descriptor) in frames {
             self.keep(&frame, descriptor);
-            self.events.push_back(Event::FromRti(frame));
+            self.events.push(Event::FromRti(frame));
         }
         if !open {
             self.rti = None;
-            self.events.push_back(Event::RtiLost);
+            self.events.push(Event::RtiLost);
         }
         Ok(())
     }
@@ -215,9 +214,10 @@ impl Wires {
             match link.next_frame() {
                 Ok(Some((hello, _))) => {
                     if let Some((from, welcome)) = admit(&hello) {
+                        link.trust();
                         link.queue(&welcome);
                         self.incoming.insert(from, link);
-                        self.events.push_back(Event::PeerUp(from));
+                        self.events.push(Event::PeerUp(from));
                     }
                 }
                 Ok(None) if open => self.greeting.push(link),
@@ -234,13 +234,13 @@ impl Wires {
                 // Its messages come over the other link, and there may be more of them.
                 && !self.incoming.contains_key(&peer)
             {
-                self.events.push_back(Event::PeerLost(peer));
+                self.events.push(Event::PeerLost(peer));
             }
         }
         let incoming: Vec<_> = self.incoming.keys().copied().collect();
         for peer in incoming {
             if !self.read_peer(peer, |wires| &mut wires.incoming) {
-                self.events.push_back(Event::PeerLost(peer));
+                self.events.push(Event::PeerLost(peer));
             }
         }
     }
@@ -264,11 +264,11 @@ impl Wires {
     fn arrive(&mut self, from: FederateId, frames: Vec<(Frame, Option<OwnedFd>)>) {
         for (frame, descriptor) in frames {
             if let Frame::PeerWelcome { .. } = frame {
-                self.events.push_back(Event::PeerUp(from));
+                self.events.push(Event::PeerUp(from));
                 continue;
             }
             self.keep(&frame, descriptor);
-            self.events.push_back(Event::FromPeer { from, frame });
+            self.events.push(Event::FromPeer { from, frame });
         }
     }
 
@@ -293,7 +293,7 @@ fn read_frames(
 ) -> Result<bool, Failure> {
     let broken =
         |error: &dyn std::fmt::Display| Failure::new(format!("error: a link is broken: {error}"));
-    loop {
+    for _ in 0..READS {
         let arrival = link.read().map_err(|error| broken(&error))?;
         while let Some(frame) = link.next_frame().map_err(|error| broken(&error))? {
             frames.push(frame);
@@ -304,6 +304,7 @@ fn read_frames(
             Arrival::Closed => return Ok(false),
         }
     }
+    Ok(true)
 }
 
 /// Peers are reached the way the RTI is.

@@ -1,0 +1,164 @@
+"""Federations of real processes: what must hold whatever the processes are doing."""
+
+from __future__ import annotations
+
+import pytest
+from conftest import Run
+
+COORDINATIONS = ["centralized", "decentralized"]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_clock_upstream_is_never_overtaken(launch: Run, coordination: str) -> None:
+    outcome = launch(f"""\
+        target Python {{ coordination: {coordination}, timeout: 400 ms }}
+        preamble {{= import threading, time =}}
+        reactor Sensor {{
+          output out
+          physical action seen
+          reaction(startup) -> seen {{=
+            def watch():
+                for number in range(60):
+                    time.sleep(0.0031)
+                    seen.schedule(0, number)
+            threading.Thread(target=watch, daemon=True).start()
+          =}}
+          reaction(seen) -> out {{= out.set(seen.value) =}}
+        }}
+        reactor Logger {{
+          input inp
+          timer t(0, 100 us)
+          state numbers = []
+          reaction(inp) {{= self.numbers.append(inp.value) =}}
+          reaction(t) {{= pass =}}
+          reaction(shutdown) {{= print(self.numbers == list(range(60))) =}}
+        }}
+        federated reactor {{
+          sensor = new Sensor()
+          logger = new Logger()
+          sensor.out -> logger.inp
+        }}
+        """)
+    assert (outcome.code, outcome.out) == (0, "[logger] True\n"), outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_the_last_arrays_arrive(launch: Run, coordination: str) -> None:
+    program = f"""\
+        target Python {{ coordination: {coordination} }}
+        preamble {{= import numpy as np =}}
+        reactor Source {{
+          output out
+          logical action again
+          state count = 0
+          reaction(startup, again) -> out, again {{=
+            out.set(np.full(100_000, self.count))
+            self.count += 1
+            if self.count == 20:
+                request_stop()
+            else:
+                again.schedule(0)
+          =}}
+        }}
+        reactor Sink {{
+          input inp
+          state total = 0
+          reaction(inp) {{= self.total += int(inp.value[-1]) =}}
+          reaction(shutdown) {{= print(self.total) =}}
+        }}
+        federated reactor {{
+          source = new Source()
+          sink = new[3] Sink()
+          (source.out)+ -> sink.inp
+        }}
+        """
+    for _ in range(5):
+        outcome = launch(program)
+        assert outcome.code == 0, outcome.err
+        assert sorted(outcome.out.splitlines()) == [f"[sink__{i}] 190" for i in range(3)]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_is_behind_still_sends(launch: Run, coordination: str) -> None:
+    outcome = launch(f"""\
+        target Python {{ coordination: {coordination}, timeout: 20 s }}
+        preamble {{= import time =}}
+        reactor Slow {{
+          output out
+          timer t(0, 1 ms)
+          state count = 0
+          reaction(t) -> out {{=
+            time.sleep(0.003)
+            self.count += 1
+            out.set(self.count)
+          =}}
+          reaction(shutdown) {{= print(self.count < 1000) =}}
+        }}
+        reactor Sink {{
+          input inp
+          reaction(inp) {{=
+            if inp.value == 10:
+                request_stop()
+          =}}
+        }}
+        federated reactor {{
+          slow = new Slow()
+          sink = new Sink()
+          slow.out -> sink.inp
+        }}
+        """)
+    assert (outcome.code, outcome.out) == (0, "[slow] True\n"), outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_who_leaves_early_does_not_keep_the_others_from_stopping(
+    launch: Run, coordination: str
+) -> None:
+    outcome = launch(f"""\
+        target Python {{ coordination: {coordination} }}
+        preamble {{= import sys =}}
+        reactor Leaver {{
+          timer t(10 ms)
+          reaction(t) {{= sys.exit(0) =}}
+        }}
+        reactor Stopper {{
+          timer t(0, 10 ms)
+          state count = 0
+          reaction(t) {{=
+            self.count += 1
+            if self.count == 10:
+                request_stop()
+          =}}
+          reaction(shutdown) {{= print(lf.time.logical_elapsed(), lf.tag().microstep) =}}
+        }}
+        federated reactor {{
+          leaver = new Leaver()
+          stopper = new Stopper()
+        }}
+        """)
+    assert (outcome.code, outcome.out) == (0, "[stopper] 90000000 1\n"), outcome.err
+
+
+def test_a_failure_is_never_an_exit_code_of_zero(run: Run) -> None:
+    outcome = run("""\
+        target Python
+        preamble {= import sys =}
+        main reactor { reaction(startup) {= sys.exit(256) =} }
+        """)
+    assert outcome.code == 1
+
+
+def test_an_event_at_the_end_of_time_never_comes(run: Run) -> None:
+    outcome = run("""\
+        target Python
+        main reactor {
+          logical action a
+          reaction(startup) -> a {=
+            a.schedule(FOREVER)
+            a.schedule(FOREVER)
+            print("one")
+          =}
+          reaction(a) {= print("never") =}
+        }
+        """)
+    assert (outcome.code, outcome.out) == (0, "one\n"), outcome.err
