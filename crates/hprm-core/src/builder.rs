@@ -7,7 +7,7 @@ use crate::level::{self, Loop};
 use crate::{
     Action, ActionId, Channel, Connection, ConnectionId, Delay, Direction, Effect, Federate,
     FederateId, Nanos, Origin, Port, PortId, Program, Properties, Reaction, ReactionId, Reactor,
-    ReactorId, Table, Timer, TimerId, Trigger,
+    ReactorId, Spacing, Table, Timer, TimerId, Trigger,
 };
 
 /// Why a graph is not a program.
@@ -163,7 +163,18 @@ impl ProgramBuilder {
         origin: Origin,
         min_delay: Nanos,
     ) -> ActionId {
-        self.program.actions.push(Action { name: name.to_owned(), reactor, origin, min_delay })
+        self.program.actions.push(Action {
+            name: name.to_owned(),
+            reactor,
+            origin,
+            min_delay,
+            spacing: None,
+        })
+    }
+
+    /// Gives an action a minimum spacing.
+    pub fn space(&mut self, action: ActionId, spacing: Spacing) {
+        self.program.actions[action].spacing = Some(spacing);
     }
 
     /// A timer.

@@ -17,6 +17,7 @@ mod object;
 mod program;
 mod queue;
 mod scheduler;
+mod spacing;
 mod tag;
 mod wiring;
 
@@ -32,5 +33,6 @@ pub use program::{
     Properties, Reaction, Reactor, Timer, Trigger,
 };
 pub use scheduler::{Body, Scheduled, Scheduler, Send};
+pub use spacing::{Policy, Spacing};
 pub use tag::{Delay, Nanos, PhysicalTime, Tag};
 pub use wiring::Scope;

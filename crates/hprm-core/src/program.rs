@@ -8,7 +8,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionId, ConnectionId, Delay, FederateId, Nanos, PortId, ReactionId, ReactorId, Table, TimerId,
+    ActionId, ConnectionId, Delay, FederateId, Nanos, PortId, ReactionId, ReactorId, Spacing,
+    Table, TimerId,
 };
 
 /// How federates agree on when a tag is safe to process.
@@ -75,9 +76,6 @@ pub enum Origin {
 }
 
 /// A logical or physical action.
-///
-/// Minimum spacing and its policies are not there yet: every event piles up in superdense time,
-/// as with an action that declares no spacing.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Action {
     /// Name within its reactor.
@@ -88,6 +86,8 @@ pub struct Action {
     pub origin: Origin,
     /// Added to every delay with which it is scheduled.
     pub min_delay: Nanos,
+    /// How close its events may be; without one, they pile up in superdense time.
+    pub spacing: Option<Spacing>,
 }
 
 /// A timer.

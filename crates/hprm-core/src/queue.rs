@@ -25,6 +25,10 @@ pub(crate) enum Event<V> {
 }
 
 impl<V> Event<V> {
+    fn is_of(&self, trigger: ActionId) -> bool {
+        matches!(self, Self::Action { action, .. } if *action == trigger)
+    }
+
     fn is_same_trigger(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Timer(a), Self::Timer(b)) => a == b,
@@ -62,6 +66,33 @@ impl<V> EventQueue<V> {
         }
         self.insert(tag, event);
         tag
+    }
+
+    /// Whether an event of the action waits at `tag`.
+    pub(crate) fn holds(&self, tag: Tag, action: ActionId) -> bool {
+        self.events.get(&tag).is_some_and(|at| at.iter().any(|event| event.is_of(action)))
+    }
+
+    /// Gives the action's event at `tag` another value. Returns the one that it had.
+    pub(crate) fn replace(&mut self, tag: Tag, action: ActionId, new: Option<V>) -> Option<V> {
+        let event = self.events.get_mut(&tag)?.iter_mut().find(|event| event.is_of(action))?;
+        match event {
+            Event::Action { value, .. } => std::mem::replace(value, new),
+            Event::Timer(_) | Event::Message { .. } => None,
+        }
+    }
+
+    /// Removes the action's event at `tag`. Returns its value.
+    pub(crate) fn remove(&mut self, tag: Tag, action: ActionId) -> Option<V> {
+        let at = self.events.get_mut(&tag)?;
+        let event = at.remove(at.iter().position(|event| event.is_of(action))?);
+        if at.is_empty() {
+            self.events.remove(&tag);
+        }
+        match event {
+            Event::Action { value, .. } => value,
+            Event::Timer(_) | Event::Message { .. } => None,
+        }
     }
 
     /// Removes the events of `tag`.

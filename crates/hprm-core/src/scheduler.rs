@@ -11,8 +11,8 @@
 //!                    if last { break } }
 //! ```
 //!
-//! Modes, minimum spacing and workers are not there yet. Their places: `end` is where a mode change
-//! takes effect, `schedule` where spacing applies, and `finish` is what a worker will report.
+//! Modes and workers are not there yet. Their places: `end` is where a mode change takes effect, and
+//! `finish` is what a worker will report.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
 use crate::{
     ActionId, Channel, ChannelId, Connection, ConnectionId, Delay, Nanos, Origin, PhysicalTime,
-    PortId, Program, ReactionId, Table, Tag, Trigger,
+    Policy, PortId, Program, ReactionId, Table, Tag, Trigger,
 };
 
 /// Which of a reaction's bodies runs.
@@ -51,6 +51,8 @@ pub struct Send<V> {
 pub enum Scheduled {
     /// The action will be present at this tag.
     At(Tag),
+    /// It is too close to the latest event, and the action's policy is to drop it.
+    Dropped,
     /// The program ends before.
     AfterStop,
 }
@@ -90,6 +92,10 @@ pub struct Scheduler<V> {
     present_ports: Vec<PortId>,
     actions: Table<ActionId, Option<Option<V>>>,
     present_actions: Vec<ActionId>,
+    /// The latest tag given to an event of each action.
+    last_scheduled: Table<ActionId, Option<Tag>>,
+    /// The value that the latest call to `schedule` took out of the queue.
+    displaced: Option<V>,
     /// The latest tag given to a message of each connection.
     last_assigned: Table<ConnectionId, Tag>,
     ready: Ready,
@@ -114,6 +120,8 @@ impl<V: Clone> Scheduler<V> {
             present_ports: Vec::new(),
             actions: Table::filled(program.actions.len(), None),
             present_actions: Vec::new(),
+            last_scheduled: Table::filled(program.actions.len(), None),
+            displaced: None,
             last_assigned: Table::filled(program.connections.len(), Tag::NEVER),
             ready: Ready {
                 by_level: vec![Vec::new(); wiring.levels],
@@ -209,6 +217,7 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.queue.first().is_none_or(|first| first >= tag), "an event would be skipped");
         let first = self.tag == Tag::NEVER;
         self.tag = tag;
+        self.displaced = None;
         if first {
             self.queue_all(|wiring| &wiring.startup);
         }
@@ -345,10 +354,28 @@ impl<V: Clone> Scheduler<V> {
     ) -> Scheduled {
         let spec = &self.program.actions[action];
         let delay = spec.min_delay.saturating_add(extra.max(0));
-        let tag = match spec.origin {
+        let mut tag = match spec.origin {
             Origin::Logical => Delay::after(delay).shift(self.tag),
             Origin::Physical => self.tag_by_clock(delay, now),
         };
+        if let (Some(spacing), Some(last)) = (spec.spacing, self.last_scheduled[action])
+            && !spacing.allows(last, tag)
+        {
+            let waits = self.queue.holds(last, action);
+            match spacing.policy {
+                Policy::Drop => return Scheduled::Dropped,
+                Policy::Replace if waits => {
+                    self.displaced = self.queue.replace(last, action, value);
+                    return Scheduled::At(last);
+                }
+                Policy::Update if waits => self.displaced = self.queue.remove(last, action),
+                Policy::Update => {}
+                // A spacing of zero may name the current tag or one before it.
+                Policy::Replace | Policy::Defer => {
+                    tag = spacing.earliest(last).max(self.tag.succ());
+                }
+            }
+        }
         // At the end of time there is no next microstep to pile up at, and nobody gets there.
         if tag > self.stop || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
@@ -358,7 +385,14 @@ impl<V: Clone> Scheduler<V> {
             self.queue.truncate(self.stop);
             return Scheduled::AfterStop;
         }
+        self.last_scheduled[action] = Some(at);
         Scheduled::At(at)
+    }
+
+    /// The value of the event that the latest call to [`Self::schedule`] replaced or removed, for
+    /// whoever must not drop it there.
+    pub fn take_displaced(&mut self) -> Option<V> {
+        self.displaced.take()
     }
 
     /// Ends the program at the next microstep. A federate only asks: see

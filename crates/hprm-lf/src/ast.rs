@@ -179,8 +179,9 @@ pub(crate) struct Action {
     pub(crate) physical: Option<bool>,
     pub(crate) name: Name,
     pub(crate) min_delay: Option<Expression>,
-    /// Minimum spacing and its policy.
-    pub(crate) spacing: Option<Span>,
+    pub(crate) spacing: Option<Expression>,
+    /// What becomes of an event that is too close: a string, if it is right.
+    pub(crate) policy: Option<Expression>,
     pub(crate) ty: Option<Span>,
 }
 

@@ -15,6 +15,7 @@ use crate::environment::Environment;
 use crate::legacy;
 use crate::library::{ClassId, Library};
 use crate::model::Model;
+use crate::spacing;
 use crate::value::Value;
 
 /// The most reactors, channels, reactions and connections of one program together.
@@ -153,18 +154,24 @@ impl<'a> Growth<'a, '_> {
     }
 
     fn events(&mut self, node: &mut Node<'a>) {
-        let mut time = |expression: Option<&'a ast::Expression>| -> Nanos {
-            expression.and_then(|e| node.environment.time(e, self.report)).unwrap_or_default()
+        let environment = &node.environment;
+        let time = |expression: Option<&'a ast::Expression>, report: &mut Report| -> Nanos {
+            expression.and_then(|e| environment.time(e, report)).unwrap_or_default()
         };
         for action in &node.model.declared.actions {
-            let min_delay = time(action.min_delay.as_ref());
+            let min_delay = time(action.min_delay.as_ref(), self.report);
             let physical = action.physical == Some(true);
             let origin = if physical { Origin::Physical } else { Origin::Logical };
             let name = &action.name.text;
-            node.actions.push(self.tree.builder.action(node.reactor, name, origin, min_delay));
+            let id = self.tree.builder.action(node.reactor, name, origin, min_delay);
+            if let Some(spacing) = spacing::of(action, environment, self.report) {
+                self.tree.builder.space(id, spacing);
+            }
+            node.actions.push(id);
         }
         for timer in &node.model.declared.timers {
-            let (offset, period) = (time(timer.offset.as_ref()), time(timer.period.as_ref()));
+            let offset = time(timer.offset.as_ref(), self.report);
+            let period = time(timer.period.as_ref(), self.report);
             let name = &timer.name.text;
             node.timers.push(self.tree.builder.timer(node.reactor, name, offset, period));
         }

@@ -9,7 +9,7 @@
 //! the instance graph, `class` brings bodies and values into the form that Python gets. [`compile()`]
 //! runs them in that order.
 //!
-//! The grammar is whole; modes, inheritance, watchdogs, minimum spacing and packages are parsed and
+//! The grammar is whole; modes, inheritance, watchdogs and packages are parsed and
 //! then refused.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
@@ -36,6 +36,7 @@ mod render;
 mod resolve;
 mod slots;
 mod source;
+mod spacing;
 mod token;
 mod value;
 mod wiring;

@@ -310,3 +310,38 @@ main reactor { reaction(startup) {= pass =} }
       |                 ^^^^
     ");
 }
+
+#[test]
+fn spacing_policies() {
+    assert_snapshot!(errors("
+main reactor {
+  logical action a(0, 1 s, \"dorp\")
+  logical action b(0, 1 s, \"latest\")
+  logical action c(0, 1 s, drop)
+}
+"), @r#"
+    error[LF0408]: there is no spacing policy `dorp`
+     --> Main.lf:3:28
+      |
+    3 |   logical action a(0, 1 s, "dorp")
+      |                            ^^^^^^
+      |
+      = help: did you mean `drop`?
+
+    error[LF0408]: there is no spacing policy `latest`
+     --> Main.lf:4:28
+      |
+    4 |   logical action b(0, 1 s, "latest")
+      |                            ^^^^^^^^
+      |
+      = help: write "defer", "drop", "replace" or "update"
+
+    error[LF0408]: a spacing policy is a string
+     --> Main.lf:5:28
+      |
+    5 |   logical action c(0, 1 s, drop)
+      |                            ^^^^
+      |
+      = help: write "defer", "drop", "replace" or "update"
+    "#);
+}

@@ -272,11 +272,11 @@ main reactor {
 }
 
 #[test]
-fn resets_spacing_and_mutations_are_not_supported_yet() {
+fn resets_and_mutations_are_not_supported_yet() {
     assert_snapshot!(errors("
 main reactor {
   reset state x = 1
-  logical action a(0, 1 s, \"drop\")
+  logical action a
   action b
   mutation(a) {= pass =}
 }
@@ -288,14 +288,6 @@ main reactor {
       |   ^^^^^
       |
       = help: it belongs to modes, which are not supported yet either
-
-    error[LF0701]: minimum spacing is not supported yet
-     --> Main.lf:4:23
-      |
-    4 |   logical action a(0, 1 s, "drop")
-      |                       ^^^^^^^^^^^
-      |
-      = help: remove it, and compare times in the reaction
 
     error[LF0209]: the action `b` is neither logical nor physical
      --> Main.lf:5:10

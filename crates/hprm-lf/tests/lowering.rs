@@ -3,7 +3,7 @@
 mod common;
 
 use common::{compile_files, compile_text, connections};
-use hprm_core::{Delay, Direction, Effect, Origin, PortId, ReactionId, Trigger};
+use hprm_core::{Delay, Direction, Effect, Origin, Policy, PortId, ReactionId, Spacing, Trigger};
 use hprm_lf::Compiled;
 
 const BANK: &str = "
@@ -129,6 +129,26 @@ main reactor(m = 2) { outer = new Outer(n = m) }",
     assert_eq!((actions[1].origin, actions[1].min_delay), (Origin::Physical, 0));
     assert_eq!(program.reactions[ReactionId(0)].deadline, Some(5_000_000));
     assert!(program.properties.keepalive, "a physical action keeps the program alive");
+}
+
+#[test]
+fn a_minimum_spacing_is_what_is_written() {
+    let compiled = compile_text(
+        "
+reactor Inner(gap = 2 s) {
+  logical action none(1 s)
+  logical action zero(0, 0)
+  physical action named(0, gap, \"update\")
+}
+main reactor { inner = new Inner(gap = 3 s) }",
+    );
+    let spacings: Vec<_> = compiled.program.actions.values().map(|a| a.spacing).collect();
+    let spacing = |min, policy| Some(Spacing { min, policy });
+    assert_eq!(
+        spacings,
+        [None, spacing(0, Policy::Defer), spacing(3_000_000_000, Policy::Update)],
+        "an action without spacing is not one with a spacing of zero"
+    );
 }
 
 #[test]

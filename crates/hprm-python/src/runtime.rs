@@ -155,6 +155,9 @@ impl Runtime {
         let _kept = value.clone();
         if let Some(mut cell) = self.reacting() {
             cell.scheduler.schedule(action, extra, value, Clock::now());
+            let displaced = cell.scheduler.take_displaced();
+            drop(cell);
+            drop(displaced);
             return Ok(());
         }
         let spec = &self.program.actions[action];

@@ -14,6 +14,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::model::Model;
 use crate::source::{Span, stem};
+use crate::spacing;
 
 /// The classes in use, by class.
 pub(crate) type Models<'a> = [Option<Model<'a>>];
@@ -130,10 +131,7 @@ fn declarations(model: &Model<'_>, report: &mut Report) {
                     .hint("write `logical action` or `physical action`"),
             );
         }
-        if let Some(span) = action.spacing {
-            let instead = "remove it, and compare times in the reaction";
-            report.add(Diagnostic::unsupported(span, "minimum spacing is", instead));
-        }
+        spacing::check(action, report);
     }
 }
 

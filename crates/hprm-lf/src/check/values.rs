@@ -90,7 +90,7 @@ fn expressions<'a>(declared: &Declarations<'a>) -> Vec<&'a Expression> {
     };
     all.extend(declared.states.iter().filter_map(|state| state.init.as_ref()));
     all.extend(declared.ports.iter().flat_map(|port| terms(&port.width)));
-    all.extend(declared.actions.iter().filter_map(|action| action.min_delay.as_ref()));
+    all.extend(declared.actions.iter().flat_map(|a| a.min_delay.iter().chain(&a.spacing)));
     all.extend(declared.timers.iter().flat_map(|timer| timer.offset.iter().chain(&timer.period)));
     for reaction in &declared.reactions {
         all.extend(reaction.deadline.as_ref().map(|deadline| &deadline.delay));

@@ -68,19 +68,20 @@ impl Parser<'_> {
         };
         self.expect_word("action")?;
         let name = self.name("the name of an action")?;
-        let (mut min_delay, mut spacing) = (None, None);
+        let (mut min_delay, mut spacing, mut policy) = (None, None, None);
         if self.accept('(') {
             min_delay = Some(self.expression()?);
             if self.accept(',') {
-                let start = self.token().span;
-                self.list(Self::expression)?;
-                spacing = Some(start.to(self.previous()));
+                spacing = Some(self.expression()?);
+                if self.accept(',') {
+                    policy = Some(self.expression()?);
+                }
             }
             self.expect(')')?;
         }
         let ty = self.maybe_type()?;
         self.accept(';');
-        Ok(Action { attributes, physical, name, min_delay, spacing, ty })
+        Ok(Action { attributes, physical, name, min_delay, spacing, policy, ty })
     }
 
     pub(super) fn watchdog(&mut self) -> Parsed<Watchdog> {

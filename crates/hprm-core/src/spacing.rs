@@ -1,0 +1,64 @@
+//! Minimum spacing: how close two events of one action may be, and what becomes of one that is
+//! closer.
+//!
+//! Distances are between the tags that events were given, not between the calls that scheduled
+//! them (handbook, "actions"). The scheduler remembers the tags and applies the policy.
+
+use crate::{Nanos, Tag};
+
+/// The least time between two events of an action.
+///
+/// An action without one is another thing than an action with a spacing of zero: its events pile up
+/// in superdense time, however many there are for one tag.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Spacing {
+    /// The least time.
+    pub min: Nanos,
+    /// What becomes of an event that is closer.
+    pub policy: Policy,
+}
+
+/// What becomes of an event that is too close to the latest one of its action.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum Policy {
+    /// It happens later, at the least distance.
+    #[default]
+    Defer,
+    /// It does not happen.
+    Drop,
+    /// Its value takes the place of the latest event's, if that has not happened; else as `Defer`.
+    Replace,
+    /// It happens when it was meant to, and the latest event does not, if it has not happened.
+    Update,
+}
+
+impl Spacing {
+    /// Whether an event at `tag` is far enough from the latest one, at `last`.
+    pub(crate) fn allows(self, last: Tag, tag: Tag) -> bool {
+        let earliest = self.earliest(last).time;
+        earliest < tag.time || earliest == tag.time && self.min > 0
+    }
+
+    /// The first tag that a deferred event may have.
+    pub(crate) fn earliest(self, last: Tag) -> Tag {
+        match last.time.checked_add(self.min) {
+            Some(Nanos::MAX) | None => Tag::FOREVER,
+            Some(time) => Tag::new(time, 0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_positive_spacing_allows_its_own_distance() {
+        let spacing = |min| Spacing { min, policy: Policy::Defer };
+        let (last, at) = (Tag::new(5, 1), |time| Tag::new(time, 0));
+        assert!(spacing(10).allows(last, at(15)) && !spacing(10).allows(last, at(14)));
+        assert!(spacing(0).allows(last, at(6)) && !spacing(0).allows(last, at(5)));
+        assert!(!spacing(Nanos::MAX).allows(last, at(Nanos::MAX - 1)));
+        assert_eq!(spacing(Nanos::MAX).earliest(last), Tag::FOREVER);
+    }
+}
