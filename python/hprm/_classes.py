@@ -1,7 +1,7 @@
 """The classes that bodies of reactions know besides ports and actions."""
 
 from types import ModuleType
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 
 class Make:
@@ -37,9 +37,9 @@ class ReactorBase:
         """Tell whether the deadline of the running reaction has passed; if so, run its handler."""
         return bool(self._lf.check_deadline(self, invoke_deadline_handler))
 
-    def update_deadline(self, deadline: int) -> NoReturn:
-        """Change the deadline of the running reaction: not possible yet."""
-        raise self._lf.update_deadline(self, deadline)
+    def update_deadline(self, deadline: float) -> None:
+        """Change the deadline of the running reaction, in nanoseconds, from now on."""
+        self._lf.update_deadline(self, deadline)
 
     def register_user_trace_event(self, description: str) -> int:
         """Name an event for traces, of which there are none yet. Return a handle, not zero."""

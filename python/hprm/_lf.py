@@ -34,7 +34,7 @@ def make_module(api: Api, name: str, path: str) -> ModuleType:
         set_fed_maxwait=lambda nanoseconds: _fixed_maxwait(api),
         start=_start,
         check_deadline=lambda reactor, invoke=True: api.check_deadline(invoke),
-        update_deadline=_fixed_deadline,
+        update_deadline=lambda reactor, deadline: api.update_deadline(deadline),
         register_user_trace_event=lambda reactor, description: next(handles),
         tracepoint_user_event=lambda reactor, handle: None,
         tracepoint_user_value=lambda reactor, handle, value: None,
@@ -64,12 +64,6 @@ def _fixed_maxwait(api: Api) -> NoReturn:
     api.maxwait()
     raise RuntimeError(
         "maxwait cannot be changed while the program runs yet; state it there: @maxwait(...)"
-    )
-
-
-def _fixed_deadline(reactor: object, deadline: int) -> NoReturn:
-    raise RuntimeError(
-        "a deadline cannot be changed while the program runs yet; state it there: deadline(...)"
     )
 
 

@@ -235,6 +235,57 @@ def test_deadline_handlers(run: Any) -> None:
     assert sorted(lines[1:]) == sorted(["4", "False", "handled", "True"])
 
 
+def test_a_deadline_can_be_changed_while_its_reaction_runs(run: Any) -> None:
+    lines = printed(
+        run(
+            """
+            target Python { timeout: 2 ms, fast: true }
+            main reactor {
+              timer t(0, 1 ms)
+              reaction(t) {=
+                print("body", self.check_deadline())
+                self.update_deadline(SEC(0))
+                print(self.check_deadline())
+                lf.update_deadline(self, 0)
+              =} deadline(1 hour) {= print("handler", lf.time.logical_elapsed()) =}
+              reaction(shutdown) {=
+                print(self.check_deadline())
+                try:
+                  self.update_deadline(-1)
+                except ValueError as error:
+                  print(error)
+              =}
+            }
+            """
+        )
+    )
+    assert lines == [
+        "body False",
+        "handler 0",
+        "True",
+        "handler 1000000",
+        "handler 2000000",
+        "False",
+        "a deadline cannot be negative, and -1 is",
+    ]
+
+
+def test_a_single_threaded_program_runs_the_tightest_deadline_first(run: Any) -> None:
+    program = """
+    target Python {{ {} }}
+    reactor Lax {{ reaction(startup) {{= print("lax") =}} }}
+    reactor Source {{ output out  reaction(startup) -> out {{= print("source"); out.set(1) =}} }}
+    reactor Sink {{ input inp  reaction(inp) {{= print("sink") =}} deadline(1 hour) {{= =}} }}
+    main reactor {{
+      lax = new Lax() source = new Source() sink = new Sink()
+      source.out -> sink.inp
+    }}
+    """
+    assert printed(run(program.format(""))) == ["lax", "source", "sink"]
+    single = run(program.format("single-threaded: true"))
+    assert printed(single) == ["source", "sink", "lax"]
+
+
 def test_classes_of_a_program_can_be_pickled(run: Any) -> None:
     lines = printed(
         run(

@@ -3,7 +3,7 @@
 //! The builder checks what the runtime relies on: one source per port, no causality loop, federates
 //! at the top level. What a source language forbids beyond that is for its front end to say.
 
-use crate::level::{self, Loop};
+use crate::level::{self, Loop, Precedence};
 use crate::{
     Action, ActionId, Channel, Connection, ConnectionId, Delay, Direction, Effect, Federate,
     FederateId, Nanos, Origin, Port, PortId, Program, Properties, Reaction, ReactionId, Reactor,
@@ -200,6 +200,7 @@ impl ProgramBuilder {
             deadline: spec.deadline,
             handles_tardy: spec.handles_tardy,
             level: 0,
+            inferred_deadline: Nanos::MAX,
         })
     }
 
@@ -223,10 +224,12 @@ impl ProgramBuilder {
         self.check_sources()?;
         self.check_federates()?;
         self.find_channels();
-        match level::levels(&self.program) {
-            Ok(levels) => {
-                for (id, level) in levels.iter() {
-                    self.program.reactions[id].level = *level;
+        match level::precedence(&self.program) {
+            Ok(Precedence { levels, inferred_deadlines }) => {
+                for id in levels.ids() {
+                    let reaction = &mut self.program.reactions[id];
+                    reaction.level = levels[id];
+                    reaction.inferred_deadline = inferred_deadlines[id];
                 }
                 Ok(self.program)
             }

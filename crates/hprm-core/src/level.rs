@@ -1,17 +1,26 @@
 //! Levels: which reactions must run before which at one tag.
 //!
 //! A reaction precedes the next one of its reactor, and every reaction that can read, at the same
-//! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order.
+//! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order. What
+//! precedes a reaction with a deadline inherits it.
 
 use std::collections::VecDeque;
 
-use crate::{Effect, PortId, Program, ReactionId, Table, Trigger};
+use crate::{Effect, Nanos, PortId, Program, ReactionId, Table, Trigger};
 
 /// A circle of reactions.
 pub(crate) struct Loop(pub(crate) Vec<ReactionId>);
 
-/// The length of the longest chain of reactions before each one.
-pub(crate) fn levels(program: &Program) -> Result<Table<ReactionId, u32>, Loop> {
+/// What follows from the order of the reactions.
+pub(crate) struct Precedence {
+    /// The length of the longest chain of reactions before each one.
+    pub(crate) levels: Table<ReactionId, u32>,
+    /// The tightest deadline among each one and all that must run after it.
+    pub(crate) inferred_deadlines: Table<ReactionId, Nanos>,
+}
+
+/// Orders the reactions.
+pub(crate) fn precedence(program: &Program) -> Result<Precedence, Loop> {
     let successors = successors(program);
     let mut waiting_for: Table<ReactionId, usize> = Table::filled(program.reactions.len(), 0);
     for follower in successors.values().flatten() {
@@ -19,9 +28,9 @@ pub(crate) fn levels(program: &Program) -> Result<Table<ReactionId, u32>, Loop> 
     }
     let mut level: Table<ReactionId, u32> = Table::filled(program.reactions.len(), 0);
     let mut ready: VecDeque<_> = waiting_for.ids().filter(|id| waiting_for[*id] == 0).collect();
-    let mut sorted = 0;
+    let mut sorted = Vec::with_capacity(program.reactions.len());
     while let Some(reaction) = ready.pop_front() {
-        sorted += 1;
+        sorted.push(reaction);
         for follower in &successors[reaction] {
             level[*follower] = level[*follower].max(level[reaction] + 1);
             waiting_for[*follower] -= 1;
@@ -30,10 +39,17 @@ pub(crate) fn levels(program: &Program) -> Result<Table<ReactionId, u32>, Loop> 
             }
         }
     }
-    if sorted == program.reactions.len() {
-        return Ok(level);
+    if sorted.len() < program.reactions.len() {
+        return Err(Loop(circle(&successors, &waiting_for)));
     }
-    Err(Loop(circle(&successors, &waiting_for)))
+    let declared = program.reactions.values().map(|reaction| reaction.deadline);
+    let mut inferred: Table<ReactionId, Nanos> =
+        declared.map(|deadline| deadline.unwrap_or(Nanos::MAX)).collect();
+    for reaction in sorted.into_iter().rev() {
+        let followers = successors[reaction].iter().map(|follower| inferred[*follower]);
+        inferred[reaction] = followers.fold(inferred[reaction], Nanos::min);
+    }
+    Ok(Precedence { levels: level, inferred_deadlines: inferred })
 }
 
 fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {

@@ -31,6 +31,8 @@ pub struct Properties {
     pub fast: bool,
     /// Do not stop when nothing is left to do.
     pub keepalive: bool,
+    /// Of reactions that do not depend on one another, run first what leads to a tighter deadline.
+    pub single_threaded: bool,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
 }
@@ -146,6 +148,9 @@ pub struct Reaction {
     pub handles_tardy: bool,
     /// Length of the longest chain of reactions that must run before it at the same tag.
     pub level: u32,
+    /// The tightest deadline among it and all reactions that it precedes; [`Nanos::MAX`] if none
+    /// has any.
+    pub inferred_deadline: Nanos,
 }
 
 /// A connection from one channel to another.

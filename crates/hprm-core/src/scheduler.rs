@@ -1,4 +1,4 @@
-//! Executing a program: one tag after the other, and within a tag by level.
+//! Executing a program: one tag after the other, and within a tag by rank.
 //!
 //! The scheduler decides what runs at which tag, and in which order; it holds the values of ports
 //! and actions while they are present. It does not run bodies, wait for physical time, or ask
@@ -67,12 +67,12 @@ struct Present<V> {
 /// Reactions that wait for their turn at the current tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Ready {
-    by_level: Vec<Vec<ReactionId>>,
+    by_rank: Vec<Vec<ReactionId>>,
     queued: Table<ReactionId, bool>,
     /// How many wait.
     waiting: usize,
-    /// The level that is running. Nothing below it can be queued any more.
-    level: usize,
+    /// The rank that is running. Nothing below it can be queued any more.
+    rank: usize,
 }
 
 /// Executes a program, or one federate's share of it.
@@ -94,6 +94,8 @@ pub struct Scheduler<V> {
     present_actions: Vec<ActionId>,
     /// The latest tag given to an event of each action.
     last_scheduled: Table<ActionId, Option<Tag>>,
+    /// The deadlines in force: the declared ones, unless they have been changed.
+    deadlines: Table<ReactionId, Option<Nanos>>,
     /// The value that the latest call to `schedule` took out of the queue.
     displaced: Option<V>,
     /// The latest tag given to a message of each connection.
@@ -121,13 +123,14 @@ impl<V: Clone> Scheduler<V> {
             actions: Table::filled(program.actions.len(), None),
             present_actions: Vec::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
+            deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,
             last_assigned: Table::filled(program.connections.len(), Tag::NEVER),
             ready: Ready {
-                by_level: vec![Vec::new(); wiring.levels],
+                by_rank: vec![Vec::new(); wiring.ranks],
                 queued: Table::filled(program.reactions.len(), false),
                 waiting: 0,
-                level: 0,
+                rank: 0,
             },
             running: None,
             tardy: None,
@@ -248,18 +251,24 @@ impl<V: Clone> Scheduler<V> {
                 _ => None,
             })
             .min();
-        let late = |deadline: Nanos| {
-            deadline == 0 || now.since(self.start) > self.tag.time.saturating_add(deadline)
-        };
         let body = if self.tardy.is_some() && spec.handles_tardy {
             self.tardy = None;
             Body::Tardy
-        } else if spec.deadline.is_some_and(late) {
+        } else if spec.deadline.is_some() && self.misses_deadline(reaction, now) {
             Body::Deadline
         } else {
             Body::Main
         };
         Some((reaction, body))
+    }
+
+    /// Whether the deadline of a reaction, declared or set, has passed at the current tag. One of
+    /// zero always has.
+    #[must_use]
+    pub fn misses_deadline(&self, reaction: ReactionId, now: PhysicalTime) -> bool {
+        self.deadlines[reaction].is_some_and(|deadline| {
+            deadline == 0 || now.since(self.start) > self.tag.time.saturating_add(deadline)
+        })
     }
 
     /// The tag that a tardy input of the running reaction was meant for, if the reaction has no
@@ -291,7 +300,7 @@ impl<V: Clone> Scheduler<V> {
         for action in self.present_actions.drain(..) {
             self.actions[action] = None;
         }
-        self.ready.level = 0;
+        self.ready.rank = 0;
         self.tag >= self.stop
     }
 
@@ -395,6 +404,12 @@ impl<V: Clone> Scheduler<V> {
         self.displaced.take()
     }
 
+    /// Changes the deadline of a reaction from now on. One that declares none has no handler: its
+    /// body runs whatever the time is, and may ask [`Self::misses_deadline`].
+    pub fn set_deadline(&mut self, reaction: ReactionId, deadline: Nanos) {
+        self.deadlines[reaction] = Some(deadline);
+    }
+
     /// Ends the program at the next microstep. A federate only asks: see
     /// [`Self::take_stop_request`].
     pub fn request_stop(&mut self) {
@@ -441,8 +456,7 @@ impl<V: Clone> Scheduler<V> {
 
     fn queue_all(&mut self, reactions: impl Fn(&Wiring) -> &Vec<ReactionId>) {
         for reaction in reactions(&self.wiring) {
-            let level = self.program.reactions[*reaction].level as usize;
-            self.ready.push(*reaction, level);
+            self.ready.push(*reaction, self.wiring.rank[*reaction]);
         }
     }
 
@@ -510,23 +524,23 @@ impl Ready {
         self.waiting == 0
     }
 
-    fn push(&mut self, reaction: ReactionId, level: usize) {
-        debug_assert!(level >= self.level, "a reaction precedes what triggers it");
+    fn push(&mut self, reaction: ReactionId, rank: usize) {
+        debug_assert!(rank >= self.rank, "a reaction precedes what triggers it");
         if !std::mem::replace(&mut self.queued[reaction], true) {
-            self.by_level[level].push(reaction);
+            self.by_rank[rank].push(reaction);
             self.waiting += 1;
         }
     }
 
-    /// By level, and within a level in the order of the program.
+    /// By rank, and within a rank in the order of the program.
     fn pop(&mut self) -> Option<ReactionId> {
         if self.is_empty() {
             return None;
         }
-        while self.by_level[self.level].is_empty() {
-            self.level += 1;
+        while self.by_rank[self.rank].is_empty() {
+            self.rank += 1;
         }
-        let reactions = &mut self.by_level[self.level];
+        let reactions = &mut self.by_rank[self.rank];
         let first = reactions.iter().enumerate().min_by_key(|(_, reaction)| **reaction)?.0;
         let reaction = reactions.swap_remove(first);
         self.queued[reaction] = false;

@@ -5,8 +5,8 @@
 //! reads. Network inputs and the ends of delayed connections are roots of their own.
 
 use crate::{
-    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, ReactionId, ReactorId, Table,
-    TimerId, Trigger,
+    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, Reaction, ReactionId,
+    ReactorId, Table, TimerId, Trigger,
 };
 
 /// Which share of a program a scheduler runs.
@@ -39,8 +39,11 @@ pub(crate) struct Wiring {
     pub(crate) outgoing: Table<PortId, Vec<ChannelId>>,
     /// Timers in the scope.
     pub(crate) timers: Vec<TimerId>,
-    /// One more than the highest level in the scope.
-    pub(crate) levels: usize,
+    /// When each reaction takes its turn at a tag; those of one rank go in the order of the program.
+    /// Whatever precedes a reaction has a lower rank.
+    pub(crate) rank: Table<ReactionId, usize>,
+    /// How many ranks there are.
+    pub(crate) ranks: usize,
 }
 
 impl Scope {
@@ -65,10 +68,12 @@ impl Wiring {
             delayed: Table::filled(program.ports.len(), Vec::new()),
             outgoing: Table::filled(program.ports.len(), Vec::new()),
             timers: Vec::new(),
-            levels: 0,
+            rank: Table::filled(program.reactions.len(), 0),
+            ranks: 0,
             root,
         };
         wiring.find_triggers(program, scope);
+        wiring.find_ranks(program, scope);
         wiring.find_connections(program, scope);
         wiring.timers = program
             .timers
@@ -82,7 +87,6 @@ impl Wiring {
     fn find_triggers(&mut self, program: &Program, scope: Scope) {
         let local = program.reactions.iter().filter(|(_, r)| scope.contains(program, r.reactor));
         for (id, reaction) in local {
-            self.levels = self.levels.max(reaction.level as usize + 1);
             for trigger in &reaction.triggers {
                 let reactions = match *trigger {
                     Trigger::Startup => &mut self.startup,
@@ -95,6 +99,25 @@ impl Wiring {
                     reactions.push(id);
                 }
             }
+        }
+    }
+
+    /// By level, and in a single-threaded program by inferred deadline before that, as Lingua Franca
+    /// does it. A reaction's inferred deadline is no later than those of the reactions after it, so
+    /// either way it comes before them.
+    fn find_ranks(&mut self, program: &Program, scope: Scope) {
+        let key = |reaction: &Reaction| {
+            let by_deadline = program.properties.single_threaded;
+            (if by_deadline { reaction.inferred_deadline } else { 0 }, reaction.level)
+        };
+        let local = |reaction: &&Reaction| scope.contains(program, reaction.reactor);
+        let mut keys: Vec<_> = program.reactions.values().filter(local).map(key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        self.ranks = keys.len();
+        for (id, reaction) in program.reactions.iter() {
+            // One from elsewhere never runs here, and its rank says nothing.
+            self.rank[id] = keys.binary_search(&key(reaction)).unwrap_or_default();
         }
     }
 

@@ -21,7 +21,7 @@ pub struct Settings {
 }
 
 /// Known, and without meaning where nothing is generated or compiled.
-const IGNORED: [&str; 14] = [
+const IGNORED: [&str; 13] = [
     "build",
     "build-type",
     "cmake-args",
@@ -33,7 +33,6 @@ const IGNORED: [&str; 14] = [
     "no-source-mapping",
     "python-version",
     "scheduler",
-    "single-threaded",
     "threading",
     "verify",
 ];
@@ -50,8 +49,17 @@ const NOT_YET: [&str; 8] = [
     "trace-plugin",
 ];
 
-const OBEYED: [&str; 8] =
-    ["coordination", "fast", "files", "keepalive", "logging", "timeout", "tracing", "workers"];
+const OBEYED: [&str; 9] = [
+    "coordination",
+    "fast",
+    "files",
+    "keepalive",
+    "logging",
+    "single-threaded",
+    "timeout",
+    "tracing",
+    "workers",
+];
 
 /// What the target declarations say.
 #[derive(Clone, Debug, Default)]
@@ -100,6 +108,9 @@ impl Stated {
                 self.properties.keepalive = keepalive;
                 self.keepalive = Some(keepalive);
             }),
+            "single-threaded" => {
+                boolean(value).map(|single| self.properties.single_threaded = single)
+            }
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),

@@ -56,7 +56,7 @@ impl Action {
 }
 
 /// A number of nanoseconds; `MSEC(1.5)` is a float.
-fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
+pub(crate) fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
     let Ok(number) = offset.cast::<PyFloat>() else { return offset.extract() };
     let number = number.value();
     // Of the floats beyond, none is a number of 64 bits; the cast of one within is exact enough.

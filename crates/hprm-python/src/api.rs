@@ -6,10 +6,11 @@ use std::sync::Arc;
 
 use hprm::Clock;
 use hprm_core::{Coordination, Scope};
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::action::nanos;
 use crate::runtime::{Late, Runtime};
 use crate::tag::Tag;
 
@@ -64,6 +65,16 @@ impl Api {
             handler.bind(py).call1(arguments.into_bound(py))?;
         }
         Ok(true)
+    }
+
+    /// Changes the deadline of the running reaction, from now on.
+    fn update_deadline(&self, deadline: &Bound<'_, PyAny>) -> PyResult<()> {
+        match nanos(deadline)? {
+            deadline if deadline >= 0 => self.0.set_deadline(deadline),
+            deadline => Err(PyValueError::new_err(format!(
+                "a deadline cannot be negative, and {deadline} is"
+            ))),
+        }
     }
 
     /// How long this federate waits for its inputs, in nanoseconds.

@@ -197,14 +197,21 @@ impl Runtime {
         let Some(Running { reaction, late, .. }) = &cell.running else {
             return Err(self.outside("a deadline"));
         };
-        let Some(deadline) = self.program.reactions[*reaction].deadline else { return Ok(None) };
-        let lag = Clock::now().since(cell.scheduler.start_time());
-        let missed = lag > cell.scheduler.tag().time.saturating_add(deadline);
+        let missed = cell.scheduler.misses_deadline(*reaction, Clock::now());
         let late = late.as_ref().map(|late| Late {
             handler: late.handler.clone_ref(py),
             arguments: late.arguments.clone_ref(py),
         });
         Ok(missed.then_some(late))
+    }
+
+    /// Changes the deadline of the running reaction, from now on.
+    pub(crate) fn set_deadline(&self, deadline: Nanos) -> PyResult<()> {
+        let mut cell = self.reacting().ok_or_else(|| self.outside("a deadline"))?;
+        if let Some(Running { reaction, .. }) = cell.running {
+            cell.scheduler.set_deadline(reaction, deadline);
+        }
+        Ok(())
     }
 
     /// What the store had done when a value was last encoded.
