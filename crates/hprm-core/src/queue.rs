@@ -4,8 +4,13 @@
 //! events of one trigger never share a tag, and reactions run by level.
 
 use std::collections::BTreeMap;
+use std::hash::{Hash, Hasher};
 
 use crate::{ActionId, PortId, Tag, TimerId};
+
+/// The most vectors that are kept for later. A program that has more tags waiting than this returns
+/// the rest of its memory.
+const MOST_SPARE: usize = 64;
 
 /// What makes something present at a tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -39,14 +44,32 @@ impl<V> Event<V> {
     }
 }
 
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct EventQueue<V> {
     events: BTreeMap<Tag, Vec<Event<V>>>,
+    /// Empty vectors of tags that have passed, for tags to come: a periodic program allocates
+    /// nothing once it has warmed up, unless so many tags wait that the tree grows and shrinks.
+    spare: Vec<Vec<Event<V>>>,
+}
+
+// What is spare is no part of the state.
+impl<V: PartialEq> PartialEq for EventQueue<V> {
+    fn eq(&self, other: &Self) -> bool {
+        self.events == other.events
+    }
+}
+
+impl<V: Eq> Eq for EventQueue<V> {}
+
+impl<V: Hash> Hash for EventQueue<V> {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.events.hash(state);
+    }
 }
 
 impl<V> EventQueue<V> {
     pub(crate) const fn new() -> Self {
-        Self { events: BTreeMap::new() }
+        Self { events: BTreeMap::new(), spare: Vec::new() }
     }
 
     /// The tag of the earliest event.
@@ -55,7 +78,8 @@ impl<V> EventQueue<V> {
     }
 
     pub(crate) fn insert(&mut self, tag: Tag, event: Event<V>) {
-        self.events.entry(tag).or_default().push(event);
+        let spare = &mut self.spare;
+        self.events.entry(tag).or_insert_with(|| spare.pop().unwrap_or_default()).push(event);
     }
 
     /// Inserts at `tag`, or at the next microstep at which the same trigger has no event yet:
@@ -87,7 +111,8 @@ impl<V> EventQueue<V> {
         let at = self.events.get_mut(&tag)?;
         let event = at.remove(at.iter().position(|event| event.is_of(action))?);
         if at.is_empty() {
-            self.events.remove(&tag);
+            let empty = self.take(tag);
+            self.recycle(empty);
         }
         match event {
             Event::Action { value, .. } => value,
@@ -95,9 +120,17 @@ impl<V> EventQueue<V> {
         }
     }
 
-    /// Removes the events of `tag`.
+    /// Removes the events of `tag`. The vector may be given back with [`Self::recycle`].
     pub(crate) fn take(&mut self, tag: Tag) -> Vec<Event<V>> {
         self.events.remove(&tag).unwrap_or_default()
+    }
+
+    /// Keeps the memory of a vector for tags to come.
+    pub(crate) fn recycle(&mut self, mut events: Vec<Event<V>>) {
+        events.clear();
+        if events.capacity() > 0 && self.spare.len() < MOST_SPARE {
+            self.spare.push(events);
+        }
     }
 
     /// Forgets everything after `tag`.
@@ -105,5 +138,34 @@ impl<V> EventQueue<V> {
         if tag != Tag::FOREVER {
             self.events.split_off(&tag.succ());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spare_memory_is_no_part_of_the_state() {
+        let (mut used, fresh) = (EventQueue::<()>::new(), EventQueue::new());
+        used.insert(Tag::START, Event::Timer(TimerId(0)));
+        assert_ne!(used, fresh);
+        let events = used.take(Tag::START);
+        used.recycle(events);
+        assert_eq!(used.spare.len(), 1);
+        assert_eq!(used, fresh);
+        used.insert(Tag::START, Event::Timer(TimerId(0)));
+        assert!(used.spare.is_empty());
+    }
+
+    #[test]
+    fn removing_the_only_event_of_a_tag_removes_the_tag() {
+        let mut queue = EventQueue::new();
+        queue.insert(Tag::START, Event::Action { action: ActionId(1), value: Some('a') });
+        assert_eq!(queue.replace(Tag::START, ActionId(1), None), Some('a'));
+        assert_eq!(queue.replace(Tag::START, ActionId(2), Some('b')), None);
+        assert!(queue.holds(Tag::START, ActionId(1)) && !queue.holds(Tag::START, ActionId(2)));
+        assert_eq!(queue.remove(Tag::START, ActionId(1)), None);
+        assert_eq!(queue.first(), None);
     }
 }

@@ -227,9 +227,11 @@ impl<V: Clone> Scheduler<V> {
         if !self.program.properties.keepalive && self.queue.first().is_none() && !first {
             self.stop = self.stop.min(tag);
         }
-        for event in self.queue.take(tag) {
+        let mut events = self.queue.take(tag);
+        for event in events.drain(..) {
             self.happen(event);
         }
+        self.queue.recycle(events);
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
             self.queue_all(|wiring| &wiring.shutdown);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{Program, ReactionId, Scheduler, Scope, Tag};
 
-use crate::wait::{Interest, wait};
+use crate::wait::wait_for;
 use crate::{Clock, Failure, Host, Inbox};
 
 /// Runs an unfederated program, or a federated one whose federates share this process and its
@@ -56,8 +56,8 @@ where
         let ready = program.properties.fast && tag != Tag::FOREVER || due <= Clock::now();
         if !ready {
             let until = (tag != Tag::FOREVER).then_some(due);
-            let fd = [Interest { fd: inbox.as_fd(), write: false }];
-            host.idle(|| wait(&fd, until));
+            let fd = inbox.as_fd();
+            host.idle(|| wait_for(fd, until));
             continue;
         }
         scheduler.begin(tag);

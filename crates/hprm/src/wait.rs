@@ -25,14 +25,28 @@ pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> V
             PollFd::from_borrowed_fd(interest.fd, PollFlags::IN | write)
         })
         .collect();
+    if poll_until(&mut fds, until) {
+        fds.iter().map(|fd| !fd.revents().is_empty()).collect()
+    } else {
+        vec![false; interests.len()]
+    }
+}
+
+/// Waits until one descriptor can be read, `until` has come, or a signal arrives. Allocates nothing.
+pub(crate) fn wait_for(fd: BorrowedFd<'_>, until: Option<PhysicalTime>) {
+    poll_until(&mut [PollFd::from_borrowed_fd(fd, PollFlags::IN)], until);
+}
+
+/// Returns whether `fds` tell what happened; not after a signal.
+fn poll_until(fds: &mut [PollFd<'_>], until: Option<PhysicalTime>) -> bool {
     let timeout = until.filter(|until| *until != PhysicalTime::FOREVER).map(|until| {
         let nanos = until.since(Clock::now()).max(0);
         Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 }
     });
-    match poll(&mut fds, timeout.as_ref()) {
-        Ok(_) => fds.iter().map(|fd| !fd.revents().is_empty()).collect(),
-        // A signal: the caller looks whether it is meant to stop.
-        Err(Errno::INTR) => vec![false; interests.len()],
+    match poll(fds, timeout.as_ref()) {
+        Ok(_) => true,
+        // The caller looks whether it is meant to stop.
+        Err(Errno::INTR) => false,
         Err(error) => unreachable!("poll of open descriptors: {error}"),
     }
 }

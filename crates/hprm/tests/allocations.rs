@@ -1,0 +1,105 @@
+//! Once it has warmed up, a program in one process allocates nothing: a longer run makes as many
+//! allocations as a shorter one.
+
+use std::sync::Arc;
+
+use allocation_counter::measure;
+use hprm::{Failure, Host, Inbox, run_whole};
+use hprm_core::{
+    ActionId, Body, ChannelId, Delay, Direction, Effect, Nanos, Origin, Payload, PhysicalTime,
+    PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler, Trigger,
+};
+use hprm_store::{Object, Store};
+
+/// Sets the ports and schedules the actions that each reaction declares.
+struct Everything {
+    program: Arc<Program>,
+    runs: u64,
+}
+
+impl Host for Everything {
+    type Value = u64;
+
+    fn react(
+        &mut self,
+        scheduler: &mut Scheduler<u64>,
+        reaction: ReactionId,
+        _: Body,
+    ) -> Result<(), Failure> {
+        self.runs += 1;
+        let now = scheduler.tag().due(scheduler.start_time());
+        for effect in &self.program.reactions[reaction].effects {
+            match effect {
+                Effect::Port(port) => _ = scheduler.set(*port, self.runs),
+                Effect::Action(action) => {
+                    scheduler.schedule(*action, 0, Some(self.runs), now);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &u64) -> Result<Payload, Failure> {
+        unreachable!("there is no network")
+    }
+
+    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime) -> u64 {
+        unreachable!("there is no network")
+    }
+
+    fn warn(&mut self, message: &str) {
+        panic!("{message}");
+    }
+}
+
+/// Three timers of different periods, an action, and a pipe with and without a delay.
+fn program(timeout: Nanos, fast: bool) -> Arc<Program> {
+    let properties = Properties { timeout: Some(timeout), fast, ..Properties::default() };
+    let mut b = ProgramBuilder::new("Main", properties);
+    let [source, sink] = ["source", "sink"].map(|name| b.reactor(b.main(), name));
+    let [direct, delayed] =
+        ["direct", "delayed"].map(|name| b.port(source, name, Direction::Output));
+    let [now, later] = ["now", "later"].map(|name| b.port(sink, name, Direction::Input));
+    b.connect(direct, now, Delay::None);
+    b.connect(delayed, later, Delay::Time(15));
+    let action: ActionId = b.action(source, "a", Origin::Logical, 7);
+    for period in [10, 20, 35] {
+        let timer = b.timer(source, "t", 0, period);
+        let triggers = vec![Trigger::Timer(timer)];
+        let effects = vec![Effect::Port(direct), Effect::Port(delayed), Effect::Action(action)];
+        b.reaction(source, ReactionSpec { triggers, effects, ..ReactionSpec::default() });
+    }
+    let on = |triggers: &[Trigger]| ReactionSpec {
+        triggers: triggers.to_vec(),
+        ..ReactionSpec::default()
+    };
+    b.reaction(source, on(&[Trigger::Action(action)]));
+    let either = |ports: [PortId; 2]| ports.map(Trigger::Port);
+    b.reaction(sink, on(&either([now, later])));
+    Arc::new(b.build().unwrap())
+}
+
+/// How many allocations a whole run makes, and how many reactions.
+fn allocations(timeout: Nanos, fast: bool) -> (u64, u64) {
+    let program = program(timeout, fast);
+    let inbox = Inbox::new().unwrap();
+    let mut host = Everything { program: Arc::clone(&program), runs: 0 };
+    let counted = measure(|| run_whole(&program, &mut host, &inbox).unwrap());
+    (counted.count_total, host.runs)
+}
+
+#[test]
+fn a_steady_program_allocates_nothing() {
+    let (short, few) = allocations(1_000, true);
+    let (long, many) = allocations(1_000_000, true);
+    assert!(short > 0 && many > 900 * few, "{short} allocations, {few} and {many} reactions");
+    assert_eq!(short, long, "allocations of {few} and of {many} reactions");
+}
+
+#[test]
+fn waiting_for_physical_time_allocates_nothing() {
+    let (short, few) = allocations(1_000, false);
+    let (long, many) = allocations(100_000, false);
+    assert!(many > 90 * few);
+    assert_eq!(short, long, "allocations of {few} and of {many} reactions");
+}
