@@ -64,6 +64,12 @@ impl PyHost {
     }
 }
 
+impl Drop for PyHost {
+    fn drop(&mut self) {
+        Python::attach(|py| self.interrupt.get().release(py));
+    }
+}
+
 impl Bodies {
     fn call(&self, py: Python<'_>, body: Body) -> PyResult<()> {
         let function = match body {

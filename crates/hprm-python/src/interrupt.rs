@@ -1,15 +1,19 @@
 //! Ctrl-C: the first one asks the program to stop in order, the second one breaks into it.
 
+use std::os::fd::{AsRawFd, BorrowedFd};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// The handler of the signal, as Python calls it.
 #[pyclass(frozen, module = "hprm._hprm")]
 #[derive(Default)]
 pub(crate) struct Interrupt {
+    /// Whether the interpreter writes to a descriptor of ours when a signal comes.
+    wakes: AtomicBool,
     asked: AtomicBool,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
@@ -17,12 +21,13 @@ pub(crate) struct Interrupt {
 
 impl Interrupt {
     /// A handler that is in force, unless the program has one of its own, or this thread is not the
-    /// one that gets signals.
+    /// one that gets signals. A signal that comes just before the loop waits wakes it by a byte to
+    /// `wakeup`.
     ///
     /// # Errors
     ///
     /// What Python raises.
-    pub(crate) fn install(py: Python<'_>) -> PyResult<Py<Self>> {
+    pub(crate) fn install(py: Python<'_>, wakeup: BorrowedFd<'_>) -> PyResult<Py<Self>> {
         let handler = Py::new(py, Self::default())?;
         let signal = py.import(intern!(py, "signal"))?;
         let number = signal.getattr(intern!(py, "SIGINT"))?;
@@ -32,8 +37,23 @@ impl Interrupt {
         let main = threading.call_method0(intern!(py, "main_thread"))?;
         if current.is(signal.getattr(intern!(py, "default_int_handler"))?) && this.is(&main) {
             signal.call_method1(intern!(py, "signal"), (&number, &handler))?;
+            let quiet = PyDict::new(py);
+            quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
+            let wakeup = (wakeup.as_raw_fd(),);
+            signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
+            handler.get().wakes.store(true, Ordering::Relaxed);
         }
         Ok(handler)
+    }
+
+    /// Has the interpreter forget the descriptor, which is about to be closed.
+    pub(crate) fn release(&self, py: Python<'_>) {
+        if self.wakes.swap(false, Ordering::Relaxed) {
+            // Fails only while the interpreter itself comes to its end.
+            let _ = py
+                .import(intern!(py, "signal"))
+                .and_then(|signal| signal.call_method1(intern!(py, "set_wakeup_fd"), (-1,)));
+        }
     }
 
     /// Whether the user has asked the program to stop since this was last called.

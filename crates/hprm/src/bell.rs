@@ -3,30 +3,42 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use rustix::event::{EventfdFlags, eventfd};
+use rustix::io::{read, write};
+use rustix::pipe::{PipeFlags, pipe_with};
 
 /// Wakes a loop that waits on it. Silence it before looking for what the ringer has left.
+///
+/// A pipe, so that whoever can only write a byte can ring it too: a signal handler.
 #[derive(Debug)]
-pub(crate) struct Bell(OwnedFd);
+pub(crate) struct Bell {
+    ear: OwnedFd,
+    rope: OwnedFd,
+}
 
 impl Bell {
     pub(crate) fn new() -> io::Result<Self> {
-        Ok(Self(eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?))
+        let (ear, rope) = pipe_with(PipeFlags::NONBLOCK | PipeFlags::CLOEXEC)?;
+        Ok(Self { ear, rope })
     }
 
     pub(crate) fn ring(&self) {
-        // Fails only when the counter is full, and then the bell has been ringing for long.
-        let _ = rustix::io::write(&self.0, &1_u64.to_ne_bytes());
+        // Fails only when the pipe is full, and then the bell has been ringing for long.
+        let _ = write(&self.rope, &[0]);
     }
 
     pub(crate) fn silence(&self) {
-        // Fails only when nobody has rung.
-        let _ = rustix::io::read(&self.0, &mut [0; 8]);
+        // Fails only when nobody has rung. What does not fit goes on ringing.
+        let _ = read(&self.ear, &mut [0; 256]);
+    }
+
+    /// Where a byte rings it.
+    pub(crate) fn rope(&self) -> BorrowedFd<'_> {
+        self.rope.as_fd()
     }
 }
 
 impl AsFd for Bell {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.0.as_fd()
+        self.ear.as_fd()
     }
 }

@@ -81,6 +81,13 @@ impl<V> Inbox<V> {
         self.shared.bell.ring();
     }
 
+    /// A descriptor for those who can do no more than write a byte, such as a signal handler: that
+    /// wakes the loop. It never blocks.
+    #[must_use]
+    pub fn wakeup(&self) -> BorrowedFd<'_> {
+        self.shared.bell.rope()
+    }
+
     /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
     /// this, not before.
     pub(crate) fn take_stop(&self) -> bool {
