@@ -11,18 +11,22 @@
 //!                    if last { break } }
 //! ```
 //!
-//! Modes and workers are not there yet. Their places: `end` is where a mode change takes effect, and
-//! `finish` is what a worker will report.
+//! Workers are not there yet; their place is `finish`, which is what a worker will report.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use self::ready::Ready;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
 use crate::{
-    ActionId, Channel, ChannelId, Connection, ConnectionId, Delay, Nanos, Origin, PhysicalTime,
-    Policy, PortId, Program, ReactionId, Table, Tag, Trigger,
+    ActionId, ChannelId, ConnectionId, Nanos, PhysicalTime, PortId, Program, ReactionId, Table,
+    Tag, Trigger,
 };
+
+mod messages;
+mod ready;
+mod requests;
 
 /// Which of a reaction's bodies runs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -62,17 +66,6 @@ pub enum Scheduled {
 struct Present<V> {
     value: V,
     intended: Option<Tag>,
-}
-
-/// Reactions that wait for their turn at the current tag.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Ready {
-    by_rank: Vec<Vec<ReactionId>>,
-    queued: Table<ReactionId, bool>,
-    /// How many wait.
-    waiting: usize,
-    /// The rank that is running. Nothing below it can be queued any more.
-    rank: usize,
 }
 
 /// Executes a program, or one federate's share of it.
@@ -126,12 +119,7 @@ impl<V: Clone> Scheduler<V> {
             deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,
             last_assigned: Table::filled(program.connections.len(), Tag::NEVER),
-            ready: Ready {
-                by_rank: vec![Vec::new(); wiring.ranks],
-                queued: Table::filled(program.reactions.len(), false),
-                waiting: 0,
-                rank: 0,
-            },
+            ready: Ready::new(program.reactions.len(), wiring.ranks),
             running: None,
             tardy: None,
             sends: VecDeque::new(),
@@ -302,38 +290,8 @@ impl<V: Clone> Scheduler<V> {
         for action in self.present_actions.drain(..) {
             self.actions[action] = None;
         }
-        self.ready.rank = 0;
+        self.ready.rewind();
         self.tag >= self.stop
-    }
-
-    /// A value that leaves for another federate, in the order in which they were set.
-    pub fn poll_send(&mut self) -> Option<Send<V>> {
-        self.sends.pop_front()
-    }
-
-    /// Inserts a message from another federate. Returns the tag at which it will be present: its
-    /// own, or a later one if it is tardy; none if the program ends before.
-    pub fn deliver(&mut self, channel: ChannelId, tag: Tag, value: V) -> Option<Tag> {
-        let connection = self.program.channels[channel].connection;
-        // A tardy message must neither overtake nor displace another one of its connection.
-        let taken = self.tag.max(self.last_assigned[connection]);
-        if tag > taken {
-            self.insert_message(connection, tag, value, None)
-        } else {
-            self.insert_message(connection, taken.succ(), value, Some(tag))
-        }
-    }
-
-    /// Inserts a message of a physical connection, tagged with the time of its arrival.
-    pub fn deliver_physical(
-        &mut self,
-        channel: ChannelId,
-        now: PhysicalTime,
-        value: V,
-    ) -> Option<Tag> {
-        let connection = self.program.channels[channel].connection;
-        let tag = self.assign(connection, self.physical_tag(connection, now));
-        self.insert_message(connection, tag, value, None)
     }
 
     /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
@@ -352,73 +310,6 @@ impl<V: Clone> Scheduler<V> {
     /// Sets a port. The last value set at a tag wins; an earlier one is returned.
     pub fn set(&mut self, port: PortId, value: V) -> Option<V> {
         self.make_present(self.wiring.root[port], value, self.tardy)
-    }
-
-    /// Schedules a logical action `extra` nanoseconds after its minimum delay, or a physical one by
-    /// the clock (handbook, "actions"). A negative `extra` counts as zero.
-    pub fn schedule(
-        &mut self,
-        action: ActionId,
-        extra: Nanos,
-        value: Option<V>,
-        now: PhysicalTime,
-    ) -> Scheduled {
-        let spec = &self.program.actions[action];
-        let delay = spec.min_delay.saturating_add(extra.max(0));
-        let mut tag = match spec.origin {
-            Origin::Logical => Delay::after(delay).shift(self.tag),
-            Origin::Physical => self.tag_by_clock(delay, now),
-        };
-        if let (Some(spacing), Some(last)) = (spec.spacing, self.last_scheduled[action])
-            && !spacing.allows(last, tag)
-        {
-            let waits = self.queue.holds(last, action);
-            match spacing.policy {
-                Policy::Drop => return Scheduled::Dropped,
-                Policy::Replace if waits => {
-                    self.displaced = self.queue.replace(last, action, value);
-                    return Scheduled::At(last);
-                }
-                Policy::Update if waits => self.displaced = self.queue.remove(last, action),
-                Policy::Update => {}
-                // A spacing of zero may name the current tag or one before it.
-                Policy::Replace | Policy::Defer => {
-                    tag = spacing.earliest(last).max(self.tag.succ());
-                }
-            }
-        }
-        // At the end of time there is no next microstep to pile up at, and nobody gets there.
-        if tag > self.stop || tag.time == Nanos::MAX {
-            return Scheduled::AfterStop;
-        }
-        let at = self.queue.pile(tag, Event::Action { action, value });
-        if at > self.stop {
-            self.queue.truncate(self.stop);
-            return Scheduled::AfterStop;
-        }
-        self.last_scheduled[action] = Some(at);
-        Scheduled::At(at)
-    }
-
-    /// The value of the event that the latest call to [`Self::schedule`] replaced or removed, for
-    /// whoever must not drop it there.
-    pub fn take_displaced(&mut self) -> Option<V> {
-        self.displaced.take()
-    }
-
-    /// Changes the deadline of a reaction from now on. One that declares none has no handler: its
-    /// body runs whatever the time is, and may ask [`Self::misses_deadline`].
-    pub fn set_deadline(&mut self, reaction: ReactionId, deadline: Nanos) {
-        self.deadlines[reaction] = Some(deadline);
-    }
-
-    /// Ends the program at the next microstep. A federate only asks: see
-    /// [`Self::take_stop_request`].
-    pub fn request_stop(&mut self) {
-        match self.scope {
-            Scope::Whole => self.set_stop(self.tag.succ()),
-            Scope::Federate(_) => self.stop_requested |= self.stop > self.tag.succ(),
-        }
     }
 
     // What happens inside.
@@ -460,93 +351,5 @@ impl<V: Clone> Scheduler<V> {
         for reaction in reactions(&self.wiring) {
             self.ready.push(*reaction, self.wiring.rank[*reaction]);
         }
-    }
-
-    /// Sends the value at a root along what leaves from there.
-    fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
-        let wiring = Arc::clone(&self.wiring);
-        for connection in &wiring.delayed[root] {
-            let Connection { physical, delay, .. } = self.program.connections[*connection];
-            let computed =
-                if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
-            let tag = self.assign(*connection, computed);
-            self.insert_message(*connection, tag, value.clone(), None);
-        }
-        for channel in &wiring.outgoing[root] {
-            let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
-            let tag = self.assign(connection, delay.shift(self.tag));
-            if physical || tag <= self.stop {
-                self.sends.push_back(Send { channel: *channel, tag, value: value.clone() });
-            }
-        }
-    }
-
-    /// The tag of the next message of a connection: as computed, but after the one before it.
-    /// Messages with different tags at the sender never merge into one (handbook, "after").
-    fn assign(&mut self, connection: ConnectionId, computed: Tag) -> Tag {
-        let last = &mut self.last_assigned[connection];
-        *last = if computed > *last { computed } else { last.succ() };
-        *last
-    }
-
-    fn insert_message(
-        &mut self,
-        connection: ConnectionId,
-        at: Tag,
-        value: V,
-        intended: Option<Tag>,
-    ) -> Option<Tag> {
-        self.last_assigned[connection] = at;
-        let port = self.wiring.root[self.program.connections[connection].to];
-        if at > self.stop {
-            return None;
-        }
-        self.queue.insert(at, Event::Message { port, value, intended });
-        Some(at)
-    }
-
-    /// The tag that the clock gives to a message of a physical connection.
-    fn physical_tag(&self, connection: ConnectionId, now: PhysicalTime) -> Tag {
-        let delay = match self.program.connections[connection].delay {
-            Delay::Time(delay) => delay,
-            Delay::None | Delay::Microstep => 0,
-        };
-        self.tag_by_clock(delay, now)
-    }
-
-    /// `delay` after the reading of the clock, but never at or before the current tag.
-    fn tag_by_clock(&self, delay: Nanos, now: PhysicalTime) -> Tag {
-        let time = now.since(self.start).max(0).saturating_add(delay);
-        Tag::new(time, 0).max(self.tag.succ())
-    }
-}
-
-impl Ready {
-    fn is_empty(&self) -> bool {
-        self.waiting == 0
-    }
-
-    fn push(&mut self, reaction: ReactionId, rank: usize) {
-        debug_assert!(rank >= self.rank, "a reaction precedes what triggers it");
-        if !std::mem::replace(&mut self.queued[reaction], true) {
-            self.by_rank[rank].push(reaction);
-            self.waiting += 1;
-        }
-    }
-
-    /// By rank, and within a rank in the order of the program.
-    fn pop(&mut self) -> Option<ReactionId> {
-        if self.is_empty() {
-            return None;
-        }
-        while self.by_rank[self.rank].is_empty() {
-            self.rank += 1;
-        }
-        let reactions = &mut self.by_rank[self.rank];
-        let first = reactions.iter().enumerate().min_by_key(|(_, reaction)| **reaction)?.0;
-        let reaction = reactions.swap_remove(first);
-        self.queued[reaction] = false;
-        self.waiting -= 1;
-        Some(reaction)
     }
 }

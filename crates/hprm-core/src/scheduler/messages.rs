@@ -1,0 +1,91 @@
+//! Messages: along delayed and physical connections, to other federates and from them.
+
+use std::sync::Arc;
+
+use super::{Scheduler, Send};
+use crate::queue::Event;
+use crate::{Channel, ChannelId, Connection, ConnectionId, Delay, PhysicalTime, PortId, Tag};
+
+impl<V: Clone> Scheduler<V> {
+    /// A value that leaves for another federate, in the order in which they were set.
+    pub fn poll_send(&mut self) -> Option<Send<V>> {
+        self.sends.pop_front()
+    }
+
+    /// Inserts a message from another federate. Returns the tag at which it will be present: its
+    /// own, or a later one if it is tardy; none if the program ends before.
+    pub fn deliver(&mut self, channel: ChannelId, tag: Tag, value: V) -> Option<Tag> {
+        let connection = self.program.channels[channel].connection;
+        // A tardy message must neither overtake nor displace another one of its connection.
+        let taken = self.tag.max(self.last_assigned[connection]);
+        if tag > taken {
+            self.insert_message(connection, tag, value, None)
+        } else {
+            self.insert_message(connection, taken.succ(), value, Some(tag))
+        }
+    }
+
+    /// Inserts a message of a physical connection, tagged with the time of its arrival.
+    pub fn deliver_physical(
+        &mut self,
+        channel: ChannelId,
+        now: PhysicalTime,
+        value: V,
+    ) -> Option<Tag> {
+        let connection = self.program.channels[channel].connection;
+        let tag = self.assign(connection, self.physical_tag(connection, now));
+        self.insert_message(connection, tag, value, None)
+    }
+
+    /// Sends the value at a root along what leaves from there.
+    pub(super) fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
+        let wiring = Arc::clone(&self.wiring);
+        for connection in &wiring.delayed[root] {
+            let Connection { physical, delay, .. } = self.program.connections[*connection];
+            let computed =
+                if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
+            let tag = self.assign(*connection, computed);
+            self.insert_message(*connection, tag, value.clone(), None);
+        }
+        for channel in &wiring.outgoing[root] {
+            let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
+            let tag = self.assign(connection, delay.shift(self.tag));
+            if physical || tag <= self.stop {
+                self.sends.push_back(Send { channel: *channel, tag, value: value.clone() });
+            }
+        }
+    }
+
+    /// The tag of the next message of a connection: as computed, but after the one before it.
+    /// Messages with different tags at the sender never merge into one (handbook, "after").
+    fn assign(&mut self, connection: ConnectionId, computed: Tag) -> Tag {
+        let last = &mut self.last_assigned[connection];
+        *last = if computed > *last { computed } else { last.succ() };
+        *last
+    }
+
+    fn insert_message(
+        &mut self,
+        connection: ConnectionId,
+        at: Tag,
+        value: V,
+        intended: Option<Tag>,
+    ) -> Option<Tag> {
+        self.last_assigned[connection] = at;
+        let port = self.wiring.root[self.program.connections[connection].to];
+        if at > self.stop {
+            return None;
+        }
+        self.queue.insert(at, Event::Message { port, value, intended });
+        Some(at)
+    }
+
+    /// The tag that the clock gives to a message of a physical connection.
+    fn physical_tag(&self, connection: ConnectionId, now: PhysicalTime) -> Tag {
+        let delay = match self.program.connections[connection].delay {
+            Delay::Time(delay) => delay,
+            Delay::None | Delay::Microstep => 0,
+        };
+        self.tag_by_clock(delay, now)
+    }
+}

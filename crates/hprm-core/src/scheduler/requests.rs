@@ -1,0 +1,81 @@
+//! What a running reaction asks for besides setting ports: actions, deadlines, the end.
+
+use super::{Scheduled, Scheduler};
+use crate::queue::Event;
+use crate::wiring::Scope;
+use crate::{ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Tag};
+
+impl<V: Clone> Scheduler<V> {
+    /// Schedules a logical action `extra` nanoseconds after its minimum delay, or a physical one by
+    /// the clock (handbook, "actions"). A negative `extra` counts as zero.
+    pub fn schedule(
+        &mut self,
+        action: ActionId,
+        extra: Nanos,
+        value: Option<V>,
+        now: PhysicalTime,
+    ) -> Scheduled {
+        let spec = &self.program.actions[action];
+        let delay = spec.min_delay.saturating_add(extra.max(0));
+        let mut tag = match spec.origin {
+            Origin::Logical => Delay::after(delay).shift(self.tag),
+            Origin::Physical => self.tag_by_clock(delay, now),
+        };
+        if let (Some(spacing), Some(last)) = (spec.spacing, self.last_scheduled[action])
+            && !spacing.allows(last, tag)
+        {
+            let waits = self.queue.holds(last, action);
+            match spacing.policy {
+                Policy::Drop => return Scheduled::Dropped,
+                Policy::Replace if waits => {
+                    self.displaced = self.queue.replace(last, action, value);
+                    return Scheduled::At(last);
+                }
+                Policy::Update if waits => self.displaced = self.queue.remove(last, action),
+                Policy::Update => {}
+                // A spacing of zero may name the current tag or one before it.
+                Policy::Replace | Policy::Defer => {
+                    tag = spacing.earliest(last).max(self.tag.succ());
+                }
+            }
+        }
+        // At the end of time there is no next microstep to pile up at, and nobody gets there.
+        if tag > self.stop || tag.time == Nanos::MAX {
+            return Scheduled::AfterStop;
+        }
+        let at = self.queue.pile(tag, Event::Action { action, value });
+        if at > self.stop {
+            self.queue.truncate(self.stop);
+            return Scheduled::AfterStop;
+        }
+        self.last_scheduled[action] = Some(at);
+        Scheduled::At(at)
+    }
+
+    /// The value of the event that the latest call to [`Self::schedule`] replaced or removed, for
+    /// whoever must not drop it there.
+    pub fn take_displaced(&mut self) -> Option<V> {
+        self.displaced.take()
+    }
+
+    /// Changes the deadline of a reaction from now on. One that declares none has no handler: its
+    /// body runs whatever the time is, and may ask [`Self::misses_deadline`].
+    pub fn set_deadline(&mut self, reaction: ReactionId, deadline: Nanos) {
+        self.deadlines[reaction] = Some(deadline);
+    }
+
+    /// Ends the program at the next microstep. A federate only asks: see
+    /// [`Self::take_stop_request`].
+    pub fn request_stop(&mut self) {
+        match self.scope {
+            Scope::Whole => self.set_stop(self.tag.succ()),
+            Scope::Federate(_) => self.stop_requested |= self.stop > self.tag.succ(),
+        }
+    }
+
+    /// `delay` after the reading of the clock, but never at or before the current tag.
+    pub(super) fn tag_by_clock(&self, delay: Nanos, now: PhysicalTime) -> Tag {
+        let time = now.since(self.start).max(0).saturating_add(delay);
+        Tag::new(time, 0).max(self.tag.succ())
+    }
+}
