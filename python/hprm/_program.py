@@ -4,6 +4,7 @@ import copy
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from operator import attrgetter
 from types import ModuleType
 from typing import Any
@@ -46,6 +47,14 @@ class Program:
         made, instance = self._instances[reactor]
         return instance, made.reactions[reaction]
 
+    def reset(self, reactor: int, state: list[int]) -> tuple[ReactorBase, Bodies] | None:
+        """Return an instance and what gives some of its state its first values again."""
+        if reactor not in self._instances:
+            return None
+        made, instance = self._instances[reactor]
+        variables = [made.source.state[index] for index in state]
+        return instance, (partial(self._set_state, variables), None, None)
+
     def function(self, code: Code, name: str, arguments: list[str]) -> Body:
         """Compile a function that sees the names of the program."""
         return _compile.function(code, name, arguments, self._names)
@@ -72,9 +81,12 @@ class Program:
         values = dict(made.source.parameters) | {"bank_index": bank_index}
         for name, value in (values | dict(source.assignments)).items():
             vars(instance)[f"_{name}"] = self._evaluate(value, parent, bank_index)
-        for name, value in made.source.state:
-            setattr(instance, name, self._evaluate(value, instance, instance.bank_index))
+        self._set_state(made.source.state, instance)
         self._instances[source.reactor] = (made, instance)
+
+    def _set_state(self, variables: list[tuple[str, Any]], instance: ReactorBase) -> None:
+        for name, value in variables:
+            setattr(instance, name, self._evaluate(value, instance, instance.bank_index))
 
     def _evaluate(self, value: Any, owner: ReactorBase | None, bank_index: int) -> Any:
         """Compute a value in the context of ``owner``, afresh each time."""

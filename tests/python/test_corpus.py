@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 CORPUS = Path(__file__).parents[1] / "lf"
-PROGRAMS = sorted(path.name for path in CORPUS.glob("*.lf"))
+PROGRAMS = sorted(
+    str(path.relative_to(CORPUS)) for path in CORPUS.rglob("*.lf") if path.parent.name != "lib"
+)
 
 
 def test_there_is_a_corpus() -> None:

@@ -5,9 +5,9 @@
 
 use crate::level::{self, Loop, Precedence};
 use crate::{
-    Action, ActionId, Channel, Connection, ConnectionId, Delay, Direction, Effect, Federate,
-    FederateId, Nanos, Origin, Port, PortId, Program, Properties, Reaction, ReactionId, Reactor,
-    ReactorId, Spacing, Table, Timer, TimerId, Trigger,
+    Action, ActionId, Channel, Confined, Connection, ConnectionId, Delay, Direction, Effect,
+    Federate, FederateId, Mode, ModeId, Nanos, Origin, Port, PortId, Program, Properties, Reaction,
+    ReactionId, Reactor, ReactorId, Spacing, Table, Timer, TimerId, Trigger,
 };
 
 /// Why a graph is not a program.
@@ -37,6 +37,14 @@ pub enum ProgramError {
     ConnectionLoop {
         /// A port of the circle.
         port: PortId,
+        /// Its full name.
+        name: String,
+    },
+    /// A reactor with modes of which not exactly one is initial.
+    #[error("reactor {name} has modes, but not exactly one of them is initial")]
+    InitialMode {
+        /// The reactor.
+        reactor: ReactorId,
         /// Its full name.
         name: String,
     },
@@ -99,7 +107,7 @@ impl ProgramBuilder {
     #[must_use]
     pub fn new(name: &str, properties: Properties) -> Self {
         let mut reactors = Table::new();
-        reactors.push(Reactor { name: name.to_owned(), parent: None, federate: None });
+        reactors.push(Reactor { name: name.to_owned(), parent: None, mode: None, federate: None });
         Self {
             reactions: Table::filled(1, 0),
             program: Program {
@@ -110,6 +118,7 @@ impl ProgramBuilder {
                 actions: Table::new(),
                 timers: Table::new(),
                 reactions: Table::new(),
+                modes: Table::new(),
                 connections: Table::new(),
                 federates: Table::new(),
                 channels: Table::new(),
@@ -128,7 +137,7 @@ impl ProgramBuilder {
         let name = format!("{}.{name}", self.program.reactors[parent].name);
         let federate = self.program.reactors[parent].federate;
         self.reactions.push(0);
-        self.program.reactors.push(Reactor { name, parent: Some(parent), federate })
+        self.program.reactors.push(Reactor { name, parent: Some(parent), mode: None, federate })
     }
 
     /// Makes a top-level reactor a federate. Call it before the reactor gets contents.
@@ -169,6 +178,7 @@ impl ProgramBuilder {
             origin,
             min_delay,
             spacing: None,
+            mode: None,
         })
     }
 
@@ -185,7 +195,13 @@ impl ProgramBuilder {
         offset: Nanos,
         period: Nanos,
     ) -> TimerId {
-        self.program.timers.push(Timer { name: name.to_owned(), reactor, offset, period })
+        self.program.timers.push(Timer {
+            name: name.to_owned(),
+            reactor,
+            offset,
+            period,
+            mode: None,
+        })
     }
 
     /// The next reaction of `reactor`.
@@ -199,15 +215,51 @@ impl ProgramBuilder {
             effects: spec.effects,
             deadline: spec.deadline,
             handles_tardy: spec.handles_tardy,
+            mode: None,
             level: 0,
             inferred_deadline: Nanos::MAX,
         })
     }
 
+    /// A reaction of `reactor` that the program does not write: it has no number. It runs before
+    /// those that are added after it.
+    pub fn added_reaction(&mut self, reactor: ReactorId, trigger: Trigger) -> ReactionId {
+        let spec = ReactionSpec { triggers: vec![trigger], ..ReactionSpec::default() };
+        let id = self.reaction(reactor, spec);
+        self.program.reactions[id].number = 0;
+        self.reactions[reactor] -= 1;
+        id
+    }
+
+    /// A mode of `reactor`. Exactly one of a reactor's modes is initial.
+    pub fn mode(&mut self, reactor: ReactorId, name: &str, initial: bool) -> ModeId {
+        self.program.modes.push(Mode { name: name.to_owned(), reactor, initial })
+    }
+
+    /// Puts something into a mode of the reactor that declares it.
+    pub fn confine(&mut self, what: Confined, mode: ModeId) {
+        let program = &mut self.program;
+        let place = match what {
+            Confined::Reactor(id) => &mut program.reactors[id].mode,
+            Confined::Action(id) => &mut program.actions[id].mode,
+            Confined::Timer(id) => &mut program.timers[id].mode,
+            Confined::Reaction(id) => &mut program.reactions[id].mode,
+            Confined::Connection(id) => &mut program.connections[id].mode,
+        };
+        *place = Some(mode);
+    }
+
     /// A plain connection; see [`Self::connection`] for the rest.
     pub fn connect(&mut self, from: PortId, to: PortId, delay: Delay) -> ConnectionId {
-        let (physical, serializer, absent_after) = (false, None, 0);
-        self.connection(Connection { from, to, delay, physical, serializer, absent_after })
+        self.connection(Connection {
+            from,
+            to,
+            delay,
+            physical: false,
+            serializer: None,
+            absent_after: 0,
+            mode: None,
+        })
     }
 
     /// A connection.
@@ -221,7 +273,9 @@ impl ProgramBuilder {
     ///
     /// The first rule that the graph breaks.
     pub fn build(mut self) -> Result<Program, ProgramError> {
+        self.check_modes()?;
         self.check_sources()?;
+        self.check_circles()?;
         self.check_federates()?;
         self.find_channels();
         match level::precedence(&self.program) {
@@ -241,47 +295,80 @@ impl ProgramBuilder {
         }
     }
 
+    fn check_modes(&self) -> Result<(), ProgramError> {
+        let program = &self.program;
+        let mut initial: Table<ReactorId, Option<bool>> =
+            Table::filled(program.reactors.len(), None);
+        for mode in program.modes.values() {
+            let seen = initial[mode.reactor].get_or_insert(false);
+            if *seen && mode.initial {
+                return Err(self.not_one_initial(mode.reactor));
+            }
+            *seen |= mode.initial;
+        }
+        match initial.iter().find(|(_, seen)| **seen == Some(false)) {
+            Some((reactor, _)) => Err(self.not_one_initial(reactor)),
+            None => Ok(()),
+        }
+    }
+
+    fn not_one_initial(&self, reactor: ReactorId) -> ProgramError {
+        let name = self.program.reactors[reactor].name.clone();
+        ProgramError::InitialMode { reactor, name }
+    }
+
+    /// A port has one source, or several of which no two are ever active together.
     fn check_sources(&self) -> Result<(), ProgramError> {
         let program = &self.program;
-        let mut source: Table<PortId, Option<ConnectionId>> =
-            Table::filled(program.ports.len(), None);
+        let mut sources: Table<PortId, Vec<ConnectionId>> =
+            Table::filled(program.ports.len(), Vec::new());
+        let mode = |id: ConnectionId| program.connections[id].mode;
         for (id, connection) in program.connections.iter() {
-            if let Some(earlier) = source[connection.to].replace(id) {
-                return Err(self.two_sources(connection.to, vec![earlier, id]));
-            }
-        }
-        self.check_circles(&source)?;
-        let effects = program.reactions.values().flat_map(|reaction| &reaction.effects);
-        for effect in effects {
-            if let Effect::Port(port) = *effect
-                && let Some(connection) = source[port]
+            let others = &mut sources[connection.to];
+            if let Some(other) = others.iter().find(|o| !program.are_exclusive(mode(**o), mode(id)))
             {
-                return Err(self.two_sources(port, vec![connection]));
+                return Err(self.two_sources(connection.to, vec![*other, id]));
+            }
+            others.push(id);
+        }
+        for (id, reaction) in program.reactions.iter() {
+            for port in program.written_ports(id) {
+                let shared = |c: &&ConnectionId| !program.are_exclusive(mode(**c), reaction.mode);
+                if let Some(connection) = sources[port].iter().find(shared) {
+                    return Err(self.two_sources(port, vec![*connection]));
+                }
             }
         }
         Ok(())
     }
 
     /// A circle of plain connections holds no value that anything could have set.
-    fn check_circles(
-        &self,
-        source: &Table<PortId, Option<ConnectionId>>,
-    ) -> Result<(), ProgramError> {
-        let connections = &self.program.connections;
-        for port in source.ids() {
-            let mut here = port;
-            for _ in 0..=source.len() {
-                match source[here].map(|id| &connections[id]).filter(|c| c.is_direct()) {
-                    Some(connection) => here = connection.from,
-                    None => break,
-                }
-                if here == port {
-                    let name = self.program.port_name(port);
-                    return Err(ProgramError::ConnectionLoop { port, name });
+    fn check_circles(&self) -> Result<(), ProgramError> {
+        let program = &self.program;
+        let mut followers: Table<PortId, Vec<PortId>> =
+            Table::filled(program.ports.len(), Vec::new());
+        let mut sources: Table<PortId, usize> = Table::filled(program.ports.len(), 0);
+        for connection in program.connections.values().filter(|c| c.is_direct()) {
+            followers[connection.from].push(connection.to);
+            sources[connection.to] += 1;
+        }
+        // Take away, again and again, what has no source left.
+        let mut free: Vec<PortId> = sources.ids().filter(|port| sources[*port] == 0).collect();
+        while let Some(port) = free.pop() {
+            for follower in &followers[port] {
+                sources[*follower] -= 1;
+                if sources[*follower] == 0 {
+                    free.push(*follower);
                 }
             }
         }
-        Ok(())
+        match sources.iter().find(|(_, left)| **left > 0) {
+            Some((port, _)) => {
+                let name = program.port_name(port);
+                Err(ProgramError::ConnectionLoop { port, name })
+            }
+            None => Ok(()),
+        }
     }
 
     fn two_sources(&self, port: PortId, connections: Vec<ConnectionId>) -> ProgramError {
@@ -311,18 +398,13 @@ impl ProgramBuilder {
         let written = reachable(
             program,
             |c| (c.from, c.to),
-            |reaction, mark| {
-                reaction.effects.iter().for_each(|effect| {
-                    if let Effect::Port(port) = effect {
-                        mark(*port);
-                    }
-                });
-            },
+            |id, mark| program.written_ports(id).for_each(mark),
         );
         let read = reachable(
             program,
             |c| (c.to, c.from),
-            |reaction, mark| {
+            |id, mark| {
+                let reaction = &program.reactions[id];
                 reaction.sources.iter().for_each(|port| mark(*port));
                 reaction.triggers.iter().for_each(|trigger| {
                     if let Trigger::Port(port) = trigger {
@@ -349,7 +431,7 @@ impl ProgramBuilder {
 fn reachable(
     program: &Program,
     ends: impl Fn(&Connection) -> (PortId, PortId),
-    marks: impl Fn(&Reaction, &mut dyn FnMut(PortId)),
+    marks: impl Fn(ReactionId, &mut dyn FnMut(PortId)),
 ) -> Table<PortId, bool> {
     let mut reached = Table::filled(program.ports.len(), false);
     let mut next: Table<PortId, Vec<PortId>> = Table::filled(program.ports.len(), Vec::new());
@@ -358,7 +440,7 @@ fn reachable(
         next[here].push(there);
     }
     let mut pending = Vec::new();
-    for reaction in program.reactions.values() {
+    for reaction in program.reactions.ids() {
         marks(reaction, &mut |port| pending.push(port));
     }
     while let Some(port) = pending.pop() {

@@ -58,6 +58,8 @@ ids! {
     TimerId(u32);
     /// A reaction of one reactor instance.
     ReactionId(u32);
+    /// A mode of one reactor instance.
+    ModeId(u32);
     /// A connection from one channel to another.
     ConnectionId(u32);
     /// A connection that crosses from one federate to another.

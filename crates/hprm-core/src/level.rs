@@ -2,11 +2,13 @@
 //!
 //! A reaction precedes the next one of its reactor, and every reaction that can read, at the same
 //! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order. What
-//! precedes a reaction with a deadline inherits it.
+//! precedes a reaction with a deadline inherits it. What is never active at one tag, because it lies
+//! in different modes of a reactor, does not order either; but the reactions of one reactor do,
+//! whatever their modes.
 
 use std::collections::VecDeque;
 
-use crate::{Effect, Nanos, PortId, Program, ReactionId, Table, Trigger};
+use crate::{Nanos, PortId, Program, ReactionId, Table, Trigger};
 
 /// A circle of reactions.
 pub(crate) struct Loop(pub(crate) Vec<ReactionId>);
@@ -57,23 +59,25 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
     let followers = direct_followers(program);
     let mut successors: Table<ReactionId, Vec<ReactionId>> =
         Table::filled(program.reactions.len(), Vec::new());
+    let modes: Table<ReactionId, _> =
+        program.reactions.ids().map(|id| program.mode_of_reaction(id)).collect();
+    let mut reached: Table<PortId, Option<ReactionId>> = Table::filled(program.ports.len(), None);
     let mut previous: Table<crate::ReactorId, Option<ReactionId>> =
         Table::filled(program.reactors.len(), None);
     for (id, reaction) in program.reactions.iter() {
         if let Some(earlier) = previous[reaction.reactor].replace(id) {
             successors[earlier].push(id);
         }
-        let mut pending: Vec<PortId> = reaction
-            .effects
-            .iter()
-            .filter_map(|effect| match effect {
-                Effect::Port(port) => Some(*port),
-                Effect::Action(_) => None,
-            })
-            .collect();
-        // Several paths cannot lead to one port, for a port has one source.
+        let follows = |reader: &&ReactionId| {
+            **reader != id && !program.are_exclusive(modes[id], modes[**reader])
+        };
+        let mut pending: Vec<PortId> = program.written_ports(id).collect();
         while let Some(port) = pending.pop() {
-            successors[id].extend(readers[port].iter().filter(|reader| **reader != id));
+            // By way of several modes, several paths can lead to one port.
+            if reached[port].replace(id) == Some(id) {
+                continue;
+            }
+            successors[id].extend(readers[port].iter().filter(follows));
             pending.extend(&followers[port]);
         }
         successors[id].sort_unstable();

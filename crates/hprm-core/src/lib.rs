@@ -13,6 +13,7 @@
 mod builder;
 mod id;
 mod level;
+mod mode;
 mod object;
 mod program;
 mod queue;
@@ -25,8 +26,10 @@ pub mod limits;
 
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use id::{
-    ActionId, ChannelId, ConnectionId, FederateId, PortId, ReactionId, ReactorId, Table, TimerId,
+    ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, ReactionId, ReactorId, Table,
+    TimerId,
 };
+pub use mode::{Confined, Mode, Transition};
 pub use object::{ObjectRef, Part, Payload};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,

@@ -8,8 +8,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionId, ConnectionId, Delay, FederateId, Nanos, PortId, ReactionId, ReactorId, Spacing,
-    Table, TimerId,
+    ActionId, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos, PortId, ReactionId, ReactorId,
+    Spacing, Table, TimerId, Transition,
 };
 
 /// How federates agree on when a tag is safe to process.
@@ -44,6 +44,8 @@ pub struct Reactor {
     pub name: String,
     /// The reactor that contains it; none for the main reactor.
     pub parent: Option<ReactorId>,
+    /// The mode of `parent` that it lives in, if it does.
+    pub mode: Option<ModeId>,
     /// The federate that it belongs to; none for the main reactor and in unfederated programs.
     pub federate: Option<FederateId>,
 }
@@ -90,6 +92,8 @@ pub struct Action {
     pub min_delay: Nanos,
     /// How close its events may be; without one, they pile up in superdense time.
     pub spacing: Option<Spacing>,
+    /// The mode of its reactor that it is declared in.
+    pub mode: Option<ModeId>,
 }
 
 /// A timer.
@@ -103,6 +107,8 @@ pub struct Timer {
     pub offset: Nanos,
     /// Time from one event to the next; zero for a single event.
     pub period: Nanos,
+    /// The mode of its reactor that it is declared in.
+    pub mode: Option<ModeId>,
 }
 
 /// What makes a reaction run.
@@ -112,6 +118,8 @@ pub enum Trigger {
     Startup,
     /// The end of the program.
     Shutdown,
+    /// The entry of the enclosing mode by a transition that resets it.
+    Reset,
     /// An event of a timer.
     Timer(TimerId),
     /// An event of an action.
@@ -127,6 +135,8 @@ pub enum Effect {
     Port(PortId),
     /// Schedule an action.
     Action(ActionId),
+    /// Make the reactor change its mode.
+    Mode(ModeId, Transition),
 }
 
 /// A reaction of one reactor instance.
@@ -134,7 +144,7 @@ pub enum Effect {
 pub struct Reaction {
     /// The reactor whose reaction it is.
     pub reactor: ReactorId,
-    /// Position among the reactor's reactions, from 1.
+    /// Position among the reactor's reactions, from 1; zero for those that the front end adds.
     pub number: u32,
     /// What makes it run.
     pub triggers: Vec<Trigger>,
@@ -146,6 +156,8 @@ pub struct Reaction {
     pub deadline: Option<Nanos>,
     /// Whether it declares what to do when an input is tardy (`STP`, `STAA` or `tardy`).
     pub handles_tardy: bool,
+    /// The mode of its reactor that it is declared in.
+    pub mode: Option<ModeId>,
     /// Length of the longest chain of reactions that must run before it at the same tag.
     pub level: u32,
     /// The tightest deadline among it and all reactions that it precedes; [`Nanos::MAX`] if none
@@ -168,6 +180,8 @@ pub struct Connection {
     pub serializer: Option<String>,
     /// How much longer than `maxwait` a decentralized receiver waits for this input.
     pub absent_after: Nanos,
+    /// The mode that it is declared in.
+    pub mode: Option<ModeId>,
 }
 
 impl Connection {
@@ -224,6 +238,8 @@ pub struct Program {
     pub timers: Table<TimerId, Timer>,
     /// Reactions: a reactor's own in their order, a container's before its contents'.
     pub reactions: Table<ReactionId, Reaction>,
+    /// Modes: a reactor's own in their order, a container's before its contents'.
+    pub modes: Table<ModeId, Mode>,
     /// Connections.
     pub connections: Table<ConnectionId, Connection>,
     /// Federates; empty for an unfederated program.

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
 
-use crate::{ActionId, PortId, Tag, TimerId};
+use crate::{ActionId, ConnectionId, Tag, TimerId};
 
 /// The most vectors that are kept for later. A program that has more tags waiting than this returns
 /// the rest of its memory.
@@ -20,10 +20,9 @@ pub(crate) enum Event<V> {
         action: ActionId,
         value: Option<V>,
     },
-    /// A message at a network input or at the end of a delayed connection. `intended` is its own
-    /// tag, if it came too late for it.
+    /// A message at the end of a connection. `intended` is its own tag, if it came too late for it.
     Message {
-        port: PortId,
+        connection: ConnectionId,
         value: V,
         intended: Option<Tag>,
     },
@@ -38,7 +37,7 @@ impl<V> Event<V> {
         match (self, other) {
             (Self::Timer(a), Self::Timer(b)) => a == b,
             (Self::Action { action: a, .. }, Self::Action { action: b, .. }) => a == b,
-            (Self::Message { port: a, .. }, Self::Message { port: b, .. }) => a == b,
+            (Self::Message { connection: a, .. }, Self::Message { connection: b, .. }) => a == b,
             _ => false,
         }
     }
@@ -131,6 +130,26 @@ impl<V> EventQueue<V> {
         if events.capacity() > 0 && self.spare.len() < MOST_SPARE {
             self.spare.push(events);
         }
+    }
+
+    /// Whether an event of the timer waits.
+    pub(crate) fn holds_timer(&self, timer: TimerId) -> bool {
+        let is_it = |event: &Event<V>| matches!(event, Event::Timer(other) if *other == timer);
+        self.events.values().flatten().any(is_it)
+    }
+
+    /// Removes all events that satisfy the condition, in their order.
+    pub(crate) fn extract(
+        &mut self,
+        mut condition: impl FnMut(&Event<V>) -> bool,
+    ) -> Vec<(Tag, Event<V>)> {
+        let mut extracted = Vec::new();
+        self.events.retain(|tag, events| {
+            extracted
+                .extend(events.extract_if(.., |event| condition(event)).map(|event| (*tag, event)));
+            !events.is_empty()
+        });
+        extracted
     }
 
     /// Forgets everything after `tag`.

@@ -16,6 +16,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use self::modes::Modes;
 use self::ready::Ready;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
@@ -25,6 +26,7 @@ use crate::{
 };
 
 mod messages;
+mod modes;
 mod ready;
 mod requests;
 
@@ -59,6 +61,8 @@ pub enum Scheduled {
     Dropped,
     /// The program ends before.
     AfterStop,
+    /// Its mode is not active: the event waits until it is.
+    Suspended,
 }
 
 /// A value that is present at a port.
@@ -98,6 +102,7 @@ pub struct Scheduler<V> {
     /// The intended tag of a tardy input that the running reaction did not handle.
     tardy: Option<Tag>,
     sends: VecDeque<Send<V>>,
+    modes: Modes<V>,
 }
 
 impl<V: Clone> Scheduler<V> {
@@ -123,6 +128,7 @@ impl<V: Clone> Scheduler<V> {
             running: None,
             tardy: None,
             sends: VecDeque::new(),
+            modes: Modes::new(&program, &wiring),
             program,
             wiring,
             scope,
@@ -180,6 +186,9 @@ impl<V: Clone> Scheduler<V> {
         if self.tag == Tag::NEVER {
             return Tag::START.min(self.stop);
         }
+        if self.modes.has_due() {
+            return self.tag.succ().min(self.stop);
+        }
         let idle = if self.program.properties.keepalive { Tag::FOREVER } else { self.tag.succ() };
         self.queue.first().unwrap_or(idle).min(self.stop)
     }
@@ -190,11 +199,9 @@ impl<V: Clone> Scheduler<V> {
     pub fn start(&mut self, at: PhysicalTime) {
         assert_eq!(self.tag, Tag::NEVER, "a program starts once");
         self.start = at;
-        for timer in &self.wiring.timers {
-            let tag = Tag::new(self.program.timers[*timer].offset.max(0), 0);
-            if tag <= self.stop {
-                self.queue.insert(tag, Event::Timer(*timer));
-            }
+        let wiring = Arc::clone(&self.wiring);
+        for timer in &wiring.timers {
+            self.start_timer(*timer, Tag::new(self.program.timers[*timer].offset.max(0), 0));
         }
     }
 
@@ -210,11 +217,13 @@ impl<V: Clone> Scheduler<V> {
         self.tag = tag;
         self.displaced = None;
         if first {
-            self.queue_all(|wiring| &wiring.startup);
+            self.queue_startup();
         }
-        if !self.program.properties.keepalive && self.queue.first().is_none() && !first {
+        let starved = self.queue.first().is_none() && !self.modes.has_due();
+        if !self.program.properties.keepalive && starved && !first {
             self.stop = self.stop.min(tag);
         }
+        self.queue_due();
         let mut events = self.queue.take(tag);
         for event in events.drain(..) {
             self.happen(event);
@@ -222,7 +231,7 @@ impl<V: Clone> Scheduler<V> {
         self.queue.recycle(events);
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
-            self.queue_all(|wiring| &wiring.shutdown);
+            self.queue_shutdown();
         }
     }
 
@@ -275,7 +284,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Completes the tag: sends what is present along delayed connections and to other federates,
-    /// and makes everything absent. Returns whether it was the last tag.
+    /// makes everything absent, and changes modes. Returns whether it was the last tag.
     pub fn end(&mut self, now: PhysicalTime) -> bool {
         assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
         let mut ports = std::mem::take(&mut self.present_ports);
@@ -291,6 +300,7 @@ impl<V: Clone> Scheduler<V> {
             self.actions[action] = None;
         }
         self.ready.rewind();
+        self.change_modes();
         self.tag >= self.stop
     }
 
@@ -331,8 +341,9 @@ impl<V: Clone> Scheduler<V> {
                 self.present_actions.push(action);
                 self.queue_all(|wiring| &wiring.triggered_by_action[action]);
             }
-            Event::Message { port, value, intended } => {
-                let earlier = self.make_present(port, value, intended);
+            Event::Message { connection, value, intended } => {
+                let root = self.wiring.root[self.program.connections[connection].to];
+                let earlier = self.make_present(root, value, intended);
                 assert!(earlier.is_none(), "two messages at one port and tag");
             }
         }
@@ -344,12 +355,30 @@ impl<V: Clone> Scheduler<V> {
             self.present_ports.push(root);
         }
         self.queue_all(|wiring| &wiring.triggered_by_port[root]);
+        if !self.wiring.relays[root].is_empty() {
+            self.relay(root, intended);
+        }
         earlier.map(|present| present.value)
+    }
+
+    /// Carries the value at a root on along the connections of active modes.
+    fn relay(&mut self, root: PortId, intended: Option<Tag>) {
+        let wiring = Arc::clone(&self.wiring);
+        for connection in &wiring.relays[root] {
+            if self.modes.is_active(wiring.modes.of_connection[*connection])
+                && let Some(value) = self.port(root).cloned()
+            {
+                let to = wiring.root[self.program.connections[*connection].to];
+                self.make_present(to, value, intended);
+            }
+        }
     }
 
     fn queue_all(&mut self, reactions: impl Fn(&Wiring) -> &Vec<ReactionId>) {
         for reaction in reactions(&self.wiring) {
-            self.ready.push(*reaction, self.wiring.rank[*reaction]);
+            if self.modes.is_active(self.wiring.modes.of_reaction[*reaction]) {
+                self.ready.push(*reaction, self.wiring.rank[*reaction]);
+            }
         }
     }
 }

@@ -2,10 +2,11 @@
 //!
 //! A value is kept where it is written. A port that a plain connection feeds is an alias of the
 //! port at the other end, its root; so a fan-out to a thousand inputs costs nothing until somebody
-//! reads. Network inputs and the ends of delayed connections are roots of their own.
+//! reads. Network inputs and the ends of delayed connections are roots of their own, and so is the
+//! end of a connection that carries something in one mode only: a relay.
 
 use crate::{
-    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, Reaction, ReactionId,
+    ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, Program, Reaction, ReactionId,
     ReactorId, Table, TimerId, Trigger,
 };
 
@@ -33,6 +34,10 @@ pub(crate) struct Wiring {
     pub(crate) startup: Vec<ReactionId>,
     /// Reactions to the end.
     pub(crate) shutdown: Vec<ReactionId>,
+    /// Plain connections that carry a value on if their mode is active, by root.
+    pub(crate) relays: Table<PortId, Vec<ConnectionId>>,
+    /// What modes enclose.
+    pub(crate) modes: ModeWiring,
     /// Delayed and physical connections, by root, that stay within the scope.
     pub(crate) delayed: Table<PortId, Vec<ConnectionId>>,
     /// Channels to other federates, by root.
@@ -44,6 +49,30 @@ pub(crate) struct Wiring {
     pub(crate) rank: Table<ReactionId, usize>,
     /// How many ranks there are.
     pub(crate) ranks: usize,
+}
+
+/// What modes enclose, innermost first; all tables are full even where there are no modes.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct ModeWiring {
+    /// Reactors with modes in the scope, containers before their contents, and their modes.
+    pub(crate) reactors: Vec<Modal>,
+    /// Reactions to the reset of their mode.
+    pub(crate) resets: Vec<ReactionId>,
+    pub(crate) outer: Table<ModeId, Option<ModeId>>,
+    pub(crate) of_reaction: Table<ReactionId, Option<ModeId>>,
+    pub(crate) of_action: Table<ActionId, Option<ModeId>>,
+    pub(crate) of_timer: Table<TimerId, Option<ModeId>>,
+    pub(crate) of_connection: Table<ConnectionId, Option<ModeId>>,
+}
+
+/// A reactor with modes.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Modal {
+    pub(crate) reactor: ReactorId,
+    pub(crate) modes: Vec<ModeId>,
+    pub(crate) initial: ModeId,
+    /// The mode of another reactor that encloses it.
+    pub(crate) outer: Option<ModeId>,
 }
 
 impl Scope {
@@ -65,6 +94,8 @@ impl Wiring {
             triggered_by_timer: Table::filled(program.timers.len(), Vec::new()),
             startup: Vec::new(),
             shutdown: Vec::new(),
+            relays: Table::filled(program.ports.len(), Vec::new()),
+            modes: ModeWiring::new(program, scope),
             delayed: Table::filled(program.ports.len(), Vec::new()),
             outgoing: Table::filled(program.ports.len(), Vec::new()),
             timers: Vec::new(),
@@ -91,6 +122,7 @@ impl Wiring {
                 let reactions = match *trigger {
                     Trigger::Startup => &mut self.startup,
                     Trigger::Shutdown => &mut self.shutdown,
+                    Trigger::Reset => &mut self.modes.resets,
                     Trigger::Timer(timer) => &mut self.triggered_by_timer[timer],
                     Trigger::Action(action) => &mut self.triggered_by_action[action],
                     Trigger::Port(port) => &mut self.triggered_by_port[self.root[port]],
@@ -122,13 +154,16 @@ impl Wiring {
     }
 
     fn find_connections(&mut self, program: &Program, scope: Scope) {
+        let conditional = program.conditional_connections();
         for (id, connection) in program.connections.iter() {
             let local = [connection.from, connection.to]
                 .iter()
                 .all(|port| scope.contains(program, program.ports[*port].reactor));
             // A connection at the top of a federated program has both ends in federates, so one
             // that is not local either is a channel or belongs to others.
-            if local && !connection.is_direct() {
+            if local && conditional[id] {
+                self.relays[self.root[connection.from]].push(id);
+            } else if local && !connection.is_direct() {
                 self.delayed[self.root[connection.from]].push(id);
             }
         }
@@ -141,10 +176,53 @@ impl Wiring {
     }
 }
 
+impl ModeWiring {
+    fn new(program: &Program, scope: Scope) -> Self {
+        let enclosing = |reactor, own| program.enclosing_mode(reactor, own);
+        let mut reactors: Vec<Modal> = Vec::new();
+        for (id, mode) in program.modes.iter() {
+            if !scope.contains(program, mode.reactor) {
+                continue;
+            }
+            match reactors.iter_mut().find(|modal| modal.reactor == mode.reactor) {
+                Some(modal) => {
+                    modal.modes.push(id);
+                    if mode.initial {
+                        modal.initial = id;
+                    }
+                }
+                None => reactors.push(Modal {
+                    reactor: mode.reactor,
+                    modes: vec![id],
+                    initial: id,
+                    outer: program.outer_mode(id),
+                }),
+            }
+        }
+        let depth = |modal: &Modal| program.modes_around(modal.outer).count();
+        reactors.sort_by_key(depth);
+        Self {
+            reactors,
+            resets: Vec::new(),
+            outer: program.modes.ids().map(|mode| program.outer_mode(mode)).collect(),
+            of_reaction: program.reactions.ids().map(|id| program.mode_of_reaction(id)).collect(),
+            of_action: program.actions.values().map(|a| enclosing(a.reactor, a.mode)).collect(),
+            of_timer: program.timers.values().map(|t| enclosing(t.reactor, t.mode)).collect(),
+            of_connection: program
+                .connections
+                .ids()
+                .map(|id| program.mode_of_connection(id))
+                .collect(),
+        }
+    }
+}
+
 /// Follows plain connections upstream, as far as the scope reaches.
 fn roots(program: &Program, scope: Scope) -> Table<PortId, PortId> {
     let mut upstream: Table<PortId, Option<PortId>> = Table::filled(program.ports.len(), None);
-    for connection in program.connections.values().filter(|c| c.is_direct()) {
+    let conditional = program.conditional_connections();
+    let direct = program.connections.iter().filter(|(id, c)| c.is_direct() && !conditional[*id]);
+    for (_, connection) in direct {
         let crosses = scope != Scope::Whole && program.crosses_federates(connection);
         if !crosses {
             upstream[connection.to] = Some(connection.from);

@@ -1,52 +1,14 @@
 //! The rules of the reactor model, each by a small program that runs without waiting.
 
+mod common;
+
 use std::sync::Arc;
 
+use common::{START, at, on, run};
 use hprm_core::{
-    Body, Delay, Direction, Effect, FederateId, Nanos, Origin, PhysicalTime, PortId, Program,
-    ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduled, Scheduler, Scope, Tag,
-    Trigger,
+    Body, Delay, Direction, Effect, FederateId, Nanos, Origin, PortId, Program, ProgramBuilder,
+    Properties, ReactionId, ReactionSpec, Scheduled, Scheduler, Scope, Tag, Trigger,
 };
-
-const START: PhysicalTime = PhysicalTime(1_000_000);
-
-/// Runs a program to its end and logs `(time, microstep, reaction)`. `body` is every reaction.
-fn run(
-    program: Program,
-    mut body: impl FnMut(&mut Scheduler<i64>, ReactionId),
-) -> Vec<(Nanos, u32, String)> {
-    let mut scheduler = Scheduler::new(Arc::new(program), Scope::Whole);
-    scheduler.start(START);
-    let mut log = Vec::new();
-    for _ in 0..1_000 {
-        let tag = scheduler.next_tag();
-        scheduler.begin(tag);
-        let now = tag.due(START);
-        while let Some((reaction, which)) = scheduler.next_reaction(now) {
-            let name = scheduler.program().reaction_name(reaction);
-            let suffix = match which {
-                Body::Main => "",
-                Body::Deadline => " deadline",
-                Body::Tardy => " tardy",
-            };
-            log.push((tag.time, tag.microstep, format!("{name}{suffix}")));
-            body(&mut scheduler, reaction);
-            scheduler.finish(reaction);
-        }
-        if scheduler.end(now) {
-            return log;
-        }
-    }
-    panic!("the program does not end");
-}
-
-fn at(time: Nanos, microstep: u32, reaction: &str) -> (Nanos, u32, String) {
-    (time, microstep, reaction.to_owned())
-}
-
-fn on(triggers: &[Trigger]) -> ReactionSpec {
-    ReactionSpec { triggers: triggers.to_vec(), ..ReactionSpec::default() }
-}
 
 fn timeout(nanos: Nanos) -> Properties {
     Properties { timeout: Some(nanos), ..Properties::default() }

@@ -53,7 +53,15 @@ fn connect(b: &mut ProgramBuilder, from: ReactorId, to: ReactorId, delay: Delay,
     let output = b.port(from, "out", Direction::Output);
     let input = b.port(to, "in", Direction::Input);
     let (serializer, absent_after) = (None, 0);
-    b.connection(Connection { from: output, to: input, delay, physical, serializer, absent_after });
+    b.connection(Connection {
+        from: output,
+        to: input,
+        delay,
+        physical,
+        serializer,
+        absent_after,
+        mode: None,
+    });
     let effects = vec![Effect::Port(output)];
     let triggers = vec![Trigger::Startup];
     b.reaction(from, ReactionSpec { triggers, effects, ..ReactionSpec::default() });

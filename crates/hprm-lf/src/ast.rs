@@ -3,6 +3,8 @@
 //! What the checker does not support yet is in the tree all the same, so that it can be reported
 //! where it stands.
 
+use hprm_core::Transition;
+
 use crate::source::Span;
 
 /// A name where it stands.
@@ -211,7 +213,8 @@ pub(crate) enum Trigger {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Effect {
     Variable(Reference),
-    Mode(Span),
+    /// `reset(M)` or `history(M)`.
+    Mode(Transition, Name),
 }
 
 /// What to do when an input is tardy.
@@ -235,6 +238,8 @@ pub(crate) struct Watchdog {
 
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Mode {
+    pub(crate) initial: bool,
+    pub(crate) name: Option<Name>,
     pub(crate) members: Vec<Member>,
     pub(crate) header: Span,
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use hprm_core::{ActionId, PortId, Program, ReactionId, ReactorId, Table};
+use hprm_core::{ActionId, ModeId, PortId, Program, ReactionId, ReactorId, Table, Transition};
 
 use crate::code::Code;
 use crate::diagnostic::Diagnostic;
@@ -126,10 +126,20 @@ pub struct Instance {
 pub struct ReactionCode {
     /// Index into [`Compiled::classes`].
     pub class: usize,
-    /// Index into the class's reactions.
-    pub reaction: usize,
+    /// What of the class it runs.
+    pub runs: Runs,
     /// What Python's parameters stand for, in their order.
     pub arguments: Vec<Argument>,
+}
+
+/// What of its class a reaction instance runs.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Runs {
+    /// A reaction, by index into the class's reactions.
+    Reaction(usize),
+    /// Nothing that is written: it gives these state variables their first values again, by index
+    /// into the class's state (`reset state`).
+    ResetState(Vec<usize>),
 }
 
 /// What one parameter of a reaction's Python function stands for.
@@ -172,6 +182,15 @@ pub enum Argument {
         /// The action.
         action: ActionId,
     },
+    /// A mode that the reaction can enter.
+    Mode {
+        /// The parameter: the name of the mode.
+        name: String,
+        /// The mode.
+        mode: ModeId,
+        /// How it is entered.
+        transition: Transition,
+    },
 }
 
 impl Argument {
@@ -182,7 +201,8 @@ impl Argument {
             Self::Port { name, .. }
             | Self::Contained { name, .. }
             | Self::Alias { name, .. }
-            | Self::Action { name, .. } => name,
+            | Self::Action { name, .. }
+            | Self::Mode { name, .. } => name,
         }
     }
 }

@@ -3,7 +3,8 @@
 //! Reactions and connections come later, when all ports exist; see [`lower`](crate::lower).
 
 use hprm_core::{
-    ActionId, Direction, Nanos, Origin, ProgramBuilder, ReactorId, Table, TimerId, limits,
+    ActionId, Confined, Direction, ModeId, Nanos, Origin, ProgramBuilder, ReactorId, Table,
+    TimerId, limits,
 };
 
 use crate::ast::{self, PortKind};
@@ -14,7 +15,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::environment::Environment;
 use crate::legacy;
 use crate::library::{ClassId, Library};
-use crate::model::Model;
+use crate::model::{self, Model, Placed};
 use crate::spacing;
 use crate::value::Value;
 
@@ -33,6 +34,7 @@ pub(crate) struct Node<'a> {
     pub(crate) ports: Vec<Ports>,
     pub(crate) actions: Vec<ActionId>,
     pub(crate) timers: Vec<TimerId>,
+    pub(crate) modes: Vec<ModeId>,
     /// By instantiation, the members of the bank; one if it is not a bank.
     pub(crate) children: Vec<Vec<usize>>,
 }
@@ -121,11 +123,16 @@ impl<'a> Growth<'a, '_> {
             ports: Vec::new(),
             actions: Vec::new(),
             timers: Vec::new(),
+            modes: Vec::new(),
             children: Vec::new(),
         };
         for port in &model.declared.ports {
             let ports = self.port(&node, port)?;
             node.ports.push(ports);
+        }
+        for mode in &model.declared.modes {
+            let name = mode.name.as_ref().map_or("", |name| &name.text);
+            node.modes.push(self.tree.builder.mode(reactor, name, mode.initial));
         }
         self.events(&mut node);
         self.tree.nodes.push(node);
@@ -158,7 +165,7 @@ impl<'a> Growth<'a, '_> {
         let time = |expression: Option<&'a ast::Expression>, report: &mut Report| -> Nanos {
             expression.and_then(|e| environment.time(e, report)).unwrap_or_default()
         };
-        for action in &node.model.declared.actions {
+        for Placed { decl: action, mode } in &node.model.declared.actions {
             let min_delay = time(action.min_delay.as_ref(), self.report);
             let physical = action.physical == Some(true);
             let origin = if physical { Origin::Physical } else { Origin::Logical };
@@ -167,13 +174,20 @@ impl<'a> Growth<'a, '_> {
             if let Some(spacing) = spacing::of(action, environment, self.report) {
                 self.tree.builder.space(id, spacing);
             }
+            if let Some(mode) = mode {
+                self.tree.builder.confine(Confined::Action(id), node.modes[*mode]);
+            }
             node.actions.push(id);
         }
-        for timer in &node.model.declared.timers {
+        for Placed { decl: timer, mode } in &node.model.declared.timers {
             let offset = time(timer.offset.as_ref(), self.report);
             let period = time(timer.period.as_ref(), self.report);
             let name = &timer.name.text;
-            node.timers.push(self.tree.builder.timer(node.reactor, name, offset, period));
+            let id = self.tree.builder.timer(node.reactor, name, offset, period);
+            if let Some(mode) = mode {
+                self.tree.builder.confine(Confined::Timer(id), node.modes[*mode]);
+            }
+            node.timers.push(id);
         }
     }
 
@@ -197,7 +211,7 @@ impl<'a> Growth<'a, '_> {
             let mut members = Vec::new();
             for member in 0..width.unwrap_or(1) {
                 let bank_index = width.map(|_| member);
-                let node = self.member(parent, instance.decl, instance.class, bank_index)?;
+                let node = self.member(parent, *instance, bank_index)?;
                 members.push(node);
                 self.contents(node, depth + 1)?;
             }
@@ -209,16 +223,19 @@ impl<'a> Growth<'a, '_> {
     fn member(
         &mut self,
         parent: usize,
-        decl: &'a ast::Instantiation,
-        class: ClassId,
+        instance: model::Instance<'a>,
         bank_index: Option<u32>,
     ) -> Option<usize> {
+        let model::Instance { decl, mode, class } = instance;
         let container = &self.tree.nodes[parent];
         let environment =
             container.environment.of_instance(decl, self.library.reactor(class), bank_index);
         let name = &decl.name.text;
         let place = bank_index.map_or_else(|| name.clone(), |index| format!("{name}[{index}]"));
         let reactor = self.tree.builder.reactor(container.reactor, &place);
+        if let Some(mode) = mode {
+            self.tree.builder.confine(Confined::Reactor(reactor), container.modes[mode]);
+        }
         let full_name = format!("{}.{place}", self.tree.instances[container.reactor].name);
         if self.tree.federated && parent == 0 {
             self.federate(reactor, decl, &environment, bank_index)?;

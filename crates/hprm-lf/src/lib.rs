@@ -45,7 +45,7 @@ pub use code::Code;
 pub use compile::compile;
 pub use compiled::{
     Access, Argument, Class, Compiled, ContainedPort, Failure, Instance, Method, ParameterDecl,
-    Ports, ReactionBody, ReactionCode, StateDecl,
+    Ports, ReactionBody, ReactionCode, Runs, StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Severity};
 pub use properties::Settings;

@@ -4,12 +4,13 @@
 use std::sync::Arc;
 
 use hprm_core::{
-    Effect, PortId, Program, ProgramBuilder, ProgramError, Properties, ReactionId, ReactorId, Table,
+    Confined, Effect, PortId, Program, ProgramBuilder, ProgramError, Properties, ReactionId,
+    ReactorId, Table, Trigger,
 };
 
-use crate::check::Models;
+use crate::check::{Models, modes};
 use crate::class;
-use crate::compiled::{Class, Instance, ReactionCode};
+use crate::compiled::{Class, Instance, ReactionCode, Runs};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::instance::{self, Tree};
 use crate::legacy::Waits;
@@ -76,6 +77,15 @@ fn reactions(
         let node = &tree.nodes[index];
         let (model, reactor) = (node.model, node.reactor);
         let class = tree.instances[reactor].class;
+        for (mode, states) in modes::resets(&model.declared) {
+            let place = mode.map(|mode| node.modes[mode]);
+            let id = tree.builder.added_reaction(reactor, Trigger::Reset);
+            if let Some(mode) = place {
+                tree.builder.confine(Confined::Reaction(id), mode);
+            }
+            origins.reactions.push(model.declared.decl.header);
+            bodies.push(ReactionCode { class, runs: Runs::ResetState(states), arguments: vec![] });
+        }
         for (number, reaction) in model.reactions.iter().enumerate() {
             let node = &tree.nodes[index];
             let spec = reaction::spec(tree, node, reaction, report);
@@ -83,12 +93,16 @@ fn reactions(
             reaction::note_wait(tree, node, reaction, waits, report);
             let writes = spec.effects.iter().filter_map(|effect| match effect {
                 Effect::Port(port) => Some((*port, reaction.decl.header)),
-                Effect::Action(_) => None,
+                Effect::Action(_) | Effect::Mode(..) => None,
             });
             origins.writers.extend(writes);
             origins.reactions.push(reaction.decl.header);
-            tree.builder.reaction(reactor, spec);
-            bodies.push(ReactionCode { class, reaction: number, arguments });
+            let place = reaction.mode.map(|mode| node.modes[mode]);
+            let id = tree.builder.reaction(reactor, spec);
+            if let Some(mode) = place {
+                tree.builder.confine(Confined::Reaction(id), mode);
+            }
+            bodies.push(ReactionCode { class, runs: Runs::Reaction(number), arguments });
         }
     }
     bodies

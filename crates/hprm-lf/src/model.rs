@@ -3,7 +3,10 @@
 //! The types here are what lowering works on; they hold only what is known to exist. Finding out
 //! is the business of [`resolve`](crate::resolve).
 
+use hprm_core::Transition;
+
 use crate::ast;
+use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::library::{ClassId, Library};
 
@@ -14,20 +17,46 @@ pub(crate) struct Declarations<'a> {
     /// Whether an error has been reported for which members are missing here.
     pub(crate) incomplete: bool,
     pub(crate) preambles: Vec<ast::Body>,
-    pub(crate) states: Vec<&'a ast::State>,
+    pub(crate) modes: Vec<&'a ast::Mode>,
+    pub(crate) states: Vec<Placed<'a, ast::State>>,
     pub(crate) methods: Vec<&'a ast::Method>,
     pub(crate) ports: Vec<&'a ast::Port>,
-    pub(crate) timers: Vec<&'a ast::Timer>,
-    pub(crate) actions: Vec<&'a ast::Action>,
+    pub(crate) timers: Vec<Placed<'a, ast::Timer>>,
+    pub(crate) actions: Vec<Placed<'a, ast::Action>>,
     pub(crate) instances: Vec<Instance<'a>>,
-    pub(crate) reactions: Vec<&'a ast::Reaction>,
-    pub(crate) connections: Vec<&'a ast::Connection>,
+    pub(crate) reactions: Vec<Placed<'a, ast::Reaction>>,
+    pub(crate) connections: Vec<Placed<'a, ast::Connection>>,
+}
+
+/// A member, and the mode that it is declared in, by index.
+#[derive(Debug)]
+pub(crate) struct Placed<'a, T> {
+    pub(crate) decl: &'a T,
+    pub(crate) mode: Option<usize>,
+}
+
+// Derived, these would ask the same of `T`.
+impl<T> Clone for Placed<'_, T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Copy for Placed<'_, T> {}
+
+impl<T> std::ops::Deref for Placed<'_, T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        self.decl
+    }
 }
 
 /// An instantiation and the class that it names.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instance<'a> {
     pub(crate) decl: &'a ast::Instantiation,
+    pub(crate) mode: Option<usize>,
     pub(crate) class: ClassId,
 }
 
@@ -50,12 +79,15 @@ pub(crate) enum Entity {
         instance: usize,
         port: usize,
     },
+    /// A mode, as the effect of a reaction that enters it.
+    Mode(usize, Transition),
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Trigger {
     Startup,
     Shutdown,
+    Reset,
     Variable(Entity),
 }
 
@@ -83,11 +115,13 @@ pub(crate) enum Held {
         instance: usize,
         port: usize,
     },
+    Mode(usize, Transition),
 }
 
 #[derive(Debug)]
 pub(crate) struct Reaction<'a> {
     pub(crate) decl: &'a ast::Reaction,
+    pub(crate) mode: Option<usize>,
     pub(crate) triggers: Vec<Trigger>,
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
@@ -99,7 +133,7 @@ impl Reaction<'_> {
     pub(crate) fn reads(&self) -> impl Iterator<Item = Entity> {
         let triggers = self.triggers.iter().filter_map(|trigger| match trigger {
             Trigger::Variable(entity) => Some(*entity),
-            Trigger::Startup | Trigger::Shutdown => None,
+            Trigger::Startup | Trigger::Shutdown | Trigger::Reset => None,
         });
         triggers.chain(self.sources.iter().copied())
     }
@@ -126,6 +160,7 @@ pub(crate) struct End {
 #[derive(Debug)]
 pub(crate) struct Connection<'a> {
     pub(crate) decl: &'a ast::Connection,
+    pub(crate) mode: Option<usize>,
     pub(crate) left: Vec<End>,
     pub(crate) right: Vec<End>,
 }
@@ -138,6 +173,7 @@ impl<'a> Declarations<'a> {
             decl,
             incomplete: false,
             preambles: Vec::new(),
+            modes: Vec::new(),
             states: Vec::new(),
             methods: Vec::new(),
             ports: Vec::new(),
@@ -152,29 +188,31 @@ impl<'a> Declarations<'a> {
             declared.miss(Diagnostic::unsupported(base.span, "inheritance is", instead), report);
         }
         for member in &decl.members {
-            declared.member(library, class, member, report);
+            declared.member((library, class), member, None, report);
         }
         declared
     }
 
     fn member(
         &mut self,
-        library: &'a Library,
-        class: ClassId,
+        (library, class): (&'a Library, ClassId),
         member: &'a ast::Member,
+        mode: Option<usize>,
         report: &mut Report,
     ) {
         match member {
             ast::Member::Preamble(body) => self.preambles.push(*body),
-            ast::Member::State(state) => self.states.push(state),
+            ast::Member::State(decl) => self.states.push(Placed { decl, mode }),
             ast::Member::Method(method) => self.methods.push(method),
             ast::Member::Port(port) => self.ports.push(port),
-            ast::Member::Timer(timer) => self.timers.push(timer),
-            ast::Member::Action(action) => self.actions.push(action),
-            ast::Member::Reaction(reaction) => self.reactions.push(reaction),
-            ast::Member::Connection(connection) => self.connections.push(connection),
+            ast::Member::Timer(decl) => self.timers.push(Placed { decl, mode }),
+            ast::Member::Action(decl) => self.actions.push(Placed { decl, mode }),
+            ast::Member::Reaction(decl) => self.reactions.push(Placed { decl, mode }),
+            ast::Member::Connection(decl) => {
+                self.connections.push(Placed { decl, mode });
+            }
             ast::Member::Instantiation(decl) => match find_class(library, class, decl) {
-                Ok(class) => self.instances.push(Instance { decl, class }),
+                Ok(class) => self.instances.push(Instance { decl, mode, class }),
                 Err(diagnostic) => self.miss(*diagnostic, report),
             },
             ast::Member::Watchdog(watchdog) => {
@@ -182,9 +220,14 @@ impl<'a> Declarations<'a> {
                 let span = watchdog.name.span;
                 self.miss(Diagnostic::unsupported(span, "watchdogs are", instead), report);
             }
-            ast::Member::Mode(mode) => {
-                let instead = "keep the mode in a state variable and test it in the reactions";
-                self.miss(Diagnostic::unsupported(mode.header, "modes are", instead), report);
+            ast::Member::Mode(decl) => {
+                let index = self.modes.len();
+                self.modes.push(decl);
+                for member in &decl.members {
+                    if modes::may_contain(member, report) {
+                        self.member((library, class), member, Some(index), report);
+                    }
+                }
             }
         }
     }

@@ -21,6 +21,7 @@ pub(crate) fn spec<'a>(
         match trigger {
             model::Trigger::Startup => spec.triggers.push(Trigger::Startup),
             model::Trigger::Shutdown => spec.triggers.push(Trigger::Shutdown),
+            model::Trigger::Reset => spec.triggers.push(Trigger::Reset),
             model::Trigger::Variable(Entity::Action(action)) => {
                 spec.triggers.push(Trigger::Action(node.actions[*action]));
             }
@@ -38,6 +39,9 @@ pub(crate) fn spec<'a>(
     for effect in &reaction.effects {
         match effect {
             Entity::Action(action) => spec.effects.push(Effect::Action(node.actions[*action])),
+            Entity::Mode(mode, transition) => {
+                spec.effects.push(Effect::Mode(node.modes[*mode], *transition));
+            }
             port => spec.effects.extend(channels(tree, node, *port).into_iter().map(Effect::Port)),
         }
     }
@@ -64,7 +68,7 @@ pub(crate) fn note_wait<'a>(
     }
 }
 
-/// All channels of a port: a contained one in all members of its bank. None of an action or timer.
+/// All channels of a port: a contained one in all members of its bank. None of anything else.
 fn channels(tree: &Tree<'_>, node: &Node<'_>, entity: Entity) -> Vec<PortId> {
     match entity {
         Entity::Port(port) => node.ports[port].channels().collect(),
@@ -72,7 +76,7 @@ fn channels(tree: &Tree<'_>, node: &Node<'_>, entity: Entity) -> Vec<PortId> {
             .iter()
             .flat_map(|member| tree.nodes[*member].ports[port].channels())
             .collect(),
-        Entity::Timer(_) | Entity::Action(_) => Vec::new(),
+        Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Vec::new(),
     }
 }
 
@@ -96,6 +100,9 @@ pub(crate) fn arguments<'a>(
                 mutable: declared.ports[index].kind == PortKind::Input { mutable: true },
             },
             Held::Action(index) => Argument::Action { name, action: node.actions[index] },
+            Held::Mode(index, transition) => {
+                Argument::Mode { name, mode: node.modes[index], transition }
+            }
             Held::Instance(instance) => Argument::Contained {
                 name,
                 bank: declared.instances[instance].decl.width.is_some(),

@@ -2,8 +2,9 @@
 //! whether they may.
 
 use crate::ast::{self, PortKind, Reference};
+use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
-use crate::model::{Connection, Declarations, End, Entity, Instance, Reaction, Trigger};
+use crate::model::{Connection, Declarations, End, Entity, Instance, Placed, Reaction, Trigger};
 use crate::slots;
 
 /// The declarations of all classes in use, by class.
@@ -49,9 +50,10 @@ pub(crate) fn resolve<'a>(
     report: &mut Report,
 ) -> (Vec<Reaction<'a>>, Vec<Connection<'a>>) {
     let resolver = Resolver { declared, classes };
-    let reactions = declared.reactions.iter().map(|decl| resolver.reaction(decl, report)).collect();
+    let reactions =
+        declared.reactions.iter().map(|placed| resolver.reaction(*placed, report)).collect();
     let connections =
-        declared.connections.iter().map(|decl| resolver.connection(decl, report)).collect();
+        declared.connections.iter().map(|placed| resolver.connection(*placed, report)).collect();
     (reactions, connections)
 }
 
@@ -61,9 +63,11 @@ struct Resolver<'r, 'a> {
 }
 
 impl<'a> Resolver<'_, 'a> {
-    fn reaction(&self, decl: &'a ast::Reaction, report: &mut Report) -> Reaction<'a> {
+    fn reaction(&self, placed: Placed<'a, ast::Reaction>, report: &mut Report) -> Reaction<'a> {
+        let Placed { decl, mode } = placed;
         let mut reaction = Reaction {
             decl,
+            mode,
             triggers: Vec::new(),
             sources: Vec::new(),
             effects: Vec::new(),
@@ -73,11 +77,7 @@ impl<'a> Resolver<'_, 'a> {
             let trigger = match trigger {
                 ast::Trigger::Startup => Trigger::Startup,
                 ast::Trigger::Shutdown => Trigger::Shutdown,
-                ast::Trigger::Reset(span) => {
-                    let instead = "it belongs to modes, which are not supported yet either";
-                    report.add(Diagnostic::unsupported(*span, "the trigger `reset` is", instead));
-                    continue;
-                }
+                ast::Trigger::Reset(_) => Trigger::Reset,
                 ast::Trigger::Variable(reference) => {
                     match self.find(reference, Role::Trigger, report) {
                         Some(entity) => Trigger::Variable(entity),
@@ -89,16 +89,16 @@ impl<'a> Resolver<'_, 'a> {
         }
         self.sources(&mut reaction, report);
         for effect in &decl.effects {
-            match effect {
-                ast::Effect::Variable(reference) => {
-                    reaction.effects.extend(self.find(reference, Role::Effect, report));
+            let effect = match effect {
+                ast::Effect::Variable(reference) => match modes::bare(self.declared, reference) {
+                    Some(name) => modes::reset_assumed(self.declared, name, mode, report),
+                    None => self.find(reference, Role::Effect, report),
+                },
+                ast::Effect::Mode(transition, name) => {
+                    modes::transition(self.declared, *transition, name, mode, report)
                 }
-                ast::Effect::Mode(span) => report.add(Diagnostic::unsupported(
-                    *span,
-                    "mode transitions are",
-                    "keep the mode in a state variable",
-                )),
-            }
+            };
+            reaction.effects.extend(effect);
         }
         reaction.slots =
             slots::slots(self.declared, |instance| self.ports_of(instance), &reaction, report);
@@ -134,7 +134,11 @@ impl<'a> Resolver<'_, 'a> {
         }
     }
 
-    fn connection(&self, decl: &'a ast::Connection, report: &mut Report) -> Connection<'a> {
+    fn connection(
+        &self,
+        Placed { decl, mode }: Placed<'a, ast::Connection>,
+        report: &mut Report,
+    ) -> Connection<'a> {
         let mut ends = |references: &[Reference], role| -> Vec<End> {
             let end = |reference: &Reference| {
                 let entity = self.find(reference, role, report)?;
@@ -144,7 +148,7 @@ impl<'a> Resolver<'_, 'a> {
         };
         let left = ends(&decl.left, Role::From);
         let right = ends(&decl.right, Role::To);
-        Connection { decl, left, right }
+        Connection { decl, mode, left, right }
     }
 
     fn find(&self, reference: &Reference, role: Role, report: &mut Report) -> Option<Entity> {
@@ -209,7 +213,7 @@ impl<'a> Resolver<'_, 'a> {
         if let Some(port) = ports.iter().position(|p| p.name.text == port.text) {
             return Ok(Entity::Contained { instance, port });
         }
-        let Instance { decl, class } = instances[instance];
+        let Instance { decl, class, .. } = instances[instance];
         if self.classes[class.0].as_ref().is_none_or(|declared| declared.incomplete) {
             return Err(None);
         }
@@ -253,7 +257,7 @@ impl<'a> Resolver<'_, 'a> {
             Entity::Action(_) if connects => {
                 wrong("the action", "a connection joins ports; a reaction can pass on an action")
             }
-            Entity::Timer(_) | Entity::Action(_) => Ok(()),
+            Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Ok(()),
         }
     }
 

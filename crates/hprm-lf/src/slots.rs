@@ -28,6 +28,12 @@ pub(crate) fn slots<'p, 'a: 'p>(
                 slots.push(Slot { name, holds: Held::Action(action) });
             }
             Entity::Timer(_) => {}
+            Entity::Mode(mode, transition) => {
+                if let Some(name) = &declared.modes[mode].name {
+                    let holds = Held::Mode(mode, transition);
+                    slots.push(Slot { name: name.text.clone(), holds });
+                }
+            }
             Entity::Contained { instance, port } => {
                 let decl = declared.instances[instance].decl;
                 let holds = Held::Instance(instance);
@@ -57,7 +63,7 @@ fn without_clashes(slots: Vec<Slot>, decl: &ast::Reaction, report: &mut Report) 
             let message = format!("two things are called `{}` in this reaction", slot.name);
             report.add(
                 Diagnostic::error("LF0215", decl.header, message)
-                    .hint("rename the instance, the port or the action"),
+                    .hint("rename the instance, the port, the action or the mode"),
             );
         }
         kept.push(slot.clone());

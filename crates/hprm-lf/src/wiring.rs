@@ -53,7 +53,7 @@ fn channels(tree: &Tree<'_>, container: usize, end: End) -> Vec<PortId> {
             if end.interleaved { transposed(&rows) } else { rows.concat() }
         }
         // A connection to one of these has been refused.
-        Entity::Timer(_) | Entity::Action(_) => Vec::new(),
+        Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Vec::new(),
     }
 }
 
@@ -74,6 +74,7 @@ fn join(
     let row = |ends: &[End]| -> Vec<PortId> {
         ends.iter().flat_map(|end| channels(tree, container, *end)).collect()
     };
+    let mode = connection.mode.map(|mode| tree.nodes[container].modes[mode]);
     let (left, right) = (row(&connection.left), row(&connection.right));
     check_widths(decl, left.len(), right.len(), report);
     let delay = decl
@@ -94,6 +95,7 @@ fn join(
             physical: decl.physical,
             serializer: decl.serializer.as_ref().map(|name| name.text.clone()),
             absent_after: absent_after.unwrap_or_default(),
+            mode,
         };
         let states_wait = absent_after.is_some_and(|wait| wait > 0);
         wires.push(Wire { connection, span: decl.span, states_wait });

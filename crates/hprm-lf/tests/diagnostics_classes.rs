@@ -428,6 +428,6 @@ main reactor {
     6 |   reaction(a, a.out) {= pass =}
       |   ^^^^^^^^^^^^^^^^^^
       |
-      = help: rename the instance, the port or the action
+      = help: rename the instance, the port, the action or the mode
     "#);
 }

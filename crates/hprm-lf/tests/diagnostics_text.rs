@@ -203,21 +203,16 @@ main reactor { }
 }
 
 #[test]
-fn modes_and_inheritance_are_not_supported_yet() {
+fn inheritance_and_watchdogs_are_not_supported() {
     assert_snapshot!(errors("
 reactor Base { output out }
 reactor Derived extends Base { }
 reactor Modal {
   watchdog w(1 s) {= pass =}
-  initial mode One {
-    reaction(startup) -> reset(Two) {= Two.set() =}
-  }
-  mode Two { }
 }
 main reactor {
   d = new Derived()
   m = new Modal()
-  reaction(reset) -> history(X) {= pass =}
   reaction(d.out) {= pass =}
 }
 "), @r#"
@@ -236,71 +231,30 @@ main reactor {
       |            ^
       |
       = help: use a physical action, or a deadline
-
-    error[LF0701]: modes are not supported yet
-     --> Main.lf:6:3
-      |
-    6 |   initial mode One {
-      |   ^^^^^^^^^^^^^^^^
-      |
-      = help: keep the mode in a state variable and test it in the reactions
-
-    error[LF0701]: modes are not supported yet
-     --> Main.lf:9:3
-      |
-    9 |   mode Two { }
-      |   ^^^^^^^^
-      |
-      = help: keep the mode in a state variable and test it in the reactions
-
-    error[LF0701]: the trigger `reset` is not supported yet
-      --> Main.lf:14:12
-       |
-    14 |   reaction(reset) -> history(X) {= pass =}
-       |            ^^^^^
-       |
-       = help: it belongs to modes, which are not supported yet either
-
-    error[LF0701]: mode transitions are not supported yet
-      --> Main.lf:14:22
-       |
-    14 |   reaction(reset) -> history(X) {= pass =}
-       |                      ^^^^^^^^^^
-       |
-       = help: keep the mode in a state variable
     "#);
 }
 
 #[test]
-fn resets_and_mutations_are_not_supported_yet() {
+fn mutations_are_not_supported() {
     assert_snapshot!(errors("
 main reactor {
-  reset state x = 1
   logical action a
   action b
   mutation(a) {= pass =}
 }
 "), @r#"
-    error[LF0701]: `reset state` is not supported yet
-     --> Main.lf:3:3
-      |
-    3 |   reset state x = 1
-      |   ^^^^^
-      |
-      = help: it belongs to modes, which are not supported yet either
-
     error[LF0209]: the action `b` is neither logical nor physical
-     --> Main.lf:5:10
+     --> Main.lf:4:10
       |
-    5 |   action b
+    4 |   action b
       |          ^
       |
       = help: write `logical action` or `physical action`
 
     error[LF0701]: mutations are not supported yet
-     --> Main.lf:6:3
+     --> Main.lf:5:3
       |
-    6 |   mutation(a) {= pass =}
+    5 |   mutation(a) {= pass =}
       |   ^^^^^^^^^^^
       |
       = help: write `reaction`

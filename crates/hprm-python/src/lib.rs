@@ -19,6 +19,7 @@ mod failure;
 mod host;
 mod interrupt;
 mod load;
+mod mode;
 mod port;
 mod program;
 mod run;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use hprm::{Failure, Inbox};
 use hprm_core::{FederateId, ReactionId, Scope, Table};
-use hprm_lf::{Argument, Compiled, ContainedPort, Ports};
+use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -16,6 +16,7 @@ use crate::codec::Codec;
 use crate::failure::failure;
 use crate::host::{Bodies, PyHost};
 use crate::interrupt::Interrupt;
+use crate::mode::Mode;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
@@ -57,7 +58,10 @@ fn bodies(
     for (id, code) in compiled.bodies.iter() {
         let reactor = compiled.program.reactions[id].reactor;
         // None if the reactor runs elsewhere.
-        let found = loaded.call_method1("bodies", (reactor.0, code.reaction))?;
+        let found = match &code.runs {
+            Runs::Reaction(index) => loaded.call_method1("bodies", (reactor.0, *index))?,
+            Runs::ResetState(state) => loaded.call_method1("reset", (reactor.0, state))?,
+        };
         let Some((instance, functions)) = found.extract::<Option<(Py<PyAny>, Functions)>>()? else {
             continue;
         };
@@ -99,6 +103,10 @@ impl<'a, 'py> Arguments<'a, 'py> {
                 let key = (instance.as_str(), port.as_str());
                 let port = self.contained.get(&key).cloned();
                 port.ok_or_else(|| PyKeyError::new_err(format!("no port {}.{}", key.0, key.1)))
+            }
+            Argument::Mode { mode, transition, .. } => {
+                let mode = Mode::new(self.runtime, self.reaction, *mode, *transition);
+                Ok(Bound::new(self.py, mode)?.into_any())
             }
             Argument::Action { action, .. } => {
                 Ok(Bound::new(self.py, Action::new(self.runtime, *action))?.into_any())

@@ -9,8 +9,8 @@ use std::thread::{self, ThreadId};
 
 use hprm::{Clock, Inbox};
 use hprm_core::{
-    ActionId, Effect, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope, Tag,
-    Trigger,
+    ActionId, Effect, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
+    Tag, Transition, Trigger,
 };
 use hprm_store::StoreStats;
 use pyo3::exceptions::PyRuntimeError;
@@ -171,6 +171,27 @@ impl Runtime {
         // Refused if the program has ended: the thread will soon notice.
         let _ = self.inbox.schedule(action, extra, value);
         Ok(())
+    }
+
+    /// Enters a mode when the tag of the running reaction is done.
+    pub(crate) fn change_mode(
+        &self,
+        owner: ReactionId,
+        mode: ModeId,
+        transition: Transition,
+    ) -> PyResult<()> {
+        let name = &self.program.modes[mode].name;
+        let mut cell = self.reacting().ok_or_else(|| self.outside(&format!("the mode {name}")))?;
+        match cell.running.as_ref().map(|running| running.reaction) {
+            Some(running) if running != owner => Err(PyRuntimeError::new_err(format!(
+                "reaction {} cannot enter mode {name}, which is not an effect of it",
+                self.program.reaction_name(running),
+            ))),
+            _ => {
+                cell.scheduler.enter(mode, transition);
+                Ok(())
+            }
+        }
     }
 
     // For the module `lf`.

@@ -50,7 +50,7 @@ fn react(scheduler: &mut Scheduler<u64>, reaction: ReactionId, now: PhysicalTime
     let read = |trigger: &Trigger| match *trigger {
         Trigger::Port(port) => scheduler.port(port).copied(),
         Trigger::Action(action) => scheduler.action(action).flatten().copied(),
-        Trigger::Startup | Trigger::Shutdown | Trigger::Timer(_) => None,
+        Trigger::Startup | Trigger::Shutdown | Trigger::Reset | Trigger::Timer(_) => None,
     };
     let sources = spec.sources.iter().map(|port| scheduler.port(*port).copied());
     let seen: Vec<_> = spec.triggers.iter().map(read).chain(sources).collect();
@@ -78,6 +78,7 @@ fn react(scheduler: &mut Scheduler<u64>, reaction: ReactionId, now: PhysicalTime
                 let extra = (hash >> 40) % 3 * 500;
                 scheduler.schedule(action, extra.cast_signed(), Some(value), now);
             }
+            Effect::Mode(mode, transition) => scheduler.enter(mode, transition),
         }
     }
 }

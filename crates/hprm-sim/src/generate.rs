@@ -87,6 +87,7 @@ fn connect(
                 physical,
                 serializer: None,
                 absent_after: 0,
+                mode: None,
             });
         }
     }

@@ -34,6 +34,7 @@ impl Host for Everything {
                 Effect::Action(action) => {
                     scheduler.schedule(*action, 0, Some(self.runs), now);
                 }
+                Effect::Mode(mode, transition) => scheduler.enter(*mode, *transition),
             }
         }
         Ok(())

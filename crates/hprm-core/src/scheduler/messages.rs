@@ -41,6 +41,9 @@ impl<V: Clone> Scheduler<V> {
     pub(super) fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.delayed[root] {
+            if !self.modes.is_active(wiring.modes.of_connection[*connection]) {
+                continue;
+            }
             let Connection { physical, delay, .. } = self.program.connections[*connection];
             let computed =
                 if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
@@ -72,11 +75,10 @@ impl<V: Clone> Scheduler<V> {
         intended: Option<Tag>,
     ) -> Option<Tag> {
         self.last_assigned[connection] = at;
-        let port = self.wiring.root[self.program.connections[connection].to];
         if at > self.stop {
             return None;
         }
-        self.queue.insert(at, Event::Message { port, value, intended });
+        self.queue.insert(at, Event::Message { connection, value, intended });
         Some(at)
     }
 

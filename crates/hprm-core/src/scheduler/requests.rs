@@ -17,6 +17,12 @@ impl<V: Clone> Scheduler<V> {
     ) -> Scheduled {
         let spec = &self.program.actions[action];
         let delay = spec.min_delay.saturating_add(extra.max(0));
+        if let Some(mode) = self.wiring.modes.of_action[action]
+            && !self.is_active(mode)
+        {
+            self.modes.suspend(Event::Action { action, value }, mode, delay);
+            return Scheduled::Suspended;
+        }
         let mut tag = match spec.origin {
             Origin::Logical => Delay::after(delay).shift(self.tag),
             Origin::Physical => self.tag_by_clock(delay, now),

@@ -6,6 +6,7 @@
 
 pub(crate) mod attributes;
 mod federation;
+pub(crate) mod modes;
 mod names;
 mod values;
 
@@ -29,6 +30,7 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
         values::check(model, models, report);
         attributes::check(model, report);
         federation::check(model, report);
+        modes::check(model, models, report);
     }
     cycles(models, report);
     unused_imports(library, models, report);
@@ -116,12 +118,6 @@ fn declarations(model: &Model<'_>, report: &mut Report) {
         .chain(declared.methods.iter().flat_map(|method| method.types.iter().map(|ty| Some(*ty))))
         .chain(declared.instances.iter().map(|instance| instance.decl.type_arguments));
     types.flatten().for_each(|span| types_are_errors(span, report));
-    for state in &declared.states {
-        if let Some(span) = state.reset {
-            let instead = "it belongs to modes, which are not supported yet either";
-            report.add(Diagnostic::unsupported(span, "`reset state` is", instead));
-        }
-    }
     for action in &declared.actions {
         if action.physical.is_none() {
             let message =

@@ -25,7 +25,8 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     let instances = declared.instances.iter().map(|instance| &instance.decl.name);
     // Three groups: attributes of `self`, what reactions name directly, and instances.
     distinct(parameters.chain(states).chain(methods), report);
-    distinct(ports.chain(actions).chain(timers), report);
+    let modes = declared.modes.iter().filter_map(|mode| mode.name.as_ref());
+    distinct(ports.chain(actions).chain(timers).chain(modes), report);
     distinct(instances, report);
     for method in &declared.methods {
         distinct(method.arguments.iter(), report);

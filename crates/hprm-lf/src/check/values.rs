@@ -88,15 +88,27 @@ fn expressions<'a>(declared: &Declarations<'a>) -> Vec<&'a Expression> {
             WidthTerm::WidthOf(_) => None,
         })
     };
-    all.extend(declared.states.iter().filter_map(|state| state.init.as_ref()));
+    all.extend(declared.states.iter().filter_map(|state| state.decl.init.as_ref()));
     all.extend(declared.ports.iter().flat_map(|port| terms(&port.width)));
-    all.extend(declared.actions.iter().flat_map(|a| a.min_delay.iter().chain(&a.spacing)));
-    all.extend(declared.timers.iter().flat_map(|timer| timer.offset.iter().chain(&timer.period)));
-    for reaction in &declared.reactions {
+    all.extend(
+        declared
+            .actions
+            .iter()
+            .map(|action| action.decl)
+            .flat_map(|a| a.min_delay.iter().chain(&a.spacing)),
+    );
+    all.extend(
+        declared
+            .timers
+            .iter()
+            .map(|timer| timer.decl)
+            .flat_map(|timer| timer.offset.iter().chain(&timer.period)),
+    );
+    for reaction in declared.reactions.iter().map(|reaction| reaction.decl) {
         all.extend(reaction.deadline.as_ref().map(|deadline| &deadline.delay));
         all.extend(reaction.late.as_ref().and_then(|late| late.wait.as_ref()));
     }
-    for connection in &declared.connections {
+    for connection in declared.connections.iter().map(|connection| connection.decl) {
         all.extend(&connection.delay);
         all.extend(connection.attributes.iter().flat_map(|attribute| &attribute.arguments));
     }

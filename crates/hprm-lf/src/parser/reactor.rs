@@ -148,14 +148,15 @@ impl Parser<'_> {
 
     fn mode(&mut self) -> Parsed<Mode> {
         let start = self.token().span;
-        self.accept_word("initial");
+        let initial = self.accept_word("initial").is_some();
         self.expect_word("mode")?;
-        if self.is(Kind::Identifier) {
-            self.advance();
-        }
+        let name = match self.is(Kind::Identifier) {
+            true => Some(self.name("the name of a mode")?),
+            false => None,
+        };
         let header = start.to(self.previous());
         let members = self.nested(Self::members)?;
-        Ok(Mode { members, header })
+        Ok(Mode { initial, name, members, header })
     }
 
     fn state(&mut self, attributes: Vec<Attribute>) -> Parsed<State> {

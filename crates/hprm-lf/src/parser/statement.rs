@@ -1,5 +1,7 @@
 //! The members of a reactor that have parts: ports, actions, reactions, instances, connections.
 
+use hprm_core::Transition;
+
 use super::{MEMBERS, Parsed, Parser};
 use crate::ast::{
     Action, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late, Method, Port,
@@ -151,14 +153,19 @@ impl Parser<'_> {
     }
 
     fn effect(&mut self) -> Parsed<Effect> {
-        let transition = self.is_word("reset") || self.is_word("history");
-        if !transition || self.peek(1).kind != Kind::Mark('(') {
+        let transition = match () {
+            () if self.is_word("reset") => Transition::Reset,
+            () if self.is_word("history") => Transition::History,
+            () => return Ok(Effect::Variable(self.reference()?)),
+        };
+        if self.peek(1).kind != Kind::Mark('(') {
             return Ok(Effect::Variable(self.reference()?));
         }
-        let start = self.advance().span;
+        self.advance();
         self.expect('(')?;
-        self.name("the name of a mode")?;
-        Ok(Effect::Mode(start.to(self.expect(')')?.span)))
+        let name = self.name("the name of a mode")?;
+        self.expect(')')?;
+        Ok(Effect::Mode(transition, name))
     }
 
     fn late(&mut self) -> Parsed<Option<Late>> {
