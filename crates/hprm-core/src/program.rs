@@ -32,7 +32,7 @@ pub struct Properties {
     /// Do not stop when nothing is left to do.
     pub keepalive: bool,
     /// Of reactions that do not depend on one another, run first what leads to a tighter deadline.
-    pub single_threaded: bool,
+    pub deadlines_first: bool,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
 }

@@ -134,12 +134,11 @@ impl Wiring {
         }
     }
 
-    /// By level, and in a single-threaded program by inferred deadline before that, as Lingua Franca
-    /// does it. A reaction's inferred deadline is no later than those of the reactions after it, so
+    /// By level, and if deadlines go first, by inferred deadline before that, as in Lingua Franca. A reaction's inferred deadline is no later than those of the reactions after it, so
     /// either way it comes before them.
     fn find_ranks(&mut self, program: &Program, scope: Scope) {
         let key = |reaction: &Reaction| {
-            let by_deadline = program.properties.single_threaded;
+            let by_deadline = program.properties.deadlines_first;
             (if by_deadline { reaction.inferred_deadline } else { 0 }, reaction.level)
         };
         let local = |reaction: &&Reaction| scope.contains(program, reaction.reactor);

@@ -68,8 +68,8 @@ fn a_reaction_without_a_handler_always_runs_its_body() {
 
 /// Five reactors, of which `first` feeds `urgent` through `relay`, and `delayed` through a delay.
 /// Returns what runs at the start, where all but the last two have something to do.
-fn order(single_threaded: bool) -> (Vec<String>, Program) {
-    let properties = Properties { single_threaded, ..Properties::default() };
+fn order(deadlines_first: bool) -> (Vec<String>, Program) {
+    let properties = Properties { deadlines_first, ..Properties::default() };
     let mut b = ProgramBuilder::new("Main", properties);
     let names = ["idle", "lax", "first", "relay", "urgent", "delayed"];
     let [idle, lax, first, relay, urgent, delayed] = names.map(|name| b.reactor(b.main(), name));
@@ -123,7 +123,7 @@ fn what_precedes_a_deadline_inherits_it_but_not_through_a_delay() {
 }
 
 #[test]
-fn a_single_threaded_program_runs_first_what_leads_to_the_tightest_deadline() {
+fn a_deadlines_first_program_runs_first_what_leads_to_the_tightest_deadline() {
     let (by_level, _) = order(false);
     assert_eq!(by_level, ["idle.1", "lax.1", "first.1", "relay.1", "urgent.1"]);
     let (by_deadline, _) = order(true);

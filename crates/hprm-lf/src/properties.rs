@@ -16,12 +16,14 @@ pub struct Settings {
     pub logging: Option<String>,
     /// `workers`.
     pub workers: Option<u32>,
+    /// `single-threaded`: one worker, whatever `workers` says.
+    pub single_threaded: bool,
     /// `tracing`.
     pub tracing: bool,
 }
 
 /// Known, and without meaning where nothing is generated or compiled.
-const IGNORED: [&str; 13] = [
+const IGNORED: [&str; 12] = [
     "build",
     "build-type",
     "cmake-args",
@@ -32,7 +34,6 @@ const IGNORED: [&str; 13] = [
     "no-compile",
     "no-source-mapping",
     "python-version",
-    "scheduler",
     "threading",
     "verify",
 ];
@@ -49,12 +50,13 @@ const NOT_YET: [&str; 8] = [
     "trace-plugin",
 ];
 
-const OBEYED: [&str; 9] = [
+const OBEYED: [&str; 10] = [
     "coordination",
     "fast",
     "files",
     "keepalive",
     "logging",
+    "scheduler",
     "single-threaded",
     "timeout",
     "tracing",
@@ -108,9 +110,11 @@ impl Stated {
                 self.properties.keepalive = keepalive;
                 self.keepalive = Some(keepalive);
             }),
-            "single-threaded" => {
-                boolean(value).map(|single| self.properties.single_threaded = single)
-            }
+            "single-threaded" => boolean(value).map(|single| {
+                self.settings.single_threaded = single;
+                self.properties.deadlines_first |= single;
+            }),
+            "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),
@@ -228,6 +232,15 @@ fn logging(value: &Element) -> Read<String> {
     level
         .filter(|level| ["error", "warn", "info", "log", "debug"].contains(&level.as_str()))
         .ok_or("`error`, `warn`, `info`, `log` or `debug`")
+}
+
+/// Whether the scheduler orders reactions by their deadlines ("global earliest deadline first").
+fn scheduler(value: &Element) -> Read<bool> {
+    match word(value).map(str::to_ascii_uppercase).as_deref() {
+        Some("NP" | "ADAPTIVE" | "DYNAMIC" | "STATIC") => Ok(false),
+        Some("GEDF_NP" | "GEDF_NP_CI") => Ok(true),
+        _ => Err("`NP`, `ADAPTIVE`, `GEDF_NP` or `GEDF_NP_CI`"),
+    }
 }
 
 fn workers(value: &Element) -> Read<u32> {
