@@ -10,11 +10,14 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
+mod agenda;
 mod builder;
 mod id;
 mod level;
+mod lists;
 mod mode;
 mod object;
+mod order;
 mod program;
 mod queue;
 mod scheduler;
@@ -37,5 +40,5 @@ pub use program::{
 };
 pub use scheduler::{Body, Scheduled, Scheduler, Send};
 pub use spacing::{Policy, Spacing};
-pub use tag::{Delay, Nanos, PhysicalTime, Tag};
+pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};
 pub use wiring::Scope;

@@ -18,11 +18,12 @@ use std::sync::Arc;
 
 use self::modes::Modes;
 use self::ready::Ready;
+use crate::order::Position;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
 use crate::{
-    ActionId, ChannelId, ConnectionId, Nanos, PhysicalTime, PortId, Program, ReactionId, Table,
-    Tag, Trigger,
+    ActionId, ChannelId, ConnectionId, Nanos, PhysicalTime, PortId, Program, ReactionId, Reading,
+    Table, Tag, Trigger,
 };
 
 mod messages;
@@ -65,13 +66,6 @@ pub enum Scheduled {
     Suspended,
 }
 
-/// A value that is present at a port.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Present<V> {
-    value: V,
-    intended: Option<Tag>,
-}
-
 /// Executes a program, or one federate's share of it.
 ///
 /// `V` is a value: a Python object, a number in a simulation, anything.
@@ -85,8 +79,10 @@ pub struct Scheduler<V> {
     stop: Tag,
     stop_requested: bool,
     queue: EventQueue<V>,
-    ports: Table<PortId, Option<Present<V>>>,
+    ports: Table<PortId, Option<V>>,
     present_ports: Vec<PortId>,
+    /// Of the present ports, those whose value came too late, and the tag that it was meant for.
+    tardy_ports: Vec<(PortId, Tag)>,
     actions: Table<ActionId, Option<Option<V>>>,
     present_actions: Vec<ActionId>,
     /// The latest tag given to an event of each action.
@@ -118,13 +114,14 @@ impl<V: Clone> Scheduler<V> {
             queue: EventQueue::new(),
             ports: Table::filled(program.ports.len(), None),
             present_ports: Vec::new(),
+            tardy_ports: Vec::new(),
             actions: Table::filled(program.actions.len(), None),
             present_actions: Vec::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
             deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,
             last_assigned: Table::filled(program.connections.len(), Tag::NEVER),
-            ready: Ready::new(program.reactions.len(), wiring.ranks),
+            ready: Ready::new(wiring.order.len()),
             running: None,
             tardy: None,
             sends: VecDeque::new(),
@@ -164,13 +161,14 @@ impl<V: Clone> Scheduler<V> {
     /// The value at a port, if it is present.
     #[must_use]
     pub fn port(&self, port: PortId) -> Option<&V> {
-        self.ports[self.wiring.root[port]].as_ref().map(|present| &present.value)
+        self.ports[self.wiring.root[port]].as_ref()
     }
 
     /// The tag that a message at the port was meant for, if it came too late.
     #[must_use]
     pub fn intended_tag(&self, port: PortId) -> Option<Tag> {
-        self.ports[self.wiring.root[port]].as_ref().and_then(|present| present.intended)
+        let root = self.wiring.root[port];
+        self.tardy_ports.iter().find(|(port, _)| *port == root).map(|(_, intended)| *intended)
     }
 
     /// Whether an event of the action is present, and its value.
@@ -237,28 +235,36 @@ impl<V: Clone> Scheduler<V> {
 
     /// The next reaction to run at this tag and which of its bodies, given the physical time.
     /// None once the tag is complete.
-    pub fn next_reaction(&mut self, now: PhysicalTime) -> Option<(ReactionId, Body)> {
+    pub fn next_reaction(&mut self, now: impl Reading) -> Option<(ReactionId, Body)> {
         assert!(self.running.is_none(), "one reaction at a time");
-        let reaction = self.ready.pop()?;
+        let reaction = self.wiring.order.reaction(self.ready.pop()?);
         self.running = Some(reaction);
-        let spec = &self.program.reactions[reaction];
-        self.tardy = spec
-            .triggers
-            .iter()
-            .filter_map(|trigger| match trigger {
-                Trigger::Port(port) => self.intended_tag(*port),
-                _ => None,
-            })
-            .min();
-        let body = if self.tardy.is_some() && spec.handles_tardy {
+        self.tardy = self.earliest_intended(reaction);
+        let body = if self.tardy.is_some() && self.program.reactions[reaction].handles_tardy {
             self.tardy = None;
             Body::Tardy
-        } else if spec.deadline.is_some() && self.misses_deadline(reaction, now) {
+        } else if self.deadlines[reaction].is_some()
+            && self.program.reactions[reaction].deadline.is_some()
+            && self.misses_deadline(reaction, now.read())
+        {
             Body::Deadline
         } else {
             Body::Main
         };
         Some((reaction, body))
+    }
+
+    /// The earliest tag that a tardy trigger of the reaction was meant for.
+    fn earliest_intended(&self, reaction: ReactionId) -> Option<Tag> {
+        if self.tardy_ports.is_empty() {
+            return None;
+        }
+        let triggers = self.program.reactions[reaction].triggers.iter();
+        let intended = triggers.filter_map(|trigger| match trigger {
+            Trigger::Port(port) => self.intended_tag(*port),
+            _ => None,
+        });
+        intended.min()
     }
 
     /// Whether the deadline of a reaction, declared or set, has passed at the current tag. One of
@@ -285,21 +291,13 @@ impl<V: Clone> Scheduler<V> {
 
     /// Completes the tag: sends what is present along delayed connections and to other federates,
     /// makes everything absent, and changes modes. Returns whether it was the last tag.
-    pub fn end(&mut self, now: PhysicalTime) -> bool {
+    pub fn end(&mut self, now: impl Reading) -> bool {
         assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
-        let mut ports = std::mem::take(&mut self.present_ports);
-        // Not in the order of setting, which workers may change.
-        ports.sort_unstable();
-        for port in ports.drain(..) {
-            if let Some(present) = self.ports[port].take() {
-                self.forward(port, &present.value, now);
-            }
-        }
-        self.present_ports = ports;
+        self.send_present(now);
         for action in self.present_actions.drain(..) {
             self.actions[action] = None;
         }
-        self.ready.rewind();
+        self.tardy_ports.clear();
         self.change_modes();
         self.tag >= self.stop
     }
@@ -350,15 +348,19 @@ impl<V: Clone> Scheduler<V> {
     }
 
     fn make_present(&mut self, root: PortId, value: V, intended: Option<Tag>) -> Option<V> {
-        let earlier = self.ports[root].replace(Present { value, intended });
+        let earlier = self.ports[root].replace(value);
         if earlier.is_none() {
             self.present_ports.push(root);
+        }
+        if intended.is_some() || !self.tardy_ports.is_empty() {
+            self.tardy_ports.retain(|(port, _)| *port != root);
+            self.tardy_ports.extend(intended.map(|tag| (root, tag)));
         }
         self.queue_all(|wiring| &wiring.triggered_by_port[root]);
         if !self.wiring.relays[root].is_empty() {
             self.relay(root, intended);
         }
-        earlier.map(|present| present.value)
+        earlier
     }
 
     /// Carries the value at a root on along the connections of active modes.
@@ -366,7 +368,7 @@ impl<V: Clone> Scheduler<V> {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.relays[root] {
             if self.modes.is_active(wiring.modes.of_connection[*connection])
-                && let Some(value) = self.port(root).cloned()
+                && let Some(value) = self.ports[root].clone()
             {
                 let to = wiring.root[self.program.connections[*connection].to];
                 self.make_present(to, value, intended);
@@ -374,10 +376,11 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    fn queue_all(&mut self, reactions: impl Fn(&Wiring) -> &Vec<ReactionId>) {
-        for reaction in reactions(&self.wiring) {
-            if self.modes.is_active(self.wiring.modes.of_reaction[*reaction]) {
-                self.ready.push(*reaction, self.wiring.rank[*reaction]);
+    fn queue_all(&mut self, triggered: impl Fn(&Wiring) -> &[Position]) {
+        let wiring = &*self.wiring;
+        for position in triggered(wiring) {
+            if self.modes.all_active() || self.modes.lets_run(wiring, *position) {
+                self.ready.push(*position);
             }
         }
     }

@@ -149,6 +149,25 @@ impl Delay {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub struct PhysicalTime(pub i64);
 
+/// What a clock shows: a time that has been read, or a function that reads it if it matters, which
+/// it does not for most of what a program does.
+pub trait Reading {
+    /// The time.
+    fn read(self) -> PhysicalTime;
+}
+
+impl Reading for PhysicalTime {
+    fn read(self) -> PhysicalTime {
+        self
+    }
+}
+
+impl<F: FnOnce() -> PhysicalTime> Reading for F {
+    fn read(self) -> PhysicalTime {
+        self()
+    }
+}
+
 impl PhysicalTime {
     /// A time that no clock reaches.
     pub const FOREVER: Self = Self(i64::MAX);

@@ -5,9 +5,15 @@
 //! reads. Network inputs and the ends of delayed connections are roots of their own, and so is the
 //! end of a connection that carries something in one mode only: a relay.
 
+mod modal;
+
+pub(crate) use modal::ModeWiring;
+
+use crate::lists::Lists;
+use crate::order::{Order, Position};
 use crate::{
-    ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, Program, Reaction, ReactionId,
-    ReactorId, Table, TimerId, Trigger,
+    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, ReactionId, ReactorId, Table,
+    TimerId, Trigger,
 };
 
 /// Which share of a program a scheduler runs.
@@ -25,54 +31,29 @@ pub(crate) struct Wiring {
     /// The port that holds each port's value.
     pub(crate) root: Table<PortId, PortId>,
     /// Reactions that a value at a root triggers.
-    pub(crate) triggered_by_port: Table<PortId, Vec<ReactionId>>,
+    pub(crate) triggered_by_port: Lists<PortId, Position>,
     /// Reactions that an action's event triggers.
-    pub(crate) triggered_by_action: Table<ActionId, Vec<ReactionId>>,
+    pub(crate) triggered_by_action: Lists<ActionId, Position>,
     /// Reactions that a timer's event triggers.
-    pub(crate) triggered_by_timer: Table<TimerId, Vec<ReactionId>>,
+    pub(crate) triggered_by_timer: Lists<TimerId, Position>,
     /// Reactions to the start.
     pub(crate) startup: Vec<ReactionId>,
     /// Reactions to the end.
     pub(crate) shutdown: Vec<ReactionId>,
-    /// Plain connections that carry a value on if their mode is active, by root.
-    pub(crate) relays: Table<PortId, Vec<ConnectionId>>,
-    /// What modes enclose.
-    pub(crate) modes: ModeWiring,
-    /// Delayed and physical connections, by root, that stay within the scope.
-    pub(crate) delayed: Table<PortId, Vec<ConnectionId>>,
-    /// Channels to other federates, by root.
-    pub(crate) outgoing: Table<PortId, Vec<ChannelId>>,
-    /// Timers in the scope.
-    pub(crate) timers: Vec<TimerId>,
-    /// When each reaction takes its turn at a tag; those of one rank go in the order of the program.
-    /// Whatever precedes a reaction has a lower rank.
-    pub(crate) rank: Table<ReactionId, usize>,
-    /// How many ranks there are.
-    pub(crate) ranks: usize,
-}
-
-/// What modes enclose, innermost first; all tables are full even where there are no modes.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) struct ModeWiring {
-    /// Reactors with modes in the scope, containers before their contents, and their modes.
-    pub(crate) reactors: Vec<Modal>,
     /// Reactions to the reset of their mode.
     pub(crate) resets: Vec<ReactionId>,
-    pub(crate) outer: Table<ModeId, Option<ModeId>>,
-    pub(crate) of_reaction: Table<ReactionId, Option<ModeId>>,
-    pub(crate) of_action: Table<ActionId, Option<ModeId>>,
-    pub(crate) of_timer: Table<TimerId, Option<ModeId>>,
-    pub(crate) of_connection: Table<ConnectionId, Option<ModeId>>,
-}
-
-/// A reactor with modes.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) struct Modal {
-    pub(crate) reactor: ReactorId,
-    pub(crate) modes: Vec<ModeId>,
-    pub(crate) initial: ModeId,
-    /// The mode of another reactor that encloses it.
-    pub(crate) outer: Option<ModeId>,
+    /// Plain connections that carry a value on if their mode is active, by root.
+    pub(crate) relays: Lists<PortId, ConnectionId>,
+    /// Delayed and physical connections, by root, that stay within the scope.
+    pub(crate) delayed: Lists<PortId, ConnectionId>,
+    /// Channels to other federates, by root.
+    pub(crate) outgoing: Lists<PortId, ChannelId>,
+    /// Timers in the scope.
+    pub(crate) timers: Vec<TimerId>,
+    /// When each reaction takes its turn.
+    pub(crate) order: Order,
+    /// What modes enclose.
+    pub(crate) modes: ModeWiring,
 }
 
 impl Scope {
@@ -88,71 +69,73 @@ impl Scope {
 impl Wiring {
     pub(crate) fn new(program: &Program, scope: Scope) -> Self {
         let root = roots(program, scope);
-        let mut wiring = Self {
-            triggered_by_port: Table::filled(program.ports.len(), Vec::new()),
-            triggered_by_action: Table::filled(program.actions.len(), Vec::new()),
-            triggered_by_timer: Table::filled(program.timers.len(), Vec::new()),
-            startup: Vec::new(),
-            shutdown: Vec::new(),
-            relays: Table::filled(program.ports.len(), Vec::new()),
+        let order = Order::new(program, scope);
+        let triggers = Triggers::new(program, scope, &root, &order);
+        let leaving = Leaving::new(program, scope, &root);
+        let ports = program.ports.len();
+        let timers = program.timers.iter();
+        let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
+        Self {
+            triggered_by_port: Lists::new(ports, triggers.by_port),
+            triggered_by_action: Lists::new(program.actions.len(), triggers.by_action),
+            triggered_by_timer: Lists::new(program.timers.len(), triggers.by_timer),
+            startup: triggers.startup,
+            shutdown: triggers.shutdown,
+            resets: triggers.resets,
+            relays: Lists::new(ports, leaving.relays),
+            delayed: Lists::new(ports, leaving.delayed),
+            outgoing: Lists::new(ports, leaving.outgoing),
+            timers: local.map(|(id, _)| id).collect(),
             modes: ModeWiring::new(program, scope),
-            delayed: Table::filled(program.ports.len(), Vec::new()),
-            outgoing: Table::filled(program.ports.len(), Vec::new()),
-            timers: Vec::new(),
-            rank: Table::filled(program.reactions.len(), 0),
-            ranks: 0,
+            order,
             root,
-        };
-        wiring.find_triggers(program, scope);
-        wiring.find_ranks(program, scope);
-        wiring.find_connections(program, scope);
-        wiring.timers = program
-            .timers
-            .iter()
-            .filter(|(_, timer)| scope.contains(program, timer.reactor))
-            .map(|(id, _)| id)
-            .collect();
-        wiring
+        }
     }
+}
 
-    fn find_triggers(&mut self, program: &Program, scope: Scope) {
+/// What triggers what.
+#[derive(Default)]
+struct Triggers {
+    by_port: Vec<(PortId, Position)>,
+    by_action: Vec<(ActionId, Position)>,
+    by_timer: Vec<(TimerId, Position)>,
+    startup: Vec<ReactionId>,
+    shutdown: Vec<ReactionId>,
+    resets: Vec<ReactionId>,
+}
+
+impl Triggers {
+    fn new(program: &Program, scope: Scope, root: &Table<PortId, PortId>, order: &Order) -> Self {
+        let mut triggers = Self::default();
         let local = program.reactions.iter().filter(|(_, r)| scope.contains(program, r.reactor));
         for (id, reaction) in local {
+            let position = order.position(id);
             for trigger in &reaction.triggers {
-                let reactions = match *trigger {
-                    Trigger::Startup => &mut self.startup,
-                    Trigger::Shutdown => &mut self.shutdown,
-                    Trigger::Reset => &mut self.modes.resets,
-                    Trigger::Timer(timer) => &mut self.triggered_by_timer[timer],
-                    Trigger::Action(action) => &mut self.triggered_by_action[action],
-                    Trigger::Port(port) => &mut self.triggered_by_port[self.root[port]],
-                };
-                if reactions.last() != Some(&id) {
-                    reactions.push(id);
+                match *trigger {
+                    Trigger::Startup => triggers.startup.push(id),
+                    Trigger::Shutdown => triggers.shutdown.push(id),
+                    Trigger::Reset => triggers.resets.push(id),
+                    Trigger::Timer(timer) => triggers.by_timer.push((timer, position)),
+                    Trigger::Action(action) => triggers.by_action.push((action, position)),
+                    Trigger::Port(port) => triggers.by_port.push((root[port], position)),
                 }
             }
         }
+        triggers
     }
+}
 
-    /// By level, and if deadlines go first, by inferred deadline before that, as in Lingua Franca. A reaction's inferred deadline is no later than those of the reactions after it, so
-    /// either way it comes before them.
-    fn find_ranks(&mut self, program: &Program, scope: Scope) {
-        let key = |reaction: &Reaction| {
-            let by_deadline = program.properties.deadlines_first;
-            (if by_deadline { reaction.inferred_deadline } else { 0 }, reaction.level)
-        };
-        let local = |reaction: &&Reaction| scope.contains(program, reaction.reactor);
-        let mut keys: Vec<_> = program.reactions.values().filter(local).map(key).collect();
-        keys.sort_unstable();
-        keys.dedup();
-        self.ranks = keys.len();
-        for (id, reaction) in program.reactions.iter() {
-            // One from elsewhere never runs here, and its rank says nothing.
-            self.rank[id] = keys.binary_search(&key(reaction)).unwrap_or_default();
-        }
-    }
+/// What leads away from roots, otherwise than by being the same.
+#[derive(Default)]
+struct Leaving {
+    relays: Vec<(PortId, ConnectionId)>,
+    delayed: Vec<(PortId, ConnectionId)>,
+    outgoing: Vec<(PortId, ChannelId)>,
+}
 
-    fn find_connections(&mut self, program: &Program, scope: Scope) {
+impl Leaving {
+    fn new(program: &Program, scope: Scope, root: &Table<PortId, PortId>) -> Self {
+        let mut leaving = Self::default();
         let conditional = program.conditional_connections();
         for (id, connection) in program.connections.iter() {
             let local = [connection.from, connection.to]
@@ -161,58 +144,18 @@ impl Wiring {
             // A connection at the top of a federated program has both ends in federates, so one
             // that is not local either is a channel or belongs to others.
             if local && conditional[id] {
-                self.relays[self.root[connection.from]].push(id);
+                leaving.relays.push((root[connection.from], id));
             } else if local && !connection.is_direct() {
-                self.delayed[self.root[connection.from]].push(id);
+                leaving.delayed.push((root[connection.from], id));
             }
         }
         if let Scope::Federate(federate) = scope {
             for (id, channel) in program.channels.iter().filter(|(_, c)| c.from == federate) {
                 let from = program.connections[channel.connection].from;
-                self.outgoing[self.root[from]].push(id);
+                leaving.outgoing.push((root[from], id));
             }
         }
-    }
-}
-
-impl ModeWiring {
-    fn new(program: &Program, scope: Scope) -> Self {
-        let enclosing = |reactor, own| program.enclosing_mode(reactor, own);
-        let mut reactors: Vec<Modal> = Vec::new();
-        for (id, mode) in program.modes.iter() {
-            if !scope.contains(program, mode.reactor) {
-                continue;
-            }
-            match reactors.iter_mut().find(|modal| modal.reactor == mode.reactor) {
-                Some(modal) => {
-                    modal.modes.push(id);
-                    if mode.initial {
-                        modal.initial = id;
-                    }
-                }
-                None => reactors.push(Modal {
-                    reactor: mode.reactor,
-                    modes: vec![id],
-                    initial: id,
-                    outer: program.outer_mode(id),
-                }),
-            }
-        }
-        let depth = |modal: &Modal| program.modes_around(modal.outer).count();
-        reactors.sort_by_key(depth);
-        Self {
-            reactors,
-            resets: Vec::new(),
-            outer: program.modes.ids().map(|mode| program.outer_mode(mode)).collect(),
-            of_reaction: program.reactions.ids().map(|id| program.mode_of_reaction(id)).collect(),
-            of_action: program.actions.values().map(|a| enclosing(a.reactor, a.mode)).collect(),
-            of_timer: program.timers.values().map(|t| enclosing(t.reactor, t.mode)).collect(),
-            of_connection: program
-                .connections
-                .ids()
-                .map(|id| program.mode_of_connection(id))
-                .collect(),
-        }
+        leaving
     }
 }
 

@@ -154,7 +154,7 @@ impl Runtime {
         // Dropped after the lock, if the scheduler refuses the event.
         let _kept = value.clone();
         if let Some(mut cell) = self.reacting() {
-            cell.scheduler.schedule(action, extra, value, Clock::now());
+            cell.scheduler.schedule(action, extra, value, Clock::now);
             let displaced = cell.scheduler.take_displaced();
             drop(cell);
             drop(displaced);

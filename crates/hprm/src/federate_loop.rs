@@ -187,7 +187,7 @@ where
         self.handle(Input::Begun(tag))?;
         self.scheduler.begin(tag);
         run_tag(&mut self.scheduler, &mut self.host)?;
-        let last = self.scheduler.end(Clock::now());
+        let last = self.scheduler.end(Clock::now);
         // First: whoever gets a message from this tag can reuse what it has sent before.
         self.give_back()?;
         while let Some(departure) = self.scheduler.poll_send() {

@@ -62,7 +62,7 @@ where
         }
         scheduler.begin(tag);
         run_tag(scheduler, host)?;
-        if scheduler.end(Clock::now()) {
+        if scheduler.end(Clock::now) {
             return if interrupted {
                 Err(Failure { message: String::new(), code: 130 })
             } else {
@@ -77,7 +77,7 @@ pub(crate) fn run_tag<H: Host>(
     scheduler: &mut Scheduler<H::Value>,
     host: &mut H,
 ) -> Result<(), Failure> {
-    while let Some((reaction, body)) = scheduler.next_reaction(Clock::now()) {
+    while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
         if let Some(intended) = scheduler.unhandled_tardy() {
             host.warn(&tardy_warning(scheduler, reaction, intended));
         }

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use super::{Scheduler, Send};
 use crate::queue::Event;
-use crate::{Channel, ChannelId, Connection, ConnectionId, Delay, PhysicalTime, PortId, Tag};
+use crate::{
+    Channel, ChannelId, Connection, ConnectionId, Delay, PhysicalTime, PortId, Reading, Tag,
+};
 
 impl<V: Clone> Scheduler<V> {
     /// A value that leaves for another federate, in the order in which they were set.
@@ -37,8 +39,30 @@ impl<V: Clone> Scheduler<V> {
         self.insert_message(connection, tag, value, None)
     }
 
+    /// Sends what is present along delayed connections and to other federates, and makes it absent.
+    pub(super) fn send_present(&mut self, now: impl Reading) {
+        let mut ports = std::mem::take(&mut self.present_ports);
+        let leaves = |root: &PortId| {
+            !self.wiring.delayed[*root].is_empty() || !self.wiring.outgoing[*root].is_empty()
+        };
+        if ports.iter().any(leaves) {
+            // Not in the order of setting, which workers may change.
+            ports.sort_unstable();
+            let now = now.read();
+            for root in &ports {
+                if let Some(value) = self.ports[*root].take() {
+                    self.forward(*root, &value, now);
+                }
+            }
+        }
+        for root in ports.drain(..) {
+            self.ports[root] = None;
+        }
+        self.present_ports = ports;
+    }
+
     /// Sends the value at a root along what leaves from there.
-    pub(super) fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
+    fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.delayed[root] {
             if !self.modes.is_active(wiring.modes.of_connection[*connection]) {

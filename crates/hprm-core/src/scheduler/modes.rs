@@ -6,6 +6,7 @@
 //! when that happens.
 
 use super::Scheduler;
+use crate::order::Position;
 use crate::queue::Event;
 use crate::wiring::{ModeWiring, Wiring};
 use crate::{Delay, ModeId, Nanos, Program, ReactionId, Table, Tag, TimerId, Transition};
@@ -60,6 +61,16 @@ impl<V> Modes<V> {
     /// Whether what lies in `mode`, or in none, can happen.
     pub(super) fn is_active(&self, mode: Option<ModeId>) -> bool {
         mode.is_none_or(|mode| self.active[mode])
+    }
+
+    /// Whether there are no modes at all, which spares the rest of the questions.
+    pub(super) fn all_active(&self) -> bool {
+        self.requested.is_empty()
+    }
+
+    /// Whether the mode around a reaction is active.
+    pub(super) fn lets_run(&self, wiring: &Wiring, position: Position) -> bool {
+        self.is_active(wiring.modes.of_reaction[wiring.order.reaction(position)])
     }
 
     /// Whether what lies in `mode` has ever been active.
@@ -146,7 +157,7 @@ impl<V: Clone> Scheduler<V> {
         let wiring = std::sync::Arc::clone(&self.wiring);
         for reaction in &wiring.startup {
             if self.modes.is_active(wiring.modes.of_reaction[*reaction]) {
-                self.ready.push(*reaction, wiring.rank[*reaction]);
+                self.ready.push(wiring.order.position(*reaction));
             } else {
                 self.modes.await_activity(*reaction);
             }
@@ -157,7 +168,7 @@ impl<V: Clone> Scheduler<V> {
     pub(super) fn queue_shutdown(&mut self) {
         for reaction in &self.wiring.shutdown {
             if self.modes.was_active(self.wiring.modes.of_reaction[*reaction]) {
-                self.ready.push(*reaction, self.wiring.rank[*reaction]);
+                self.ready.push(self.wiring.order.position(*reaction));
             }
         }
     }
@@ -165,7 +176,7 @@ impl<V: Clone> Scheduler<V> {
     /// Queues the reactions that the change of modes before this tag has called for.
     pub(super) fn queue_due(&mut self) {
         for reaction in self.modes.due.drain(..) {
-            self.ready.push(reaction, self.wiring.rank[reaction]);
+            self.ready.push(self.wiring.order.position(reaction));
         }
     }
 
@@ -192,7 +203,7 @@ impl<V: Clone> Scheduler<V> {
         self.suspend_inactive();
         self.resume(&reset);
         self.restart_timers(&wiring.modes, &reset, &new);
-        for reaction in &wiring.modes.resets {
+        for reaction in &wiring.resets {
             if wiring.modes.of_reaction[*reaction].is_some_and(|mode| reset.contains(&mode)) {
                 self.modes.await_activity(*reaction);
             }

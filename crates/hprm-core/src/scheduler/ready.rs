@@ -1,60 +1,90 @@
-//! Reactions that wait for their turn at the current tag. This file knows their order, not what
-//! queued them.
+//! Reactions that wait for their turn at the current tag: a set of positions, of which the first is
+//! taken again and again. This file knows their order, not what queued them.
 
-use crate::{ReactionId, Table};
+use crate::order::Position;
 
-/// Reactions that wait for their turn at the current tag.
+const BITS: u32 = u64::BITS;
+
+/// Reactions that wait for their turn.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Ready {
-    by_rank: Vec<Vec<ReactionId>>,
-    queued: Table<ReactionId, bool>,
-    /// How many wait.
-    waiting: usize,
-    /// The rank that is running. Nothing below it can be queued any more.
-    rank: usize,
+    /// A bit for every position.
+    words: Vec<u64>,
+    /// A bit for every word that is not zero, so that the first one is found at a glance.
+    summary: Vec<u64>,
+    /// No word of the summary before this one has a bit.
+    first: usize,
 }
 
 impl Ready {
-    /// Nothing waits; `ranks` is how many there are.
-    pub(super) fn new(reactions: usize, ranks: usize) -> Self {
-        Self {
-            by_rank: vec![Vec::new(); ranks],
-            queued: Table::filled(reactions, false),
-            waiting: 0,
-            rank: 0,
-        }
-    }
-
-    /// Starts over at the lowest rank, for the next tag.
-    pub(super) fn rewind(&mut self) {
-        self.rank = 0;
+    /// Nothing waits, of so many reactions.
+    pub(super) fn new(reactions: usize) -> Self {
+        let words = reactions.div_ceil(BITS as usize);
+        let summary = words.div_ceil(BITS as usize);
+        Self { words: vec![0; words], summary: vec![0; summary], first: summary }
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.waiting == 0
+        self.first == self.summary.len()
     }
 
-    pub(super) fn push(&mut self, reaction: ReactionId, rank: usize) {
-        debug_assert!(rank >= self.rank, "a reaction precedes what triggers it");
-        if !std::mem::replace(&mut self.queued[reaction], true) {
-            self.by_rank[rank].push(reaction);
-            self.waiting += 1;
-        }
+    /// Adds a reaction, unless it waits already.
+    pub(super) fn push(&mut self, position: Position) {
+        let word = position.0 / BITS;
+        let summary = (word / BITS) as usize;
+        self.words[word as usize] |= 1 << (position.0 % BITS);
+        self.summary[summary] |= 1 << (word % BITS);
+        self.first = self.first.min(summary);
     }
 
-    /// By rank, and within a rank in the order of the program.
-    pub(super) fn pop(&mut self) -> Option<ReactionId> {
-        if self.is_empty() {
-            return None;
+    /// Takes the reaction that comes first.
+    pub(super) fn pop(&mut self) -> Option<Position> {
+        let summary = self.summary.get_mut(self.first)?;
+        let word = self.first * BITS as usize + summary.trailing_zeros() as usize;
+        let bits = &mut self.words[word];
+        let position = word * BITS as usize + bits.trailing_zeros() as usize;
+        *bits &= *bits - 1;
+        if *bits == 0 {
+            *summary &= *summary - 1;
+            while self.summary.get(self.first) == Some(&0) {
+                self.first += 1;
+            }
         }
-        while self.by_rank[self.rank].is_empty() {
-            self.rank += 1;
+        u32::try_from(position).ok().map(Position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_come_out_in_their_order_and_once() {
+        let mut ready = Ready::new(10_000);
+        assert!(ready.is_empty());
+        let mut positions = [9_999, 64, 63, 0, 4_096, 4_095, 64, 8_000, 1];
+        for position in positions {
+            ready.push(Position(position));
         }
-        let reactions = &mut self.by_rank[self.rank];
-        let first = reactions.iter().enumerate().min_by_key(|(_, reaction)| **reaction)?.0;
-        let reaction = reactions.swap_remove(first);
-        self.queued[reaction] = false;
-        self.waiting -= 1;
-        Some(reaction)
+        positions.sort_unstable();
+        let mut expected = positions.to_vec();
+        expected.dedup();
+        let taken: Vec<_> = std::iter::from_fn(|| ready.pop()).map(|p| p.0).collect();
+        assert_eq!(taken, expected);
+        assert!(ready.is_empty());
+        assert_eq!(ready, Ready::new(10_000));
+    }
+
+    #[test]
+    fn what_is_added_meanwhile_takes_its_place() {
+        let mut ready = Ready::new(300);
+        ready.push(Position(7));
+        ready.push(Position(299));
+        assert_eq!(ready.pop(), Some(Position(7)));
+        ready.push(Position(128));
+        assert_eq!(ready.pop(), Some(Position(128)));
+        assert_eq!(ready.pop(), Some(Position(299)));
+        assert_eq!(ready.pop(), None);
+        assert_eq!(Ready::new(0).pop(), None);
     }
 }

@@ -3,7 +3,7 @@
 use super::{Scheduled, Scheduler};
 use crate::queue::Event;
 use crate::wiring::Scope;
-use crate::{ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Tag};
+use crate::{ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Reading, Tag};
 
 impl<V: Clone> Scheduler<V> {
     /// Schedules a logical action `extra` nanoseconds after its minimum delay, or a physical one by
@@ -13,7 +13,7 @@ impl<V: Clone> Scheduler<V> {
         action: ActionId,
         extra: Nanos,
         value: Option<V>,
-        now: PhysicalTime,
+        now: impl Reading,
     ) -> Scheduled {
         let spec = &self.program.actions[action];
         let delay = spec.min_delay.saturating_add(extra.max(0));
@@ -25,7 +25,7 @@ impl<V: Clone> Scheduler<V> {
         }
         let mut tag = match spec.origin {
             Origin::Logical => Delay::after(delay).shift(self.tag),
-            Origin::Physical => self.tag_by_clock(delay, now),
+            Origin::Physical => self.tag_by_clock(delay, now.read()),
         };
         if let (Some(spacing), Some(last)) = (spec.spacing, self.last_scheduled[action])
             && !spacing.allows(last, tag)

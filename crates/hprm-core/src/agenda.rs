@@ -1,0 +1,203 @@
+//! What is to come, by tag: a sorted map of lists, made for taking the earliest again and again.
+//!
+//! The earliest list is kept outside the tree, because most programs look ahead to one tag or two.
+//! What the entries mean is somebody else's business.
+
+use std::collections::BTreeMap;
+use std::hash::{Hash, Hasher};
+
+use crate::Tag;
+
+/// The most lists that are kept for later. A program that has more tags waiting than this returns
+/// the rest of its memory.
+const MOST_SPARE: usize = 64;
+
+/// Lists of entries by tag. No list is empty.
+#[derive(Clone, Debug)]
+pub(crate) struct Agenda<T> {
+    /// The earliest, if there is any.
+    first: Option<(Tag, Vec<T>)>,
+    /// All others.
+    later: BTreeMap<Tag, Vec<T>>,
+    /// Empty lists of tags that have passed, for tags to come: a periodic program allocates nothing
+    /// once it has warmed up, unless so many tags wait that the tree grows and shrinks.
+    spare: Vec<Vec<T>>,
+}
+
+// What is spare is no part of the state.
+impl<T: PartialEq> PartialEq for Agenda<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.first == other.first && self.later == other.later
+    }
+}
+
+impl<T: Eq> Eq for Agenda<T> {}
+
+impl<T: Hash> Hash for Agenda<T> {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.first.hash(state);
+        self.later.hash(state);
+    }
+}
+
+impl<T> Agenda<T> {
+    pub(crate) const fn new() -> Self {
+        Self { first: None, later: BTreeMap::new(), spare: Vec::new() }
+    }
+
+    /// The earliest tag with entries.
+    pub(crate) fn first(&self) -> Option<Tag> {
+        self.first.as_ref().map(|(tag, _)| *tag)
+    }
+
+    /// The entries at `tag`.
+    pub(crate) fn at(&self, tag: Tag) -> &[T] {
+        match &self.first {
+            Some((first, entries)) if *first == tag => entries,
+            Some((first, _)) if *first < tag => self.later.get(&tag).map_or(&[], Vec::as_slice),
+            _ => &[],
+        }
+    }
+
+    /// The entries at `tag`.
+    pub(crate) fn at_mut(&mut self, tag: Tag) -> &mut [T] {
+        match &mut self.first {
+            Some((first, entries)) if *first == tag => entries,
+            _ => self.later.get_mut(&tag).map_or(&mut [], Vec::as_mut_slice),
+        }
+    }
+
+    /// Appends an entry at `tag`.
+    pub(crate) fn push(&mut self, tag: Tag, entry: T) {
+        match &mut self.first {
+            Some((first, entries)) if *first == tag => entries.push(entry),
+            Some((first, _)) if *first < tag => {
+                let spare = &mut self.spare;
+                let later = self.later.entry(tag);
+                later.or_insert_with(|| spare.pop().unwrap_or_default()).push(entry);
+            }
+            _ => {
+                let mut entries = self.spare.pop().unwrap_or_default();
+                entries.push(entry);
+                if let Some((first, others)) = self.first.replace((tag, entries)) {
+                    self.later.insert(first, others);
+                }
+            }
+        }
+    }
+
+    /// Removes the entries at `tag`. The list may be given back with [`Self::recycle`].
+    pub(crate) fn take(&mut self, tag: Tag) -> Vec<T> {
+        match self.first.take_if(|(first, _)| *first == tag) {
+            Some((_, entries)) => {
+                self.first = self.later.pop_first();
+                entries
+            }
+            None => self.later.remove(&tag).unwrap_or_default(),
+        }
+    }
+
+    /// Keeps the memory of a list for tags to come.
+    pub(crate) fn recycle(&mut self, mut entries: Vec<T>) {
+        entries.clear();
+        if entries.capacity() > 0 && self.spare.len() < MOST_SPARE {
+            self.spare.push(entries);
+        }
+    }
+
+    /// All entries, in order.
+    pub(crate) fn entries(&self) -> impl Iterator<Item = &T> {
+        let first = self.first.iter().map(|(_, entries)| entries);
+        first.chain(self.later.values()).flatten()
+    }
+
+    /// Removes all entries that satisfy the condition, in their order.
+    pub(crate) fn extract(&mut self, mut condition: impl FnMut(&T) -> bool) -> Vec<(Tag, T)> {
+        let mut extracted = Vec::new();
+        let mut keeps_some = |tag: &Tag, entries: &mut Vec<T>| {
+            let out = entries.extract_if(.., |entry| condition(entry));
+            extracted.extend(out.map(|entry| (*tag, entry)));
+            !entries.is_empty()
+        };
+        let mut first = self.first.take();
+        let keeps_first = first.as_mut().is_some_and(|(tag, entries)| keeps_some(tag, entries));
+        self.later.retain(keeps_some);
+        self.first = first.filter(|_| keeps_first).or_else(|| self.later.pop_first());
+        extracted
+    }
+
+    /// Forgets everything after `tag`.
+    pub(crate) fn truncate(&mut self, tag: Tag) {
+        self.first.take_if(|(first, _)| *first > tag);
+        if self.first.is_none() {
+            self.later.clear();
+        } else if self.later.last_key_value().is_some_and(|(last, _)| *last > tag) {
+            self.later.split_off(&tag.succ());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn at(time: i64) -> Tag {
+        Tag::new(time, 0)
+    }
+
+    #[test]
+    fn spare_memory_is_no_part_of_the_state() {
+        let (mut used, fresh) = (Agenda::new(), Agenda::new());
+        used.push(Tag::START, 'a');
+        assert_ne!(used, fresh);
+        let entries = used.take(Tag::START);
+        used.recycle(entries);
+        assert_eq!(used.spare.len(), 1);
+        assert_eq!(used, fresh);
+        used.push(Tag::START, 'b');
+        assert!(used.spare.is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_a_sorted_map(steps in prop::collection::vec((0_u8..5, 0_i64..6), 0..60)) {
+            let (mut agenda, mut model) = (Agenda::new(), BTreeMap::<Tag, Vec<usize>>::new());
+            for (index, (step, time)) in steps.into_iter().enumerate() {
+                let tag = at(time);
+                match step {
+                    0 | 1 => {
+                        agenda.push(tag, index);
+                        model.entry(tag).or_default().push(index);
+                    }
+                    2 => prop_assert_eq!(agenda.take(tag), model.remove(&tag).unwrap_or_default()),
+                    3 => {
+                        agenda.truncate(tag);
+                        model.retain(|other, _| *other <= tag);
+                    }
+                    _ => {
+                        let out: Vec<_> = model
+                            .iter_mut()
+                            .flat_map(|(tag, entries)| {
+                                entries.extract_if(.., |e| *e % 2 == 0).map(|e| (*tag, e))
+                            })
+                            .collect();
+                        model.retain(|_, entries| !entries.is_empty());
+                        prop_assert_eq!(agenda.extract(|e| *e % 2 == 0), out);
+                    }
+                }
+                prop_assert_eq!(agenda.first(), model.keys().next().copied());
+                for time in 0..6 {
+                    let expected = model.get(&at(time)).cloned().unwrap_or_default();
+                    prop_assert_eq!(agenda.at(at(time)), expected.as_slice());
+                    prop_assert_eq!(agenda.at_mut(at(time)), expected.as_slice());
+                }
+                let all: Vec<_> = model.values().flatten().copied().collect();
+                prop_assert_eq!(agenda.entries().copied().collect::<Vec<_>>(), all);
+            }
+        }
+    }
+}
