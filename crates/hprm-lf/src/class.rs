@@ -13,7 +13,7 @@ pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: Stri
     let declared = &model.declared;
     let code = |body: ast::Body| code::dedent(sources, body.inner);
     let value = |expression: &ast::Expression| Value::new(sources, expression);
-    let parameters = declared.decl.parameters.iter().filter_map(|parameter| {
+    let parameters = declared.parameters.iter().filter_map(|parameter| {
         let default = value(parameter.default.as_ref()?);
         Some(ParameterDecl { name: parameter.name.text.clone(), default })
     });
@@ -34,6 +34,7 @@ pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: Stri
             code: code(decl.body?),
             deadline: decl.deadline.as_ref().map(|deadline| code(deadline.body)),
             tardy: decl.late.as_ref().and_then(|late| late.body).map(code),
+            file: decl.header.file,
             line: sources.position(decl.header).line,
         })
     });

@@ -5,10 +5,10 @@ use crate::ast::ReactorKind;
 use crate::check::{self, Models};
 use crate::code;
 use crate::compiled::{Compiled, Failure};
-use crate::diagnostic::Report;
+use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
-use crate::model::{Declarations, Model};
+use crate::model::{Declarations, MOST_MEMBERS, Model};
 use crate::properties::Stated;
 use crate::resolve;
 use crate::source::SourceLoader;
@@ -70,16 +70,28 @@ fn has_physical_action(models: &Models<'_>) -> bool {
     models.iter().flatten().any(physical)
 }
 
-/// The classes of the main file, and those that they contain, resolved.
+/// The classes of the main file, and those that they contain or extend, resolved.
 fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>>> {
     let mut classes: Vec<Option<Declarations<'a>>> = library.classes().map(|_| None).collect();
     let in_main = |class: &ClassId| library.file_of(*class) == Library::MAIN;
     let mut pending: Vec<ClassId> = library.classes().filter(in_main).collect();
+    let mut size = 0;
     while let Some(class) = pending.pop() {
         if classes[class.0].is_none() {
             let declared = Declarations::new(library, class, report);
             pending.extend(declared.instances.iter().map(|instance| instance.class));
+            pending.extend(&declared.lineage);
+            size += declared.size();
+            let header = declared.decl.header;
             classes[class.0] = Some(declared);
+            if size > MOST_MEMBERS {
+                let message = format!("the reactors have more than {MOST_MEMBERS} members");
+                report.add(
+                    Diagnostic::error("LF0406", header, message)
+                        .hint("inherited members count for each reactor that inherits them"),
+                );
+                return Vec::new();
+            }
         }
     }
     let mut resolved = Vec::new();

@@ -103,7 +103,9 @@ pub struct ReactionBody {
     ///
     /// [`handles_tardy`]: hprm_core::Reaction::handles_tardy
     pub tardy: Option<Code>,
-    /// The line of the word `reaction`.
+    /// The file that holds it: an inherited reaction may have another one than its class.
+    pub file: FileId,
+    /// The line of the word `reaction` there.
     pub line: u32,
 }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use hprm_core::Nanos;
 
-use crate::ast::{Expression, ExpressionKind, Instantiation, Reactor, Width, WidthTerm};
+use crate::ast::{Expression, ExpressionKind, Instantiation, Parameter, Width, WidthTerm};
 use crate::diagnostic::{Diagnostic, Report};
 
 /// The widest bank or multiport.
@@ -28,8 +28,8 @@ pub(crate) struct Environment<'a> {
 
 impl<'a> Environment<'a> {
     /// The defaults of a class.
-    pub(crate) fn of_main(class: &'a Reactor) -> Self {
-        let defaults = class.parameters.iter().filter_map(|parameter| {
+    pub(crate) fn of_main(parameters: &[&'a Parameter]) -> Self {
+        let defaults = parameters.iter().filter_map(|parameter| {
             let default = parameter.default.as_ref()?;
             Some((parameter.name.text.as_str(), Static::Written(default)))
         });
@@ -40,10 +40,10 @@ impl<'a> Environment<'a> {
     pub(crate) fn of_instance(
         &self,
         decl: &'a Instantiation,
-        class: &'a Reactor,
+        parameters: &[&'a Parameter],
         bank_index: Option<u32>,
     ) -> Self {
-        let mut inner = Self::of_main(class);
+        let mut inner = Self::of_main(parameters);
         if let (Some(index), Some(value)) = (bank_index, inner.values.get_mut("bank_index")) {
             *value = Static::Index(index);
         }

@@ -73,7 +73,7 @@ pub(crate) fn instantiate<'a>(
     let mut growth = Growth { library, models, tree, indices, report };
     let reactor = growth.tree.builder.main();
     let name = name_of_main(library, decl);
-    let environment = Environment::of_main(decl);
+    let environment = Environment::of_main(&models[main.0].as_ref()?.declared.parameters);
     growth.node(main, reactor, environment, (name, None, Vec::new()))?;
     growth.contents(0, 1)?;
     Some(growth.tree)
@@ -228,8 +228,8 @@ impl<'a> Growth<'a, '_> {
     ) -> Option<usize> {
         let model::Instance { decl, mode, class } = instance;
         let container = &self.tree.nodes[parent];
-        let environment =
-            container.environment.of_instance(decl, self.library.reactor(class), bank_index);
+        let parameters = &self.models[class.0].as_ref()?.declared.parameters;
+        let environment = container.environment.of_instance(decl, parameters, bank_index);
         let name = &decl.name.text;
         let place = bank_index.map_or_else(|| name.clone(), |index| format!("{name}[{index}]"));
         let reactor = self.tree.builder.reactor(container.reactor, &place);

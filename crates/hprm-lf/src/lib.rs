@@ -9,8 +9,7 @@
 //! the instance graph, `class` brings bodies and values into the form that Python gets. [`compile()`]
 //! runs them in that order.
 //!
-//! The grammar is whole; modes, inheritance, watchdogs and packages are parsed and
-//! then refused.
+//! The grammar is whole; watchdogs are parsed and then refused.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
@@ -23,6 +22,7 @@ mod compile;
 mod compiled;
 mod diagnostic;
 mod environment;
+mod inherit;
 mod instance;
 mod legacy;
 mod lexer;

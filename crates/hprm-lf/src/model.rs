@@ -3,19 +3,33 @@
 //! The types here are what lowering works on; they hold only what is known to exist. Finding out
 //! is the business of [`resolve`](crate::resolve).
 
+use std::collections::BTreeMap;
+
 use hprm_core::Transition;
 
 use crate::ast;
 use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::inherit::{self, Overriding};
 use crate::library::{ClassId, Library};
+use crate::source::Span;
 
-/// The members of a class.
+/// The most members of all classes together, with those that they inherit.
+pub(crate) const MOST_MEMBERS: usize = 1_000_000;
+
+/// The members of a class, after those that it inherits.
 #[derive(Debug)]
 pub(crate) struct Declarations<'a> {
     pub(crate) decl: &'a ast::Reactor,
     /// Whether an error has been reported for which members are missing here.
     pub(crate) incomplete: bool,
+    /// The classes that it is made of, itself the last.
+    pub(crate) lineage: Vec<ClassId>,
+    /// The headers of those classes, in the order of the text.
+    homes: Vec<Span>,
+    /// What a name means here.
+    index: Index<'a>,
+    pub(crate) parameters: Vec<&'a ast::Parameter>,
     pub(crate) preambles: Vec<ast::Body>,
     pub(crate) modes: Vec<&'a ast::Mode>,
     pub(crate) states: Vec<Placed<'a, ast::State>>,
@@ -26,6 +40,15 @@ pub(crate) struct Declarations<'a> {
     pub(crate) instances: Vec<Instance<'a>>,
     pub(crate) reactions: Vec<Placed<'a, ast::Reaction>>,
     pub(crate) connections: Vec<Placed<'a, ast::Connection>>,
+}
+
+/// By name, what is found by name most often. Of two things of one name, the first.
+#[derive(Debug, Default)]
+struct Index<'a> {
+    variables: BTreeMap<&'a str, Entity>,
+    instances: BTreeMap<&'a str, usize>,
+    modes: BTreeMap<&'a str, usize>,
+    parameters: BTreeMap<&'a str, &'a ast::Parameter>,
 }
 
 /// A member, and the mode that it is declared in, by index.
@@ -172,6 +195,10 @@ impl<'a> Declarations<'a> {
         let mut declared = Self {
             decl,
             incomplete: false,
+            lineage: Vec::new(),
+            homes: Vec::new(),
+            index: Index::default(),
+            parameters: Vec::new(),
             preambles: Vec::new(),
             modes: Vec::new(),
             states: Vec::new(),
@@ -183,14 +210,51 @@ impl<'a> Declarations<'a> {
             reactions: Vec::new(),
             connections: Vec::new(),
         };
-        if let Some(base) = decl.extends.first() {
-            let instead = "contain the other reactor and connect its ports";
-            declared.miss(Diagnostic::unsupported(base.span, "inheritance is", instead), report);
+        let inherit::Lineage { classes, incomplete } = inherit::lineage(library, class, report);
+        declared.incomplete = incomplete;
+        let mut parameters = Overriding::default();
+        for home in &classes {
+            let ancestor = library.reactor(*home);
+            parameters.extend(&ancestor.parameters, |parameter| &parameter.name);
+            for member in &ancestor.members {
+                declared.member((library, *home), member, None, report);
+            }
+            if declared.size() > MOST_MEMBERS {
+                let message = format!("a reactor has at most {MOST_MEMBERS} members");
+                declared.miss(Diagnostic::error("LF0406", decl.header, message), report);
+                break;
+            }
         }
-        for member in &decl.members {
-            declared.member((library, class), member, None, report);
-        }
+        declared.parameters = parameters.all;
+        declared.homes = classes.iter().map(|home| library.reactor(*home).header).collect();
+        declared.homes.sort_unstable();
+        declared.lineage = classes;
+        declared.index = Index::new(&declared);
         declared
+    }
+
+    /// How many members there are, with those that are inherited.
+    pub(crate) fn size(&self) -> usize {
+        [
+            self.preambles.len(),
+            self.modes.len(),
+            self.states.len(),
+            self.methods.len(),
+            self.ports.len(),
+            self.timers.len(),
+            self.actions.len(),
+            self.instances.len(),
+            self.reactions.len(),
+            self.connections.len(),
+        ]
+        .into_iter()
+        .sum()
+    }
+
+    /// Which of the classes in the lineage declares what stands at `span`: the same number for the
+    /// same class.
+    pub(crate) fn home(&self, span: Span) -> usize {
+        self.homes.partition_point(|home| (home.file, home.start) <= (span.file, span.start))
     }
 
     fn member(
@@ -238,8 +302,58 @@ impl<'a> Declarations<'a> {
         report.add(why);
     }
 
+    /// The port, action or timer of this name.
+    pub(crate) fn variable(&self, name: &str) -> Option<Entity> {
+        self.index.variables.get(name).copied()
+    }
+
+    /// The instance of this name, by index.
+    pub(crate) fn instance(&self, name: &str) -> Option<usize> {
+        self.index.instances.get(name).copied()
+    }
+
+    /// The mode of this name, by index.
+    pub(crate) fn mode(&self, name: &str) -> Option<usize> {
+        self.index.modes.get(name).copied()
+    }
+
+    /// The port of this name, by index.
+    pub(crate) fn port(&self, name: &str) -> Option<usize> {
+        match self.variable(name) {
+            Some(Entity::Port(port)) => Some(port),
+            _ => None,
+        }
+    }
+
     pub(crate) fn parameter(&self, name: &str) -> Option<&'a ast::Parameter> {
-        self.decl.parameters.iter().find(|parameter| parameter.name.text == name)
+        self.index.parameters.get(name).copied()
+    }
+}
+
+impl<'a> Index<'a> {
+    fn new(declared: &Declarations<'a>) -> Self {
+        let mut index = Self::default();
+        for (i, port) in declared.ports.iter().enumerate() {
+            index.variables.entry(&port.name.text).or_insert(Entity::Port(i));
+        }
+        for (i, action) in declared.actions.iter().enumerate() {
+            index.variables.entry(&action.decl.name.text).or_insert(Entity::Action(i));
+        }
+        for (i, timer) in declared.timers.iter().enumerate() {
+            index.variables.entry(&timer.decl.name.text).or_insert(Entity::Timer(i));
+        }
+        for (i, instance) in declared.instances.iter().enumerate() {
+            index.instances.entry(&instance.decl.name.text).or_insert(i);
+        }
+        for (i, mode) in declared.modes.iter().enumerate() {
+            if let Some(name) = &mode.name {
+                index.modes.entry(&name.text).or_insert(i);
+            }
+        }
+        for parameter in &declared.parameters {
+            index.parameters.entry(&parameter.name.text).or_insert(parameter);
+        }
+        index
     }
 }
 

@@ -168,17 +168,10 @@ impl<'a> Resolver<'_, 'a> {
     }
 
     fn own(&self, name: &ast::Name, role: Role) -> Resolved<Entity> {
+        if let Some(entity) = self.declared.variable(&name.text) {
+            return Ok(entity);
+        }
         let Declarations { ports, actions, timers, .. } = self.declared;
-        let called = |other: &ast::Name| other.text == name.text;
-        if let Some(index) = ports.iter().position(|port| called(&port.name)) {
-            return Ok(Entity::Port(index));
-        }
-        if let Some(index) = actions.iter().position(|action| called(&action.name)) {
-            return Ok(Entity::Action(index));
-        }
-        if let Some(index) = timers.iter().position(|timer| called(&timer.name)) {
-            return Ok(Entity::Timer(index));
-        }
         if self.declared.incomplete {
             return Err(None);
         }
@@ -187,7 +180,7 @@ impl<'a> Resolver<'_, 'a> {
             names.extend(actions.iter().map(|action| action.name.text.as_str()));
             names.extend(timers.iter().map(|timer| timer.name.text.as_str()));
         }
-        let instance = self.declared.instances.iter().any(|i| called(&i.decl.name));
+        let instance = self.declared.instance(&name.text).is_some();
         let hint = if instance {
             format!("`{0}` is an instance; name one of its ports: `{0}.port`", name.text)
         } else {
@@ -199,8 +192,7 @@ impl<'a> Resolver<'_, 'a> {
 
     fn contained(&self, container: &ast::Name, port: &ast::Name) -> Resolved<Entity> {
         let instances = &self.declared.instances;
-        let found = instances.iter().position(|i| i.decl.name.text == container.text);
-        let Some(instance) = found else {
+        let Some(instance) = self.declared.instance(&container.text) else {
             if self.declared.incomplete {
                 return Err(None);
             }
@@ -209,14 +201,15 @@ impl<'a> Resolver<'_, 'a> {
             let hint = existing(&container.text, "instances", names);
             return refuse(Diagnostic::error("LF0302", container.span, message).hint(hint));
         };
-        let ports = self.ports_of(instance);
-        if let Some(port) = ports.iter().position(|p| p.name.text == port.text) {
+        let Instance { decl, class, .. } = instances[instance];
+        let Some(inner) = &self.classes[class.0] else { return Err(None) };
+        if let Some(port) = inner.port(&port.text) {
             return Ok(Entity::Contained { instance, port });
         }
-        let Instance { decl, class, .. } = instances[instance];
-        if self.classes[class.0].as_ref().is_none_or(|declared| declared.incomplete) {
+        if inner.incomplete {
             return Err(None);
         }
+        let ports = &inner.ports;
         let class = &decl.class;
         let message = format!("`{}` has no port `{}`", class.text, port.text);
         let names = ports.iter().map(|port| port.name.text.as_str());

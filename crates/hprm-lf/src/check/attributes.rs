@@ -24,7 +24,7 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
         .decl
         .attributes
         .iter()
-        .chain(declared.decl.parameters.iter().flat_map(|parameter| &parameter.attributes))
+        .chain(declared.parameters.iter().flat_map(|parameter| &parameter.attributes))
         .chain(declared.states.iter().flat_map(|state| &state.attributes))
         .chain(declared.ports.iter().flat_map(|port| &port.attributes))
         .chain(declared.timers.iter().flat_map(|timer| &timer.attributes))

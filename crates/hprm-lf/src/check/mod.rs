@@ -10,7 +10,9 @@ pub(crate) mod modes;
 mod names;
 mod values;
 
-use crate::ast::{Import, Reactor, ReactorKind};
+use std::collections::BTreeSet;
+
+use crate::ast::{Member, Reactor, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::model::Model;
@@ -33,7 +35,7 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
         modes::check(model, models, report);
     }
     cycles(models, report);
-    unused_imports(library, models, report);
+    unused_imports(library, report);
 }
 
 /// The main reactor, of which there must be one.
@@ -110,7 +112,7 @@ fn types_are_errors(span: Span, report: &mut Report) {
 
 fn declarations(model: &Model<'_>, report: &mut Report) {
     let declared = &model.declared;
-    let parameters = declared.decl.parameters.iter().map(|parameter| parameter.ty);
+    let parameters = declared.parameters.iter().map(|parameter| parameter.ty);
     let types = parameters
         .chain(declared.states.iter().map(|state| state.ty))
         .chain(declared.ports.iter().map(|port| port.ty))
@@ -184,22 +186,29 @@ fn cycles(models: &Models<'_>, report: &mut Report) {
     }
 }
 
-fn unused_imports(library: &Library, models: &Models<'_>, report: &mut Report) {
-    let used = |name: &str| {
-        let in_main = |class: &ClassId| library.file_of(*class) == Library::MAIN;
-        library.classes().filter(in_main).filter_map(|class| models[class.0].as_ref()).any(
-            |model| {
-                model.declared.instances.iter().any(|instance| instance.decl.class.text == name)
-            },
-        )
-    };
-    for Import { reactors, .. } in &library.model(Library::MAIN).imports {
-        for imported in reactors {
-            let name = imported.alias.as_ref().unwrap_or(&imported.name);
-            if !used(&name.text) {
-                let message = format!("`{}` is imported and not used", name.text);
-                report.add(Diagnostic::warning("LF0104", name.span, message));
+fn unused_imports(library: &Library, report: &mut Report) {
+    fn instances<'a>(members: &'a [Member], used: &mut BTreeSet<&'a str>) {
+        for member in members {
+            match member {
+                Member::Instantiation(instance) => {
+                    used.insert(&instance.class.text);
+                }
+                Member::Mode(mode) => instances(&mode.members, used),
+                _ => {}
             }
+        }
+    }
+    let main = library.model(Library::MAIN);
+    let mut used = BTreeSet::new();
+    for reactor in &main.reactors {
+        used.extend(reactor.extends.iter().map(|name| name.text.as_str()));
+        instances(&reactor.members, &mut used);
+    }
+    for imported in main.imports.iter().flat_map(|import| &import.reactors) {
+        let name = imported.alias.as_ref().unwrap_or(&imported.name);
+        if !used.contains(name.text.as_str()) {
+            let message = format!("`{}` is imported and not used", name.text);
+            report.add(Diagnostic::warning("LF0104", name.span, message));
         }
     }
 }

@@ -3,7 +3,7 @@
 use hprm_core::Transition;
 
 use super::Models;
-use crate::ast::{Member, Mode, Name, ReactorKind, Reference};
+use crate::ast::{Member, Name, ReactorKind, Reference};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::{Declarations, Entity, Instance, Model, Trigger};
 
@@ -26,10 +26,9 @@ pub(crate) fn may_contain(member: &Member, report: &mut Report) -> bool {
 /// The name, if an effect that looks like a variable is the name of a mode.
 pub(crate) fn bare<'r>(declared: &Declarations<'_>, reference: &'r Reference) -> Option<&'r Name> {
     let name = &reference.variable;
-    let taken = declared.ports.iter().any(|port| port.name.text == name.text)
-        || declared.actions.iter().any(|action| action.name.text == name.text);
+    let taken = matches!(declared.variable(&name.text), Some(Entity::Port(_) | Entity::Action(_)));
     let plain = reference.container.is_none() && !reference.interleaved;
-    (plain && !taken && index_of(declared, name).is_some()).then_some(name)
+    (plain && !taken && declared.mode(&name.text).is_some()).then_some(name)
 }
 
 /// A mode as an effect, without a word on how it is entered.
@@ -55,7 +54,7 @@ pub(crate) fn transition(
     place: Option<usize>,
     report: &mut Report,
 ) -> Option<Entity> {
-    let Some(index) = index_of(declared, name) else {
+    let Some(index) = declared.mode(&name.text) else {
         let message = format!("this reactor has no mode `{}`", name.text);
         let names = declared.modes.iter().filter_map(|mode| mode.name.as_ref());
         let hint = existing(&name.text, "modes", names.map(|name| name.text.as_str()));
@@ -70,11 +69,6 @@ pub(crate) fn transition(
         );
     }
     Some(Entity::Mode(index, transition))
-}
-
-fn index_of(declared: &Declarations<'_>, name: &Name) -> Option<usize> {
-    let called = |mode: &&Mode| mode.name.as_ref().is_some_and(|other| other.text == name.text);
-    declared.modes.iter().position(called)
 }
 
 /// The state variables that are reset with each mode, and with the mode around the reactor (`None`),

@@ -20,7 +20,7 @@ pub(super) fn check(model: &Model<'_>, models: &Models<'_>, report: &mut Report)
 }
 
 fn defaults(declared: &Declarations<'_>, report: &mut Report) {
-    for parameter in &declared.decl.parameters {
+    for parameter in &declared.parameters {
         let name = &parameter.name;
         match &parameter.default {
             None => {
@@ -51,7 +51,7 @@ fn assignments(declared: &Declarations<'_>, models: &Models<'_>, report: &mut Re
             if model.declared.parameter(&name.text).is_none() && name.text != "bank_index" {
                 let class = &instance.decl.class.text;
                 let message = format!("`{class}` has no parameter `{}`", name.text);
-                let all = model.declared.decl.parameters.iter().map(|p| p.name.text.as_str());
+                let all = model.declared.parameters.iter().map(|p| p.name.text.as_str());
                 let hint = existing(&name.text, "its parameters", all);
                 report.add(Diagnostic::error("LF0306", name.span, message).hint(hint));
             }
@@ -124,7 +124,7 @@ fn parameters_exist(expression: &Expression, declared: &Declarations<'_>, report
     match &expression.kind {
         ExpressionKind::Parameter(name) if declared.parameter(name).is_none() => {
             let message = format!("there is no parameter `{name}`");
-            let all = declared.decl.parameters.iter().map(|p| p.name.text.as_str());
+            let all = declared.parameters.iter().map(|p| p.name.text.as_str());
             let hint = existing(name, "parameters", all);
             report.add(Diagnostic::error("LF0306", expression.span, message).hint(hint));
         }
