@@ -3,6 +3,8 @@
 //! The builder checks what the runtime relies on: one source per port, no causality loop, federates
 //! at the top level. What a source language forbids beyond that is for its front end to say.
 
+use std::collections::BTreeSet;
+
 use crate::level::{self, Loop, Precedence};
 use crate::{
     Action, ActionId, Channel, Confined, Connection, ConnectionId, Delay, Direction, Effect,
@@ -285,6 +287,7 @@ impl ProgramBuilder {
                     reaction.level = levels[id];
                     reaction.inferred_deadline = inferred_deadlines[id];
                 }
+                self.find_ends();
                 Ok(self.program)
             }
             Err(Loop(reactions)) => {
@@ -403,15 +406,7 @@ impl ProgramBuilder {
         let read = reachable(
             program,
             |c| (c.to, c.from),
-            |id, mark| {
-                let reaction = &program.reactions[id];
-                reaction.sources.iter().for_each(|port| mark(*port));
-                reaction.triggers.iter().for_each(|trigger| {
-                    if let Trigger::Port(port) = trigger {
-                        mark(*port);
-                    }
-                });
-            },
+            |id, mark| program.read_ports(id).for_each(mark),
         );
         let federate = |port: PortId| program.reactors[program.ports[port].reactor].federate;
         self.program.channels = program
@@ -421,9 +416,57 @@ impl ProgramBuilder {
             .filter_map(|(connection, c)| {
                 let (from, to) = (federate(c.from)?, federate(c.to)?);
                 let Connection { delay, physical, .. } = *c;
-                (from != to).then_some(Channel { connection, from, to, delay, physical })
+                let (last_writer, first_reader) = (0, u32::MAX);
+                let channel =
+                    Channel { connection, from, to, delay, physical, last_writer, first_reader };
+                (from != to).then_some(channel)
             })
             .collect();
+    }
+
+    /// Finds the levels at which the two ends of each channel are written and read.
+    fn find_ends(&mut self) {
+        let program = &self.program;
+        let none = || Table::filled(program.ports.len(), Vec::new());
+        let (mut upstream, mut downstream) = (none(), none());
+        let direct = program.connections.values().filter(|c| c.is_direct());
+        for connection in direct.filter(|c| !program.crosses_federates(c)) {
+            upstream[connection.to].push(connection.from);
+            downstream[connection.from].push(connection.to);
+        }
+        let mut last_writer: Table<PortId, u32> = Table::filled(program.ports.len(), 0);
+        let mut first_reader: Table<PortId, u32> = Table::filled(program.ports.len(), u32::MAX);
+        for (id, reaction) in program.reactions.iter() {
+            for port in program.written_ports(id) {
+                last_writer[port] = last_writer[port].max(reaction.level);
+            }
+            for port in program.read_ports(id) {
+                first_reader[port] = first_reader[port].min(reaction.level);
+            }
+        }
+        let mut ends = Vec::with_capacity(program.channels.len());
+        for channel in program.channels.values() {
+            let connection = &program.connections[channel.connection];
+            let (mut last, mut first) = (0, u32::MAX);
+            follow(&upstream, connection.from, |port| last = last.max(last_writer[port]));
+            follow(&downstream, connection.to, |port| first = first.min(first_reader[port]));
+            ends.push((last, first));
+        }
+        for (id, (last, first)) in self.program.channels.ids().zip(ends) {
+            let channel = &mut self.program.channels[id];
+            (channel.last_writer, channel.first_reader) = (last, first);
+        }
+    }
+}
+
+/// Calls `found` for every port that direct connections within one federate lead to from `start`,
+/// and for `start` itself. `next` lists, by port, where they lead.
+fn follow(next: &Table<PortId, Vec<PortId>>, start: PortId, mut found: impl FnMut(PortId)) {
+    let mut pending = vec![start];
+    let mut seen = BTreeSet::from([start]);
+    while let Some(port) = pending.pop() {
+        found(port);
+        pending.extend(next[port].iter().copied().filter(|port| seen.insert(*port)));
     }
 }
 

@@ -4,8 +4,8 @@
 //! Changing modes while a program runs is the scheduler's business.
 
 use crate::{
-    ActionId, Connection, ConnectionId, Direction, Effect, ModeId, PortId, Program, ReactionId,
-    ReactorId, Table, TimerId,
+    ActionId, Connection, ConnectionId, Direction, ModeId, PortId, Program, ReactionId, ReactorId,
+    Table, TimerId,
 };
 
 /// A mode of a reactor instance (handbook, "modal models").
@@ -112,13 +112,5 @@ impl Program {
                 })
         };
         self.connections.values().map(is_conditional).collect()
-    }
-
-    /// The ports that a reaction may set.
-    pub(crate) fn written_ports(&self, reaction: ReactionId) -> impl Iterator<Item = PortId> {
-        self.reactions[reaction].effects.iter().filter_map(|effect| match effect {
-            Effect::Port(port) => Some(*port),
-            Effect::Action(_) | Effect::Mode(..) => None,
-        })
     }
 }

@@ -219,6 +219,18 @@ pub struct Channel {
     pub delay: Delay,
     /// Whether the receiver tags it with its physical time.
     pub physical: bool,
+    /// The highest level of a reaction that writes into it.
+    pub last_writer: u32,
+    /// The lowest level of a reaction that reads from it.
+    pub first_reader: u32,
+}
+
+impl Channel {
+    /// Whether a value appears at both ends at the same tag.
+    #[must_use]
+    pub fn is_direct(&self) -> bool {
+        self.delay == Delay::None && !self.physical
+    }
 }
 
 /// A checked program.
@@ -266,6 +278,24 @@ impl Program {
     pub fn crosses_federates(&self, connection: &Connection) -> bool {
         let federate = |port: PortId| self.reactors[self.ports[port].reactor].federate;
         federate(connection.from) != federate(connection.to)
+    }
+
+    /// The ports that a reaction may set.
+    pub(crate) fn written_ports(&self, reaction: ReactionId) -> impl Iterator<Item = PortId> {
+        self.reactions[reaction].effects.iter().filter_map(|effect| match effect {
+            Effect::Port(port) => Some(*port),
+            Effect::Action(_) | Effect::Mode(..) => None,
+        })
+    }
+
+    /// The ports that a reaction reads, whether or not they trigger it.
+    pub(crate) fn read_ports(&self, reaction: ReactionId) -> impl Iterator<Item = PortId> {
+        let reaction = &self.reactions[reaction];
+        let triggers = reaction.triggers.iter().filter_map(|trigger| match trigger {
+            Trigger::Port(port) => Some(*port),
+            _ => None,
+        });
+        triggers.chain(reaction.sources.iter().copied())
     }
 
     /// `Main.bank[2].child.out[1]`.

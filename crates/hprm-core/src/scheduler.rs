@@ -30,6 +30,7 @@ mod messages;
 mod modes;
 mod ready;
 mod requests;
+mod steps;
 
 /// Which of a reaction's bodies runs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -98,6 +99,10 @@ pub struct Scheduler<V> {
     /// The intended tag of a tardy input that the running reaction did not handle.
     tardy: Option<Tag>,
     sends: VecDeque<Send<V>>,
+    /// Present ports whose values have left on direct channels already.
+    sent: Vec<PortId>,
+    /// While a tag is processed: the lowest level that has not been passed.
+    level: Option<u32>,
     modes: Modes<V>,
 }
 
@@ -125,6 +130,8 @@ impl<V: Clone> Scheduler<V> {
             running: None,
             tardy: None,
             sends: VecDeque::new(),
+            sent: Vec::new(),
+            level: None,
             modes: Modes::new(&program, &wiring),
             program,
             wiring,
@@ -214,6 +221,7 @@ impl<V: Clone> Scheduler<V> {
         let first = self.tag == Tag::NEVER;
         self.tag = tag;
         self.displaced = None;
+        self.level = Some(0);
         if first {
             self.queue_startup();
         }
@@ -298,6 +306,8 @@ impl<V: Clone> Scheduler<V> {
             self.actions[action] = None;
         }
         self.tardy_ports.clear();
+        self.sent.clear();
+        self.level = None;
         self.change_modes();
         self.tag >= self.stop
     }

@@ -6,7 +6,7 @@
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
-use crate::{Permission, Topology};
+use crate::{Frame, Permission, Step, Topology};
 
 /// How often a federate that a clock may wake at any moment tells others how far its clock is.
 const CLOCK_REPORT: Nanos = 10_000_000;
@@ -18,9 +18,16 @@ pub(crate) struct Centralized {
     has_downstream: bool,
     /// By how much, at least, the tags of events that a clock causes exceed it; if there are any.
     by_clock: Option<Nanos>,
-    granted: Tag,
+    granted: Step,
     /// What the RTI takes to be the next event here.
-    told: Tag,
+    told: Step,
+    /// Whether it goes through tags level by level, because a message may come back to it at the
+    /// same tag.
+    stepwise: bool,
+    /// How many messages have come.
+    received: u64,
+    /// How many of them the RTI knows to have come.
+    acknowledged: u64,
     /// When it was last told how far the clock is.
     told_at: PhysicalTime,
 }
@@ -31,49 +38,64 @@ impl Centralized {
             has_upstream: !topology.upstream(me).is_empty(),
             has_downstream: !topology.downstream(me).is_empty(),
             by_clock: topology.by_clock(me),
-            granted: Tag::NEVER,
-            told: Tag::NEVER,
+            granted: Step::NEVER,
+            told: Step::NEVER,
+            stepwise: topology.is_stepwise(me),
+            received: 0,
+            acknowledged: 0,
             told_at: PhysicalTime(i64::MIN),
         }
     }
 
     pub(crate) fn permission(&self, tag: Tag) -> Permission {
-        if !self.has_upstream || tag <= self.granted {
+        if self.allows(if self.stepwise { Step::begin(tag) } else { Step::end(tag) }) {
             Permission::Granted
         } else {
             Permission::Wait
         }
     }
 
-    pub(crate) fn grant(&mut self, tag: Tag) {
-        self.granted = self.granted.max(tag);
+    /// Whether the RTI lets it process a step.
+    pub(crate) fn allows(&self, step: Step) -> bool {
+        !self.has_upstream || step <= self.granted
+    }
+
+    pub(crate) fn is_stepwise(&self) -> bool {
+        self.stepwise
+    }
+
+    pub(crate) fn grant(&mut self, through: Step) {
+        self.granted = self.granted.max(through);
     }
 
     /// A message has come; the RTI, which has forwarded it, knows what it causes here.
     pub(crate) fn arrived(&mut self, tag: Tag) {
-        self.told = self.told.min(tag);
+        self.received += 1;
+        self.told = self.told.min(Step::begin(tag));
     }
 
     /// The program ends at `tag`. Grants beyond it were given without knowing that.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
-        self.granted = self.granted.min(tag.pred());
+        self.granted = self.granted.min(Step::end(tag.pred()));
     }
 
     /// A tag is complete. Returns whether the RTI wants to know; then it forgets what it was told
     /// before.
     pub(crate) fn completed(&mut self) -> bool {
-        self.told = Tag::NEVER;
+        self.told = Step::NEVER;
         self.has_upstream || self.has_downstream
     }
 
-    /// The next event to report, if that is of use. `next` is the scheduler's.
+    /// The next event to report, if that is of use. `next` is the scheduler's; what a clock causes
+    /// comes after the `current` tag.
     pub(crate) fn report(
         &mut self,
         now: PhysicalTime,
         start: PhysicalTime,
-        next: Tag,
-    ) -> Option<Tag> {
-        let clock = self.clock(now, start);
+        current: Tag,
+        next: Step,
+    ) -> Option<Frame> {
+        let clock = self.clock(now, start).map(|clock| Step::begin(clock.max(current.succ())));
         let certain = clock.map_or(next, |clock| next.min(clock));
         if certain < next {
             if now < self.told_at.plus(CLOCK_REPORT) {
@@ -81,17 +103,29 @@ impl Centralized {
             }
             self.told_at = now;
         }
-        let asks = self.has_upstream && certain > self.granted;
-        if certain == self.told || !(self.has_downstream || asks) {
+        let asks = self.has_upstream && !self.has(certain);
+        let news = certain != self.told || self.stepwise && self.acknowledged < self.received;
+        if !news || !(self.has_downstream || asks) {
             return None;
         }
         self.told = certain;
-        Some(certain)
+        self.acknowledged = self.received;
+        Some(match self.stepwise {
+            true => Frame::NextEventLevel { step: certain, received: self.received },
+            false => Frame::NextEventTag { tag: certain.tag },
+        })
+    }
+
+    /// Whether the grant covers what has to be known for the next event to happen.
+    fn has(&self, next: Step) -> bool {
+        let needed = if self.stepwise { next } else { Step::end(next.tag) };
+        needed <= self.granted
     }
 
     /// When to report again how far the clock is.
     pub(crate) fn next_wakeup(&self, next: Tag) -> Option<PhysicalTime> {
-        let reports = self.by_clock.is_some() && self.has_downstream && self.told < next;
+        let reports =
+            self.by_clock.is_some() && self.has_downstream && self.told < Step::begin(next);
         reports.then(|| self.told_at.plus(CLOCK_REPORT))
     }
 

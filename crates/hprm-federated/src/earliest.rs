@@ -2,26 +2,26 @@
 //!
 //! A federate does something at its own next event, or when a message reaches it; a message is
 //! sent by a federate that does something. So `earliest(f)` is the least of `own(f)` and, over the
-//! federates `u` upstream of `f`, `delay(u, f).shift(earliest(u))`. That is a shortest-path problem
+//! federates `u` upstream of `f`, `edge(u, f).shift(earliest(u))`. That is a shortest-path problem
 //! whose source values change, one at a time; each change touches only the federates whose value
 //! depends on it, and their edges. It does not matter how large the rest of the federation is.
 //!
-//! A circle of edges must have a delay somewhere: [`Topology::check`] sees to that.
+//! Every edge leads to a later step, so no value rests on itself, whatever circles there are.
 
 use std::collections::BTreeSet;
 
 use hprm_core::{FederateId, Table, Tag};
 
-use crate::Topology;
+use crate::{Step, Topology};
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Node {
     /// Before this tag it does nothing of its own accord.
-    own: Tag,
+    own: Step,
     /// `own`, or the first of `arrivals`.
-    earliest: Tag,
+    earliest: Step,
     /// For each upstream federate, the earliest tag of a message from there, unless `FOREVER`.
-    arrivals: BTreeSet<(Tag, FederateId)>,
+    arrivals: BTreeSet<(Step, FederateId)>,
     /// It has ended: nothing wakes it.
     ended: bool,
 }
@@ -36,21 +36,21 @@ impl Earliest {
     /// Nobody has done anything, and everybody may begin at the start.
     pub(crate) fn new(topology: &Topology) -> Self {
         let node = |_| Node {
-            own: Tag::FOREVER,
-            earliest: Tag::FOREVER,
+            own: Step::FOREVER,
+            earliest: Step::FOREVER,
             arrivals: BTreeSet::new(),
             ended: false,
         };
         let mut this = Self { nodes: topology.federates().map(node).collect() };
         for federate in topology.federates() {
-            this.set(topology, federate, Tag::START);
+            this.set(topology, federate, Step::begin(Tag::START));
         }
         this
     }
 
     /// The earliest tag that a message to the federate may still have.
-    pub(crate) fn arrival(&self, federate: FederateId) -> Tag {
-        self.nodes[federate].arrivals.first().map_or(Tag::FOREVER, |(tag, _)| *tag)
+    pub(crate) fn arrival(&self, federate: FederateId) -> Step {
+        self.nodes[federate].arrivals.first().map_or(Step::FOREVER, |(tag, _)| *tag)
     }
 
     /// Sets the federate's own next event. Returns whose `arrival` may have changed.
@@ -58,10 +58,10 @@ impl Earliest {
         &mut self,
         topology: &Topology,
         federate: FederateId,
-        own: Tag,
+        own: Step,
     ) -> BTreeSet<FederateId> {
         let node = &mut self.nodes[federate];
-        node.own = if node.ended { Tag::FOREVER } else { own };
+        node.own = if node.ended { Step::FOREVER } else { own };
         self.settle(topology, federate)
     }
 
@@ -73,7 +73,7 @@ impl Earliest {
     ) -> BTreeSet<FederateId> {
         let node = &mut self.nodes[federate];
         node.ended = true;
-        node.own = Tag::FOREVER;
+        node.own = Step::FOREVER;
         self.settle(topology, federate)
     }
 
@@ -90,8 +90,8 @@ impl Earliest {
             }
             let was = std::mem::replace(&mut self.nodes[federate].earliest, tag);
             for edge in topology.downstream(federate) {
-                let arrival = edge.delay.shift(tag);
-                self.replace(edge.federate, federate, edge.delay.shift(was), arrival);
+                let arrival = edge.shift(tag);
+                self.replace(edge.federate, federate, edge.shift(was), arrival);
                 touched.insert(edge.federate);
                 if !self.nodes[edge.federate].ended && arrival < self.nodes[edge.federate].earliest
                 {
@@ -105,7 +105,7 @@ impl Earliest {
     /// Sets to `FOREVER` the values that have lost what they rested on: that of `changed`, and what
     /// rested only on it. Returns whose they were.
     ///
-    /// What a value rests on is smaller or, without a delay, upstream; so nothing rests on itself.
+    /// What a value rests on is smaller, so nothing rests on itself.
     fn unsettle(
         &mut self,
         topology: &Topology,
@@ -119,13 +119,13 @@ impl Earliest {
         let mut pending = vec![changed];
         while let Some(federate) = pending.pop() {
             unsettled.push(federate);
-            let was = std::mem::replace(&mut self.nodes[federate].earliest, Tag::FOREVER);
+            let was = std::mem::replace(&mut self.nodes[federate].earliest, Step::FOREVER);
             for edge in topology.downstream(federate) {
-                let arrival = edge.delay.shift(was);
-                self.replace(edge.federate, federate, arrival, Tag::FOREVER);
+                let arrival = edge.shift(was);
+                self.replace(edge.federate, federate, arrival, Step::FOREVER);
                 touched.insert(edge.federate);
                 let earliest = self.nodes[edge.federate].earliest;
-                let rested = arrival == earliest && earliest < Tag::FOREVER;
+                let rested = arrival == earliest && earliest < Step::FOREVER;
                 if rested && self.supported(edge.federate) > earliest {
                     pending.push(edge.federate);
                 }
@@ -135,17 +135,17 @@ impl Earliest {
     }
 
     /// The least of what the federate's value can rest on.
-    fn supported(&self, federate: FederateId) -> Tag {
+    fn supported(&self, federate: FederateId) -> Step {
         let node = &self.nodes[federate];
-        if node.ended { Tag::FOREVER } else { node.own.min(self.arrival(federate)) }
+        if node.ended { Step::FOREVER } else { node.own.min(self.arrival(federate)) }
     }
 
-    fn replace(&mut self, at: FederateId, from: FederateId, was: Tag, is: Tag) {
+    fn replace(&mut self, at: FederateId, from: FederateId, was: Step, is: Step) {
         let arrivals = &mut self.nodes[at].arrivals;
-        if was < Tag::FOREVER {
+        if was < Step::FOREVER {
             arrivals.remove(&(was, from));
         }
-        if is < Tag::FOREVER {
+        if is < Step::FOREVER {
             arrivals.insert((is, from));
         }
     }
@@ -157,27 +157,27 @@ mod tests {
     use proptest::prelude::*;
 
     use super::Earliest;
-    use crate::Topology;
     use crate::fixture::program;
+    use crate::{Step, Topology};
 
     /// The definition, iterated until nothing changes.
-    fn by_definition(topology: &Topology, own: &Table<FederateId, Option<Tag>>) -> Vec<Tag> {
+    fn by_definition(topology: &Topology, own: &Table<FederateId, Option<Step>>) -> Vec<Step> {
         let all: Vec<_> = topology.federates().collect();
-        let mut earliest: Table<FederateId, Tag> = Table::filled(all.len(), Tag::FOREVER);
-        let arrival = |earliest: &Table<FederateId, Tag>, federate| {
+        let mut earliest: Table<FederateId, Step> = Table::filled(all.len(), Step::FOREVER);
+        let arrival = |earliest: &Table<FederateId, Step>, federate| {
             let edges = topology.upstream(federate).iter();
-            edges.map(|edge| edge.delay.shift(earliest[edge.federate])).min()
+            edges.map(|edge| edge.shift(earliest[edge.federate])).min()
         };
         for _ in 0..=all.len() {
             for federate in &all {
                 if let Some(own) = own[*federate] {
-                    let arrival = arrival(&earliest, *federate).unwrap_or(Tag::FOREVER);
+                    let arrival = arrival(&earliest, *federate).unwrap_or(Step::FOREVER);
                     earliest[*federate] = own.min(arrival);
                 }
             }
         }
         let arrivals = all.iter().map(|federate| arrival(&earliest, *federate));
-        arrivals.map(|arrival| arrival.unwrap_or(Tag::FOREVER)).collect()
+        arrivals.map(|arrival| arrival.unwrap_or(Step::FOREVER)).collect()
     }
 
     fn topology() -> impl Strategy<Value = Topology> {
@@ -200,18 +200,21 @@ mod tests {
         #[test]
         fn changes_lead_to_what_the_definition_says(
             topology in topology(),
-            changes in prop::collection::vec((0_u16..6, 0_i64..50, 0_u32..3), 1..40),
+            changes in prop::collection::vec((0_u16..6, 0_i64..50, 0_u32..3, 0_u32..9), 1..40),
         ) {
             let mut earliest = Earliest::new(&topology);
-            let mut own = Table::filled(6, Some(Tag::START));
-            for (federate, time, microstep) in changes {
+            let mut own = Table::filled(6, Some(Step::begin(Tag::START)));
+            for (federate, time, microstep, level) in changes {
                 let federate = FederateId(federate);
                 let before: Vec<_> = topology.federates().map(|f| earliest.arrival(f)).collect();
                 let touched = if (time, microstep) == (0, 1) {
                     own[federate] = None;
                     earliest.end(&topology, federate)
                 } else {
-                    let tag = if time > 45 { Tag::FOREVER } else { Tag::new(time, microstep) };
+                    let tag = match time {
+                        46.. => Step::FOREVER,
+                        _ => Step { tag: Tag::new(time, microstep), level },
+                    };
                     own[federate] = own[federate].map(|_| tag);
                     earliest.set(&topology, federate, tag)
                 };

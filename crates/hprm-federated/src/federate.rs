@@ -19,7 +19,8 @@ use crate::decentralized::Decentralized;
 use crate::startup::{Early, Startup};
 use crate::stop::Stop;
 use crate::{
-    End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Topology,
+    End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Step,
+    Topology,
 };
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -35,6 +36,8 @@ enum Activity {
     Unknown,
     /// It processes the current tag.
     Processing,
+    /// It waits within the current tag, before this step.
+    Within(Step),
     /// It is between tags, and this is the next one.
     Idle(Tag),
 }
@@ -121,6 +124,30 @@ impl Federate {
         }
     }
 
+    /// Whether this federate goes through tags level by level: it asks [`Self::may_pass`] before each
+    /// of them, and says by [`Input::Reached`] how far it has got.
+    #[must_use]
+    pub fn is_stepwise(&self) -> bool {
+        match &self.coordinator {
+            Coordinator::Centralized(machine) => machine.is_stepwise(),
+            Coordinator::Decentralized(_) => false,
+        }
+    }
+
+    /// Whether the reactions of a level of the current tag may run, as far as other federates are
+    /// concerned; with none, whether the tag may be completed.
+    #[must_use]
+    pub fn may_pass(&self, level: Option<u32>) -> bool {
+        match &self.coordinator {
+            Coordinator::Centralized(machine) => machine.allows(self.step(level)),
+            Coordinator::Decentralized(_) => true,
+        }
+    }
+
+    fn step(&self, level: Option<u32>) -> Step {
+        Step { tag: self.current, level: level.unwrap_or(u32::MAX) }
+    }
+
     /// When the machine wants an [`Input::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
@@ -203,10 +230,11 @@ impl Federate {
                 self.get_ready(now);
             }
             Input::NextEvent(tag) => {
-                if self.activity != Activity::Processing {
+                if !matches!(self.activity, Activity::Processing | Activity::Within(_)) {
                     self.activity = Activity::Idle(tag);
                 }
             }
+            Input::Reached(level) => self.activity = Activity::Within(self.step(level)),
             Input::Begun(tag) => {
                 self.current = tag;
                 self.activity = Activity::Processing;
@@ -243,8 +271,14 @@ impl Federate {
             }
             Frame::Start { at } if self.startup.awaits_start() => self.begin(at),
             Frame::TagAdvanceGrant { tag } => match &mut self.coordinator {
-                Coordinator::Centralized(machine) => machine.grant(tag),
+                Coordinator::Centralized(machine) => machine.grant(Step::end(tag)),
                 Coordinator::Decentralized(_) => return unexpected,
+            },
+            Frame::ProvisionalTagAdvanceGrant { through } => match &mut self.coordinator {
+                Coordinator::Centralized(machine) if machine.is_stepwise() => {
+                    machine.grant(through);
+                }
+                _ => return unexpected,
             },
             Frame::Safe { through } => match &mut self.coordinator {
                 Coordinator::Decentralized(machine) => machine.safe(through),
@@ -333,18 +367,21 @@ impl Federate {
     /// Reports the next event to the RTI, if the scheduler has said what it is and somebody needs
     /// to know.
     fn report(&mut self, now: PhysicalTime) {
-        let (Activity::Idle(next), Some(start)) = (self.activity, self.startup.start()) else {
+        let next = match self.activity {
+            Activity::Unknown | Activity::Processing => return,
+            Activity::Idle(tag) => Step::begin(tag),
+            Activity::Within(step) => step,
+        };
+        let Some(start) = self.startup.start() else {
             return;
         };
         if self.over {
             return;
         }
         let frame = match &mut self.coordinator {
-            Coordinator::Centralized(machine) => {
-                machine.report(now, start, next).map(|tag| Frame::NextEventTag { tag })
-            }
+            Coordinator::Centralized(machine) => machine.report(now, start, self.current, next),
             Coordinator::Decentralized(machine) => {
-                let report = machine.report(now, start, next);
+                let report = machine.report(now, start, next.tag);
                 report.map(|(next, counts)| Frame::Progress { next, counts })
             }
         };

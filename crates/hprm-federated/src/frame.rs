@@ -9,8 +9,10 @@ use std::str::FromStr;
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 use serde::{Deserialize, Serialize};
 
+use crate::Step;
+
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// The secret that the members of a federation share: who knows it belongs to it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -164,6 +166,13 @@ pub enum Frame {
         /// The earliest tag with something to do.
         tag: Tag,
     },
+    /// The same from a federate that goes through tags level by level.
+    NextEventLevel {
+        /// The earliest step with something to do.
+        step: Step,
+        /// How many messages it knew of when it said so.
+        received: u64,
+    },
     /// Federate to RTI: this tag is complete and its messages are sent.
     LatestTagConfirmed {
         /// The completed tag.
@@ -173,6 +182,12 @@ pub enum Frame {
     TagAdvanceGrant {
         /// The latest tag that it may process.
         tag: Tag,
+    },
+    /// RTI to a federate that goes through tags level by level: every message that is read up to
+    /// this step is before this frame.
+    ProvisionalTagAdvanceGrant {
+        /// The latest step that it may process.
+        through: Step,
     },
     /// A value on its way.
     Message {
@@ -273,8 +288,10 @@ impl Frame {
             Self::Ready { .. } => "Ready",
             Self::Start { .. } => "Start",
             Self::NextEventTag { .. } => "NextEventTag",
+            Self::NextEventLevel { .. } => "NextEventLevel",
             Self::LatestTagConfirmed { .. } => "LatestTagConfirmed",
             Self::TagAdvanceGrant { .. } => "TagAdvanceGrant",
+            Self::ProvisionalTagAdvanceGrant { .. } => "ProvisionalTagAdvanceGrant",
             Self::Message { .. } => "Message",
             Self::Segment { .. } => "Segment",
             Self::Retired { .. } => "Retired",

@@ -31,6 +31,10 @@ pub enum Input {
     NextEvent(Tag),
     /// The scheduler processes this tag now.
     Begun(Tag),
+    /// A federate that goes through tags level by level has passed all levels of the current tag
+    /// before this one, and sent what cannot change any more; with none, nothing is left to do
+    /// unless a message arrives.
+    Reached(Option<u32>),
     /// It has completed this tag, and everything sent at it has been handed over.
     Completed(Tag),
     /// A value leaves.

@@ -24,6 +24,7 @@ mod frame;
 mod input;
 mod rti;
 mod startup;
+mod step;
 mod stop;
 mod topology;
 
@@ -34,4 +35,5 @@ pub use federate::Federate;
 pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 pub use input::{End, Input, Output, Permission};
 pub use rti::{LinkId, Rti, RtiInput, RtiOutput};
-pub use topology::{Edge, Topology, Unsupported};
+pub use step::{Edge, Step};
+pub use topology::{Topology, Unsupported};

@@ -21,7 +21,7 @@ use self::advance::Advance;
 use self::ending::Negotiation;
 use self::join::Member;
 use self::traffic::Traffic;
-use crate::{Fault, FederationId, Frame, Topology};
+use crate::{Fault, FederationId, Frame, Step, Topology};
 
 /// A connection that the driver has accepted; it never uses a number twice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -213,7 +213,12 @@ impl Rti {
                 self.message(from, channel, tag, payload)
             }
             Frame::NextEventTag { tag } if running && self.is_centralized() => {
-                self.advance.next(&self.topology, from, tag);
+                self.advance.next(&self.topology, from, Step::begin(tag), 0);
+                self.tell();
+                Ok(())
+            }
+            Frame::NextEventLevel { step, received } if running && self.is_centralized() => {
+                self.advance.next(&self.topology, from, step, received);
                 self.tell();
                 Ok(())
             }
@@ -224,7 +229,7 @@ impl Rti {
             }
             Frame::Progress { next, counts } if running && !self.is_centralized() => {
                 self.traffic.count(&self.topology, from, &counts)?;
-                self.advance.next(&self.topology, from, next);
+                self.advance.next(&self.topology, from, Step::begin(next), 0);
                 self.tell();
                 Ok(())
             }
@@ -277,11 +282,12 @@ impl Rti {
         }
         if self.members[to].is_live() {
             let granted = self.advance.told(to);
-            if tag <= granted {
-                return Err(Fault::InThePast { tag, granted });
+            let read = Step { tag, level: channel.first_reader };
+            if read <= granted {
+                return Err(Fault::InThePast { tag, granted: granted.tag });
             }
             self.send(to, frame);
-            self.advance.in_transit(&self.topology, to, tag);
+            self.advance.in_transit(&self.topology, to, read);
             self.tell();
         }
         Ok(())
@@ -293,11 +299,13 @@ impl Rti {
             return;
         }
         let centralized = self.is_centralized();
-        for (federate, tag) in self.advance.news(&self.topology) {
-            let frame = if centralized {
-                Frame::TagAdvanceGrant { tag }
-            } else {
-                Frame::Safe { through: tag }
+        for (federate, through) in self.advance.news(&self.topology) {
+            let frame = match centralized {
+                true if self.topology.is_stepwise(federate) => {
+                    Frame::ProvisionalTagAdvanceGrant { through }
+                }
+                true => Frame::TagAdvanceGrant { tag: through.whole() },
+                false => Frame::Safe { through: through.whole() },
             };
             self.send(federate, frame);
         }

@@ -6,22 +6,14 @@ use hprm_core::{
     Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Program, Table,
 };
 
-use crate::Fault;
-
-/// A neighbour of a federate.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Edge {
-    /// The federate at the other end.
-    pub federate: FederateId,
-    /// The least delay of the logical channels between the two, in this direction.
-    pub delay: Delay,
-}
+use crate::{Edge, Fault};
 
 /// A program that the coordination cannot run.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
-    "federates {names} send to one another in a circle without a delay: put an `after` on one of \
-     the connections, `after 0` if no time is to pass"
+    "federates {names} send to one another in a circle without a delay, which only centralized \
+     coordination can run so far: put an `after` on one of the connections, `after 0` if no time is \
+     to pass"
 )]
 pub struct Unsupported {
     /// The federates of the circle.
@@ -40,6 +32,7 @@ pub struct Topology {
     downstream: Table<FederateId, Vec<Edge>>,
     by_clock: Table<FederateId, Option<Nanos>>,
     patient: bool,
+    stepwise: Table<FederateId, bool>,
 }
 
 impl Topology {
@@ -55,16 +48,20 @@ impl Topology {
             downstream: Table::filled(federates, Vec::new()),
             by_clock: Table::filled(federates, None),
             patient: false,
+            stepwise: Table::filled(federates, false),
         };
         for channel in program.channels.values().filter(|channel| !channel.physical) {
-            let Channel { from, to, delay, .. } = *channel;
-            note(&mut topology.upstream[to], Edge { federate: from, delay });
-            note(&mut topology.downstream[from], Edge { federate: to, delay });
+            let Channel { from, to, .. } = *channel;
+            note(&mut topology.upstream[to], from, channel);
+            note(&mut topology.downstream[from], to, channel);
             let wait = program.connections[channel.connection].absent_after;
             let wait = wait.saturating_add(program.federates[to].maxwait);
             topology.patient |= wait == Nanos::MAX;
         }
         topology.find_clocks(program);
+        for federate in topology.zero_delay_cycles().into_iter().flatten() {
+            topology.stepwise[federate] = true;
+        }
         topology
     }
 
@@ -157,6 +154,13 @@ impl Topology {
         self.patient
     }
 
+    /// Whether a federate sends, perhaps by way of others, to itself without a delay: it goes through
+    /// a tag level by level.
+    #[must_use]
+    pub fn is_stepwise(&self, federate: FederateId) -> bool {
+        self.stepwise[federate]
+    }
+
     /// Groups of federates that send to one another in a circle without any delay.
     #[must_use]
     pub fn zero_delay_cycles(&self) -> Vec<Vec<FederateId>> {
@@ -201,9 +205,12 @@ impl Topology {
     ///
     /// # Errors
     ///
-    /// If federates depend on one another without a delay. Each would wait for the other at every
-    /// tag; that takes grants of less than a tag, which do not exist yet.
+    /// If federates depend on one another without a delay, under decentralized coordination: nobody
+    /// tells them yet that a message of a tag will not come.
     pub fn check(&self) -> Result<(), Unsupported> {
+        if self.coordination == Coordination::Centralized {
+            return Ok(());
+        }
         let Some(federates) = self.zero_delay_cycles().into_iter().next() else {
             return Ok(());
         };
@@ -212,10 +219,10 @@ impl Topology {
     }
 }
 
-fn note(edges: &mut Vec<Edge>, edge: Edge) {
-    match edges.iter_mut().find(|known| known.federate == edge.federate) {
-        Some(known) => known.delay = known.delay.min(edge.delay),
-        None => edges.push(edge),
+fn note(edges: &mut Vec<Edge>, federate: FederateId, channel: &Channel) {
+    match edges.iter_mut().find(|known| known.federate == federate) {
+        Some(known) => known.add(channel),
+        None => edges.push(Edge::new(federate, channel)),
     }
 }
 
@@ -229,15 +236,18 @@ mod tests {
     #[test]
     fn the_least_delay_between_two_counts() {
         let topology = Topology::new(&program("a -> b after 5\na -> b after 0\na -> c after 7"));
-        let edge = |federate, delay| Edge { federate: FederateId(federate), delay };
-        let expected = [edge(1, Delay::Microstep), edge(2, Delay::Time(7))];
-        assert_eq!(topology.downstream(FederateId(0)), expected);
-        assert_eq!(topology.upstream(FederateId(1)), [edge(0, Delay::Microstep)]);
+        let ends = |edges: &[Edge]| -> Vec<_> {
+            edges.iter().map(|edge| (edge.federate.0, edge.delay)).collect()
+        };
+        let expected = [(1, Delay::Microstep), (2, Delay::Time(7))];
+        assert_eq!(ends(topology.downstream(FederateId(0))), expected);
+        assert_eq!(ends(topology.upstream(FederateId(1))), [(0, Delay::Microstep)]);
     }
 
     #[test]
     fn a_circle_without_delay_names_its_federates() {
-        let topology = Topology::new(&program("x -> a\na -> b\nb -> c\nc -> a\nc -> y"));
+        let text = "decentralized\nx -> a\na -> b\nb -> c\nc -> a\nc -> y";
+        let topology = Topology::new(&program(text));
         assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
         let error = topology.check().unwrap_err();
         assert!(error.to_string().contains("federates a, b, c send"), "{error}");
@@ -246,7 +256,7 @@ mod tests {
     #[test]
     fn a_delay_or_a_physical_connection_breaks_a_circle() {
         for last in ["b -> a after 0", "b ~> a"] {
-            let topology = Topology::new(&program(&format!("a -> b\n{last}")));
+            let topology = Topology::new(&program(&format!("decentralized\na -> b\n{last}")));
             assert_eq!(topology.check(), Ok(()), "{last}");
         }
     }

@@ -33,14 +33,27 @@ impl Log {
     }
 }
 
-/// Runs all reactions of the tag that `scheduler` has begun, and ends the tag. Returns whether it
-/// was the last one.
-pub(crate) fn process(scheduler: &mut Scheduler<u64>, now: PhysicalTime, log: &mut Log) -> bool {
+/// Runs all reactions of the tag that `scheduler` has begun.
+pub(crate) fn run(scheduler: &mut Scheduler<u64>, now: PhysicalTime, log: &mut Log) {
     while let Some((reaction, _)) = scheduler.next_reaction(now) {
         react(scheduler, reaction, now, log);
         scheduler.finish(reaction);
     }
-    scheduler.end(now)
+}
+
+/// Runs those of one level.
+pub(crate) fn run_level(
+    scheduler: &mut Scheduler<u64>,
+    now: PhysicalTime,
+    level: u32,
+    log: &mut Log,
+) {
+    while scheduler.ready_level() == Some(level)
+        && let Some((reaction, _)) = scheduler.next_reaction(now)
+    {
+        react(scheduler, reaction, now, log);
+        scheduler.finish(reaction);
+    }
 }
 
 fn react(scheduler: &mut Scheduler<u64>, reaction: ReactionId, now: PhysicalTime, log: &mut Log) {

@@ -1,9 +1,8 @@
-//! Random federated programs: a few federates, channels with every kind of delay, no circle
-//! without a delay.
+//! Random federated programs: a few federates, channels with every kind of delay.
 
 use hprm_core::{
     Connection, Coordination, Delay, Direction, Effect, Nanos, Origin, PortId, Program,
-    ProgramBuilder, Properties, ReactionSpec, ReactorId, Trigger,
+    ProgramBuilder, ProgramError, Properties, ReactionSpec, ReactorId, Trigger,
 };
 
 use crate::Rng;
@@ -21,15 +20,23 @@ pub struct Shape {
     /// Whether it has physical actions and physical connections. What it does then depends on the
     /// clock, and no two runs are alike.
     pub physical: bool,
+    /// Whether federates may send to one another in circles without any delay.
+    pub circles: bool,
 }
 
 /// A program of that shape.
-///
-/// # Panics
-///
-/// If the program is no program: that is a mistake here.
 #[must_use]
 pub fn generate(rng: &mut Rng, shape: Shape) -> Program {
+    loop {
+        // Circles of federates are welcome, but some are circles of reactions.
+        match attempt(rng, shape) {
+            Err(ProgramError::CausalityLoop { .. }) if shape.circles => {}
+            built => return built.expect("circles have delays, and every input one source"),
+        }
+    }
+}
+
+fn attempt(rng: &mut Rng, shape: Shape) -> Result<Program, ProgramError> {
     let properties = Properties {
         timeout: Some(TICK * (1 + rng.below(20).cast_signed())),
         keepalive: true,
@@ -49,7 +56,7 @@ pub fn generate(rng: &mut Rng, shape: Shape) -> Program {
     for ports in &federates {
         contents(&mut b, rng, shape, ports);
     }
-    b.build().expect("circles have delays, and every input one source")
+    b.build()
 }
 
 struct Ports {
@@ -78,7 +85,8 @@ fn connect(
                 input
             };
             let physical = shape.physical && rng.percent(30);
-            let delay = delay(rng, from < to);
+            let forward = from < to || shape.circles && rng.percent(50);
+            let delay = delay(rng, forward);
             let (from, to) = (output, input);
             b.connection(Connection {
                 from,

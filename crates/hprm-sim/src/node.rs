@@ -9,7 +9,7 @@ use hprm_core::{FederateId, Payload, PhysicalTime, Program, Scheduler, Scope, Ta
 use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
 
 use crate::Log;
-use crate::behaviour::process;
+use crate::behaviour::{run, run_level};
 
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
@@ -23,6 +23,8 @@ pub(crate) struct Node {
     /// Those of them that came too late for their tag.
     pub(crate) tardy: usize,
     start: Option<PhysicalTime>,
+    /// Whether the scheduler is within a tag.
+    open: bool,
     /// What is for the network to carry out.
     pub(crate) outputs: VecDeque<Output>,
     /// It asks to stop when it has processed this tag or a later one.
@@ -52,6 +54,7 @@ impl Node {
             received: 0,
             tardy: 0,
             start: None,
+            open: false,
             outputs: VecDeque::new(),
             stop_after,
             finished: false,
@@ -86,8 +89,9 @@ impl Node {
                 }
                 Output::Deliver { channel, tag, payload } => {
                     self.received += 1;
-                    self.tardy += usize::from(tag <= self.scheduler.tag());
-                    self.scheduler.deliver(channel, tag, value(&payload));
+                    let taken = self.scheduler.deliver(channel, tag, value(&payload));
+                    let late = taken.map_or(tag <= self.scheduler.tag(), |taken| taken != tag);
+                    self.tardy += usize::from(late);
                 }
                 Output::DeliverPhysical { channel, payload, .. } => {
                     self.scheduler.deliver_physical(channel, now, value(&payload));
@@ -102,6 +106,12 @@ impl Node {
     /// Processes tags as far as it may. Returns when to look up again.
     pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
         while let Some(start) = self.start.filter(|_| !self.is_over()) {
+            if self.open && !self.go_on(now)? {
+                return Ok(self.machine.next_wakeup());
+            }
+            if self.is_over() {
+                break;
+            }
             let tag = self.scheduler.next_tag();
             self.input(now, Input::NextEvent(tag))?;
             let due = tag.due(start);
@@ -116,21 +126,31 @@ impl Node {
                 let until = wakeup.map_or(until, |wakeup| wakeup.min(until));
                 return Ok(Some(until).filter(|until| *until < PhysicalTime::FOREVER));
             }
-            self.process(now, tag)?;
+            self.scheduler.begin(tag);
+            self.open = true;
+            self.input(now, Input::Begun(tag))?;
         }
         Ok(None)
     }
 
-    fn process(&mut self, now: PhysicalTime, tag: Tag) -> Result<(), Fault> {
-        self.scheduler.begin(tag);
-        self.input(now, Input::Begun(tag))?;
-        let last = process(&mut self.scheduler, now, &mut self.log);
-        while let Some(send) = self.scheduler.poll_send() {
-            let physical = self.scheduler.program().channels[send.channel].physical;
-            self.sent += usize::from(!physical);
-            let payload = Payload { head: send.value.to_le_bytes().to_vec(), parts: Vec::new() };
-            self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
+    /// Processes the rest of the current tag as far as it may. Returns whether that was all.
+    fn go_on(&mut self, now: PhysicalTime) -> Result<bool, Fault> {
+        while self.machine.is_stepwise() {
+            let level = self.scheduler.next_level();
+            if !self.machine.may_pass(level) {
+                self.input(now, Input::Reached(level))?;
+                return Ok(false);
+            }
+            let Some(level) = level else { break };
+            run_level(&mut self.scheduler, now, level, &mut self.log);
+            self.scheduler.pass(level);
+            self.send(now)?;
         }
+        let tag = self.scheduler.tag();
+        run(&mut self.scheduler, now, &mut self.log);
+        let last = self.scheduler.end(now);
+        self.open = false;
+        self.send(now)?;
         if self.stop_after.take_if(|after| tag >= *after).is_some() {
             self.input(now, Input::RequestStop)?;
         }
@@ -138,6 +158,16 @@ impl Node {
         if last {
             self.input(now, Input::Finished)?;
             self.finished = true;
+        }
+        Ok(true)
+    }
+
+    fn send(&mut self, now: PhysicalTime) -> Result<(), Fault> {
+        while let Some(send) = self.scheduler.poll_send() {
+            let physical = self.scheduler.program().channels[send.channel].physical;
+            self.sent += usize::from(!physical);
+            let payload = Payload { head: send.value.to_le_bytes().to_vec(), parts: Vec::new() };
+            self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
         }
         Ok(())
     }

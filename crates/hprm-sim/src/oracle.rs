@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use hprm_core::{PhysicalTime, Program, Scheduler, Scope, Tag};
 
-use crate::behaviour::process;
+use crate::behaviour::run;
 use crate::{Entry, Log};
 
 /// What the program does if it runs as one.
@@ -17,7 +17,8 @@ pub fn reference(program: &Arc<Program>) -> Log {
     loop {
         let tag = scheduler.next_tag();
         scheduler.begin(tag);
-        if process(&mut scheduler, tag.due(start), &mut log) {
+        run(&mut scheduler, tag.due(start), &mut log);
+        if scheduler.end(tag.due(start)) {
             return log;
         }
     }

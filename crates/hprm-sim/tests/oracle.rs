@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_federated::Topology;
 use hprm_sim::{Outcome, Plan, Rng, Shape, World, difference, generate, reference};
 
 const CENTRALIZED: Shape =
-    Shape { coordination: Coordination::Centralized, maxwait: 0, physical: false };
+    Shape { coordination: Coordination::Centralized, maxwait: 0, physical: false, circles: false };
 const PATIENT: Shape =
-    Shape { coordination: Coordination::Decentralized, maxwait: Nanos::MAX, physical: false };
+    Shape { coordination: Coordination::Decentralized, maxwait: Nanos::MAX, ..CENTRALIZED };
 
 /// Latencies from none to many times a program's length.
 const LATENCIES: [u64; 4] = [1, 300, 5_000, 200_000];
@@ -45,6 +46,24 @@ fn centralized_federations_equal_their_program() {
     (0..600).for_each(|seed| equals_reference(seed, CENTRALIZED));
 }
 
+/// Federates that send to one another in circles without a delay.
+const CIRCULAR: Shape = Shape { circles: true, ..CENTRALIZED };
+
+const SHAPES: [Shape; 3] = [CENTRALIZED, PATIENT, CIRCULAR];
+
+#[test]
+fn federates_in_circles_equal_their_program() {
+    let mut circular = 0;
+    for seed in 0..8_000 {
+        let program = generate(&mut Rng::new(seed), CIRCULAR);
+        if !Topology::new(&program).zero_delay_cycles().is_empty() {
+            circular += 1;
+            equals_reference(seed, CIRCULAR);
+        }
+    }
+    assert!(circular > 300, "only {circular} of the programs have a circle");
+}
+
 #[test]
 fn patient_decentralized_federations_equal_their_program() {
     (0..600).for_each(|seed| equals_reference(seed, PATIENT));
@@ -52,8 +71,8 @@ fn patient_decentralized_federations_equal_their_program() {
 
 #[test]
 fn clocks_make_no_message_tardy() {
-    for seed in 0..400 {
-        let shape = if seed % 2 == 0 { CENTRALIZED } else { PATIENT };
+    for seed in 0..600 {
+        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
         let shape = Shape { physical: true, ..shape };
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
         let (_, outcome) = world(seed, shape, plan);
@@ -86,8 +105,8 @@ fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
 
 #[test]
 fn federates_stop_together_at_a_tag_that_nobody_has_passed() {
-    for seed in 0..400 {
-        let shape = if seed % 2 == 0 { CENTRALIZED } else { PATIENT };
+    for seed in 0..600 {
+        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
         let (program, outcome) = world(seed, shape, |rng, program| {
             let federate = rng.below(program.federates.len() as u64);
             let tag = Tag::new(rng.below(8_000).cast_signed(), 0);
@@ -107,8 +126,8 @@ fn federates_stop_together_at_a_tag_that_nobody_has_passed() {
 #[test]
 fn a_crash_ends_the_federation_and_is_reported_once() {
     let mut crashed = 0;
-    for seed in 0..400 {
-        let shape = if seed % 2 == 0 { CENTRALIZED } else { PATIENT };
+    for seed in 0..600 {
+        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
         let mut victim = None;
         let (_, outcome) = world(seed, shape, |rng, program| {
             let federate = rng.below(program.federates.len() as u64);

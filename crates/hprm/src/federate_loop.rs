@@ -19,7 +19,7 @@ use hprm_core::{
 };
 use hprm_federated::{End, Input, Output, Permission};
 
-use crate::local_loop::run_tag;
+use crate::local_loop::{run_level, run_tag};
 use crate::{Clock, Failure, Host, Inbox};
 pub use membership::FederateOptions;
 
@@ -76,8 +76,10 @@ struct FederateLoop<'a, H: Host> {
 enum Phase {
     /// Waiting for the start time.
     Joining,
-    /// Executing tags.
+    /// Between tags.
     Running,
+    /// Within a tag.
+    Processing,
     /// The last tag is complete.
     Done,
 }
@@ -96,7 +98,12 @@ where
             self.read_links()?;
             self.give_back()?;
             self.handle(Input::Wake)?;
-            if self.phase == Phase::Running && self.step()? {
+            let moved = match self.phase {
+                Phase::Running => self.step()?,
+                Phase::Processing => self.go_on()?,
+                Phase::Joining | Phase::Done => false,
+            };
+            if moved {
                 continue;
             }
             if self.phase != Phase::Done {
@@ -150,10 +157,12 @@ where
             }
             stop = true;
         }
-        if self.phase == Phase::Running {
+        if matches!(self.phase, Phase::Running | Phase::Processing) {
             for request in self.inbox.take_requests() {
                 self.scheduler.schedule(request.action, request.extra, request.value, request.at);
             }
+        }
+        if self.phase == Phase::Running {
             // Before any other input: the machine promises nothing beyond the next event.
             self.handle(Input::NextEvent(self.scheduler.next_tag()))?;
         }
@@ -186,14 +195,28 @@ where
         self.federation.wires.flush();
         self.handle(Input::Begun(tag))?;
         self.scheduler.begin(tag);
+        self.phase = Phase::Processing;
+        self.go_on()
+    }
+
+    /// Runs the rest of the current tag as far as it may. Returns whether that was all.
+    fn go_on(&mut self) -> Result<bool, Failure> {
+        while self.federation.machine.is_stepwise() {
+            let level = self.scheduler.next_level();
+            if !self.federation.machine.may_pass(level) {
+                self.handle(Input::Reached(level))?;
+                return Ok(false);
+            }
+            let Some(level) = level else { break };
+            run_level(&mut self.scheduler, &mut self.host, level)?;
+            self.scheduler.pass(level);
+            self.send_all()?;
+        }
+        let tag = self.scheduler.tag();
         run_tag(&mut self.scheduler, &mut self.host)?;
         let last = self.scheduler.end(Clock::now);
-        // First: whoever gets a message from this tag can reuse what it has sent before.
-        self.give_back()?;
-        while let Some(departure) = self.scheduler.poll_send() {
-            self.send(departure)?;
-        }
-        self.give_back()?;
+        self.phase = Phase::Running;
+        self.send_all()?;
         self.handle(Input::Completed(tag))?;
         if self.scheduler.take_stop_request() {
             self.handle(Input::RequestStop)?;
@@ -203,6 +226,15 @@ where
             self.phase = Phase::Done;
         }
         Ok(true)
+    }
+
+    fn send_all(&mut self) -> Result<(), Failure> {
+        // First: whoever gets a message from this tag can reuse what it has sent before.
+        self.give_back()?;
+        while let Some(departure) = self.scheduler.poll_send() {
+            self.send(departure)?;
+        }
+        self.give_back()
     }
 
     fn send(&mut self, departure: Departure<H::Value>) -> Result<(), Failure> {
@@ -286,11 +318,13 @@ where
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
-        if self.phase != Phase::Running {
-            return None;
+        let machine = &self.federation.machine;
+        match self.phase {
+            Phase::Joining | Phase::Done => return None,
+            Phase::Processing => return machine.next_wakeup(),
+            Phase::Running => {}
         }
         let tag = self.scheduler.next_tag();
-        let machine = &self.federation.machine;
         let due = tag.due(self.scheduler.start_time());
         let permitted = match machine.permission(tag, self.now) {
             Permission::Granted => Some(due),

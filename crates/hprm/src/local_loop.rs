@@ -77,14 +77,30 @@ pub(crate) fn run_tag<H: Host>(
     scheduler: &mut Scheduler<H::Value>,
     host: &mut H,
 ) -> Result<(), Failure> {
-    while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
-        if let Some(intended) = scheduler.unhandled_tardy() {
-            host.warn(&tardy_warning(scheduler, reaction, intended));
-        }
-        host.react(scheduler, reaction, body)?;
-        scheduler.finish(reaction);
-    }
+    while run_next(scheduler, host)? {}
     Ok(())
+}
+
+/// Runs those of one level.
+pub(crate) fn run_level<H: Host>(
+    scheduler: &mut Scheduler<H::Value>,
+    host: &mut H,
+    level: u32,
+) -> Result<(), Failure> {
+    while scheduler.ready_level() == Some(level) && run_next(scheduler, host)? {}
+    Ok(())
+}
+
+fn run_next<H: Host>(scheduler: &mut Scheduler<H::Value>, host: &mut H) -> Result<bool, Failure> {
+    let Some((reaction, body)) = scheduler.next_reaction(Clock::now) else {
+        return Ok(false);
+    };
+    if let Some(intended) = scheduler.unhandled_tardy() {
+        host.warn(&tardy_warning(scheduler, reaction, intended));
+    }
+    host.react(scheduler, reaction, body)?;
+    scheduler.finish(reaction);
+    Ok(true)
 }
 
 fn tardy_warning<V: Clone>(

@@ -15,9 +15,16 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Inserts a message from another federate. Returns the tag at which it will be present: its
-    /// own, or a later one if it is tardy; none if the program ends before.
+    /// own, or a later one if it is tardy; none if the program ends before. A message for the tag
+    /// that is being processed is in time if no reaction that could read it has had its turn.
     pub fn deliver(&mut self, channel: ChannelId, tag: Tag, value: V) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
+        if tag == self.tag && self.is_in_time(channel) {
+            let root = self.wiring.root[self.program.connections[connection].to];
+            self.last_assigned[connection] = tag;
+            self.make_present(root, value, None);
+            return Some(tag);
+        }
         // A tardy message must neither overtake nor displace another one of its connection.
         let taken = self.tag.max(self.last_assigned[connection]);
         if tag > taken {
@@ -74,8 +81,12 @@ impl<V: Clone> Scheduler<V> {
             let tag = self.assign(*connection, computed);
             self.insert_message(*connection, tag, value.clone(), None);
         }
+        let sent = self.sent.contains(&root);
         for channel in &wiring.outgoing[root] {
             let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
+            if sent && self.program.channels[*channel].is_direct() {
+                continue;
+            }
             let tag = self.assign(connection, delay.shift(self.tag));
             if physical || tag <= self.stop {
                 self.sends.push_back(Send { channel: *channel, tag, value: value.clone() });
@@ -85,7 +96,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// The tag of the next message of a connection: as computed, but after the one before it.
     /// Messages with different tags at the sender never merge into one (handbook, "after").
-    fn assign(&mut self, connection: ConnectionId, computed: Tag) -> Tag {
+    pub(super) fn assign(&mut self, connection: ConnectionId, computed: Tag) -> Tag {
         let last = &mut self.last_assigned[connection];
         *last = if computed > *last { computed } else { last.succ() };
         *last

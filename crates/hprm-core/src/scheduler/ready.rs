@@ -37,6 +37,14 @@ impl Ready {
         self.first = self.first.min(summary);
     }
 
+    /// The reaction that comes first.
+    pub(super) fn first(&self) -> Option<Position> {
+        let summary = self.summary.get(self.first)?;
+        let word = self.first * BITS as usize + summary.trailing_zeros() as usize;
+        let position = word * BITS as usize + self.words[word].trailing_zeros() as usize;
+        u32::try_from(position).ok().map(Position)
+    }
+
     /// Takes the reaction that comes first.
     pub(super) fn pop(&mut self) -> Option<Position> {
         let summary = self.summary.get_mut(self.first)?;

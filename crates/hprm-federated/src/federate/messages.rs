@@ -28,8 +28,10 @@ impl Federate {
     /// Something has come that the scheduler will process at `tag`, or as soon as it can. It may
     /// take a while until it says so itself.
     pub(super) fn expect(&mut self, tag: Tag) {
-        if let Activity::Idle(next) = &mut self.activity {
-            *next = (*next).min(tag.max(self.current.succ()));
+        match &mut self.activity {
+            Activity::Idle(next) => *next = (*next).min(tag.max(self.current.succ())),
+            Activity::Within(_) if tag <= self.current => self.activity = Activity::Processing,
+            Activity::Unknown | Activity::Processing | Activity::Within(_) => {}
         }
     }
 

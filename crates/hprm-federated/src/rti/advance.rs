@@ -8,20 +8,24 @@ use std::collections::BTreeSet;
 
 use hprm_core::{FederateId, Table, Tag};
 
-use crate::Topology;
 use crate::earliest::Earliest;
+use crate::{Step, Topology};
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Report {
     /// The next event that it has reported since it last completed a tag; else `NEVER`.
-    next: Tag,
+    next: Step,
     /// The latest tag that it completed.
     completed: Tag,
-    /// Tags of messages that were forwarded to it and are not completed: its reports may not
-    /// know of them yet.
-    in_transit: BTreeSet<Tag>,
+    /// Messages that were forwarded to it and are not completed, with their numbers: its reports
+    /// may not know of them yet.
+    in_transit: BTreeSet<(Step, u64)>,
+    /// How many messages were forwarded to it.
+    forwarded: u64,
     /// How far it has been told that it may advance.
-    told: Tag,
+    told: Step,
+    /// Whether it goes through tags level by level; otherwise it wants a tag as a whole.
+    stepwise: bool,
 }
 
 /// See the module.
@@ -36,43 +40,57 @@ pub(super) struct Advance {
 }
 
 impl Report {
-    /// Nothing happens there before this tag, unless further messages arrive.
-    fn own(&self) -> Tag {
-        let reported = self.next.max(self.completed.succ()).max(Tag::START);
-        self.in_transit.first().map_or(reported, |first| reported.min(*first))
+    /// Nothing happens there before this step, unless further messages arrive.
+    fn own(&self) -> Step {
+        let reported = self.next.max(Step::begin(self.completed.succ().max(Tag::START)));
+        self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first))
     }
 
-    /// The tag that it wants to process next; `FOREVER` if that is not known.
-    fn wanted(&self) -> Tag {
-        let reported = if self.next > Tag::NEVER { self.next } else { Tag::FOREVER };
-        self.in_transit.first().map_or(reported, |first| reported.min(*first))
+    /// What it wants to process next; `FOREVER` if that is not known.
+    fn wanted(&self) -> Step {
+        let reported = if self.next > Step::NEVER { self.next } else { Step::FOREVER };
+        let next = self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first));
+        if self.stepwise { next } else { Step::end(next.tag) }
     }
 }
 
 impl Advance {
     pub(super) fn new(topology: &Topology) -> Self {
-        let report = Report {
-            next: Tag::NEVER,
+        let report = |federate| Report {
+            next: Step::NEVER,
             completed: Tag::NEVER,
             in_transit: BTreeSet::new(),
-            told: Tag::NEVER,
+            forwarded: 0,
+            told: Step::NEVER,
+            stepwise: topology.is_stepwise(federate),
         };
         Self {
             earliest: Earliest::new(topology),
-            reports: topology.federates().map(|_| report.clone()).collect(),
+            reports: topology.federates().map(report).collect(),
             stop: Tag::FOREVER,
             touched: BTreeSet::new(),
         }
     }
 
     /// How far a federate has been told that it may advance.
-    pub(super) fn told(&self, federate: FederateId) -> Tag {
+    pub(super) fn told(&self, federate: FederateId) -> Step {
         self.reports[federate].told
     }
 
-    /// A federate's next event, unless a message arrives, is at `tag`.
-    pub(super) fn next(&mut self, topology: &Topology, federate: FederateId, tag: Tag) {
-        self.reports[federate].next = tag;
+    /// A federate's next event, unless a further message arrives than the first `received`, is at
+    /// `step`.
+    pub(super) fn next(
+        &mut self,
+        topology: &Topology,
+        federate: FederateId,
+        step: Step,
+        received: u64,
+    ) {
+        let report = &mut self.reports[federate];
+        report.next = step;
+        if report.stepwise {
+            report.in_transit.retain(|(_, number)| *number > received);
+        }
         self.refresh(topology, federate);
     }
 
@@ -82,16 +100,18 @@ impl Advance {
         report.completed = report.completed.max(tag);
         // A message may have made it do something earlier than it had reported, and what that has
         // led to is not known yet.
-        report.next = Tag::NEVER;
-        while report.in_transit.first().is_some_and(|message| *message <= tag) {
+        report.next = Step::NEVER;
+        while report.in_transit.first().is_some_and(|(message, _)| message.tag <= tag) {
             report.in_transit.pop_first();
         }
         self.refresh(topology, federate);
     }
 
-    /// A message for `tag` is on its way to a federate.
-    pub(super) fn in_transit(&mut self, topology: &Topology, federate: FederateId, tag: Tag) {
-        self.reports[federate].in_transit.insert(tag);
+    /// A message is on its way to a federate, to be read at `step`.
+    pub(super) fn in_transit(&mut self, topology: &Topology, federate: FederateId, step: Step) {
+        let report = &mut self.reports[federate];
+        report.forwarded += 1;
+        report.in_transit.insert((step, report.forwarded));
         self.refresh(topology, federate);
     }
 
@@ -107,20 +127,20 @@ impl Advance {
         self.stop = self.stop.min(tag);
         for federate in topology.federates() {
             let told = &mut self.reports[federate].told;
-            *told = (*told).min(self.stop.pred());
+            *told = (*told).min(Step::end(self.stop.pred()));
             self.refresh(topology, federate);
         }
     }
 
     /// Who may advance how far, where that is new and lets somebody process the tag that it wants.
-    pub(super) fn news(&mut self, topology: &Topology) -> Vec<(FederateId, Tag)> {
+    pub(super) fn news(&mut self, topology: &Topology) -> Vec<(FederateId, Step)> {
         let mut news = Vec::new();
         for federate in std::mem::take(&mut self.touched) {
             let through = self.earliest.arrival(federate).pred();
             let report = &mut self.reports[federate];
             let wanted = report.wanted();
             let depends = !topology.upstream(federate).is_empty();
-            if depends && wanted < Tag::FOREVER && wanted > report.told && wanted <= through {
+            if depends && wanted.tag < Tag::FOREVER && wanted > report.told && wanted <= through {
                 report.told = through;
                 news.push((federate, through));
             }
@@ -129,7 +149,9 @@ impl Advance {
     }
 
     fn refresh(&mut self, topology: &Topology, federate: FederateId) {
-        let own = self.reports[federate].own().min(self.stop);
+        let own = self.reports[federate].own();
+        // Whatever else it does, it processes the last tag.
+        let own = if own.tag > self.stop { Step::begin(self.stop) } else { own };
         self.touched.insert(federate);
         let touched = self.earliest.set(topology, federate, own);
         self.touched.extend(touched);
