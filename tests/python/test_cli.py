@@ -199,27 +199,3 @@ def test_an_rti_is_not_open_to_the_network(hprm: Hprm) -> None:
     assert answer.returncode == 1
     assert "authentication is not there yet" in answer.stderr
     assert "hint: " in answer.stderr
-
-
-@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
-def test_a_circle_without_delay_is_refused(hprm: Hprm, tmp_path: Path, coordination: str) -> None:
-    (tmp_path / "Circle.lf").write_text(f"""\
-target Python {{ coordination: {coordination} }}
-reactor Node {{
-  input inp
-  output out
-  reaction(startup) -> out {{= out.set(1) =}}
-  reaction(inp) {{= print(inp.value) =}}
-}}
-federated reactor {{
-  ping = new Node()
-  pong = new Node()
-  ping.out -> pong.inp
-  pong.out -> ping.inp
-}}
-""")
-    for command in ("check", "run"):
-        answer = hprm(command, "Circle.lf")
-        assert answer.returncode == 1
-        assert "Circle.lf" in answer.stderr
-        assert "ping, pong" in answer.stderr and "after 0" in answer.stderr

@@ -165,3 +165,39 @@ def test_an_event_at_the_end_of_time_never_comes(run: Run) -> None:
         }
         """)
     assert (outcome.code, outcome.out) == (0, "one\n"), outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_federates_may_answer_at_the_same_tag(launch: Run, coordination: str) -> None:
+    outcome = launch(f"""\
+        target Python {{ coordination: {coordination}, timeout: 300 ms }}
+        reactor Player(name="", first=False) {{
+          input heard
+          input asked
+          output said
+          output asking
+          timer t(0, 100 ms)
+          state log = []
+          reaction(t) -> said {{=
+            if self.first:
+                said.set(1)
+          =}}
+          reaction(heard) -> asking {{= asking.set(heard.value * 2) =}}
+          reaction(asked) {{=
+            self.log.append((lf.time.logical_elapsed() // MSEC(1), lf.tag().microstep, asked.value))
+          =}}
+          reaction(shutdown) {{= print(self.name, self.log) =}}
+        }}
+        federated reactor {{
+          ping = new Player(name="ping", first=True)
+          pong = new Player(name="pong")
+          ping.said -> pong.heard
+          pong.asking -> ping.asked
+          pong.said -> ping.heard
+          ping.asking -> pong.asked
+        }}
+        """)
+    assert outcome.code == 0, outcome.err
+    log = [(time, 0, 2) for time in (0, 100, 200, 300)]
+    assert f"ping {log}" in outcome.out
+    assert "pong []" in outcome.out

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use hprm::federated::Topology;
 use hprm_lf::{Compiled, Failure};
 
 use crate::message::Error;
@@ -11,8 +10,8 @@ use crate::message::Error;
 ///
 /// # Errors
 ///
-/// If there is no such program: the path is wrong, the file is unreadable or not text; or if no
-/// coordination can run it. What is wrong *in* the program, or with a file that it imports, is the
+/// If there is no such program: the path is wrong, the file is unreadable or not text. What
+/// is wrong *in* the program, or with a file that it imports, is the
 /// inner result.
 pub(crate) fn compile(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
     let name = path.to_str().ok_or_else(|| {
@@ -30,13 +29,7 @@ pub(crate) fn compile(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
         Some(text) => Ok(text),
         None => read(path),
     };
-    let compiled = hprm_lf::compile(name, &mut load);
-    if let Ok(Compiled { program, .. }) = &compiled {
-        Topology::new(program)
-            .check()
-            .map_err(|unsupported| Error::new(format!("{name}: {unsupported}")))?;
-    }
-    Ok(compiled)
+    Ok(hprm_lf::compile(name, &mut load))
 }
 
 fn unreadable(name: &str, reason: &str) -> Error {

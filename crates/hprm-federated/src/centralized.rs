@@ -47,17 +47,13 @@ impl Centralized {
         }
     }
 
-    pub(crate) fn permission(&self, tag: Tag) -> Permission {
-        if self.allows(if self.stepwise { Step::begin(tag) } else { Step::end(tag) }) {
+    /// Whether the RTI lets it process a step.
+    pub(crate) fn permission(&self, step: Step) -> Permission {
+        if !self.has_upstream || step <= self.granted {
             Permission::Granted
         } else {
             Permission::Wait
         }
-    }
-
-    /// Whether the RTI lets it process a step.
-    pub(crate) fn allows(&self, step: Step) -> bool {
-        !self.has_upstream || step <= self.granted
     }
 
     pub(crate) fn is_stepwise(&self) -> bool {
@@ -123,9 +119,8 @@ impl Centralized {
     }
 
     /// When to report again how far the clock is.
-    pub(crate) fn next_wakeup(&self, next: Tag) -> Option<PhysicalTime> {
-        let reports =
-            self.by_clock.is_some() && self.has_downstream && self.told < Step::begin(next);
+    pub(crate) fn next_wakeup(&self, next: Step) -> Option<PhysicalTime> {
+        let reports = self.by_clock.is_some() && self.has_downstream && self.told < next;
         reports.then(|| self.told_at.plus(CLOCK_REPORT))
     }
 

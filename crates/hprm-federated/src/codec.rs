@@ -238,7 +238,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{Count, FederationId, HostId, Peer, Refusal};
+    use crate::{Count, FederationId, HostId, Peer, Refusal, Step};
 
     fn tag() -> impl Strategy<Value = Tag> {
         (any::<i64>(), any::<u32>()).prop_map(|(time, microstep)| Tag::new(time, microstep))
@@ -261,6 +261,10 @@ mod tests {
                 Frame::Message { channel: ChannelId(channel), tag, payload }
             },
         )
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        (tag(), any::<u32>()).prop_map(|(tag, level)| Step { tag, level })
     }
 
     fn frame() -> impl Strategy<Value = Frame> {
@@ -288,7 +292,14 @@ mod tests {
             1 => prop::collection::vec(peer, 0..4).prop_map(|peers| Frame::Peers { peers }),
             1 => any::<i64>().prop_map(|now| Frame::Ready { now: PhysicalTime(now) }),
             1 => tag().prop_map(|tag| Frame::NextEventTag { tag }),
-            1 => (tag(), prop::collection::vec(count, 0..4))
+            1 => (step(), any::<u64>())
+                .prop_map(|(step, received)| Frame::NextEventLevel { step, received }),
+            1 => step().prop_map(|through| Frame::ProvisionalTagAdvanceGrant { through }),
+            1 => (any::<u32>(), tag()).prop_map(|(channel, tag)| Frame::PortAbsent {
+                channel: ChannelId(channel),
+                tag,
+            }),
+            1 => (step(), prop::collection::vec(count, 0..4))
                 .prop_map(|(next, counts)| Frame::Progress { next, counts }),
             1 => release.prop_map(|(id, serials)| Frame::Release {
                 owner: FederateId(id),

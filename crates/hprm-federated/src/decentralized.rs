@@ -4,15 +4,19 @@
 //! tag may begin once every input is known through it, or has been waited for as long as the
 //! program says: `maxwait`, and `absent_after` of the connection.
 //!
+//! A federate that goes through tags level by level needs to know an undelayed channel only when it
+//! comes to the level that reads it; and it tells others of its kind when nothing comes on a channel
+//! at a tag.
+//!
 //! Where the program says "for ever", two federates could wait for one another although neither
 //! will send. So in such a federation everybody reports from time to time what it will do next and
 //! what it has sent and received, and the RTI answers through which tag nothing more can come.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{ChannelId, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_core::{Channel, ChannelId, FederateId, Nanos, PhysicalTime, Program, Tag};
 
-use crate::{Count, Permission, Topology};
+use crate::{Count, Permission, Step, Topology};
 
 /// The least time between two reports of one federate.
 const REPORT: Nanos = 10_000_000;
@@ -23,6 +27,17 @@ struct Incoming {
     known: Tag,
     absent_after: Nanos,
     received: u64,
+    /// The level at which it must be known.
+    level: u32,
+}
+
+/// An undelayed channel between federates that go through tags level by level.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Circular {
+    to: FederateId,
+    last_writer: u32,
+    /// The latest tag of which the receiver knows whether there is a message.
+    settled: Tag,
 }
 
 /// See the module.
@@ -32,19 +47,22 @@ pub(crate) struct Decentralized {
     incoming: BTreeMap<ChannelId, Incoming>,
     /// Messages sent, by channel.
     sent: BTreeMap<ChannelId, u64>,
-    /// The RTI says that every input is known through this tag.
-    safe: Tag,
+    circular: BTreeMap<ChannelId, Circular>,
+    stepwise: bool,
+    /// The RTI says that every input is known through this step.
+    safe: Step,
     by_clock: Option<Nanos>,
     /// Whether reports are of use at all.
     reports: bool,
     /// Channels whose counts have changed since the last report.
     unreported: BTreeSet<ChannelId>,
-    reported: Tag,
+    reported: Step,
     reported_at: PhysicalTime,
 }
 
 impl Decentralized {
     pub(crate) fn new(program: &Program, topology: &Topology, me: FederateId) -> Self {
+        let stepwise = topology.is_stepwise(me);
         let logical = || topology.channels().iter().filter(|(_, channel)| !channel.physical);
         let incoming = logical().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
             let incoming = Incoming {
@@ -52,44 +70,103 @@ impl Decentralized {
                 known: channel.delay.shift(Tag::START).pred(),
                 absent_after: program.connections[channel.connection].absent_after,
                 received: 0,
+                level: if stepwise && channel.is_direct() { channel.first_reader } else { 0 },
             };
             (id, incoming)
         });
+        let circular = logical()
+            .filter(|(_, c)| {
+                c.from == me && c.is_direct() && stepwise && topology.is_stepwise(c.to)
+            })
+            .map(|(id, channel)| {
+                let Channel { to, last_writer, .. } = *channel;
+                (id, Circular { to, last_writer, settled: Tag::NEVER })
+            });
         let sent = logical().filter(|(_, channel)| channel.from == me).map(|(id, _)| (id, 0));
         Self {
             maxwait: program.federates[me].maxwait,
             incoming: incoming.collect(),
             sent: sent.collect(),
-            safe: Tag::NEVER,
+            circular: circular.collect(),
+            stepwise,
+            safe: Step::NEVER,
             by_clock: topology.by_clock(me),
             reports: topology.is_patient(),
             unreported: BTreeSet::new(),
-            reported: Tag::NEVER,
+            reported: Step::NEVER,
             reported_at: PhysicalTime(0),
         }
     }
 
+    pub(crate) fn is_stepwise(&self) -> bool {
+        self.stepwise
+    }
+
+    /// Whether the step may be processed: every input that is read up to there is known, or has been
+    /// waited for.
     pub(crate) fn permission(
         &self,
-        tag: Tag,
+        step: Step,
         now: PhysicalTime,
         start: PhysicalTime,
     ) -> Permission {
-        if tag <= self.safe {
+        if step <= self.safe {
             return Permission::Granted;
         }
-        let unknown = self.incoming.values().filter(|incoming| incoming.known < tag);
+        let unknown = self.incoming.values().filter(|incoming| {
+            // What is read at a later level must not bring a message for an earlier tag either.
+            let is_read = incoming.level <= step.level;
+            let needed = if is_read { step.tag } else { step.tag.pred() };
+            let level = if is_read { incoming.level } else { u32::MAX };
+            let is_safe = self.stepwise && Step { tag: needed, level } <= self.safe;
+            incoming.known < needed && !is_safe
+        });
         let Some(absent_after) = unknown.map(|incoming| incoming.absent_after).max() else {
             return Permission::Granted;
         };
-        match tag.due(start).plus(self.maxwait).plus(absent_after) {
+        match step.tag.due(start).plus(self.maxwait).plus(absent_after) {
             PhysicalTime::FOREVER => Permission::Wait,
             until if now >= until => Permission::Granted,
             until => Permission::WaitUntil(until),
         }
     }
 
-    pub(crate) fn sent(&mut self, channel: ChannelId) {
+    /// All levels of `next`'s tag before its own are done. Returns on which channels the receiver
+    /// must be told that no message comes: those of which every writer has had its turn, or will not
+    /// have one because nothing can arrive any more that triggers it.
+    pub(crate) fn passed(
+        &mut self,
+        next: Step,
+        now: PhysicalTime,
+        start: PhysicalTime,
+    ) -> Vec<(FederateId, ChannelId)> {
+        let tag = next.tag;
+        let open = self.circular.iter();
+        let open = open.filter(|(_, c)| c.settled < tag && c.last_writer < next.level);
+        let done = open.filter(|(_, circular)| {
+            let level = circular.last_writer;
+            self.permission(Step { tag, level }, now, start) == Permission::Granted
+        });
+        let done: Vec<_> = done.map(|(id, circular)| (circular.to, *id)).collect();
+        for (_, id) in &done {
+            if let Some(circular) = self.circular.get_mut(id) {
+                circular.settled = tag;
+            }
+        }
+        done
+    }
+
+    /// No message comes on a channel up to `tag`.
+    pub(crate) fn absent(&mut self, channel: ChannelId, tag: Tag) {
+        if let Some(incoming) = self.incoming.get_mut(&channel) {
+            incoming.known = incoming.known.max(tag);
+        }
+    }
+
+    pub(crate) fn sent(&mut self, channel: ChannelId, tag: Tag) {
+        if let Some(circular) = self.circular.get_mut(&channel) {
+            circular.settled = circular.settled.max(tag);
+        }
         if let Some(sent) = self.sent.get_mut(&channel) {
             *sent += 1;
             self.unreported.insert(channel);
@@ -111,29 +188,33 @@ impl Decentralized {
         }
     }
 
-    /// The RTI knows of every message up to `tag` that it has arrived.
-    pub(crate) fn safe(&mut self, tag: Tag) {
-        self.safe = self.safe.max(tag);
+    /// The RTI knows of every message that is read up to there that it has arrived.
+    pub(crate) fn safe(&mut self, through: Step) {
+        self.safe = self.safe.max(through);
     }
 
     /// The program ends at `tag`. What the RTI has said beyond that was said without knowing it.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
-        self.safe = self.safe.min(tag.pred());
+        self.safe = self.safe.min(Step::end(tag.pred()));
     }
 
     pub(crate) fn begin(&mut self, start: PhysicalTime) {
         self.reported_at = start;
     }
 
-    /// What to report, if something is new and the last report is old enough.
+    /// What to report, if something is new and the last report is old enough. What a clock causes
+    /// comes after the `current` tag.
     pub(crate) fn report(
         &mut self,
         now: PhysicalTime,
         start: PhysicalTime,
-        next: Tag,
-    ) -> Option<(Tag, Vec<Count>)> {
-        let next = self.certain(now, start, next);
-        if !self.has_news(next) || now < self.reported_at.plus(REPORT) {
+        current: Tag,
+        next: Step,
+    ) -> Option<(Step, Vec<Count>)> {
+        let next = self.certain(now, start, current, next);
+        // Within a tag, others of the circle wait as well.
+        let hurries = next.tag == current && next != self.reported;
+        if !self.has_news(next) || now < self.reported_at.plus(REPORT) && !hurries {
             return None;
         }
         self.reported_at = now;
@@ -141,26 +222,27 @@ impl Decentralized {
     }
 
     /// What to report before resigning, if anything.
-    pub(crate) fn last_report(&mut self) -> Option<(Tag, Vec<Count>)> {
-        self.reports.then(|| (Tag::FOREVER, self.counts(Tag::FOREVER)))
+    pub(crate) fn last_report(&mut self) -> Option<(Step, Vec<Count>)> {
+        self.reports.then(|| (Step::FOREVER, self.counts(Step::FOREVER)))
     }
 
     /// When to report again.
-    pub(crate) fn next_wakeup(&self, next: Tag) -> Option<PhysicalTime> {
+    pub(crate) fn next_wakeup(&self, next: Step) -> Option<PhysicalTime> {
         self.has_news(next).then(|| self.reported_at.plus(REPORT))
     }
 
     /// The next event, or the earliest that a clock can still cause.
-    fn certain(&self, now: PhysicalTime, start: PhysicalTime, next: Tag) -> Tag {
+    fn certain(&self, now: PhysicalTime, start: PhysicalTime, current: Tag, next: Step) -> Step {
         let clock = |delay| Tag::new(now.since(start).max(0).saturating_add(delay), 0);
-        self.by_clock.map_or(next, |delay| next.min(clock(delay)))
+        let clock = self.by_clock.map(|delay| Step::begin(clock(delay).max(current.succ())));
+        clock.map_or(next, |clock| next.min(clock))
     }
 
-    fn has_news(&self, next: Tag) -> bool {
+    fn has_news(&self, next: Step) -> bool {
         self.reports && (next != self.reported || !self.unreported.is_empty())
     }
 
-    fn counts(&mut self, next: Tag) -> Vec<Count> {
+    fn counts(&mut self, next: Step) -> Vec<Count> {
         self.reported = next;
         let count = |channel| {
             let received = || self.incoming.get(&channel).map(|incoming| incoming.received);

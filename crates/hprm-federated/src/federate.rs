@@ -112,16 +112,10 @@ impl Federate {
     /// by the clock is the driver's business.
     #[must_use]
     pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
-        let Some(start) = self.startup.start() else {
-            return Permission::Wait;
-        };
-        if self.over || self.stop.refuses(tag) {
+        if self.stop.refuses(tag) {
             return Permission::Wait;
         }
-        match &self.coordinator {
-            Coordinator::Centralized(machine) => machine.permission(tag),
-            Coordinator::Decentralized(machine) => machine.permission(tag, now, start),
-        }
+        self.allows(if self.is_stepwise() { Step::begin(tag) } else { Step::end(tag) }, now)
     }
 
     /// Whether this federate goes through tags level by level: it asks [`Self::may_pass`] before each
@@ -130,17 +124,24 @@ impl Federate {
     pub fn is_stepwise(&self) -> bool {
         match &self.coordinator {
             Coordinator::Centralized(machine) => machine.is_stepwise(),
-            Coordinator::Decentralized(_) => false,
+            Coordinator::Decentralized(machine) => machine.is_stepwise(),
         }
     }
 
     /// Whether the reactions of a level of the current tag may run, as far as other federates are
     /// concerned; with none, whether the tag may be completed.
     #[must_use]
-    pub fn may_pass(&self, level: Option<u32>) -> bool {
+    pub fn may_pass(&self, level: Option<u32>, now: PhysicalTime) -> Permission {
+        self.allows(self.step(level), now)
+    }
+
+    fn allows(&self, step: Step, now: PhysicalTime) -> Permission {
+        let Some(start) = self.startup.start().filter(|_| !self.over) else {
+            return Permission::Wait;
+        };
         match &self.coordinator {
-            Coordinator::Centralized(machine) => machine.allows(self.step(level)),
-            Coordinator::Decentralized(_) => true,
+            Coordinator::Centralized(machine) => machine.permission(step),
+            Coordinator::Decentralized(machine) => machine.permission(step, now, start),
         }
     }
 
@@ -151,12 +152,10 @@ impl Federate {
     /// When the machine wants an [`Input::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        let Activity::Idle(next) = self.activity else {
-            return None;
-        };
         if self.over || self.startup.start().is_none() {
             return None;
         }
+        let next = self.next_step()?;
         match &self.coordinator {
             Coordinator::Centralized(machine) => machine.next_wakeup(next),
             Coordinator::Decentralized(machine) => machine.next_wakeup(next),
@@ -234,12 +233,19 @@ impl Federate {
                     self.activity = Activity::Idle(tag);
                 }
             }
-            Input::Reached(level) => self.activity = Activity::Within(self.step(level)),
+            Input::Reached(level) => {
+                let step = self.step(level);
+                self.passed(step, now);
+                self.activity = match self.allows(step, now) {
+                    Permission::Granted => Activity::Processing,
+                    Permission::Wait | Permission::WaitUntil(_) => Activity::Within(step),
+                };
+            }
             Input::Begun(tag) => {
                 self.current = tag;
                 self.activity = Activity::Processing;
             }
-            Input::Completed(tag) => self.completed(tag),
+            Input::Completed(tag) => self.completed(now, tag),
             Input::Send { channel, tag, payload } => self.send(channel, tag, payload)?,
             Input::Release { owner, serials } => self.release(owner, &serials),
             Input::Segment { reader, segment, len } => {
@@ -336,6 +342,12 @@ impl Federate {
                 }
                 self.deliver(Early { channel, tag, payload });
             }
+            Frame::PortAbsent { channel, tag } => {
+                self.topology.channel(channel, Some(from), Some(self.me))?;
+                if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+                    machine.absent(channel, tag);
+                }
+            }
             Frame::Segment { owner, reader, segment, len }
                 if owner == from && reader == self.me =>
             {
@@ -355,8 +367,9 @@ impl Federate {
 
     // Advancing.
 
-    fn completed(&mut self, tag: Tag) {
+    fn completed(&mut self, now: PhysicalTime, tag: Tag) {
         self.activity = Activity::Unknown;
+        self.passed(Step::end(tag), now);
         if let Coordinator::Centralized(machine) = &mut self.coordinator
             && machine.completed()
         {
@@ -364,15 +377,35 @@ impl Federate {
         }
     }
 
+    /// What the scheduler does next, if it has said so.
+    fn next_step(&self) -> Option<Step> {
+        match self.activity {
+            Activity::Unknown | Activity::Processing => None,
+            Activity::Idle(tag) => Some(Step::begin(tag)),
+            Activity::Within(step) => Some(step),
+        }
+    }
+
+    /// Tells others of the circle on which channels nothing comes at the current tag, now that all
+    /// steps before `next` are done.
+    fn passed(&mut self, next: Step, now: PhysicalTime) {
+        let (Coordinator::Decentralized(machine), Some(start)) =
+            (&mut self.coordinator, self.startup.start())
+        else {
+            return;
+        };
+        for (to, channel) in machine.passed(next, now, start) {
+            if self.startup.is_linked(to) {
+                let frame = Frame::PortAbsent { channel, tag: next.tag };
+                self.outputs.push_back(Output::ToPeer { to, frame });
+            }
+        }
+    }
+
     /// Reports the next event to the RTI, if the scheduler has said what it is and somebody needs
     /// to know.
     fn report(&mut self, now: PhysicalTime) {
-        let next = match self.activity {
-            Activity::Unknown | Activity::Processing => return,
-            Activity::Idle(tag) => Step::begin(tag),
-            Activity::Within(step) => step,
-        };
-        let Some(start) = self.startup.start() else {
+        let (Some(next), Some(start)) = (self.next_step(), self.startup.start()) else {
             return;
         };
         if self.over {
@@ -381,7 +414,7 @@ impl Federate {
         let frame = match &mut self.coordinator {
             Coordinator::Centralized(machine) => machine.report(now, start, self.current, next),
             Coordinator::Decentralized(machine) => {
-                let report = machine.report(now, start, next.tag);
+                let report = machine.report(now, start, self.current, next);
                 report.map(|(next, counts)| Frame::Progress { next, counts })
             }
         };

@@ -244,15 +244,23 @@ pub enum Frame {
     },
     /// Federate to RTI, decentralized: how far it is. Enough of these tell that a wait is in vain.
     Progress {
-        /// The earliest tag with something to do.
-        next: Tag,
+        /// The earliest step with something to do.
+        next: Step,
         /// Counts that have changed since the last such frame, of logical channels at this federate.
         counts: Vec<Count>,
     },
-    /// RTI to federate, decentralized: every message up to this tag has arrived.
+    /// RTI to federate, decentralized: every message that is read up to this step has arrived.
     Safe {
-        /// The latest tag for which that is so.
-        through: Tag,
+        /// The latest step for which that is so.
+        through: Step,
+    },
+    /// On a direct link, between federates that go through tags level by level: no message comes on
+    /// this channel at this tag, nor before.
+    PortAbsent {
+        /// The channel.
+        channel: ChannelId,
+        /// The tag.
+        tag: Tag,
     },
     /// The sender has completed its last tag: nothing follows on this link. On a direct link it may
     /// also have left.
@@ -301,6 +309,7 @@ impl Frame {
             Self::StopGranted { .. } => "StopGranted",
             Self::Progress { .. } => "Progress",
             Self::Safe { .. } => "Safe",
+            Self::PortAbsent { .. } => "PortAbsent",
             Self::Resign => "Resign",
             Self::Leave => "Leave",
             Self::Gone { .. } => "Gone",

@@ -36,4 +36,4 @@ pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, P
 pub use input::{End, Input, Output, Permission};
 pub use rti::{LinkId, Rti, RtiInput, RtiOutput};
 pub use step::{Edge, Step};
-pub use topology::{Topology, Unsupported};
+pub use topology::Topology;

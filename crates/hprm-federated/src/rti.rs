@@ -229,7 +229,7 @@ impl Rti {
             }
             Frame::Progress { next, counts } if running && !self.is_centralized() => {
                 self.traffic.count(&self.topology, from, &counts)?;
-                self.advance.next(&self.topology, from, Step::begin(next), 0);
+                self.advance.next(&self.topology, from, next, 0);
                 self.tell();
                 Ok(())
             }
@@ -305,7 +305,7 @@ impl Rti {
                     Frame::ProvisionalTagAdvanceGrant { through }
                 }
                 true => Frame::TagAdvanceGrant { tag: through.whole() },
-                false => Frame::Safe { through: through.whole() },
+                false => Frame::Safe { through },
             };
             self.send(federate, frame);
         }

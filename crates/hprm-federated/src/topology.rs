@@ -8,20 +8,6 @@ use hprm_core::{
 
 use crate::{Edge, Fault};
 
-/// A program that the coordination cannot run.
-#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-#[error(
-    "federates {names} send to one another in a circle without a delay, which only centralized \
-     coordination can run so far: put an `after` on one of the connections, `after 0` if no time is \
-     to pass"
-)]
-pub struct Unsupported {
-    /// The federates of the circle.
-    pub federates: Vec<FederateId>,
-    /// Their names.
-    pub names: String,
-}
-
 /// The federates of a program and the channels between them.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Topology {
@@ -200,23 +186,6 @@ impl Topology {
         }
         reached
     }
-
-    /// Checks that the coordination can run this program.
-    ///
-    /// # Errors
-    ///
-    /// If federates depend on one another without a delay, under decentralized coordination: nobody
-    /// tells them yet that a message of a tag will not come.
-    pub fn check(&self) -> Result<(), Unsupported> {
-        if self.coordination == Coordination::Centralized {
-            return Ok(());
-        }
-        let Some(federates) = self.zero_delay_cycles().into_iter().next() else {
-            return Ok(());
-        };
-        let names: Vec<_> = federates.iter().map(|federate| self.name(*federate)).collect();
-        Err(Unsupported { federates, names: names.join(", ") })
-    }
 }
 
 fn note(edges: &mut Vec<Edge>, federate: FederateId, channel: &Channel) {
@@ -245,19 +214,18 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_without_delay_names_its_federates() {
-        let text = "decentralized\nx -> a\na -> b\nb -> c\nc -> a\nc -> y";
-        let topology = Topology::new(&program(text));
+    fn federates_of_a_circle_without_delay_go_level_by_level() {
+        let topology = Topology::new(&program("x -> a\na -> b\nb -> c\nc -> a\nc -> y"));
         assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
-        let error = topology.check().unwrap_err();
-        assert!(error.to_string().contains("federates a, b, c send"), "{error}");
+        let stepwise: Vec<_> = topology.federates().map(|f| topology.is_stepwise(f)).collect();
+        assert_eq!(stepwise, [false, true, true, true, false]);
     }
 
     #[test]
     fn a_delay_or_a_physical_connection_breaks_a_circle() {
         for last in ["b -> a after 0", "b ~> a"] {
-            let topology = Topology::new(&program(&format!("decentralized\na -> b\n{last}")));
-            assert_eq!(topology.check(), Ok(()), "{last}");
+            let topology = Topology::new(&program(&format!("a -> b\n{last}")));
+            assert!(topology.zero_delay_cycles().is_empty(), "{last}");
         }
     }
 

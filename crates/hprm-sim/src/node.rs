@@ -107,7 +107,11 @@ impl Node {
     pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
         while let Some(start) = self.start.filter(|_| !self.is_over()) {
             if self.open && !self.go_on(now)? {
-                return Ok(self.machine.next_wakeup());
+                let until = match self.machine.may_pass(self.scheduler.next_level(), now) {
+                    Permission::WaitUntil(until) => Some(until),
+                    Permission::Granted | Permission::Wait => None,
+                };
+                return Ok(self.machine.next_wakeup().into_iter().chain(until).min());
             }
             if self.is_over() {
                 break;
@@ -137,8 +141,8 @@ impl Node {
     fn go_on(&mut self, now: PhysicalTime) -> Result<bool, Fault> {
         while self.machine.is_stepwise() {
             let level = self.scheduler.next_level();
-            if !self.machine.may_pass(level) {
-                self.input(now, Input::Reached(level))?;
+            self.input(now, Input::Reached(level))?;
+            if self.machine.may_pass(level, now) != Permission::Granted {
                 return Ok(false);
             }
             let Some(level) = level else { break };

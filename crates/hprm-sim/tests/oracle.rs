@@ -48,8 +48,9 @@ fn centralized_federations_equal_their_program() {
 
 /// Federates that send to one another in circles without a delay.
 const CIRCULAR: Shape = Shape { circles: true, ..CENTRALIZED };
+const PATIENT_CIRCULAR: Shape = Shape { circles: true, ..PATIENT };
 
-const SHAPES: [Shape; 3] = [CENTRALIZED, PATIENT, CIRCULAR];
+const SHAPES: [Shape; 4] = [CENTRALIZED, PATIENT, CIRCULAR, PATIENT_CIRCULAR];
 
 #[test]
 fn federates_in_circles_equal_their_program() {
@@ -59,6 +60,7 @@ fn federates_in_circles_equal_their_program() {
         if !Topology::new(&program).zero_delay_cycles().is_empty() {
             circular += 1;
             equals_reference(seed, CIRCULAR);
+            equals_reference(seed, PATIENT_CIRCULAR);
         }
     }
     assert!(circular > 300, "only {circular} of the programs have a circle");
@@ -71,8 +73,8 @@ fn patient_decentralized_federations_equal_their_program() {
 
 #[test]
 fn clocks_make_no_message_tardy() {
-    for seed in 0..600 {
-        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
+    for seed in 0..800 {
+        let shape = SHAPES[usize::try_from(seed % 4).unwrap()];
         let shape = Shape { physical: true, ..shape };
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
         let (_, outcome) = world(seed, shape, plan);
@@ -85,7 +87,7 @@ fn clocks_make_no_message_tardy() {
 fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
     let (mut punctual, mut tardy) = (0, 0);
     for seed in 0..400 {
-        let shape = Shape { maxwait: 2_000, ..PATIENT };
+        let shape = Shape { maxwait: 2_000, circles: seed % 2 == 0, ..PATIENT };
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
         let (program, outcome) = world(seed, shape, plan);
         let outcome = outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
@@ -105,8 +107,8 @@ fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
 
 #[test]
 fn federates_stop_together_at_a_tag_that_nobody_has_passed() {
-    for seed in 0..600 {
-        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
+    for seed in 0..800 {
+        let shape = SHAPES[usize::try_from(seed % 4).unwrap()];
         let (program, outcome) = world(seed, shape, |rng, program| {
             let federate = rng.below(program.federates.len() as u64);
             let tag = Tag::new(rng.below(8_000).cast_signed(), 0);
@@ -126,8 +128,8 @@ fn federates_stop_together_at_a_tag_that_nobody_has_passed() {
 #[test]
 fn a_crash_ends_the_federation_and_is_reported_once() {
     let mut crashed = 0;
-    for seed in 0..600 {
-        let shape = SHAPES[usize::try_from(seed % 3).unwrap()];
+    for seed in 0..800 {
+        let shape = SHAPES[usize::try_from(seed % 4).unwrap()];
         let mut victim = None;
         let (_, outcome) = world(seed, shape, |rng, program| {
             let federate = rng.below(program.federates.len() as u64);

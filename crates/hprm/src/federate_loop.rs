@@ -203,8 +203,8 @@ where
     fn go_on(&mut self) -> Result<bool, Failure> {
         while self.federation.machine.is_stepwise() {
             let level = self.scheduler.next_level();
-            if !self.federation.machine.may_pass(level) {
-                self.handle(Input::Reached(level))?;
+            self.handle(Input::Reached(level))?;
+            if self.federation.machine.may_pass(level, Clock::now()) != Permission::Granted {
                 return Ok(false);
             }
             let Some(level) = level else { break };
@@ -321,12 +321,18 @@ where
         let machine = &self.federation.machine;
         match self.phase {
             Phase::Joining | Phase::Done => return None,
-            Phase::Processing => return machine.next_wakeup(),
-            Phase::Running => {}
+            Phase::Processing | Phase::Running => {}
         }
-        let tag = self.scheduler.next_tag();
+        let processing = self.phase == Phase::Processing;
+        let (tag, permission) = if processing {
+            let level = self.scheduler.next_level();
+            (self.scheduler.tag(), machine.may_pass(level, self.now))
+        } else {
+            let tag = self.scheduler.next_tag();
+            (tag, machine.permission(tag, self.now))
+        };
         let due = tag.due(self.scheduler.start_time());
-        let permitted = match machine.permission(tag, self.now) {
+        let permitted = match permission {
             Permission::Granted => Some(due),
             Permission::WaitUntil(time) => Some(due.max(time)),
             Permission::Wait => None,

@@ -98,10 +98,9 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// If the address is taken, or the program needs what the coordination cannot do yet.
+    /// If the address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
         let topology = Topology::new(&options.program);
-        topology.check().map_err(|unsupported| Failure::new(format!("error: {unsupported}")))?;
         let failed = |error: io::Error| {
             Failure::new(format!("error: the RTI cannot listen at {}: {error}", options.listen))
         };

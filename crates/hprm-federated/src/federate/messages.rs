@@ -44,7 +44,7 @@ impl Federate {
         let frame = Frame::Message { channel: id, tag, payload };
         match &mut self.coordinator {
             Coordinator::Decentralized(machine) if !channel.physical => {
-                machine.sent(id);
+                machine.sent(id, tag);
                 if self.startup.is_linked(channel.to) {
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }

@@ -6,7 +6,7 @@ use super::Federate;
 use crate::fixture::{federate, program};
 use crate::{
     Count, End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Peer, Permission,
-    Refusal,
+    Refusal, Step,
 };
 
 const FEDERATION: FederationId = FederationId(7);
@@ -179,11 +179,11 @@ fn a_patient_federate_reports_and_is_told_what_is_safe() {
     assert!(input(&mut machine, 0, Input::NextEvent(at(2))).is_empty());
     let wakeup = machine.next_wakeup().unwrap();
     let counts = vec![Count { channel: ChannelId(0), messages: 1 }];
-    let report = Output::ToRti(Frame::Progress { next: at(2), counts });
+    let report = Output::ToRti(Frame::Progress { next: Step::begin(at(2)), counts });
     assert_eq!(input(&mut machine, wakeup.since(START), Input::Wake), [report]);
     assert_eq!(machine.next_wakeup(), None);
     assert_eq!(machine.permission(at(9), START.plus(i64::MAX / 2)), Permission::Wait);
-    input(&mut machine, 0, Input::FromRti(Frame::Safe { through: at(9) }));
+    input(&mut machine, 0, Input::FromRti(Frame::Safe { through: Step::end(at(9)) }));
     assert_eq!(machine.permission(at(9), START), Permission::Granted);
 }
 
@@ -294,7 +294,7 @@ fn a_faulty_frame_changes_nothing() {
     let cases = [
         (&centralized, Input::FromRti(message(1, at(1)))),
         (&centralized, Input::FromRti(Frame::Start { at: START })),
-        (&centralized, Input::FromRti(Frame::Safe { through: at(1) })),
+        (&centralized, Input::FromRti(Frame::Safe { through: Step::end(at(1)) })),
         (&centralized, peer(message(0, at(1)))),
         (&centralized, Input::Send { channel: ChannelId(0), tag: at(1), payload }),
         (&decentralized, Input::FromRti(Frame::TagAdvanceGrant { tag: at(1) })),

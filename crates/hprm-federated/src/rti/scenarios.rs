@@ -10,7 +10,7 @@ use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Tag};
 
 use super::{LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::{federate, program};
-use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Topology};
+use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
 
 struct Scenario {
     program: Program,
@@ -55,7 +55,7 @@ impl Scenario {
             }
             ["reports", at, ref counts @ ..] => {
                 let counts = counts.iter().map(|count| self.count(count)).collect();
-                Frame::Progress { next: tag(at), counts }
+                Frame::Progress { next: Step::begin(tag(at)), counts }
             }
             ["asks-stop", at] => Frame::StopRequest { tag: tag(at) },
             ["replies", at] => Frame::StopReply { tag: tag(at) },
@@ -87,7 +87,9 @@ impl Scenario {
                     let to = name(FederateId(u16::try_from(link.0).unwrap()));
                     let what = match frame {
                         Frame::TagAdvanceGrant { tag } => format!("may process {}", show(tag)),
-                        Frame::Safe { through } => format!("is safe through {}", show(through)),
+                        Frame::Safe { through } => {
+                            format!("is safe through {}", show(through.whole()))
+                        }
                         Frame::Message { tag, .. } => format!("gets a message for {}", show(tag)),
                         Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
                         Frame::StopGranted { tag } => format!("stops at {}", show(tag)),

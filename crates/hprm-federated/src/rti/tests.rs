@@ -4,7 +4,7 @@ use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
 use super::{LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
-use crate::{Count, Fault, FederationId, Frame, HostId, PROTOCOL, Refusal, Topology};
+use crate::{Count, Fault, FederationId, Frame, HostId, PROTOCOL, Refusal, Step, Topology};
 
 const FEDERATION: FederationId = FederationId(7);
 const NOW: PhysicalTime = PhysicalTime(0);
@@ -129,7 +129,7 @@ fn a_faulty_frame_changes_nothing() {
     input(&mut centralized, 0, Frame::NextEventTag { tag: Tag::new(50, 0) }).unwrap();
     input(&mut centralized, 1, Frame::NextEventTag { tag: Tag::new(20, 0) }).unwrap();
     let decentralized = running("decentralized\na -> b\nb -> c after 10");
-    let progress = |counts| Frame::Progress { next: tag, counts };
+    let progress = |counts| Frame::Progress { next: Step::begin(tag), counts };
     let cases = [
         (&centralized, 7, Frame::Resign),
         (&centralized, 0, hello(0)),
