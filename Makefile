@@ -17,10 +17,10 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test bench fmt lint clean toolchain
+.PHONY: help build demo test conformance bench fmt lint clean toolchain
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
 
@@ -30,6 +30,10 @@ demo: build ## run the broadcast and gather example, print its table, draw its p
 test: lint build ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
 	$(BIN)/python -m pytest tests/python
+
+conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its repository
+	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
+	$(BIN)/python tests/conformance/run.py "$(LF)" --single-threaded
 
 bench: build ## compare with pickle over Unix sockets, side by side
 	@$(BIN)/python bench/gather_vs_pickle.py

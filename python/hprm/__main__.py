@@ -23,7 +23,7 @@ def main() -> NoReturn:
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     if options.command == "run":
-        code = _hprm.run_program(options.file)
+        code = _hprm.run_program(options.file, options.property)
     else:
         if not options.federation:
             parser.error("the secret of the federation is missing: --federation ID")
@@ -35,6 +35,7 @@ def main() -> NoReturn:
             rti=options.rti,
             federation=options.federation,
             launched=options.launched,
+            properties=options.property,
         )
     _leave(code)
 
@@ -60,6 +61,10 @@ def _parser() -> argparse.ArgumentParser:
     federate.add_argument(
         "--die-with-parent", type=int, metavar="PID", help="never outlive the caller, which is PID"
     )
+    for command in (run, federate):
+        command.add_argument(
+            "--property", action="append", default=[], help="a target property: KEY=VALUE"
+        )
     federate.add_argument("arguments", nargs="*", help="for the program, in sys.argv, after --")
     return parser
 

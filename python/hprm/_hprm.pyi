@@ -71,11 +71,20 @@ class Api:
     def maxwait(self) -> int: ...
     def store_stats(self) -> dict[str, int]: ...
 
-def run_program(path: str) -> int:
-    """Run a program in this process, federated or not, to its end. Return the exit code."""
+def run_program(path: str, properties: list[str] = ...) -> int:
+    """Run a program in this process, federated or not, to its end. Return the exit code.
+
+    Target properties, each as ``KEY=VALUE``, outdo those of the program.
+    """
 
 def run_federate(
-    path: str, federate: str, *, rti: str, federation: str, launched: bool = False
+    path: str,
+    federate: str,
+    *,
+    rti: str,
+    federation: str,
+    launched: bool = False,
+    properties: list[str] = ...,
 ) -> int:
     """Run one federate of a program to its end. Return the exit code.
 

@@ -147,6 +147,17 @@ def test_federates_speak_behind_their_names(hprm: Hprm, tmp_path: Path, coordina
     assert answer.stderr.splitlines() == ["[sink] noted"] * 6
 
 
+def test_a_property_of_the_command_line_outdoes_that_of_the_file(hprm: Hprm) -> None:
+    answer = hprm("run", "--property", "timeout=30 ms", "Main.lf")
+    assert (answer.returncode, answer.stdout) == (0, "tick\n" * 4), answer.stderr
+    answer = hprm("run", "--property=timeout=20 ms", "--property=logging=warn", "Fed.lf")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.splitlines() == [f"[sink] {count}" for count in range(1, 4)]
+    answer = hprm("run", "--property", "timeout=soon", "Fed.lf")
+    assert answer.returncode == 1
+    assert "`timeout` must be a time" in answer.stderr
+
+
 def test_output_need_not_be_text(hprm: Hprm, tmp_path: Path) -> None:
     body = r'sys.stdout.buffer.write(b"\xff\xfe no end"); sys.stdout.flush()'
     program = FEDERATION.replace('print("noted", file=sys.stderr)', body)

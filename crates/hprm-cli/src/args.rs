@@ -36,6 +36,21 @@ pub(crate) enum Command {
     Doctor(Doctor),
 }
 
+/// Target properties that outdo those of the program.
+#[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Properties {
+    /// A target property, instead of what the program says of it. May be repeated.
+    #[arg(long = "property", value_name = "KEY=VALUE")]
+    pub(crate) stated: Vec<String>,
+}
+
+impl Properties {
+    /// The same, as options for another process.
+    pub(crate) fn options(&self) -> impl Iterator<Item = String> {
+        self.stated.iter().map(|stated| format!("--property={stated}"))
+    }
+}
+
 /// Run a program to its end.
 ///
 /// A main reactor runs in one Python process. A federated reactor runs as one process per federate,
@@ -46,6 +61,7 @@ Examples:
   hprm run Main.lf
   hprm run Main.lf --rounds 10              the program finds --rounds 10 in sys.argv
   hprm run --join-timeout 120 Vision.lf     give federates two minutes to load their models
+  hprm run --property timeout='5 s' Main.lf stop after five seconds
 
 The exit code is 0 if every federate ended well, and else that of the first one that did not.")]
 pub(crate) struct Run {
@@ -55,6 +71,8 @@ pub(crate) struct Run {
     /// Seconds that federates may take to join.
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
+    #[command(flatten)]
+    pub(crate) properties: Properties,
     /// What the program finds in sys.argv.
     #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
     pub(crate) arguments: Vec<OsString>,
@@ -94,6 +112,8 @@ pub(crate) struct Rti {
     /// Where to listen: unix:@NAME, unix:/PATH or tcp:127.0.0.1:PORT.
     #[arg(long, value_name = "ADDRESS")]
     pub(crate) listen: Address,
+    #[command(flatten)]
+    pub(crate) properties: Properties,
     /// The secret of the federation, 32 hexadecimal digits. Chosen at random if it is not given.
     #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
     pub(crate) federation: Option<FederationId>,
@@ -117,6 +137,8 @@ pub(crate) struct Federate {
     /// Where the RTI listens.
     #[arg(long, value_name = "ADDRESS")]
     pub(crate) rti: Address,
+    #[command(flatten)]
+    pub(crate) properties: Properties,
     /// The secret of the federation, which the RTI prints.
     #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
     pub(crate) federation: FederationId,
@@ -170,6 +192,14 @@ mod tests {
         assert_eq!(run.file, PathBuf::from("A.lf"));
         assert_eq!(run.arguments, ["--rounds", "3"]);
         assert_eq!(run.join_timeout, Duration::from_secs(30));
+    }
+
+    #[test]
+    fn properties_are_handed_on() {
+        let words = ["hprm", "run", "--property", "fast=true", "--property=workers=1", "A.lf"];
+        let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
+        let options: Vec<_> = run.properties.options().collect();
+        assert_eq!(options, ["--property=fast=true", "--property=workers=1"]);
     }
 
     #[test]

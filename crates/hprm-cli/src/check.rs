@@ -9,17 +9,17 @@ use std::process::ExitCode;
 use hprm_lf::{Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
-use crate::args::Check;
+use crate::args::{Check, Properties};
 use crate::message::{self, Error};
 use crate::source;
 
-/// The program at `path`; none if it has errors, all of which have been shown then.
+/// The program at `path` with these properties; none if it has errors, all of which have been shown then.
 ///
 /// # Errors
 ///
 /// If the file is not a program at all.
-pub(crate) fn checked(path: &Path) -> Result<Option<Compiled>, Error> {
-    match source::compile(path)? {
+pub(crate) fn checked(path: &Path, properties: &Properties) -> Result<Option<Compiled>, Error> {
+    match source::compile(path, &properties.stated)? {
         Ok(compiled) => Ok(Some(compiled)),
         Err(failure) => {
             show(&failure.diagnostics, &failure.sources);
@@ -41,7 +41,7 @@ pub(crate) fn show_warnings(compiled: &Compiled) {
 pub(crate) fn check(arguments: &Check) -> Result<ExitCode, Error> {
     let mut count = Count::default();
     for path in &arguments.files {
-        match source::compile(path) {
+        match source::compile(path, &[]) {
             Ok(outcome) => {
                 let (diagnostics, sources) = match &outcome {
                     Ok(compiled) => (&compiled.warnings, &compiled.sources),

@@ -16,6 +16,7 @@ use hprm::federated::FederationId;
 use hprm::{Address, Rti, RtiHandle, RtiOptions};
 use hprm_core::Program;
 
+use crate::args::Properties;
 use crate::children::Children;
 use crate::message::Error;
 use crate::python;
@@ -35,6 +36,7 @@ pub(crate) struct Plan {
     pub(crate) python: PathBuf,
     pub(crate) file: PathBuf,
     pub(crate) arguments: Vec<OsString>,
+    pub(crate) properties: Properties,
     pub(crate) join_timeout: Duration,
 }
 
@@ -79,6 +81,7 @@ impl Plan {
     fn command(&self, name: &str, rti: &Address) -> Command {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(rti.to_string());
+        command.args(self.properties.options());
         // It leaves the words on its failure to this process, and never outlives it.
         command.arg("--launched");
         command.arg("--die-with-parent").arg(std::process::id().to_string());

@@ -24,7 +24,7 @@ use crate::{check, launch, signals};
 /// If it cannot listen, or the federation fails.
 pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     refuse_open_network(&arguments.listen)?;
-    let Some(compiled) = check::checked(&arguments.file)? else {
+    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
     require_federation(&compiled.program, &arguments.file)?;

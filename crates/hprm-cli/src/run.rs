@@ -16,13 +16,14 @@ use crate::{check, python, rti};
 ///
 /// If it cannot be started.
 pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
-    let Some(compiled) = check::checked(&arguments.file)? else {
+    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
     let python = python::find()?;
     if !compiled.program.is_federated() {
         // The one process that runs it shows the warnings.
         let mut command = python::module(&python, "run");
+        command.args(arguments.properties.options());
         command.arg("--").arg(&arguments.file).args(&arguments.arguments);
         return Err(replace(command));
     }
@@ -31,6 +32,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         python,
         file: arguments.file.clone(),
         arguments: arguments.arguments.clone(),
+        properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
     };
     let code = launch::launch(&compiled.program, &plan)?;
@@ -44,7 +46,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     rti::refuse_open_network(&arguments.rti)?;
-    let Some(compiled) = check::checked(&arguments.file)? else {
+    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
     rti::require_federation(&compiled.program, &arguments.file)?;
@@ -57,6 +59,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     let python = python::find()?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());
+    command.args(arguments.properties.options());
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
     command.env(FEDERATION_ID, arguments.federation.to_string());
     Err(replace(command))

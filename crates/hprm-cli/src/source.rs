@@ -6,14 +6,17 @@ use hprm_lf::{Compiled, Failure};
 
 use crate::message::Error;
 
-/// Compiles the program at `path`, or gives what the front end has against it.
+/// Compiles the program at `path` with these target properties, or gives what the front end has against it.
 ///
 /// # Errors
 ///
 /// If there is no such program: the path is wrong, the file is unreadable or not text. What
 /// is wrong *in* the program, or with a file that it imports, is the
 /// inner result.
-pub(crate) fn compile(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
+pub(crate) fn compile(
+    path: &Path,
+    properties: &[String],
+) -> Result<Result<Compiled, Failure>, Error> {
     let name = path.to_str().ok_or_else(|| {
         Error::new(format!("the name of {} is not UTF-8 text", path.display()))
             .hint("give the file another name")
@@ -29,7 +32,7 @@ pub(crate) fn compile(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
         Some(text) => Ok(text),
         None => read(path),
     };
-    Ok(hprm_lf::compile(name, &mut load))
+    Ok(hprm_lf::compile_with(name, properties, &mut load))
 }
 
 fn unreadable(name: &str, reason: &str) -> Error {
@@ -61,7 +64,7 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_one_error() {
-        let Err(error) = compile(Path::new("/nowhere/Main.lf")) else { panic!("it is there") };
+        let Err(error) = compile(Path::new("/nowhere/Main.lf"), &[]) else { panic!("it is there") };
         assert_eq!(
             error,
             Error::new("cannot read /nowhere/Main.lf: No such file or directory")
@@ -72,7 +75,7 @@ mod tests {
     #[test]
     fn another_kind_of_file_is_refused() {
         for name in ["main.py", "Main", "lf"] {
-            let Err(error) = compile(Path::new(name)) else { panic!("{name}") };
+            let Err(error) = compile(Path::new(name), &[]) else { panic!("{name}") };
             assert!(format!("{error:?}").contains("not a Lingua Franca program"), "{error:?}");
         }
     }
@@ -82,7 +85,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("Main.lf");
         std::fs::write(&path, b"target Python\n\xff\n").unwrap();
-        let Err(error) = compile(&path) else { panic!("it is text") };
+        let Err(error) = compile(&path, &[]) else { panic!("it is text") };
         assert!(format!("{error:?}").contains("line 2 is not UTF-8 text"), "{error:?}");
     }
 }

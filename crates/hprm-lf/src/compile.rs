@@ -9,6 +9,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
 use crate::model::{Declarations, MOST_MEMBERS, Model};
+use crate::overrides;
 use crate::properties::Stated;
 use crate::resolve;
 use crate::source::SourceLoader;
@@ -30,9 +31,23 @@ use crate::source::SourceLoader;
 ///
 /// Everything that is wrong with the program, as far as it could be understood.
 pub fn compile(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Failure> {
+    compile_with(path, &[], loader)
+}
+
+/// Like [`compile()`], with target properties as `KEY=VALUE`, which outdo those of the file.
+///
+/// # Errors
+///
+/// Everything that is wrong with the program or the properties.
+pub fn compile_with(
+    path: &str,
+    properties: &[String],
+    loader: &mut dyn SourceLoader,
+) -> Result<Compiled, Failure> {
     let mut report = Report::default();
-    let library = Library::load(path, loader, &mut report);
-    let stated = Stated::read(&library, &mut report);
+    let mut library = Library::load(path, loader, &mut report);
+    let overrides = overrides::parse(properties, &mut library.sources, &mut report);
+    let stated = Stated::read(&library, &overrides, &mut report);
     match stages(&library, stated, &mut report) {
         Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
         _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),

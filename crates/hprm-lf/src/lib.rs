@@ -29,6 +29,7 @@ mod lexer;
 mod library;
 mod lower;
 mod model;
+mod overrides;
 mod parser;
 mod properties;
 mod reaction;
@@ -42,7 +43,7 @@ mod value;
 mod wiring;
 
 pub use code::Code;
-pub use compile::compile;
+pub use compile::{compile, compile_with};
 pub use compiled::{
     Access, Argument, Class, Compiled, ContainedPort, Failure, Instance, Method, ParameterDecl,
     Ports, ReactionBody, ReactionCode, Runs, StateDecl,

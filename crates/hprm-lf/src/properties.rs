@@ -74,7 +74,8 @@ pub(crate) struct Stated {
 }
 
 impl Stated {
-    pub(crate) fn read(library: &Library, report: &mut Report) -> Self {
+    /// What the files say, and then `overrides`, which come from elsewhere and have the last word.
+    pub(crate) fn read(library: &Library, overrides: &[Property], report: &mut Report) -> Self {
         let mut stated = Self::default();
         for file in &library.order {
             let target = library.model(*file).target.as_ref();
@@ -85,6 +86,13 @@ impl Stated {
                 } else if *file == Library::MAIN {
                     stated.property(property, report);
                 }
+            }
+        }
+        for property in overrides {
+            if property.name.text.eq_ignore_ascii_case("files") {
+                stated.files(property, property.name.span.file, report);
+            } else {
+                stated.property(property, report);
             }
         }
         if library.model(Library::MAIN).target.is_none() && !report.has_errors() {

@@ -312,6 +312,36 @@ main reactor { reaction(startup) {= pass =} }
 }
 
 #[test]
+fn properties_from_elsewhere_have_the_last_word() {
+    let text = "target Python { timeout: 1 s, workers: 3 }\nmain reactor {}\n";
+    let compile = |properties: &[&str]| {
+        let properties: Vec<_> = properties.iter().map(|&stated| stated.to_owned()).collect();
+        hprm_lf::compile_with("Main.lf", &properties, &mut |_: &str| Ok(text.to_owned()))
+    };
+    let compiled = compile(&["timeout=2 s", "Single-Threaded=true"]).unwrap();
+    assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
+    assert!(compiled.program.properties.deadlines_first && compiled.settings.single_threaded);
+    assert_eq!(compiled.settings.workers, Some(3));
+
+    let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
+    assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"
+    error[LF0603]: `timeout` must be a time, such as `10 s`
+     --> --property:1:26
+      |
+    1 | target Python { timeout: soon }
+      |                          ^^^^
+
+    error[LF0607]: `fast` is no target property with a value
+     --> --property:1:1
+      |
+    1 | fast
+      | ^^^^
+      |
+      = help: write it as KEY=VALUE, such as `timeout=10 s`
+    ");
+}
+
+#[test]
 fn spacing_policies() {
     assert_snapshot!(errors("
 main reactor {

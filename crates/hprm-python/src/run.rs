@@ -17,9 +17,12 @@ use crate::load::load;
 use crate::value::Value;
 
 /// Runs a program in this process, federated or not, to its end. Returns the exit code.
+///
+/// Each of the `properties` is a target property, `KEY=VALUE`, that outdoes the program's.
 #[pyfunction]
-pub(crate) fn run_program(py: Python<'_>, path: &str) -> i32 {
-    exit_code(compile(path, true).and_then(|compiled| {
+#[pyo3(signature = (path, properties = vec![]))]
+pub(crate) fn run_program(py: Python<'_>, path: &str, properties: Vec<String>) -> i32 {
+    exit_code(compile(path, &properties, true).and_then(|compiled| {
         let inbox = inbox()?;
         let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
         hprm::run_whole(&compiled.program, &mut host, &inbox)
@@ -31,7 +34,7 @@ pub(crate) fn run_program(py: Python<'_>, path: &str) -> i32 {
 /// If it was `launched`, then the one who did that shows the warnings, once for all federates, and
 /// what the RTI hears of a failure.
 #[pyfunction]
-#[pyo3(signature = (path, federate, *, rti, federation, launched = false))]
+#[pyo3(signature = (path, federate, *, rti, federation, launched = false, properties = vec![]))]
 pub(crate) fn run_federate(
     py: Python<'_>,
     path: &str,
@@ -39,9 +42,10 @@ pub(crate) fn run_federate(
     rti: &str,
     federation: &str,
     launched: bool,
+    properties: Vec<String>,
 ) -> i32 {
     let mut joined = false;
-    let outcome = compile(path, !launched).and_then(|compiled| {
+    let outcome = compile(path, &properties, !launched).and_then(|compiled| {
         let options = options(&compiled, federate, rti, federation)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
@@ -96,10 +100,10 @@ fn options(
     })
 }
 
-fn compile(path: &str, warn: bool) -> Result<Compiled, Failure> {
+fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let mut loader = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
-    match hprm_lf::compile(path, &mut loader) {
+    match hprm_lf::compile_with(path, properties, &mut loader) {
         Ok(compiled) => {
             if warn && !compiled.warnings.is_empty() {
                 say(&hprm_lf::render_all(&compiled.warnings, &compiled.sources, color));
