@@ -13,7 +13,7 @@
 //!
 //! Workers are not there yet; their place is `finish`, which is what a worker will report.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use self::modes::Modes;
@@ -26,6 +26,7 @@ use crate::{
     Table, Tag, Trigger,
 };
 
+mod kept;
 mod messages;
 mod modes;
 mod ready;
@@ -84,6 +85,8 @@ pub struct Scheduler<V> {
     present_ports: Vec<PortId>,
     /// Of the present ports, those whose value came too late, and the tag that it was meant for.
     tardy_ports: Vec<(PortId, Tag)>,
+    /// What persistent ports remember.
+    kept: BTreeMap<PortId, V>,
     actions: Table<ActionId, Option<Option<V>>>,
     present_actions: Vec<ActionId>,
     /// The latest tag given to an event of each action.
@@ -120,6 +123,7 @@ impl<V: Clone> Scheduler<V> {
             ports: Table::filled(program.ports.len(), None),
             present_ports: Vec::new(),
             tardy_ports: Vec::new(),
+            kept: BTreeMap::new(),
             actions: Table::filled(program.actions.len(), None),
             present_actions: Vec::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
@@ -301,6 +305,7 @@ impl<V: Clone> Scheduler<V> {
     /// makes everything absent, and changes modes. Returns whether it was the last tag.
     pub fn end(&mut self, now: impl Reading) -> bool {
         assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
+        self.remember();
         self.send_present(now);
         for action in self.present_actions.drain(..) {
             self.actions[action] = None;

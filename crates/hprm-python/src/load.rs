@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm::{Failure, Inbox};
-use hprm_core::{FederateId, ReactionId, Scope, Table};
+use hprm_core::{FederateId, ReactionId, Scope, Table, Trigger};
 use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -97,7 +97,9 @@ struct Arguments<'a, 'py> {
 impl<'a, 'py> Arguments<'a, 'py> {
     fn argument(&mut self, argument: &'a Argument) -> PyResult<Bound<'py, PyAny>> {
         match argument {
-            Argument::Port { name, ports, access, .. } => self.port(name, *ports, *access),
+            Argument::Port { name, ports, access, .. } => {
+                self.port(name, *ports, self.own(*ports, *access))
+            }
             Argument::Contained { name, bank, members } => self.contained(name, *bank, members),
             Argument::Alias { instance, port, .. } => {
                 let key = (instance.as_str(), port.as_str());
@@ -127,7 +129,7 @@ impl<'a, 'py> Arguments<'a, 'py> {
             let ports = PyDict::new(self.py);
             for port in member {
                 let full = format!("{label}.{}", port.name);
-                let built = self.port(&full, port.ports, port.access)?;
+                let built = self.port(&full, port.ports, elsewhere(port.access))?;
                 ports.set_item(&port.name, &built)?;
                 self.contained.insert((name, &port.name), built);
             }
@@ -139,19 +141,29 @@ impl<'a, 'py> Arguments<'a, 'py> {
         instances.pop().ok_or_else(|| PyKeyError::new_err(format!("no instance {name}")))
     }
 
-    fn port(
-        &self,
-        name: &str,
-        ports: Ports,
-        access: hprm_lf::Access,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let access = match access {
-            hprm_lf::Access::Read => Access::Read,
-            hprm_lf::Access::Write => Access::Write,
-        };
+    /// What the reaction may do with a port of its own reactor: an input that is only a source can be
+    /// given a value to remember.
+    fn own(&self, ports: Ports, access: hprm_lf::Access) -> Access {
+        let spec = &self.runtime.program().reactions[self.reaction];
+        let triggers = spec.triggers.contains(&Trigger::Port(ports.first));
+        match elsewhere(access) {
+            Access::Read if !triggers => Access::Remember,
+            access => access,
+        }
+    }
+
+    fn port(&self, name: &str, ports: Ports, access: Access) -> PyResult<Bound<'py, PyAny>> {
         let channels = (ports.first, ports.width);
         let user = (self.reaction, access);
         Ok(Port::build(self.py, self.runtime, user, name, channels)?.into_any())
+    }
+}
+
+/// What the reaction may do with a port of a contained reactor.
+fn elsewhere(access: hprm_lf::Access) -> Access {
+    match access {
+        hprm_lf::Access::Read => Access::Read,
+        hprm_lf::Access::Write => Access::Write,
     }
 }
 

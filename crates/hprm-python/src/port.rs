@@ -126,17 +126,21 @@ impl Port {
     }
 
     /// Sets the port at this tag. The last value that is set wins.
+    ///
+    /// An input that the reaction names as a source does not become present. It remembers the value,
+    /// and from then on the last one that came, for whoever reads it while it is absent.
     #[pyo3(signature = (value, /))]
     fn set(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let port = self.channel("set")?;
-        if self.access != Access::Write {
-            return Err(PyTypeError::new_err(format!(
+        match self.access {
+            Access::Write => self.runtime.set(self.reaction, port, Value::new(value)),
+            Access::Remember => self.runtime.remember(self.reaction, port, Value::new(value)),
+            Access::Read => Err(PyTypeError::new_err(format!(
                 "port {0} cannot be set here; only the effects of a reaction can, so name it after \
                  the arrow: reaction(...) -> {0}",
                 self.name
-            )));
+            ))),
         }
-        self.runtime.set(self.reaction, port, Value::new(value))
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {

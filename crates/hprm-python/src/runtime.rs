@@ -58,6 +58,8 @@ pub(crate) struct Late {
 pub(crate) enum Access {
     /// Read it.
     Read,
+    /// Read it, and give it a first value to remember: an input of the reactor itself.
+    Remember,
     /// Set it, and read what was set.
     Write,
 }
@@ -108,10 +110,24 @@ impl Runtime {
 
     // For ports and actions.
 
-    /// The value at a port.
+    /// The value at a port; of a persistent one that is absent, the last.
     pub(crate) fn read(&self, reaction: ReactionId, port: PortId) -> PyResult<Option<Value>> {
         let cell = self.during(reaction, port, Access::Read)?;
-        Ok(cell.scheduler.port(port).cloned())
+        Ok(cell.scheduler.latest(port).cloned())
+    }
+
+    /// Makes a port persistent, with a first value.
+    pub(crate) fn remember(
+        &self,
+        reaction: ReactionId,
+        port: PortId,
+        value: Value,
+    ) -> PyResult<()> {
+        let mut cell = self.during(reaction, port, Access::Remember)?;
+        let earlier = cell.scheduler.keep(port, value);
+        drop(cell);
+        drop(earlier);
+        Ok(())
     }
 
     /// Whether a port has a value.
@@ -279,12 +295,18 @@ impl Runtime {
         let spec = &self.program.reactions[reaction];
         let writes = spec.effects.contains(&Effect::Port(port));
         let reads = || spec.triggers.contains(&Trigger::Port(port)) || spec.sources.contains(&port);
-        writes || access == Access::Read && reads()
+        match access {
+            Access::Read => writes || reads(),
+            // Reactions name inputs of contained reactors as effects only, so it is the reactor's.
+            Access::Remember => spec.sources.contains(&port),
+            Access::Write => writes,
+        }
     }
 
     fn undeclared(&self, reaction: ReactionId, port: PortId, access: Access) -> PyErr {
         let (verb, role) = match access {
             Access::Read => ("read", "a trigger, source or effect"),
+            Access::Remember => ("set", "a source"),
             Access::Write => ("set", "an effect"),
         };
         PyRuntimeError::new_err(format!(
