@@ -42,7 +42,7 @@ class ReactorBase:
         self._lf.update_deadline(self, deadline)
 
     def register_user_trace_event(self, description: str) -> int:
-        """Name an event for traces, of which there are none yet. Return a handle, not zero."""
+        """Name an event for traces. Return its handle; zero if the program is not traced."""
         return int(self._lf.register_user_trace_event(self, description))
 
     def tracepoint_user_event(self, handle: int) -> None:

@@ -3,31 +3,29 @@
 import itertools
 import os
 import sys
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import NoReturn
 
 from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
+from hprm._source import ProgramSource
 
 
-def make_module(api: Api, name: str, path: str) -> ModuleType:
+def make_module(api: Api, source: ProgramSource) -> ModuleType:
     """Make the module of a program, importable by the name that Lingua Franca gives it."""
-    lf = ModuleType(f"LinguaFranca{name}", make_module.__doc__)
-    folder = os.path.dirname(os.path.abspath(path))
-    handles = itertools.count(1)
+    lf = ModuleType(f"LinguaFranca{source.name}", make_module.__doc__)
+    folder = os.path.dirname(os.path.abspath(source.path))
+    # Of a program that is not traced, no event has a handle.
+    handles = itertools.count(1) if source.tracing else itertools.repeat(0)
     vars(lf).update(
         Tag=Tag,
         port_capsule=port_capsule,
         action_capsule_t=action_capsule_t,
-        time=SimpleNamespace(
-            logical=api.logical,
-            logical_elapsed=api.logical_elapsed,
-            physical=api.physical,
-            physical_elapsed=api.physical_elapsed,
-            start=api.start,
-        ),
+        time=_time(api),
         tag=api.tag,
         tag_compare=tag_compare,
+        tag_start_effective=lambda: Tag(api.start(), 0),
         request_stop=api.request_stop,
+        stop=lambda: _stop(api),
         source_directory=lambda: folder,
         package_directory=lambda: _package(folder),
         get_fed_maxwait=api.maxwait,
@@ -49,6 +47,19 @@ def tag_compare(left: Tag, right: Tag) -> int:
     return (left > right) - (left < right)
 
 
+def _time(api: Api) -> type:
+    """Make the class ``lf.time``."""
+    functions = {
+        "logical": api.logical,
+        "logical_elapsed": api.logical_elapsed,
+        "physical": api.physical,
+        "physical_elapsed": api.physical_elapsed,
+        "start": api.start,
+    }
+    names = {name: staticmethod(function) for name, function in functions.items()}
+    return type("time", (), {"__doc__": "Times in nanoseconds.", **names})
+
+
 def _package(folder: str) -> str:
     """Find what contains the nearest folder named ``src``, or else the folder itself."""
     here = folder
@@ -58,6 +69,15 @@ def _package(folder: str) -> str:
             return folder
         here = above
     return os.path.dirname(here)
+
+
+def _stop(api: Api) -> None:
+    federate = api.federate()
+    if federate is not None:
+        raise RuntimeError(
+            f"federate {federate} cannot stop alone; lf.request_stop() stops the federation"
+        )
+    api.request_stop()
 
 
 def _fixed_maxwait(api: Api) -> NoReturn:

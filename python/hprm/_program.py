@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 import hprm
-from hprm import _compile, _lf
+from hprm import _compile, _lf, _protobuf
 from hprm._classes import ReactorBase
 from hprm._hprm import Api
 from hprm._source import ClassSource, Code, InstanceSource, Parameter, ProgramSource
@@ -26,8 +26,9 @@ class Program:
         """Load a program."""
         _compile.register(source.files)
         _extend_path(source)
-        self._lf = _lf.make_module(api, source.name, source.path)
+        self._lf = _lf.make_module(api, source)
         self._module = _make_module(source, self._lf)
+        self._names.update(_protobuf.messages(source.protobufs))
         self._expressions: dict[Code, Body] = {}
         for preamble in source.preambles:
             exec(_compile.statements(preamble), self._names)

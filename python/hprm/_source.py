@@ -50,12 +50,17 @@ class InstanceSource(NamedTuple):
 
 
 class ProgramSource(NamedTuple):
-    """A program; of its instances, those that run here, containers before their contents."""
+    """A program; of its instances, those that run here, containers before their contents.
+
+    ``uses`` and ``protobufs`` are paths, each with the file that states it.
+    """
 
     name: str
     path: str
     files: dict[str, str]
     uses: list[tuple[str, str]]
+    protobufs: list[tuple[str, str]]
+    tracing: bool
     preambles: list[Code]
     classes: list[ClassSource]
     instances: list[InstanceSource]

@@ -138,6 +138,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         bodies,
         preambles,
         files: stated.files,
+        protobufs: stated.protobufs,
         settings: stated.settings,
         rti_host,
         warnings: report.into_sorted(),

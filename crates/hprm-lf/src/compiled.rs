@@ -31,6 +31,8 @@ pub struct Compiled {
     pub preambles: Vec<Code>,
     /// The target property `files` of all files, each with the file that states it.
     pub files: Vec<(String, FileId)>,
+    /// The target property `protobufs` of all files, likewise.
+    pub protobufs: Vec<(String, FileId)>,
     /// Target properties that the scheduler does not need.
     pub settings: Settings,
     /// The host of a federated reactor (`at`), where the RTI runs.

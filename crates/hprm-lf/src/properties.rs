@@ -1,6 +1,7 @@
 //! The target declaration: which properties the runtime obeys, which are harmless, which are wrong.
 //!
-//! The main file's properties rule; only `files` is collected from imported files as well.
+//! The main file's properties rule; only `files` and `protobufs` are collected from imported
+//! files as well.
 
 use hprm_core::{Coordination, Nanos, Properties};
 
@@ -39,23 +40,23 @@ const IGNORED: [&str; 12] = [
 ];
 
 /// Known, and of consequence: whoever states one must not believe that it is in force.
-const NOT_YET: [&str; 8] = [
+const NOT_YET: [&str; 7] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
     "comm-type",
     "coordination-options",
-    "protobufs",
     "sst",
     "trace-plugin",
 ];
 
-const OBEYED: [&str; 10] = [
+const OBEYED: [&str; 11] = [
     "coordination",
     "fast",
     "files",
     "keepalive",
     "logging",
+    "protobufs",
     "scheduler",
     "single-threaded",
     "timeout",
@@ -69,6 +70,7 @@ pub(crate) struct Stated {
     pub(crate) properties: Properties,
     pub(crate) settings: Settings,
     pub(crate) files: Vec<(String, FileId)>,
+    pub(crate) protobufs: Vec<(String, FileId)>,
     keepalive: Option<bool>,
     fast: Option<Span>,
 }
@@ -81,17 +83,16 @@ impl Stated {
             let target = library.model(*file).target.as_ref();
             target.iter().for_each(|target| check_name(target, report));
             for property in target.iter().flat_map(|target| &target.properties) {
-                if property.name.text.eq_ignore_ascii_case("files") {
-                    stated.files(property, *file, report);
-                } else if *file == Library::MAIN {
+                if stated.collect(property, *file, report) {
+                    continue;
+                }
+                if *file == Library::MAIN {
                     stated.property(property, report);
                 }
             }
         }
         for property in overrides {
-            if property.name.text.eq_ignore_ascii_case("files") {
-                stated.files(property, property.name.span.file, report);
-            } else {
+            if !stated.collect(property, property.name.span.file, report) {
                 stated.property(property, report);
             }
         }
@@ -143,20 +144,28 @@ impl Stated {
         }
     }
 
-    fn files(&mut self, property: &Property, file: FileId, report: &mut Report) {
+    /// Collects the paths of a property that every file may state. Returns whether it is one.
+    fn collect(&mut self, property: &Property, file: FileId, report: &mut Report) -> bool {
+        let name = property.name.text.to_ascii_lowercase();
+        let paths = match name.as_str() {
+            "files" => &mut self.files,
+            "protobufs" => &mut self.protobufs,
+            _ => return false,
+        };
         let elements = match &property.value.kind {
             ElementKind::List(elements) => elements.as_slice(),
             _ => std::slice::from_ref(&property.value),
         };
         for element in elements {
             match word(element) {
-                Some(path) => self.files.push((path.to_owned(), file)),
+                Some(path) => paths.push((path.to_owned(), file)),
                 None => {
-                    let message = "`files` must be a path or a list of paths";
+                    let message = format!("`{name}` must be a path or a list of paths");
                     report.add(Diagnostic::error("LF0603", element.span, message));
                 }
             }
         }
+        true
     }
 
     /// Properties that follow from the program, and those that contradict it.

@@ -77,6 +77,14 @@ impl Api {
         }
     }
 
+    /// The name of this federate; None if the whole program runs here.
+    fn federate(&self) -> Option<String> {
+        match self.0.scope() {
+            Scope::Whole => None,
+            Scope::Federate(federate) => Some(self.0.program().federates[federate].name.clone()),
+        }
+    }
+
     /// How long this federate waits for its inputs, in nanoseconds.
     fn maxwait(&self) -> PyResult<i64> {
         let program = self.0.program();

@@ -18,7 +18,7 @@ pub(crate) enum Codec {
 }
 
 impl Codec {
-    /// The codec that a connection names, or the native one.
+    /// The codec that a connection names, or the native one. `proto` is a package of ours.
     ///
     /// # Errors
     ///
@@ -27,7 +27,10 @@ impl Codec {
         let Some(name) = serializer.filter(|name| !name.eq_ignore_ascii_case("native")) else {
             return Ok(Self::Native);
         };
-        let package = py.import(name)?;
+        let package = match name {
+            _ if name.eq_ignore_ascii_case("proto") => py.import("hprm._protobuf")?,
+            _ => py.import(name)?,
+        };
         Ok(Self::Package(package.getattr(intern!(py, "Serializer"))?.call0()?.unbind()))
     }
 

@@ -25,8 +25,11 @@ pub(crate) fn describe<'py>(
     for file in (0..sources.len()).filter_map(|i| u32::try_from(i).ok()).map(hprm_lf::FileId) {
         files.set_item(sources.path(file), sources.text(file))?;
     }
-    let uses: Vec<_> =
-        compiled.files.iter().map(|(name, file)| (name, sources.path(*file))).collect();
+    let paths = |stated: &[(String, hprm_lf::FileId)]| -> Vec<(String, String)> {
+        stated.iter().map(|(path, file)| (path.clone(), sources.path(*file).to_owned())).collect()
+    };
+    let uses = paths(&compiled.files);
+    let protobufs = paths(&compiled.protobufs);
     let preambles = describe.codes(&compiled.preambles)?;
     let classes = compiled.classes.iter().map(|class| describe.class(class));
     let classes = PyList::new(py, classes.collect::<PyResult<Vec<_>>>()?)?;
@@ -39,7 +42,8 @@ pub(crate) fn describe<'py>(
         .map(|(id, _)| describe.instance(id))
         .collect::<PyResult<Vec<_>>>()?;
     let (name, path) = (&compiled.program.name, sources.path(hprm_lf::FileId(0)));
-    let fields = (name, path, files, uses, preambles, classes, instances);
+    let tracing = compiled.settings.tracing;
+    let fields = (name, path, files, uses, protobufs, tracing, preambles, classes, instances);
     describe.module.getattr("ProgramSource")?.call1(fields)
 }
 
