@@ -46,6 +46,10 @@ class MutableInput(Make):
         self.is_present = port.is_present
         self.value = _copied(port.value)
 
+    def set(self, value: object) -> NoReturn:
+        """Say how an input is changed."""
+        raise TypeError("an input cannot be set; give its copy another value: ...value = ...")
+
 
 def mutable(port: port_capsule) -> "MutableInput | list[MutableInput]":
     """Copy an input, or all channels of one."""

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use hprm_core::ActionId;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyAttributeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyFloat;
 
@@ -33,6 +33,14 @@ impl Action {
         value.map(|value| value.object(py)).transpose()
     }
 
+    #[setter(value)]
+    fn refuse_value(&self, _value: &Bound<'_, PyAny>) -> PyResult<()> {
+        Err(PyAttributeError::new_err(format!(
+            "the value of an action is that of its event: {}.schedule(offset, value)",
+            self.runtime.program().actions[self.action].name
+        )))
+    }
+
     /// Whether it has an event at this tag.
     #[getter]
     fn is_present(&self) -> PyResult<bool> {
@@ -55,9 +63,25 @@ impl Action {
     }
 }
 
+/// The name of an object's type, for messages.
+pub(crate) fn kind(object: &Bound<'_, PyAny>) -> String {
+    object.get_type().name().map_or_else(|_| "thing".to_owned(), |name| name.to_string())
+}
+
 /// A number of nanoseconds; `MSEC(1.5)` is a float.
 pub(crate) fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
-    let Ok(number) = offset.cast::<PyFloat>() else { return offset.extract() };
+    let Ok(number) = offset.cast::<PyFloat>() else {
+        return offset.extract().map_err(|error: PyErr| {
+            if error.is_instance_of::<PyTypeError>(offset.py()) {
+                let kind = kind(offset);
+                PyTypeError::new_err(format!(
+                    "a time must be a number of nanoseconds, such as MSEC(10), and this is a {kind}"
+                ))
+            } else {
+                error
+            }
+        });
+    };
     let number = number.value();
     // Of the floats beyond, none is a number of 64 bits; the cast of one within is exact enough.
     if number.abs() < i64::MAX as f64 {

@@ -62,7 +62,7 @@ impl Api {
     fn check_deadline(&self, py: Python<'_>, invoke_deadline_handler: bool) -> PyResult<bool> {
         let Some(late) = self.0.deadline_missed(py)? else { return Ok(false) };
         if let Some(Late { handler, arguments }) = late.filter(|_| invoke_deadline_handler) {
-            handler.bind(py).call1(arguments.into_bound(py))?;
+            handler.bind(py).call1(arguments.fresh(py)?)?;
         }
         Ok(true)
     }

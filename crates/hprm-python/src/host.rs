@@ -7,7 +7,7 @@ use hprm::{Failure, Host};
 use hprm_core::{Body, ChannelId, FederateId, Payload, PhysicalTime, ReactionId, Scheduler, Table};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyTuple};
+use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
 use crate::failure::failure;
@@ -21,8 +21,13 @@ pub(crate) struct Bodies {
     pub(crate) deadline: Option<Py<PyAny>>,
     /// None if it declares no handler, or one without a body: then the main body runs.
     pub(crate) tardy: Option<Py<PyAny>>,
+    pub(crate) arguments: Arguments,
+}
+
+/// What the bodies of a reaction are called with.
+pub(crate) struct Arguments {
     /// The reactor, then the arguments that the program declares.
-    pub(crate) arguments: Py<PyTuple>,
+    pub(crate) all: Py<PyTuple>,
     /// Positions of mutable inputs, of which each call gets a copy.
     pub(crate) mutable: Vec<usize>,
 }
@@ -77,18 +82,32 @@ impl Bodies {
             Body::Deadline => self.deadline.as_ref().unwrap_or(&self.main),
             Body::Tardy => self.tardy.as_ref().unwrap_or(&self.main),
         };
-        let arguments = self.arguments.bind(py);
+        function.bind(py).call1(self.arguments.fresh(py)?)?;
+        Ok(())
+    }
+}
+
+impl Arguments {
+    /// For one call, while the reaction runs.
+    ///
+    /// # Errors
+    ///
+    /// If a mutable input cannot be copied.
+    pub(crate) fn fresh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let all = self.all.bind(py);
         if self.mutable.is_empty() {
-            function.bind(py).call1(arguments)?;
-            return Ok(());
+            return Ok(all.clone());
         }
-        let arguments = PyList::new(py, arguments)?;
+        let arguments = all.to_list();
         let copy = py.import("hprm._ports")?.getattr("mutable")?;
         for at in &self.mutable {
             arguments.set_item(*at, copy.call1((arguments.get_item(*at)?,))?)?;
         }
-        function.bind(py).call1(arguments.to_tuple())?;
-        Ok(())
+        Ok(arguments.to_tuple())
+    }
+
+    pub(crate) fn clone_ref(&self, py: Python<'_>) -> Self {
+        Self { all: self.all.clone_ref(py), mutable: self.mutable.clone() }
     }
 }
 

@@ -14,7 +14,7 @@ use crate::action::Action;
 use crate::api::Api;
 use crate::codec::Codec;
 use crate::failure::failure;
-use crate::host::{Bodies, PyHost};
+use crate::host::{self, Bodies, PyHost};
 use crate::interrupt::Interrupt;
 use crate::mode::Mode;
 use crate::port::Port;
@@ -76,8 +76,8 @@ fn bodies(
             _ => None,
         });
         let mutable = mutable.collect();
-        let arguments = PyTuple::new(py, values)?.unbind();
-        bodies.insert(id, Bodies { main, deadline, tardy, arguments, mutable });
+        let arguments = host::Arguments { all: PyTuple::new(py, values)?.unbind(), mutable };
+        bodies.insert(id, Bodies { main, deadline, tardy, arguments });
     }
     Ok(bodies)
 }

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use hprm_core::{PortId, ReactionId};
-use pyo3::exceptions::{PyIndexError, PyTypeError};
+use pyo3::exceptions::{PyAttributeError, PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyTuple};
 
+use crate::action::kind;
 use crate::runtime::{Access, Runtime};
 use crate::tag::Tag;
 use crate::value::Value;
@@ -85,6 +86,14 @@ impl Port {
         self.present()?.map(|value| value.object(py)).transpose()
     }
 
+    #[setter(value)]
+    fn refuse_value(&self, _value: &Bound<'_, PyAny>) -> PyResult<()> {
+        Err(PyAttributeError::new_err(format!(
+            "a port is set by its method: {}.set(...)",
+            self.name
+        )))
+    }
+
     /// Whether the port has a value at this tag; for a multiport, whether any channel has.
     #[getter]
     fn is_present(&self, py: Python<'_>) -> PyResult<bool> {
@@ -155,6 +164,19 @@ impl Port {
         self.channels(py)?.try_iter()
     }
 
+    fn __reversed__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        let channels = self.channels(py)?.to_list();
+        channels.reverse()?;
+        channels.try_iter()
+    }
+
+    fn __setitem__(&self, index: &Bound<'_, PyAny>, _value: &Bound<'_, PyAny>) -> PyResult<()> {
+        Err(PyTypeError::new_err(format!(
+            "a channel is set by its method: {}[{index}].set(...)",
+            self.name
+        )))
+    }
+
     fn __getitem__<'py>(
         slf: &Bound<'py, Self>,
         index: &Bound<'py, PyAny>,
@@ -163,9 +185,15 @@ impl Port {
         let Kind::Multiport(channels) = &port.kind else { return Ok(slf.clone().into_any()) };
         let channels = channels.bind(py);
         channels.as_any().get_item(index).map_err(|error| {
+            let name = &port.name;
             if error.is_instance_of::<PyIndexError>(py) {
-                let (name, width) = (&port.name, channels.len());
+                let width = channels.len();
                 PyIndexError::new_err(format!("{name} has {width} channels; there is no {index}"))
+            } else if error.is_instance_of::<PyTypeError>(py) {
+                let kind = kind(index);
+                PyTypeError::new_err(format!(
+                    "the channels of {name} have whole numbers, and this is a {kind}"
+                ))
             } else {
                 error
             }

@@ -7,6 +7,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
+use crate::host::Arguments;
+use crate::value::Value;
 use hprm::{Clock, Inbox};
 use hprm_core::{
     ActionId, Effect, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
@@ -15,9 +17,6 @@ use hprm_core::{
 use hprm_store::StoreStats;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
-
-use crate::value::Value;
 
 /// What the Python objects of a program share.
 pub(crate) struct Runtime {
@@ -50,7 +49,7 @@ struct Running {
 /// The deadline handler of a reaction, and its arguments.
 pub(crate) struct Late {
     pub(crate) handler: Py<PyAny>,
-    pub(crate) arguments: Py<PyTuple>,
+    pub(crate) arguments: Arguments,
 }
 
 /// What a reaction may do with a port.

@@ -1,5 +1,6 @@
 //! The class `Tag`: a tag as programs see it, with absolute time.
 
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use hprm_core::PhysicalTime;
@@ -30,8 +31,14 @@ impl Tag {
 impl Tag {
     #[new]
     #[pyo3(signature = (time, microstep = 0))]
-    fn new(time: i64, microstep: u32) -> Self {
-        Self { time, microstep }
+    fn new(time: i64, microstep: i64) -> PyResult<Self> {
+        let microstep = u32::try_from(microstep).map_err(|_| {
+            PyValueError::new_err(format!(
+                "a microstep is a number from 0 to {}, and {microstep} is not",
+                u32::MAX
+            ))
+        })?;
+        Ok(Self { time, microstep })
     }
 
     fn __repr__(&self) -> String {
