@@ -1,7 +1,13 @@
-"""The programs of ``tests/lf`` check themselves: each must end with exit code 0."""
+"""The programs of ``tests/lf`` check themselves: each must end with exit code 0.
+
+A program's comment may say that it ends with another code, and that it means the same when its
+reactors are federates: then it also runs so.
+"""
 
 from __future__ import annotations
 
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,20 +18,48 @@ CORPUS = Path(__file__).parents[1] / "lf"
 PROGRAMS = sorted(
     str(path.relative_to(CORPUS)) for path in CORPUS.rglob("*.lf") if path.parent.name != "lib"
 )
+TWINS = [
+    (program, coordination)
+    for program in PROGRAMS
+    if (said := re.search(r"Federated as well: ([a-z, ]+)\.", (CORPUS / program).read_text()))
+    for coordination in said[1].split(", ")
+]
 
 
-def test_there_is_a_corpus() -> None:
-    assert PROGRAMS
-
-
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_a_program_is_content_with_what_it_sees(program: str) -> None:
-    done = subprocess.run(
-        [Path(sys.executable).with_name("hprm"), "run", program],
-        cwd=CORPUS,
+def run(program: str, folder: Path, *properties: str) -> subprocess.CompletedProcess[str]:
+    options = [f"--property={stated}" for stated in properties]
+    return subprocess.run(
+        [Path(sys.executable).with_name("hprm"), "run", *options, program],
+        cwd=folder,
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+
+
+def exit_code(program: str) -> int:
+    said = re.search(r"Ends with exit code (\d+)\.", (CORPUS / program).read_text())
+    return int(said[1]) if said else 0
+
+
+def test_there_is_a_corpus_and_some_of_it_is_federated() -> None:
+    assert {exit_code(program) for program in PROGRAMS} == {0, 1, 7}
+    assert {coordination for _, coordination in TWINS} == {"centralized", "decentralized"}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_program_is_content_with_what_it_sees(program: str) -> None:
+    done = run(program, CORPUS)
+    assert done.returncode == exit_code(program), done.stderr
+
+
+@pytest.mark.parametrize(("program", "coordination"), TWINS)
+def test_so_is_its_federated_twin(program: str, coordination: str, tmp_path: Path) -> None:
+    folder = tmp_path / "lf"
+    shutil.copytree(CORPUS, folder)
+    text = (folder / program).read_text()
+    assert "main reactor" in text
+    (folder / program).write_text(text.replace("main reactor", "federated reactor"))
+    done = run(program, folder, "fast=false", f"coordination={coordination}")
+    assert done.returncode == exit_code(program), done.stderr
