@@ -52,10 +52,12 @@ def line(result: Result) -> str:
 def summary(results: Iterable[Result], skipped: dict[Job, str]) -> str:
     """A table by folder, then what failed, what was skipped, and the sum."""
     results = sorted(results, key=lambda result: (result.job.program, result.job.single_threaded))
-    lines = [f"{'folder':<24}{'pass':>6}{'fail':>6}{'skipped':>9}"]
-    for folder, counts in _by_folder(results, skipped).items():
+    folders = _by_folder(results, skipped)
+    width = max(map(len, folders), default=0) + 2
+    lines = [f"{'folder':<{width}}{'pass':>6}{'fail':>6}{'skipped':>9}"]
+    for folder, counts in folders.items():
         row = [counts["pass"], counts["fail"], counts["skipped"]]
-        lines.append(f"{folder:<24}{row[0]:>6}{row[1]:>6}{row[2]:>9}")
+        lines.append(f"{folder:<{width}}{row[0]:>6}{row[1]:>6}{row[2]:>9}")
     failed = [result for result in results if not result.passed]
     for cause, members in _by_cause(failed).items():
         lines += ["", f"{cause} ({len(members)}):"]
