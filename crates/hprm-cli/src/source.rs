@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use hprm::Disk;
 use hprm_lf::{Compiled, Failure};
 
 use crate::message::Error;
@@ -27,12 +28,9 @@ pub(crate) fn compile(
     }
     // Read before anything else, so that a wrong path is one plain error, not a diagnostic in a
     // file that does not exist.
-    let mut main = Some(read(name).map_err(|reason| unreadable(name, &reason))?);
-    let mut load = |path: &str| match main.take_if(|_| path == name) {
-        Some(text) => Ok(text),
-        None => read(path),
-    };
-    Ok(hprm_lf::compile_with(name, properties, &mut load))
+    let mut disk = Disk::from_environment();
+    disk.read_ahead(name).map_err(|reason| unreadable(name, &reason))?;
+    Ok(hprm_lf::compile_with(name, properties, &mut disk))
 }
 
 fn unreadable(name: &str, reason: &str) -> Error {
@@ -41,21 +39,6 @@ fn unreadable(name: &str, reason: &str) -> Error {
         Ok(false) => error.hint("is the path right? It is relative to the current directory"),
         _ => error,
     }
-}
-
-fn read(path: &str) -> Result<String, String> {
-    let bytes = std::fs::read(path).map_err(|error| reason(&error))?;
-    String::from_utf8(bytes).map_err(|error| {
-        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
-        format!("line {line} is not UTF-8 text")
-    })
-}
-
-/// The reason alone: `No such file or directory`, without the number of the error.
-fn reason(error: &std::io::Error) -> String {
-    let text = error.to_string();
-    text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 
 #[cfg(test)]

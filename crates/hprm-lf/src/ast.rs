@@ -72,7 +72,8 @@ pub(crate) struct ImportedReactor {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum ImportSource {
     File(Name),
-    Package(Span),
+    /// What stands between `<` and `>`.
+    Package(Name),
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

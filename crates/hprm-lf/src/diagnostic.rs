@@ -98,6 +98,11 @@ impl Report {
         self.errors > 0
     }
 
+    /// Whether more would not be kept, so that nobody need look for more.
+    pub(crate) fn is_full(&self) -> bool {
+        self.diagnostics.len() >= MOST
+    }
+
     /// All of them, in the order of the text.
     pub(crate) fn into_sorted(mut self) -> Vec<Diagnostic> {
         self.diagnostics.sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));

@@ -30,6 +30,7 @@ mod library;
 mod lower;
 mod model;
 mod overrides;
+mod package;
 mod parser;
 mod properties;
 mod reaction;

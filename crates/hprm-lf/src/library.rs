@@ -2,13 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ast::{Import, ImportSource, ImportedReactor, Model, Reactor, ReactorKind};
+use crate::ast::{Import, ImportSource, ImportedReactor, Model, Name, Reactor, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::package;
 use crate::parser;
 use crate::source::{FileId, MAX_FILE, SourceLoader, Sources, Span, sibling};
 
 /// The most files in one program; a loader that answers every path must not keep us for ever.
 const MOST_FILES: usize = 1_000;
+
+/// The most imports in one program.
+const MOST_IMPORTS: usize = 10_000;
+
+/// The most text in one program, in bytes.
+const MOST_TEXT: usize = 64 << 20;
 
 /// A reactor class among all that the files declare.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -18,8 +25,12 @@ pub(crate) struct ClassId(pub(crate) usize);
 #[derive(Debug, Default)]
 pub(crate) struct Library {
     pub(crate) sources: Sources,
+    /// The bytes of all files.
+    size: usize,
     /// By file.
     models: Vec<Model>,
+    /// By file and import, the file that is imported.
+    imported: Vec<Vec<Option<FileId>>>,
     /// By file: what a name means there.
     scopes: Vec<BTreeMap<String, ClassId>>,
     classes: Vec<(FileId, usize)>,
@@ -45,9 +56,7 @@ impl Library {
         };
         library.load_imports(file, loader, report);
         library.index_classes();
-        for file in library.files() {
-            library.fill_scope(file, report);
-        }
+        library.scopes = library.scopes(report);
         library.order = library.post_order(file);
         library
     }
@@ -84,51 +93,122 @@ impl Library {
     }
 
     fn parse(&mut self, path: &str, text: String, report: &mut Report) -> FileId {
+        self.size += text.len();
         let file = self.sources.add(path, text);
+        self.imported.push(Vec::new());
         self.models.push(parser::parse(file, self.sources.text(file), report));
         file
     }
 
-    fn imported_path(&self, file: FileId, import: &Import) -> Option<String> {
-        match &import.from {
-            ImportSource::File(path) => Some(sibling(self.sources.path(file), &path.text)),
-            ImportSource::Package(_) => None,
-        }
-    }
-
+    /// Loads what `main` imports, and what that imports.
     fn load_imports(&mut self, main: FileId, loader: &mut dyn SourceLoader, report: &mut Report) {
         let mut pending = vec![main];
+        let mut count = 0;
         while let Some(file) = pending.pop() {
             for import in self.models[file.index()].imports.clone() {
-                let name = match &import.from {
-                    ImportSource::File(name) => name,
-                    ImportSource::Package(span) => {
-                        let instead = "import the file by its path: `from \"lib/Name.lf\"`";
-                        report.add(Diagnostic::unsupported(*span, "package imports are", instead));
-                        continue;
-                    }
-                };
-                let path = sibling(self.sources.path(file), &name.text);
-                if self.sources.find(&path).is_some() {
-                    continue;
-                }
-                if self.models.len() >= MOST_FILES {
-                    let message = format!("more than {MOST_FILES} files in one program");
+                count += 1;
+                let (ImportSource::File(name) | ImportSource::Package(name)) = &import.from;
+                if count > MOST_IMPORTS {
+                    let message = format!("more than {MOST_IMPORTS} imports in one program");
                     report.add(Diagnostic::error("LF0103", name.span, message));
                     return;
                 }
-                match read(&path, loader) {
-                    Ok(text) => pending.push(self.parse(&path, text, report)),
-                    Err(reason) => {
-                        let message = format!("cannot read `{path}`: {reason}");
-                        report.add(
-                            Diagnostic::error("LF0101", name.span, message)
-                                .hint("the path is relative to the file that imports"),
-                        );
-                    }
-                }
+                let known = self.models.len();
+                let found = match &import.from {
+                    ImportSource::File(name) => self.file(file, name, loader, report),
+                    ImportSource::Package(_) => self.package(file, &import, loader, report),
+                };
+                let found = found.map_err(|diagnostic| report.add(*diagnostic)).ok();
+                pending.extend(found.filter(|found| found.index() >= known));
+                self.imported[file.index()].push(found);
             }
         }
+    }
+
+    /// The file that `file` imports by its path.
+    fn file(
+        &mut self,
+        file: FileId,
+        name: &Name,
+        loader: &mut dyn SourceLoader,
+        report: &mut Report,
+    ) -> Result<FileId, Box<Diagnostic>> {
+        let path = sibling(self.sources.path(file), &name.text);
+        self.load_file(&path, loader, report).map_err(|reason| {
+            let message = format!("cannot read `{path}`: {reason}");
+            Box::new(
+                Diagnostic::error("LF0101", name.span, message)
+                    .hint("the path is relative to the file that imports"),
+            )
+        })
+    }
+
+    /// The file that `file` imports from a package.
+    fn package(
+        &mut self,
+        file: FileId,
+        import: &Import,
+        loader: &mut dyn SourceLoader,
+        report: &mut Report,
+    ) -> Result<FileId, Box<Diagnostic>> {
+        let (ImportSource::File(name) | ImportSource::Package(name)) = &import.from;
+        let wanted = package::Wanted::new(&name.text);
+        if let Some(second) = import.reactors.get(1)
+            && !wanted.names_a_file()
+        {
+            let message = "without the name of a file, an import is of one reactor";
+            return Err(Box::new(
+                Diagnostic::error("LF0106", second.name.span, message)
+                    .hint("name the file, `<package/File.lf>`, or write two imports"),
+            ));
+        }
+        let reactor = import.reactors.first().map_or("", |first| first.name.text.as_str());
+        let main = self.sources.path(Self::MAIN).to_owned();
+        let folders = package::folders(self.sources.path(file), &main, loader);
+        let candidates = wanted.candidates(&folders, reactor);
+        let found = candidates.iter().find_map(|path| self.load_file(path, loader, report).ok());
+        if let Some(found) = found {
+            return Ok(found);
+        }
+        if !wanted.names_a_file()
+            && let Some(path) = wanted.search(&folders, reactor, loader)
+            && let Ok(found) = self.load_file(&path, loader, report)
+        {
+            return Ok(found);
+        }
+        let message = format!("cannot find `<{}>` among the packages", name.text);
+        let hint = format!(
+            "looked for `{}` in {}; the environment variable LF_PACKAGES names more folders",
+            wanted.path_in_shelf(reactor),
+            folders.join(", ")
+        );
+        Err(Box::new(Diagnostic::error("LF0105", name.span, message).hint(hint)))
+    }
+
+    /// The file at `path`, which is read unless it has been.
+    fn load_file(
+        &mut self,
+        path: &str,
+        loader: &mut dyn SourceLoader,
+        report: &mut Report,
+    ) -> Result<FileId, String> {
+        if let Some(known) = self.sources.find(path) {
+            return Ok(known);
+        }
+        if self.models.len() >= MOST_FILES {
+            return Err(format!("the program has more than {MOST_FILES} files already"));
+        }
+        let text = read(path, loader)?;
+        if self.size + text.len() > MOST_TEXT {
+            return Err(format!("the program has more than {} MiB already", MOST_TEXT >> 20));
+        }
+        Ok(self.parse(path, text, report))
+    }
+
+    /// The file behind each import of `file`, none where it could not be loaded.
+    fn imports(&self, file: FileId) -> impl Iterator<Item = (&Import, Option<FileId>)> {
+        let found = self.imported[file.index()].iter().copied();
+        self.models[file.index()].imports.iter().zip(found)
     }
 
     fn index_classes(&mut self) {
@@ -138,18 +218,28 @@ impl Library {
         }
     }
 
-    fn declared_in(&self, file: FileId) -> impl Iterator<Item = ClassId> + Clone {
-        self.classes
-            .iter()
-            .enumerate()
-            .filter(move |(_, (home, _))| *home == file)
-            .map(|(index, _)| ClassId(index))
+    fn declared_in(&self, file: FileId) -> impl Iterator<Item = ClassId> {
+        // Classes are numbered file by file.
+        let first = self.classes.partition_point(|(home, _)| *home < file);
+        let end = self.classes.partition_point(|(home, _)| *home <= file);
+        (first..end).map(ClassId)
     }
 
-    fn fill_scope(&mut self, file: FileId, report: &mut Report) {
+    /// By file, what its own reactors and those that it imports are called there.
+    fn scopes(&self, report: &mut Report) -> Vec<BTreeMap<String, ClassId>> {
+        let exports: Vec<_> = self.files().map(|file| self.exports(file)).collect();
+        self.files().map(|file| self.scope(file, &exports, report)).collect()
+    }
+
+    fn scope(
+        &self,
+        file: FileId,
+        exports: &[BTreeMap<&str, ClassId>],
+        report: &mut Report,
+    ) -> BTreeMap<String, ClassId> {
         let mut scope = BTreeMap::new();
         let mut spans: BTreeMap<String, Span> = BTreeMap::new();
-        let mut declare = |name: &crate::ast::Name, class, report: &mut Report| {
+        let mut declare = |name: &Name, class, report: &mut Report| {
             if let Some(first) = spans.insert(name.text.clone(), name.span) {
                 let message = format!("`{}` is already a reactor of this file", name.text);
                 report.add(
@@ -163,38 +253,42 @@ impl Library {
                 declare(name, class, report);
             }
         }
-        for import in &self.models[file.index()].imports {
-            let path = self.imported_path(file, import);
-            let Some(from) = path.and_then(|path| self.sources.find(&path)) else { continue };
-            for imported in &import.reactors {
-                match self.exported(from, imported) {
-                    Ok(class) => {
-                        declare(imported.alias.as_ref().unwrap_or(&imported.name), class, report);
-                    }
-                    Err(diagnostic) => report.add(*diagnostic),
+        for (import, from) in self.imports(file) {
+            let Some(from) = from else { continue };
+            let exports = &exports[from.index()];
+            for ImportedReactor { name, alias } in &import.reactors {
+                match exports.get(name.text.as_str()) {
+                    Some(class) => declare(alias.as_ref().unwrap_or(name), *class, report),
+                    None if report.is_full() => {}
+                    None => report.add(self.no_export(from, name, exports)),
                 }
             }
         }
-        self.scopes.push(scope);
+        scope
     }
 
-    fn exported(
+    /// What a file lets others import.
+    fn exports(&self, file: FileId) -> BTreeMap<&str, ClassId> {
+        let mut exports = BTreeMap::new();
+        for class in self.declared_in(file) {
+            let Reactor { kind, name, .. } = self.reactor(class);
+            if let (ReactorKind::Plain, Some(name)) = (kind, name) {
+                exports.entry(name.text.as_str()).or_insert(class);
+            }
+        }
+        exports
+    }
+
+    fn no_export(
         &self,
         from: FileId,
-        imported: &ImportedReactor,
-    ) -> Result<ClassId, Box<Diagnostic>> {
-        let ImportedReactor { name, .. } = imported;
-        let plain = self
-            .declared_in(from)
-            .filter(|class| self.reactor(*class).kind == ReactorKind::Plain)
-            .filter_map(|class| Some((class, self.reactor(class).name.as_ref()?.text.as_str())));
-        let found = plain.clone().find(|(_, text)| *text == name.text);
-        found.map(|(class, _)| class).ok_or_else(|| {
-            let path = self.sources.path(from);
-            let message = format!("`{path}` has no reactor `{}` to import", name.text);
-            let hint = existing(&name.text, "its reactors", plain.map(|(_, text)| text));
-            Box::new(Diagnostic::error("LF0102", name.span, message).hint(hint))
-        })
+        name: &Name,
+        exports: &BTreeMap<&str, ClassId>,
+    ) -> Diagnostic {
+        let path = self.sources.path(from);
+        let message = format!("`{path}` has no reactor `{}` to import", name.text);
+        let hint = existing(&name.text, "its reactors", exports.keys().copied());
+        Diagnostic::error("LF0102", name.span, message).hint(hint)
     }
 
     fn post_order(&self, main: FileId) -> Vec<FileId> {
@@ -202,18 +296,12 @@ impl Library {
         let mut entered = BTreeSet::from([main]);
         let mut stack = vec![(main, 0)];
         while let Some((file, next)) = stack.pop() {
-            let imports = &self.models[file.index()].imports;
-            let Some(import) = imports.get(next) else {
+            let Some(imported) = self.imported[file.index()].get(next) else {
                 order.push(file);
                 continue;
             };
             stack.push((file, next + 1));
-            let path = self.imported_path(file, import);
-            if let Some(imported) = path.and_then(|path| self.sources.find(&path))
-                && entered.insert(imported)
-            {
-                stack.push((imported, 0));
-            }
+            stack.extend(imported.filter(|file| entered.insert(*file)).map(|file| (file, 0)));
         }
         order
     }

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// Where the text of a file comes from.
 ///
-/// A closure from path to text is one.
+/// A closure from path to text is one, without packages but those of the project.
 pub trait SourceLoader {
     /// The text of the file at `path`, or why there is none.
     ///
@@ -15,6 +15,23 @@ pub trait SourceLoader {
     ///
     /// A sentence for people: `No such file or directory`.
     fn load(&mut self, path: &str) -> Result<String, String>;
+
+    /// The names of what is in a folder, those of folders with a `/` at the end. Nothing if there
+    /// is no such folder.
+    fn list(&mut self, _folder: &str) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Folders with packages that any program can import, such as those that the environment
+    /// variable `LF_PACKAGES` names.
+    fn packages(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// The absolute path from which relative ones lead on, if there is one.
+    fn working_folder(&mut self) -> Option<String> {
+        None
+    }
 }
 
 impl<F: FnMut(&str) -> Result<String, String>> SourceLoader for F {

@@ -187,22 +187,6 @@ main reactor {
 }
 
 #[test]
-fn packages_are_not_supported_yet() {
-    assert_snapshot!(errors("
-import Gain from <signals/Gain.lf>
-main reactor { }
-"), @r#"
-    error[LF0701]: package imports are not supported yet
-     --> Main.lf:2:18
-      |
-    2 | import Gain from <signals/Gain.lf>
-      |                  ^^^^^^^^^^^^^^^^^
-      |
-      = help: import the file by its path: `from "lib/Name.lf"`
-    "#);
-}
-
-#[test]
 fn watchdogs_are_not_supported() {
     assert_snapshot!(errors("
 reactor Base { output out }

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::io::IsTerminal;
 use std::sync::Arc;
 
-use hprm::{Failure, FederateOptions, Inbox};
+use hprm::{Disk, Failure, FederateOptions, Inbox};
 use hprm_core::Scope;
 use hprm_lf::Compiled;
 use hprm_store::StoreLimits;
@@ -102,8 +102,7 @@ fn options(
 
 fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let mut loader = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
-    match hprm_lf::compile_with(path, properties, &mut loader) {
+    match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
         Ok(compiled) => {
             if warn && !compiled.warnings.is_empty() {
                 say(&hprm_lf::render_all(&compiled.warnings, &compiled.sources, color));

@@ -6,6 +6,7 @@
 
 mod bell;
 mod clock;
+mod disk;
 mod federate_loop;
 mod host;
 mod inbox;
@@ -15,6 +16,7 @@ mod rti_loop;
 mod wait;
 
 pub use clock::Clock;
+pub use disk::Disk;
 pub use federate_loop::{FederateOptions, run_federate};
 pub use host::{Failure, Host};
 pub use inbox::Inbox;

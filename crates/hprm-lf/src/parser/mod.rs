@@ -288,6 +288,8 @@ impl Parser<'_> {
             }
             self.advance();
         }
-        Ok(ImportSource::Package(open.to(self.expect('>')?.span)))
+        let close = self.expect('>')?.span;
+        let text = self.text[open.end as usize..close.start as usize].trim().to_owned();
+        Ok(ImportSource::Package(Name { text, span: open.to(close) }))
     }
 }

@@ -1,0 +1,81 @@
+//! Files for the front end, which itself opens none: their text, what lies in a folder, and where
+//! packages are.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
+
+use hprm_lf::SourceLoader;
+
+/// The files of this machine, with the packages that the environment names.
+#[derive(Clone, Debug, Default)]
+pub struct Disk {
+    packages: Vec<String>,
+    /// Files that have been read before anybody asked.
+    ahead: BTreeMap<String, String>,
+}
+
+impl Disk {
+    /// Takes the folders with packages from the environment variable `LF_PACKAGES`.
+    #[must_use]
+    pub fn from_environment() -> Self {
+        let folders = std::env::var_os("LF_PACKAGES").unwrap_or_default();
+        let folders = std::env::split_paths(&folders).filter_map(|path| text_of(&path));
+        Self { packages: folders.filter(|folder| !folder.is_empty()).collect(), ..Self::default() }
+    }
+
+    /// Reads a file now, for when it is asked for.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be read, as a sentence for people.
+    pub fn read_ahead(&mut self, path: &str) -> Result<(), String> {
+        self.ahead.insert(path.to_owned(), read(path)?);
+        Ok(())
+    }
+}
+
+impl SourceLoader for Disk {
+    fn load(&mut self, path: &str) -> Result<String, String> {
+        self.ahead.remove(path).map_or_else(|| read(path), Ok)
+    }
+
+    fn list(&mut self, folder: &str) -> Vec<String> {
+        let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+        let name = |entry: io::Result<std::fs::DirEntry>| {
+            let entry = entry.ok()?;
+            let name = entry.file_name().into_string().ok()?;
+            // A link to a folder is not followed: it might lead in a circle.
+            let is_folder = entry.file_type().ok()?.is_dir();
+            Some(if is_folder { format!("{name}/") } else { name })
+        };
+        entries.filter_map(name).collect()
+    }
+
+    fn packages(&mut self) -> Vec<String> {
+        self.packages.clone()
+    }
+
+    fn working_folder(&mut self) -> Option<String> {
+        text_of(&std::env::current_dir().ok()?)
+    }
+}
+
+fn text_of(path: &Path) -> Option<String> {
+    path.to_str().map(str::to_owned)
+}
+
+fn read(path: &str) -> Result<String, String> {
+    let bytes = std::fs::read(path).map_err(|error| reason(&error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
+        format!("line {line} is not UTF-8 text")
+    })
+}
+
+/// The reason alone: `No such file or directory`, without the number of the error.
+fn reason(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_owned()
+}
