@@ -519,6 +519,19 @@ mod tests {
     }
 
     #[test]
+    fn a_reaction_that_reads_what_it_writes_is_a_loop() {
+        let (mut b, [a_out, a_in, ..]) = two_reactors();
+        b.connect(a_out, a_in, Delay::None);
+        let error = b.build().unwrap_err();
+        assert!(
+            matches!(&error, ProgramError::CausalityLoop { reactions, .. } if reactions.len() == 1)
+        );
+        let (mut b, [a_out, a_in, ..]) = two_reactors();
+        b.connect(a_out, a_in, Delay::Microstep);
+        assert!(b.build().is_ok());
+    }
+
+    #[test]
     fn a_loop_without_delay_is_named() {
         let (mut b, [a_out, a_in, c_out, c_in]) = two_reactors();
         b.connect(a_out, c_in, Delay::None);

@@ -68,9 +68,7 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
         if let Some(earlier) = previous[reaction.reactor].replace(id) {
             successors[earlier].push(id);
         }
-        let follows = |reader: &&ReactionId| {
-            **reader != id && !program.are_exclusive(modes[id], modes[**reader])
-        };
+        let follows = |reader: &&ReactionId| !program.are_exclusive(modes[id], modes[**reader]);
         let mut pending: Vec<PortId> = program.written_ports(id).collect();
         while let Some(port) = pending.pop() {
             // By way of several modes, several paths can lead to one port.

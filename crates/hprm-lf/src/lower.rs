@@ -143,7 +143,10 @@ impl Origins {
                 spans.push(span(reaction));
             }
         }
-        let message = format!("reactions wait for one another in a circle: {names}");
+        let message = match reactions {
+            [_] => format!("the reaction {names} waits for itself: it reads what it sets"),
+            _ => format!("reactions wait for one another in a circle: {names}"),
+        };
         let diagnostic = Diagnostic::error("LF0503", spans[0], message).hint(
             "give one of the connections a delay, such as `after 0`, or reorder the reactions",
         );
