@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import hprm
@@ -81,15 +81,15 @@ class Program:
         # A class may declare `bank_index` to have it assigned; its default is still the position.
         values = dict(made.source.parameters) | {"bank_index": bank_index}
         for name, value in (values | dict(source.assignments)).items():
-            vars(instance)[f"_{name}"] = self._evaluate(value, parent, bank_index)
+            vars(instance)[f"_{name}"] = self.evaluate(value, parent, bank_index)
         self._set_state(made.source.state, instance)
         self._instances[source.reactor] = (made, instance)
 
     def _set_state(self, variables: list[tuple[str, Any]], instance: ReactorBase) -> None:
         for name, value in variables:
-            setattr(instance, name, self._evaluate(value, instance, instance.bank_index))
+            setattr(instance, name, self.evaluate(value, instance, instance.bank_index))
 
-    def _evaluate(self, value: Any, owner: ReactorBase | None, bank_index: int) -> Any:
+    def evaluate(self, value: Any, owner: ReactorBase | None, bank_index: int) -> Any:
         """Compute a value in the context of ``owner``, afresh each time."""
         match value:
             case Code():
@@ -99,9 +99,9 @@ class Program:
             case Parameter(name):
                 return getattr(owner, name)
             case list():
-                return [self._evaluate(entry, owner, bank_index) for entry in value]
+                return [self.evaluate(entry, owner, bank_index) for entry in value]
             case tuple():
-                return tuple(self._evaluate(entry, owner, bank_index) for entry in value)
+                return tuple(self.evaluate(entry, owner, bank_index) for entry in value)
         return value
 
 
@@ -115,8 +115,12 @@ class _Class:
             program.preamble(preamble, names)
         for name, _ in source.parameters:
             names[name] = property(attrgetter(f"_{name}"))
-        for name, arguments, code in source.methods:
-            names[name] = program.function(code, name, ["self", *arguments])
+        for name, arguments, defaults, code in source.methods:
+            method = program.function(code, name, ["self", *arguments])
+            # As in Python, a default is evaluated once, where nothing of an instance is known.
+            assert isinstance(method, FunctionType)
+            method.__defaults__ = tuple(program.evaluate(value, None, 0) for value in defaults)
+            names[name] = method
 
         def handler(code: Code | None, name: str, arguments: list[str]) -> Body | None:
             return None if code is None else program.function(code, name, arguments)

@@ -28,13 +28,16 @@ class ReactionSource(NamedTuple):
 
 
 class ClassSource(NamedTuple):
-    """A reactor. Values are Python's, ``Code``, ``Parameter``, or lists and tuples of them."""
+    """A reactor. Values are Python's, ``Code``, ``Parameter``, or lists and tuples of them.
+
+    A method has a name, arguments after ``self``, defaults for the last of them, and a body.
+    """
 
     name: str
     preambles: list[Code]
     parameters: list[tuple[str, Any]]
     state: list[tuple[str, Any]]
-    methods: list[tuple[str, list[str], Code]]
+    methods: list[tuple[str, list[str], list[Any], Code]]
     reactions: list[ReactionSource]
 
 

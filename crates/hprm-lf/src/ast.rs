@@ -134,9 +134,16 @@ pub(crate) struct State {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Method {
     pub(crate) name: Name,
-    pub(crate) arguments: Vec<Name>,
+    pub(crate) arguments: Vec<Argument>,
     pub(crate) types: Vec<Span>,
     pub(crate) body: Body,
+}
+
+/// An argument of a method.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Argument {
+    pub(crate) name: Name,
+    pub(crate) default: Option<Expression>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -191,7 +198,6 @@ pub(crate) struct Action {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Reaction {
     pub(crate) attributes: Vec<Attribute>,
-    pub(crate) mutation: bool,
     pub(crate) name: Option<Name>,
     pub(crate) triggers: Vec<Trigger>,
     pub(crate) sources: Vec<Reference>,

@@ -23,7 +23,8 @@ pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: Stri
     });
     let methods = declared.methods.iter().map(|method| Method {
         name: method.name.text.clone(),
-        args: method.arguments.iter().map(|argument| argument.text.clone()).collect(),
+        args: method.arguments.iter().map(|argument| argument.name.text.clone()).collect(),
+        defaults: method.arguments.iter().filter_map(|a| a.default.as_ref()).map(value).collect(),
         code: code(method.body),
     });
     let reactions = model.reactions.iter().filter_map(|reaction| {

@@ -65,8 +65,9 @@ fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<
         return None;
     }
     let main = check::main_class(library, report)?;
+    let known = report.errors();
     let models = models(library, report);
-    if !report.has_errors() {
+    if report.errors() == known {
         check::check(library, &models, report);
     }
     let federated = library.reactor(main).kind == ReactorKind::Federated;
@@ -74,6 +75,8 @@ fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<
     if report.has_errors() {
         return None;
     }
+    // What is wrong here is no reason to keep quiet about instances.
+    check::constants::check(&models, report);
     let lowered = lower::lower(library, &models, main, stated.properties.clone(), report)?;
     Some(Parts { lowered, stated, main })
 }

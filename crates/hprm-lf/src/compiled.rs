@@ -79,12 +79,14 @@ pub struct StateDecl {
 }
 
 /// A method.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct Method {
     /// Its name.
     pub name: String,
     /// Its parameters after `self`.
     pub args: Vec<String>,
+    /// What the last of them are if a call leaves them out.
+    pub defaults: Vec<Value>,
     /// Its body.
     pub code: Code,
 }

@@ -94,6 +94,11 @@ impl Report {
         }
     }
 
+    /// How many errors there have been, the same ones counted again.
+    pub(crate) fn errors(&self) -> usize {
+        self.errors
+    }
+
     pub(crate) fn has_errors(&self) -> bool {
         self.errors > 0
     }

@@ -3,7 +3,7 @@
 //! The types here are what lowering works on; they hold only what is known to exist. Finding out
 //! is the business of [`resolve`](crate::resolve).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::Transition;
 
@@ -148,6 +148,8 @@ pub(crate) struct Reaction<'a> {
     pub(crate) triggers: Vec<Trigger>,
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
+    /// Other names that it gives to ports and actions: `port as name`.
+    pub(crate) aliases: Vec<(Entity, &'a ast::Name)>,
     pub(crate) slots: Vec<Slot>,
 }
 
@@ -163,13 +165,9 @@ impl Reaction<'_> {
 
     /// All variables that it names, each once.
     pub(crate) fn mentions(&self) -> Vec<Entity> {
-        let mut mentions = Vec::new();
-        for entity in self.reads().chain(self.effects.iter().copied()) {
-            if !mentions.contains(&entity) {
-                mentions.push(entity);
-            }
-        }
-        mentions
+        let mut seen = BTreeSet::new();
+        let all = self.reads().chain(self.effects.iter().copied());
+        all.filter(|entity| seen.insert(*entity)).collect()
     }
 }
 

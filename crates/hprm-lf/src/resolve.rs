@@ -71,6 +71,7 @@ impl<'a> Resolver<'_, 'a> {
             triggers: Vec::new(),
             sources: Vec::new(),
             effects: Vec::new(),
+            aliases: Vec::new(),
             slots: Vec::new(),
         };
         for trigger in &decl.triggers {
@@ -79,10 +80,11 @@ impl<'a> Resolver<'_, 'a> {
                 ast::Trigger::Shutdown => Trigger::Shutdown,
                 ast::Trigger::Reset(_) => Trigger::Reset,
                 ast::Trigger::Variable(reference) => {
-                    match self.find(reference, Role::Trigger, report) {
-                        Some(entity) => Trigger::Variable(entity),
-                        None => continue,
-                    }
+                    let Some(entity) = self.find(reference, Role::Trigger, report) else {
+                        continue;
+                    };
+                    reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
+                    Trigger::Variable(entity)
                 }
             };
             reaction.triggers.push(trigger);
@@ -92,7 +94,12 @@ impl<'a> Resolver<'_, 'a> {
             let effect = match effect {
                 ast::Effect::Variable(reference) => match modes::bare(self.declared, reference) {
                     Some(name) => modes::reset_assumed(self.declared, name, mode, report),
-                    None => self.find(reference, Role::Effect, report),
+                    None => {
+                        let entity = self.find(reference, Role::Effect, report);
+                        let alias = entity.zip(reference.alias.as_ref());
+                        reaction.aliases.extend(alias);
+                        entity
+                    }
                 },
                 ast::Effect::Mode(transition, name) => {
                     modes::transition(self.declared, *transition, name, mode, report)
@@ -130,6 +137,7 @@ impl<'a> Resolver<'_, 'a> {
                         .hint("remove it here: a trigger can be read as well"),
                 );
             }
+            reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
             reaction.sources.push(entity);
         }
     }
@@ -254,12 +262,26 @@ impl<'a> Resolver<'_, 'a> {
         }
     }
 
+    /// Whether what a reaction names can be called `alias` in its body.
+    fn check_alias(&self, alias: &ast::Name, entity: Entity, connects: bool) -> Resolved<()> {
+        let hint = match entity {
+            _ if connects => "a connection has no body in which the name could be used",
+            Entity::Timer(_) => "the body of a reaction does not get its timers",
+            Entity::Contained { instance, .. }
+                if self.declared.instances[instance].decl.width.is_some() =>
+            {
+                "the ports of a bank have no name of their own: write `for member in bank:`"
+            }
+            _ => return Ok(()),
+        };
+        let message = format!("`as {}` has no meaning here", alias.text);
+        refuse(Diagnostic::error("LF0311", alias.span, message).hint(hint))
+    }
+
     fn check_form(&self, reference: &Reference, entity: Entity, role: Role) -> Resolved<()> {
         let connects = matches!(role, Role::From | Role::To);
         if let Some(alias) = &reference.alias {
-            let instead = "use the port's own name";
-            let what = "other names for ports are";
-            return refuse(Diagnostic::unsupported(alias.span, what, instead));
+            self.check_alias(alias, entity, connects)?;
         }
         if !reference.interleaved {
             return Ok(());

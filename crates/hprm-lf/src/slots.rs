@@ -3,7 +3,10 @@
 //!
 //! Triggers come first, then sources, then effects, each once. A contained instance is one
 //! parameter with its ports as attributes; each of those ports is a variable of its own as well,
-//! unless something else has that name.
+//! unless something else has that name. What the reaction calls by another name (`port as name`)
+//! comes last, in addition.
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::ast;
 use crate::diagnostic::{Diagnostic, Report};
@@ -17,6 +20,7 @@ pub(crate) fn slots<'p, 'a: 'p>(
     report: &mut Report,
 ) -> Vec<Slot> {
     let mut slots: Vec<Slot> = Vec::new();
+    let mut instances = BTreeSet::new();
     for entity in reaction.mentions() {
         match entity {
             Entity::Port(port) => {
@@ -37,7 +41,7 @@ pub(crate) fn slots<'p, 'a: 'p>(
             Entity::Contained { instance, port } => {
                 let decl = declared.instances[instance].decl;
                 let holds = Held::Instance(instance);
-                if !slots.iter().any(|slot| slot.holds == holds) {
+                if instances.insert(instance) {
                     slots.push(Slot { name: decl.name.text.clone(), holds });
                 }
                 if decl.width.is_none() {
@@ -48,25 +52,46 @@ pub(crate) fn slots<'p, 'a: 'p>(
             }
         }
     }
-    without_clashes(slots, reaction.decl, report)
+    for (entity, alias) in &reaction.aliases {
+        let holds = match *entity {
+            Entity::Port(port) => Held::Port(port),
+            Entity::Action(action) => Held::Action(action),
+            Entity::Contained { instance, port } => Held::Alias { instance, port },
+            // Other names for these have been refused.
+            Entity::Timer(_) | Entity::Mode(..) => continue,
+        };
+        let slot = Slot { name: alias.text.clone(), holds };
+        if !slots.contains(&slot) {
+            slots.push(slot);
+        }
+    }
+    without_clashes(slots, reaction, report)
 }
 
-/// An alias gives way to any other slot of its name; two others of one name are an error.
-fn without_clashes(slots: Vec<Slot>, decl: &ast::Reaction, report: &mut Report) -> Vec<Slot> {
-    let mut kept = Vec::new();
+/// A name that nobody wrote, `instance_port`, gives way to any other slot of that name; two others of
+/// one name are an error.
+fn without_clashes(slots: Vec<Slot>, reaction: &Reaction<'_>, report: &mut Report) -> Vec<Slot> {
+    let written: BTreeSet<&str> =
+        reaction.aliases.iter().map(|(_, name)| name.text.as_str()).collect();
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for slot in &slots {
-        let mut rivals = slots.iter().filter(|other| *other != slot && other.name == slot.name);
-        if slot.is_alias() && rivals.next().is_some() {
+        *counts.entry(slot.name.clone()).or_default() += 1;
+    }
+    let mut taken = BTreeSet::new();
+    let mut kept = Vec::new();
+    for slot in slots {
+        let rivals = counts.get(&slot.name).is_some_and(|count| *count > 1);
+        if rivals && slot.is_alias() && !written.contains(slot.name.as_str()) {
             continue;
         }
-        if kept.iter().any(|earlier: &Slot| earlier.name == slot.name) {
+        if !taken.insert(slot.name.clone()) {
             let message = format!("two things are called `{}` in this reaction", slot.name);
             report.add(
-                Diagnostic::error("LF0215", decl.header, message)
+                Diagnostic::error("LF0215", reaction.decl.header, message)
                     .hint("rename the instance, the port, the action or the mode"),
             );
         }
-        kept.push(slot.clone());
+        kept.push(slot);
     }
     kept
 }

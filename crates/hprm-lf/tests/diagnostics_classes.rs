@@ -298,7 +298,7 @@ main reactor { a = new A(gani = 2, gain = 1, gain = 3) }
       |
       = help: write `offset = value`
 
-    error[LF0203]: a default cannot be another parameter, `gain`
+    error[LF0203]: a default cannot be a parameter, `gain`
      --> Main.lf:2:37
       |
     2 | reactor A(gain = 1, offset, other = gain) { state s = gian }

@@ -218,7 +218,7 @@ main reactor { a = new A() }
       |
       = help: write `[4]` or `[n]`, with a parameter `n`
 
-    error[LF0701]: `widthof` is not supported yet
+    error[LF0409]: a width cannot be that of another port
      --> Main.lf:2:45
       |
     2 | reactor A(n = 0, m = 1 s) { input[] r input[widthof(r)] s }
@@ -248,7 +248,7 @@ fn unmatched_widths_and_other_warnings() {
     assert_snapshot!(warnings("{ timeuot: 1 s }
 reactor A { output[3] out reaction() {= pass =} }
 reactor B { input inp }
-main reactor Other {
+main reactor {
   a = new A()
   b = new[2] B()
   c = new[5] B()
@@ -271,14 +271,6 @@ main reactor Other {
       |                           ^^^^^^^^^^
       |
       = help: name a trigger: an input, an action, a timer, `startup`
-
-    warning[LF0213]: the main reactor `Other` is not called like its file
-     --> Main.lf:4:14
-      |
-    4 | main reactor Other {
-      |              ^^^^^
-      |
-      = help: leave the name out, or call it `Main`
 
     warning[LF0501]: this connection joins 3 channels to 2 channels
      --> Main.lf:8:3

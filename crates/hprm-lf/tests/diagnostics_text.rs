@@ -225,14 +225,6 @@ main reactor {
       |          ^
       |
       = help: write `logical action` or `physical action`
-
-    error[LF0701]: mutations are not supported yet
-     --> Main.lf:5:3
-      |
-    5 |   mutation(a) {= pass =}
-      |   ^^^^^^^^^^^
-      |
-      = help: write `reaction`
     "#);
 }
 
@@ -267,13 +259,13 @@ main reactor {
       |
       = help: did you mean `label`?
 
-    error[LF0701]: the attribute `@transient` is not supported yet
+    error[LF0212]: `@transient` does not belong here
       --> Main.lf:10:3
        |
     10 |   @transient
        |   ^^^^^^^^^^
        |
-       = help: remove it
+       = help: it belongs to an instance of a federated reactor
     "#);
 }
 

@@ -162,7 +162,7 @@ main reactor Program extends D { }
       |
       = help: put what both share into a reactor of its own
 
-    warning[LF0213]: the main reactor `Program` is not called like its file
+    error[LF0213]: the main reactor `Program` is not called like its file
      --> Main.lf:6:14
       |
     6 | main reactor Program extends D { }

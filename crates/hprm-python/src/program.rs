@@ -66,7 +66,9 @@ impl<'py> Describe<'_, 'py> {
         }
         let methods = PyList::empty(py);
         for method in &class.methods {
-            methods.append((&method.name, &method.args, self.code(&method.code)?))?;
+            let defaults = method.defaults.iter().map(|default| self.value(default));
+            let defaults = PyList::new(py, defaults.collect::<PyResult<Vec<_>>>()?)?;
+            methods.append((&method.name, &method.args, defaults, self.code(&method.code)?))?;
         }
         let reactions = class.reactions.iter().map(|reaction| self.reaction(reaction));
         let reactions = reactions.collect::<PyResult<Vec<_>>>()?;

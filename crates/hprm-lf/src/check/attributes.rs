@@ -1,14 +1,23 @@
 //! Attributes: which exist, where they belong, and which take a value.
 
-use crate::ast::{Attribute, Expression, ReactorKind};
+use crate::ast::{Attribute, Expression, ExpressionKind, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::Model;
 
-/// For diagrams only: accepted anywhere and without effect.
+/// For diagrams only: accepted anywhere and without effect, if its arguments are strings.
 const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
 
-/// Known to the language, without effect in this target or not yet there.
-const UNSUPPORTED: [&str; 4] = ["enclave", "property", "sparse", "transient"];
+const SIDES: [&str; 4] = ["north", "east", "south", "west"];
+
+/// Known to the language, and not there yet.
+const UNSUPPORTED: [&str; 2] = ["enclave", "transient"];
+
+/// For other tools and targets.
+const WITHOUT_EFFECT: [&str; 2] = ["property", "sparse"];
+
+/// Attributes of targets without target properties, which are target properties here.
+const PROPERTIES: [&str; 7] =
+    ["build_type", "clock_sync", "fast", "keepalive", "logging", "platform", "timeout"];
 
 /// Where an attribute stands.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,37 +55,85 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
 
 fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: &mut Report) {
     let name = attribute.name.text.to_ascii_lowercase();
-    let span = attribute.span;
-    let right_place = match name.as_str() {
-        name if DRAWING.contains(&name) => return,
-        "maxwait" => place == Place::Instance,
-        "absent_after" => place == Place::Connection,
+    match name.as_str() {
+        name if DRAWING.contains(&name) => drawing(attribute, name, report),
+        "maxwait" | "absent_after" => wait(attribute, &name, place, federated, report),
+        "transient" if place != Place::Instance || !federated => {
+            report.add(misplaced(attribute, &name, "an instance"));
+        }
         name if UNSUPPORTED.contains(&name) => {
             let what = format!("the attribute `@{name}` is");
-            report.add(Diagnostic::unsupported(span, &what, "remove it"));
-            return;
+            report.add(Diagnostic::unsupported(attribute.span, &what, "remove it"));
         }
-        _ => {
-            let message = format!("there is no attribute `@{}`", attribute.name.text);
-            let known = DRAWING.into_iter().chain(["maxwait", "absent_after"]);
-            let hint = existing(&name, "attributes", known);
-            report.add(Diagnostic::error("LF0211", span, message).hint(hint));
-            return;
+        name if WITHOUT_EFFECT.contains(&name) => {
+            let message = format!("`@{name}` has no effect");
+            report.add(Diagnostic::warning("LF0221", attribute.span, message).hint("remove it"));
         }
+        _ => unknown(attribute, &name, report),
+    }
+}
+
+fn misplaced(attribute: &Attribute, name: &str, home: &str) -> Diagnostic {
+    let message = format!("`@{name}` does not belong here");
+    Diagnostic::error("LF0212", attribute.span, message)
+        .hint(format!("it belongs to {home} of a federated reactor"))
+}
+
+fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
+    let message = format!("there is no attribute `@{}`", attribute.name.text);
+    let hint = if PROPERTIES.contains(&name) {
+        let property = name.replace('_', "-");
+        format!("write it as a target property: `target Python {{ {property}: ... }}`")
+    } else {
+        let known = DRAWING.into_iter().chain(["maxwait", "absent_after"]);
+        existing(name, "attributes", known)
     };
-    if !right_place || !federated {
-        let home = if name == "maxwait" { "an instance" } else { "a connection" };
-        let message = format!("`@{name}` does not belong here");
+    report.add(Diagnostic::error("LF0211", attribute.span, message).hint(hint));
+}
+
+/// How long to wait for inputs: of a federate, or of one connection between two.
+fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report: &mut Report) {
+    let (home, description) = match name {
+        "maxwait" => (Place::Instance, "an instance"),
+        _ => (Place::Connection, "a connection"),
+    };
+    if federated && place == Place::Connection && name == "maxwait" {
         report.add(
-            Diagnostic::error("LF0212", span, message)
-                .hint(format!("it belongs to {home} of a federated reactor")),
+            Diagnostic::warning("LF0221", attribute.span, "`@maxwait` has no effect here")
+                .hint("write it at the instance, or `@absent_after` at the connection"),
         );
+    } else if !federated || place != home {
+        report.add(misplaced(attribute, name, description));
     }
     if attribute.arguments.len() != 1 {
         let message = format!("`@{name}` takes one time");
         report.add(
             Diagnostic::error("LF0212", attribute.name.span, message)
                 .hint(format!("write `@{name}(10 ms)`")),
+        );
+    }
+}
+
+fn drawing(attribute: &Attribute, name: &str, report: &mut Report) {
+    let text = |argument: &Expression| match &argument.kind {
+        ExpressionKind::String(text) => Some(text.clone()),
+        _ => None,
+    };
+    let texts: Option<Vec<String>> = attribute.arguments.iter().map(text).collect();
+    let (right, form) = match (name, texts.as_deref()) {
+        ("layout", texts) => (texts.is_some(), "option=\"name\", value=\"value\""),
+        ("side", Some([side])) => (SIDES.contains(&side.to_ascii_lowercase().as_str()), "north"),
+        (_, Some([_])) => (true, ""),
+        ("side", _) => (false, "north"),
+        _ => (false, "..."),
+    };
+    if !right {
+        let form = if name == "layout" { form.to_owned() } else { format!("\"{form}\"") };
+        let what = if name == "side" { "one of the four sides" } else { "text in double quotes" };
+        let message = format!("`@{name}` takes {what}");
+        report.add(
+            Diagnostic::error("LF0212", attribute.span, message)
+                .hint(format!("write `@{name}({form})`")),
         );
     }
 }

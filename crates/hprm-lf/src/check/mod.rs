@@ -5,7 +5,9 @@
 //! instances are made.
 
 pub(crate) mod attributes;
+pub(crate) mod constants;
 mod federation;
+mod hosts;
 pub(crate) mod modes;
 mod names;
 mod values;
@@ -18,6 +20,9 @@ use crate::library::{ClassId, Library};
 use crate::model::Model;
 use crate::source::{Span, stem};
 use crate::spacing;
+
+/// What a compiled program takes as options on its command line.
+const OPTIONS: [&str; 7] = ["fast", "help", "id", "keepalive", "rti", "timeout", "workers"];
 
 /// The classes in use, by class.
 pub(crate) type Models<'a> = [Option<Model<'a>>];
@@ -32,6 +37,10 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
         values::check(model, models, report);
         attributes::check(model, report);
         federation::check(model, report);
+        let inner = model.declared.instances.iter().filter_map(|i| i.decl.host.as_ref());
+        for host in model.declared.decl.host.iter().chain(inner) {
+            hosts::check(host, report);
+        }
         modes::check(model, models, report);
     }
     cycles(models, report);
@@ -67,11 +76,32 @@ pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<Class
     {
         let message = format!("the main reactor `{}` is not called like its file", name.text);
         report.add(
-            Diagnostic::warning("LF0213", name.span, message)
+            Diagnostic::error("LF0213", name.span, message)
                 .hint(format!("leave the name out, or call it `{}`", stem(path))),
         );
     }
+    namesake(library, *main, report);
     Some(*main)
+}
+
+/// No other reactor of the file may have the name of the main reactor, which is the file's.
+fn namesake(library: &Library, main: ClassId, report: &mut Report) {
+    let name = stem(library.sources.path(Library::MAIN));
+    for class in library.classes().filter(|class| library.file_of(*class) == Library::MAIN) {
+        let reactor = library.reactor(class);
+        if let Some(own) = &reactor.name
+            && reactor.kind == ReactorKind::Plain
+            && own.text == name
+        {
+            let message =
+                format!("`{name}` is the name of the main reactor, because of the file's");
+            report.add(
+                Diagnostic::error("LF0218", own.span, message)
+                    .label(library.reactor(main).header, "the main reactor")
+                    .hint("choose another name"),
+            );
+        }
+    }
 }
 
 fn header(model: &Model<'_>, report: &mut Report) {
@@ -87,6 +117,16 @@ fn header(model: &Model<'_>, report: &mut Report) {
         types_are_errors(*span, report);
     }
     if *kind != ReactorKind::Plain {
+        for parameter in &model.declared.parameters {
+            let name = &parameter.name;
+            if OPTIONS.contains(&name.text.as_str()) {
+                let message = format!("the parameter `{}` is called like an option", name.text);
+                report.add(
+                    Diagnostic::warning("LF0219", name.span, message)
+                        .hint("programs that Lingua Franca compiles have this option themselves"),
+                );
+            }
+        }
         for port in &model.declared.ports {
             let message = "the main reactor cannot have ports: nothing contains it";
             report.add(Diagnostic::error("LF0207", port.name.span, message));
@@ -135,14 +175,17 @@ fn declarations(model: &Model<'_>, report: &mut Report) {
 
 fn reactions(model: &Model<'_>, report: &mut Report) {
     for reaction in &model.declared.reactions {
-        if reaction.mutation {
-            let instead = "write `reaction`";
-            report.add(Diagnostic::unsupported(reaction.header, "mutations are", instead));
-        }
         if reaction.body.is_none() {
+            let names_ports = !reaction.sources.is_empty() || !reaction.effects.is_empty();
+            let hint = if names_ports {
+                "write `{= ... =}` behind it; without that, a connection that follows is taken for \
+                 what the reaction reads and sets"
+            } else {
+                "write `{= ... =}` behind it; `{= pass =}` does nothing"
+            };
             report.add(
                 Diagnostic::error("LF0210", reaction.header, "this reaction has no body")
-                    .hint("write `{= ... =}` behind it; `{= pass =}` does nothing"),
+                    .hint(hint),
             );
         }
     }

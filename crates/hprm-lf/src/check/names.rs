@@ -39,8 +39,11 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     distinct(declared, direct.map(|name| (Gives::Not, name)), report);
     distinct(declared, instances, report);
     for method in &declared.methods {
-        let arguments = method.arguments.iter().map(|argument| (Gives::Not, argument));
+        let arguments = method.arguments.iter().map(|argument| (Gives::Not, &argument.name));
         distinct(declared, arguments, report);
+    }
+    for (_, alias) in model.reactions.iter().flat_map(|reaction| &reaction.aliases) {
+        usable(alias, report);
     }
     declared.decl.name.iter().for_each(|name| usable(name, report));
 }

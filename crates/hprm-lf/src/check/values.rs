@@ -11,9 +11,7 @@ pub(super) fn check(model: &Model<'_>, models: &Models<'_>, report: &mut Report)
     let declared = &model.declared;
     defaults(declared, report);
     assignments(declared, models, report);
-    let widths = declared.ports.iter().filter_map(|port| port.width.as_ref());
-    let banks = declared.instances.iter().filter_map(|instance| instance.decl.width.as_ref());
-    widths.chain(banks).for_each(|written| width(written, report));
+    methods(declared, report);
     for expression in expressions(declared) {
         parameters_exist(expression, declared, report);
     }
@@ -30,14 +28,48 @@ fn defaults(declared: &Declarations<'_>, report: &mut Report) {
                         .hint(format!("write `{} = value`", name.text)),
                 );
             }
-            Some(Expression { kind: ExpressionKind::Parameter(other), span }) => {
-                let message = format!("a default cannot be another parameter, `{other}`");
-                report.add(
-                    Diagnostic::error("LF0203", *span, message)
-                        .hint("write the value; where instances are made, parameters may be used"),
-                );
+            Some(default) => {
+                let hint = "write the value; where instances are made, parameters may be used";
+                no_parameters(default, "a default", hint, report);
             }
-            Some(_) => {}
+        }
+    }
+}
+
+fn no_parameters(expression: &Expression, what: &str, hint: &str, report: &mut Report) {
+    match &expression.kind {
+        ExpressionKind::Parameter(other) => {
+            let message = format!("{what} cannot be a parameter, `{other}`");
+            report.add(Diagnostic::error("LF0203", expression.span, message).hint(hint));
+        }
+        ExpressionKind::List(items) | ExpressionKind::Tuple(items) => {
+            items.iter().for_each(|item| no_parameters(item, what, hint, report));
+        }
+        _ => {}
+    }
+}
+
+/// Python evaluates the default of an argument where the method is defined.
+fn methods(declared: &Declarations<'_>, report: &mut Report) {
+    for method in &declared.methods {
+        let mut defaults = false;
+        for argument in &method.arguments {
+            let name = &argument.name;
+            match &argument.default {
+                Some(default) => {
+                    let hint = "write the value, or read `self` in the body";
+                    no_parameters(default, "the default of an argument", hint, report);
+                    defaults = true;
+                }
+                None if defaults => {
+                    let message = format!("`{}` has no default, but one before it has", name.text);
+                    report.add(
+                        Diagnostic::error("LF0203", name.span, message)
+                            .hint("give it a default as well, or move it to the front"),
+                    );
+                }
+                None => {}
+            }
         }
     }
 }
@@ -60,21 +92,6 @@ fn assignments(declared: &Declarations<'_>, models: &Models<'_>, report: &mut Re
                 report.add(Diagnostic::error("LF0201", name.span, message));
             }
             seen.push(&name.text);
-        }
-    }
-}
-
-fn width(width: &Width, report: &mut Report) {
-    if width.terms.is_empty() {
-        report.add(
-            Diagnostic::error("LF0405", width.span, "a width must be given")
-                .hint("write `[4]` or `[n]`, with a parameter `n`"),
-        );
-    }
-    for term in &width.terms {
-        if let WidthTerm::WidthOf(span) = term {
-            let instead = "use one parameter for both widths";
-            report.add(Diagnostic::unsupported(*span, "`widthof` is", instead));
         }
     }
 }

@@ -252,8 +252,11 @@ impl Parser<'_> {
     }
 
     fn preamble(&mut self) -> Parsed<Body> {
-        if self.accept_word("private").is_none() {
-            self.accept_word("public");
+        let span = self.token().span;
+        if self.accept_word("private").or_else(|| self.accept_word("public")).is_some() {
+            let message = "`private` and `public` have no meaning in the Python target";
+            self.report
+                .add(Diagnostic::warning("LF0220", span, message).hint("write `preamble` alone"));
         }
         self.expect_word("preamble")?;
         self.body()

@@ -92,6 +92,16 @@ impl Parser<'_> {
         if word.kind != Kind::Identifier || self.peek(1).kind == Kind::Mark('=') {
             return self.unmarked(attributes);
         }
+
+        let name = self.text_of(word);
+        let plain = ["preamble", "private", "public", "const", "method", "initial", "mode"];
+        if let Some(attribute) = attributes.first()
+            && plain.contains(&name)
+        {
+            let message = format!("an attribute cannot stand before `{name}`");
+            let span = attribute.span;
+            self.report.add(Diagnostic::error("LF0212", span, message).hint("remove it"));
+        }
         Ok(match self.text_of(word) {
             "preamble" | "private" | "public" => Member::Preamble(self.preamble()?),
             "state" | "reset" => Member::State(self.state(attributes)?),

@@ -4,8 +4,8 @@ use hprm_core::Transition;
 
 use super::{MEMBERS, Parsed, Parser};
 use crate::ast::{
-    Action, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late, Method, Port,
-    PortKind, Reaction, Reference, Timer, Trigger, Watchdog,
+    Action, Argument, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late,
+    Method, Port, PortKind, Reaction, Reference, Timer, Trigger, Watchdog,
 };
 use crate::diagnostic::did_you_mean;
 use crate::token::Kind;
@@ -18,7 +18,8 @@ impl Parser<'_> {
         let mut types = Vec::new();
         let arguments = self.enclosed(('(', ')'), |parser| {
             let name = parser.name("the name of an argument")?;
-            Ok((name, parser.maybe_type()?))
+            let ty = parser.maybe_type()?;
+            Ok((Argument { name, default: parser.initializer()? }, ty))
         })?;
         types.extend(arguments.iter().filter_map(|(_, ty)| *ty));
         types.extend(self.maybe_type()?);
@@ -26,7 +27,7 @@ impl Parser<'_> {
         self.accept(';');
         Ok(Method {
             name,
-            arguments: arguments.into_iter().map(|(name, _)| name).collect(),
+            arguments: arguments.into_iter().map(|(argument, _)| argument).collect(),
             types,
             body,
         })
@@ -102,8 +103,8 @@ impl Parser<'_> {
 
     pub(super) fn reaction(&mut self, attributes: Vec<Attribute>) -> Parsed<Reaction> {
         let start = self.token().span;
-        let mutation = self.accept_word("mutation").is_some();
-        if !mutation {
+        // The language has both words, and in this target they mean the same.
+        if self.accept_word("mutation").is_none() {
             self.expect_word("reaction")?;
         }
         let name = if self.is(Kind::Identifier) { Some(self.name("a name")?) } else { None };
@@ -124,18 +125,7 @@ impl Parser<'_> {
         let late = self.late()?;
         let deadline = self.deadline()?;
         self.accept(';');
-        Ok(Reaction {
-            attributes,
-            mutation,
-            name,
-            triggers,
-            sources,
-            effects,
-            body,
-            late,
-            deadline,
-            header,
-        })
+        Ok(Reaction { attributes, name, triggers, sources, effects, body, late, deadline, header })
     }
 
     fn trigger(&mut self) -> Parsed<Trigger> {
