@@ -40,7 +40,6 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0205", "main reactor { } federated reactor { }"),
     ("LF0206", "reactor A { }"),
     ("LF0213", "main reactor Other { }"),
-    ("LF0218", "reactor Main { } main reactor { }"),
     ("LF0207", "main reactor { input i }"),
     ("LF0207", "main reactor { output o }"),
     ("LF0204", "reactor { } main reactor { }"),
@@ -142,12 +141,12 @@ const WARNINGS: &[(&str, &str)] = &[
     ),
     ("LF0104", "import Unused from \"Other.lf\" main reactor { }"),
     ("LF0214", "main reactor { reaction() {= pass =} }"),
-    ("LF0219", "main reactor(timeout = 0) { }"),
-    ("LF0220", "private preamble {= pass =} main reactor { }"),
-    ("LF0220", "main reactor { public preamble {= pass =} }"),
-    ("LF0221", "@property(name = \"p\") main reactor { }"),
+    ("LF0218", "main reactor(timeout = 0) { }"),
+    ("LF0219", "private preamble {= pass =} main reactor { }"),
+    ("LF0219", "main reactor { public preamble {= pass =} }"),
+    ("LF0220", "@property(name = \"p\") main reactor { }"),
     (
-        "LF0221",
+        "LF0220",
         "reactor A { input i output o } federated reactor { a = new A() @maxwait(0) a.o -> a.i after 0 }",
     ),
     ("LF0602", "target Python { unknown: 1 } main reactor { }"),
@@ -239,6 +238,8 @@ const ALLOWED: &[&str] = &[
        @absent_after(0) @label(\"x\") a.o -> b.i }
      @layout(option=\"spacing\", value=\"3\") reactor A {
        @side(\"north\") input i @SIDE(\"South\") output o @label(\"r\") reaction(i) -> o {= pass =} }",
+    // A reactor called like the main one, which nothing refers to by its name.
+    "reactor Main { } main reactor { m = new Main() }",
     // The same name for a state variable, a port and an instance.
     "reactor A { output x state x = 0 } main reactor { x = new A() }",
     // An effect and a connection to one port, in different modes.

@@ -67,7 +67,7 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
         }
         name if WITHOUT_EFFECT.contains(&name) => {
             let message = format!("`@{name}` has no effect");
-            report.add(Diagnostic::warning("LF0221", attribute.span, message).hint("remove it"));
+            report.add(Diagnostic::warning("LF0220", attribute.span, message).hint("remove it"));
         }
         _ => unknown(attribute, &name, report),
     }
@@ -99,7 +99,7 @@ fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report
     };
     if federated && place == Place::Connection && name == "maxwait" {
         report.add(
-            Diagnostic::warning("LF0221", attribute.span, "`@maxwait` has no effect here")
+            Diagnostic::warning("LF0220", attribute.span, "`@maxwait` has no effect here")
                 .hint("write it at the instance, or `@absent_after` at the connection"),
         );
     } else if !federated || place != home {

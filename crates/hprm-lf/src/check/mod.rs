@@ -80,28 +80,7 @@ pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<Class
                 .hint(format!("leave the name out, or call it `{}`", stem(path))),
         );
     }
-    namesake(library, *main, report);
     Some(*main)
-}
-
-/// No other reactor of the file may have the name of the main reactor, which is the file's.
-fn namesake(library: &Library, main: ClassId, report: &mut Report) {
-    let name = stem(library.sources.path(Library::MAIN));
-    for class in library.classes().filter(|class| library.file_of(*class) == Library::MAIN) {
-        let reactor = library.reactor(class);
-        if let Some(own) = &reactor.name
-            && reactor.kind == ReactorKind::Plain
-            && own.text == name
-        {
-            let message =
-                format!("`{name}` is the name of the main reactor, because of the file's");
-            report.add(
-                Diagnostic::error("LF0218", own.span, message)
-                    .label(library.reactor(main).header, "the main reactor")
-                    .hint("choose another name"),
-            );
-        }
-    }
 }
 
 fn header(model: &Model<'_>, report: &mut Report) {
@@ -122,7 +101,7 @@ fn header(model: &Model<'_>, report: &mut Report) {
             if OPTIONS.contains(&name.text.as_str()) {
                 let message = format!("the parameter `{}` is called like an option", name.text);
                 report.add(
-                    Diagnostic::warning("LF0219", name.span, message)
+                    Diagnostic::warning("LF0218", name.span, message)
                         .hint("programs that Lingua Franca compiles have this option themselves"),
                 );
             }

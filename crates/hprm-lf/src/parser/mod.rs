@@ -256,7 +256,7 @@ impl Parser<'_> {
         if self.accept_word("private").or_else(|| self.accept_word("public")).is_some() {
             let message = "`private` and `public` have no meaning in the Python target";
             self.report
-                .add(Diagnostic::warning("LF0220", span, message).hint("write `preamble` alone"));
+                .add(Diagnostic::warning("LF0219", span, message).hint("write `preamble` alone"));
         }
         self.expect_word("preamble")?;
         self.body()
