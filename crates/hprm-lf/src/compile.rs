@@ -11,6 +11,7 @@ use crate::lower::{self, Lowered};
 use crate::model::{Declarations, MOST_MEMBERS, Model};
 use crate::overrides;
 use crate::properties::Stated;
+use crate::property_rules;
 use crate::resolve;
 use crate::source::SourceLoader;
 
@@ -71,6 +72,7 @@ fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<
         check::check(library, &models, report);
     }
     let federated = library.reactor(main).kind == ReactorKind::Federated;
+    property_rules::contradictions(library, federated, report);
     stated.settle(federated, has_physical_action(&models), report);
     if report.has_errors() {
         return None;

@@ -33,6 +33,7 @@ mod overrides;
 mod package;
 mod parser;
 mod properties;
+mod property_rules;
 mod reaction;
 mod render;
 mod resolve;

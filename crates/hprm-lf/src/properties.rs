@@ -8,6 +8,7 @@ use hprm_core::{Coordination, Nanos, Properties};
 use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::library::Library;
+use crate::property_rules;
 use crate::source::{FileId, Span};
 
 /// Target properties for whoever runs the program, as far as they are stated.
@@ -23,7 +24,7 @@ pub struct Settings {
     pub tracing: bool,
 }
 
-/// Known, and without meaning where nothing is generated or compiled.
+/// Known, and without meaning where nothing is generated or compiled; said to be so.
 const IGNORED: [&str; 12] = [
     "build",
     "build-type",
@@ -128,9 +129,15 @@ impl Stated {
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
-            name if IGNORED.contains(&name) => Ok(()),
+            name if IGNORED.contains(&name) => {
+                property_rules::ignored(property, name, report);
+                Ok(())
+            }
             name if NOT_YET.contains(&name) => {
-                not_yet(property, report);
+                property_rules::check_value(name, value, report);
+                if !property_rules::is_no_change(name, value) {
+                    not_yet(property, report);
+                }
                 Ok(())
             }
             _ => {

@@ -294,13 +294,21 @@ main reactor {
 fn a_property_that_is_not_obeyed_yet_is_not_passed_over_in_silence() {
     assert_snapshot!(warnings("{ auth: true, build-type: Debug }
 main reactor { reaction(startup) {= pass =} }
-"), @r"
+"), @r#"
     warning[LF0606]: `auth` has no effect yet
      --> Main.lf:1:17
       |
     1 | target Python { auth: true, build-type: Debug }
       |                 ^^^^
-    ");
+
+    warning[LF0607]: `build-type` has no effect here
+     --> Main.lf:1:29
+      |
+    1 | target Python { auth: true, build-type: Debug }
+      |                             ^^^^^^^^^^
+      |
+      = help: nothing is generated and nothing compiled
+    "#);
 }
 
 #[test]

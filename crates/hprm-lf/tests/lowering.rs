@@ -284,7 +284,7 @@ federated reactor at rti.example.org {
 #[test]
 fn files_and_settings_come_from_the_targets() {
     let main = "target Python { files: [agent.py, \"lib/a b.py\"], logging: DEBUG, workers: 2,
-        tracing: true, docker: { no-build: true }, Timeout: 2 min }
+        tracing: true, docker: false, Timeout: 2 min }
         import A from \"lib/A.lf\" main reactor { a = new A() }";
     let library = "target Python { files: gui/tool-kit.py, timeout: 1 s } reactor A { }";
     let compiled = compile_files(&[("Main.lf", main), ("lib/A.lf", library)])

@@ -122,6 +122,16 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0212", "main reactor { @label(\"x\") preamble {= pass =} }"),
     ("LF0802", "main reactor at localhost { }"),
     ("LF0802", "reactor A { } main reactor { a = new A() at localhost; }"),
+    // Target properties.
+    ("LF0603", "target Python { docker: 1 } main reactor { }"),
+    ("LF0603", "target Python { clock-sync: maybe } main reactor { }"),
+    ("LF0603", "target Python { cmake-include: { a: 1 } } main reactor { }"),
+    ("LF0604", "target Python { fast: true, FAST: false } main reactor { }"),
+    ("LF0605", "target Python { fast: true } federated reactor { }"),
+    ("LF0605", "target Python { fast: true } main reactor { physical action a }"),
+    ("LF0605", "target Python { single-threaded: true } federated reactor { }"),
+    ("LF0605", "target Python { single-threaded: true, tracing: true } main reactor { }"),
+    ("LF0605", "target Python { workers: 2, single-threaded: true } main reactor { }"),
     ("LF0601", "target Rust main reactor { }"),
     ("LF0301", "main reactor { a = new Missing() }"),
 ];
@@ -150,6 +160,10 @@ const WARNINGS: &[(&str, &str)] = &[
         "reactor A { input i output o } federated reactor { a = new A() @maxwait(0) a.o -> a.i after 0 }",
     ),
     ("LF0602", "target Python { unknown: 1 } main reactor { }"),
+    ("LF0606", "target Python { auth: true } main reactor { }"),
+    ("LF0607", "target Python { docker: true } main reactor { }"),
+    ("LF0607", "target Python { build-type: Debug } main reactor { }"),
+    ("LF0607", "target Python { cmake-include: [\"a\", b/c.cmake] } main reactor { }"),
     ("LF0803", "reactor A { } federated reactor { a = new A() at 10.0.0.256; }"),
     (
         "LF0908",
@@ -240,6 +254,10 @@ const ALLOWED: &[&str] = &[
        @side(\"north\") input i @SIDE(\"South\") output o @label(\"r\") reaction(i) -> o {= pass =} }",
     // A reactor called like the main one, which nothing refers to by its name.
     "reactor Main { } main reactor { m = new Main() }",
+    // Properties that change nothing, in any case.
+    "target Python { Docker: false, auth: false, clock-sync: off, comm-type: TCP, DNET: false,
+       no-compile: False, single-threaded: false, workers: 2, tracing: {trace-file-name: \"x\"} }
+     main reactor { }",
     // The same name for a state variable, a port and an instance.
     "reactor A { output x state x = 0 } main reactor { x = new A() }",
     // An effect and a connection to one port, in different modes.

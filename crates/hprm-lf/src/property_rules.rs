@@ -1,0 +1,159 @@
+//! Target properties that change nothing here, and those that contradict one another.
+//!
+//! Nothing that a program states is passed over in silence, unless it states what is the case
+//! anyway. What the runtime obeys is read by [`properties`](crate::properties).
+
+use std::collections::BTreeMap;
+
+use crate::ast::{Element, ElementKind, ExpressionKind, Property};
+use crate::diagnostic::{Diagnostic, Report};
+use crate::library::Library;
+
+/// What the value of a property may be.
+#[derive(Clone, Copy)]
+enum Form {
+    Bool,
+    Text,
+    Texts,
+    Dictionary,
+    BoolOrDictionary,
+    OneOf(&'static [&'static str]),
+}
+
+const FORMS: [(&str, Form); 19] = [
+    ("auth", Form::Bool),
+    ("build", Form::Texts),
+    ("build-type", Form::OneOf(&["debug", "minsizerel", "release", "relwithdebinfo", "test"])),
+    ("clock-sync", Form::OneOf(&["off", "init", "initial", "on"])),
+    ("clock-sync-options", Form::Dictionary),
+    ("cmake-args", Form::Dictionary),
+    ("cmake-include", Form::Texts),
+    ("comm-type", Form::OneOf(&["tcp", "tls", "sst"])),
+    ("compile-definitions", Form::Dictionary),
+    ("coordination-options", Form::Dictionary),
+    ("dnet", Form::Bool),
+    ("docker", Form::BoolOrDictionary),
+    ("no-compile", Form::Bool),
+    ("no-source-mapping", Form::Bool),
+    ("protobufs", Form::Texts),
+    ("python-version", Form::Text),
+    ("sst", Form::Dictionary),
+    ("trace-plugin", Form::Dictionary),
+    ("verify", Form::Bool),
+];
+
+/// Reports a value that the property `name` cannot have.
+pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
+    let Some((_, form)) = FORMS.iter().find(|(known, _)| *known == name) else { return };
+    let dictionary = matches!(value.kind, ElementKind::Dictionary(_));
+    let (right, expected) = match form {
+        Form::Bool => (boolean(value).is_some(), "`true` or `false`".to_owned()),
+        Form::Text => (word(value).is_some(), "a text".to_owned()),
+        Form::Texts => {
+            let all = match &value.kind {
+                ElementKind::List(items) => items.iter().all(|item| word(item).is_some()),
+                _ => word(value).is_some(),
+            };
+            (all, "a text or a list of texts".to_owned())
+        }
+        Form::Dictionary => (dictionary, "`{ name: value, ... }`".to_owned()),
+        Form::BoolOrDictionary => {
+            let right = dictionary || boolean(value).is_some();
+            (right, "`true`, `false` or `{ name: value, ... }`".to_owned())
+        }
+        Form::OneOf(words) => {
+            let right = word(value).is_some_and(|w| words.contains(&w.as_str()));
+            let words: Vec<_> = words.iter().map(|word| format!("`{word}`")).collect();
+            (right, format!("one of {}", words.join(", ")))
+        }
+    };
+    if !right {
+        let message = format!("`{name}` must be {expected}");
+        report.add(Diagnostic::error("LF0603", value.span, message));
+    }
+}
+
+/// Whether the property states what is the case without it.
+pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
+    match name {
+        "auth" | "dnet" | "docker" | "no-compile" | "no-source-mapping" | "verify" => {
+            boolean(value) == Some(false)
+        }
+        "clock-sync" => word(value).as_deref() == Some("off"),
+        "comm-type" => word(value).as_deref() == Some("tcp"),
+        _ => false,
+    }
+}
+
+/// Says of a property that is known that it has no meaning here, and why.
+pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
+    check_value(name, &property.value, report);
+    if is_no_change(name, &property.value) {
+        return;
+    }
+    let why = match name {
+        "dnet" => "the RTI does not have this optimization",
+        "docker" => "no containers are made",
+        "python-version" => "a program runs in the interpreter in which `hprm` is installed",
+        "threading" => "use `workers` or `single-threaded`",
+        "verify" => "there is no verifier",
+        _ => "nothing is generated and nothing compiled",
+    };
+    let message = format!("`{name}` has no effect here");
+    report.add(Diagnostic::warning("LF0607", property.name.span, message).hint(why));
+}
+
+/// Checks properties of the main file that do not go together.
+pub(crate) fn contradictions(library: &Library, federated: bool, report: &mut Report) {
+    let target = library.model(Library::MAIN).target.as_ref();
+    let mut stated: BTreeMap<String, &Property> = BTreeMap::new();
+    for property in target.iter().flat_map(|target| &target.properties) {
+        let name = property.name.text.to_ascii_lowercase();
+        if let Some(first) = stated.get(&name) {
+            let message = format!("`{name}` is stated twice");
+            report.add(
+                Diagnostic::error("LF0604", property.name.span, message)
+                    .label(first.name.span, "the first time"),
+            );
+        }
+        stated.entry(name).or_insert(property);
+    }
+    let is_on = |property: &&&Property| match &property.value.kind {
+        ElementKind::Dictionary(_) => true,
+        _ => boolean(&property.value) == Some(true),
+    };
+    let Some(single) = stated.get("single-threaded").filter(is_on) else { return };
+    let mut contradicts = |other: &str, hint: &str| {
+        let message = format!("`single-threaded` does not go together with {other}");
+        report.add(Diagnostic::error("LF0605", single.name.span, message).hint(hint));
+    };
+    if federated {
+        contradicts("a federated program", "remove `single-threaded: true`");
+    } else if stated.get("tracing").filter(is_on).is_some() {
+        contradicts("`tracing`", "remove one of them");
+    } else if stated.contains_key("workers") {
+        contradicts("`workers`", "remove one of them; `workers: 1` has one worker");
+    }
+}
+
+fn boolean(value: &Element) -> Option<bool> {
+    match &value.kind {
+        ElementKind::Value(expression) => match expression.kind {
+            ExpressionKind::Bool(truth) => Some(truth),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// A word with or without quotes, in lower case.
+fn word(value: &Element) -> Option<String> {
+    match &value.kind {
+        ElementKind::Path(word) => Some(word.to_ascii_lowercase()),
+        ElementKind::Value(expression) => match &expression.kind {
+            ExpressionKind::String(text) => Some(text.to_ascii_lowercase()),
+            _ => None,
+        },
+        _ => None,
+    }
+}
