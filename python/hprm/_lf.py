@@ -29,7 +29,7 @@ def make_module(api: Api, source: ProgramSource) -> ModuleType:
         source_directory=lambda: folder,
         package_directory=lambda: _package(folder),
         get_fed_maxwait=api.maxwait,
-        set_fed_maxwait=lambda nanoseconds: _fixed_maxwait(api),
+        set_fed_maxwait=api.set_maxwait,
         start=_start,
         check_deadline=lambda reactor, invoke=True: api.check_deadline(invoke),
         update_deadline=lambda reactor, deadline: api.update_deadline(deadline),
@@ -78,13 +78,6 @@ def _stop(api: Api) -> None:
             f"federate {federate} cannot stop alone; lf.request_stop() stops the federation"
         )
     api.request_stop()
-
-
-def _fixed_maxwait(api: Api) -> NoReturn:
-    api.maxwait()
-    raise RuntimeError(
-        "maxwait cannot be changed while the program runs yet; state it there: @maxwait(...)"
-    )
 
 
 def _start(argv: object = None) -> NoReturn:

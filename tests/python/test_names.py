@@ -218,6 +218,52 @@ def test_a_reaction_without_triggers_reacts_to_any_input(run: Any) -> None:
     assert outcome.out.splitlines() == ["0 [None, None]", "1000000 [0, None]"]
 
 
+def test_maxwait_can_be_changed(launch: Any) -> None:
+    outcome = launch(
+        """
+        target Python { coordination: decentralized, timeout: 60 s }
+        preamble {=
+          def refused(wait):
+              try: set_fed_maxwait(wait)
+              except (TypeError, ValueError) as error: print(error)
+        =}
+        reactor Silent { output out  reaction(startup) -> out {= pass =} }
+        reactor Waits {
+          input inp
+          timer t(0, 10 ms)
+          state least = {= [0, MSEC(30), 0] =}
+          reaction(t) inp {=
+            # Nothing ever comes, so each tag waits for as long as it was told to.
+            if lf.time.physical() < lf.time.logical() + self.least.pop(0): exit(1)
+            if self.least:
+                print(get_fed_maxwait())
+                set_fed_maxwait(self.least[0])
+            else:
+                refused(-1); refused("x"); refused(FOREVER)
+                print(get_fed_maxwait())
+                request_stop()
+          =}
+        }
+        federated reactor {
+          silent = new Silent()
+          @maxwait(0)
+          waits = new Waits()
+          silent.out -> waits.inp
+        }
+        """
+    )
+    assert outcome.code == 0, outcome.err
+    lines = [line.removeprefix("[waits] ") for line in outcome.out.splitlines()]
+    assert lines == [
+        "0",
+        "30000000",
+        "a maxwait cannot be negative, and -1 is",
+        "a time must be a number of nanoseconds, such as MSEC(10), and this is a str",
+        "a maxwait that has no end must be stated in the program: @maxwait(forever)",
+        "0",
+    ]
+
+
 def test_stopping_alone(run: Any, launch: Any) -> None:
     outcome = run(
         """

@@ -181,6 +181,11 @@ impl Decentralized {
         }
     }
 
+    /// The program has changed its mind on how long to wait.
+    pub(crate) fn set_maxwait(&mut self, maxwait: Nanos) {
+        self.maxwait = maxwait;
+    }
+
     /// Nothing more comes from a peer.
     pub(crate) fn closed(&mut self, peer: FederateId) {
         for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {

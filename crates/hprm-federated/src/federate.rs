@@ -257,6 +257,11 @@ impl Federate {
                 self.route(reader, frame);
             }
             Input::RequestStop => self.request_stop(),
+            Input::Maxwait(maxwait) => {
+                if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+                    machine.set_maxwait(maxwait);
+                }
+            }
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(Frame::Leave),
             Input::Failed { message, code } => self.fail(message, code),

@@ -2,7 +2,7 @@
 //!
 //! The vocabulary between [`Federate`](crate::Federate) and its driver.
 
-use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+use hprm_core::{ChannelId, FederateId, Nanos, Payload, PhysicalTime, Tag};
 
 use crate::{Frame, Refusal};
 
@@ -37,6 +37,8 @@ pub enum Input {
     Reached(Option<u32>),
     /// It has completed this tag, and everything sent at it has been handed over.
     Completed(Tag),
+    /// From now on the federate waits that long for its inputs. Means nothing to a centralized one.
+    Maxwait(Nanos),
     /// A value leaves.
     Send {
         /// The connection that it takes.

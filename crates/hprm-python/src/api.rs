@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use hprm::Clock;
-use hprm_core::{Coordination, Scope};
+use hprm_core::{Coordination, Nanos, Scope};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -92,11 +92,29 @@ impl Api {
             Scope::Federate(federate)
                 if program.properties.coordination == Coordination::Decentralized =>
             {
-                Ok(program.federates[federate].maxwait)
+                Ok(self.0.maxwait().unwrap_or(program.federates[federate].maxwait))
             }
             _ => Err(PyRuntimeError::new_err(
                 "there is a maxwait only in the federates of a program with `coordination: decentralized`",
             )),
+        }
+    }
+
+    /// Has this federate wait that many nanoseconds for its inputs, from the next tag on.
+    fn set_maxwait(&self, maxwait: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.maxwait()?;
+        match nanos(maxwait)? {
+            maxwait if maxwait < 0 => Err(PyValueError::new_err(format!(
+                "a maxwait cannot be negative, and {maxwait} is"
+            ))),
+            // The federates agree before the start on who may wait for ever.
+            Nanos::MAX => Err(PyValueError::new_err(
+                "a maxwait that has no end must be stated in the program: @maxwait(forever)",
+            )),
+            maxwait => {
+                self.0.set_maxwait(maxwait);
+                Ok(())
+            }
         }
     }
 

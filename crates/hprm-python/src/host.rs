@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm::{Failure, Host};
-use hprm_core::{Body, ChannelId, FederateId, Payload, PhysicalTime, ReactionId, Scheduler, Table};
+use hprm_core::{
+    Body, ChannelId, FederateId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler, Table,
+};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -159,6 +161,10 @@ impl Host for PyHost {
 
     fn interrupted(&mut self) -> bool {
         Python::attach(|py| self.interrupt.get().take(py))
+    }
+
+    fn take_maxwait(&mut self) -> Option<Nanos> {
+        self.runtime.take_maxwait()
     }
 
     fn warn(&mut self, message: &str) {

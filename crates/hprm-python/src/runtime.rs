@@ -35,6 +35,10 @@ struct Cell {
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
     stats: StoreStats,
+    /// How long the federate waits for its inputs, once that was changed.
+    maxwait: Option<Nanos>,
+    /// Whether the loop has yet to hear of it.
+    maxwait_is_news: bool,
 }
 
 /// The reaction that runs.
@@ -71,6 +75,8 @@ impl Runtime {
             running: None,
             latest: None,
             stats: StoreStats::default(),
+            maxwait: None,
+            maxwait_is_news: false,
         };
         let thread = thread::current().id();
         Self { program, scope, inbox, thread, cell: Mutex::new(cell) }
@@ -105,6 +111,13 @@ impl Runtime {
     /// Notes what the store has done.
     pub(crate) fn note(&self, stats: StoreStats) {
         self.cell().stats = stats;
+    }
+
+    /// How long the federate is to wait for its inputs, if the loop has not heard of it yet.
+    pub(crate) fn take_maxwait(&self) -> Option<Nanos> {
+        let mut cell = self.cell();
+        let news = std::mem::take(&mut cell.maxwait_is_news);
+        cell.maxwait.filter(|_| news)
     }
 
     // For ports and actions.
@@ -248,6 +261,18 @@ impl Runtime {
             cell.scheduler.set_deadline(reaction, deadline);
         }
         Ok(())
+    }
+
+    /// How long the federate waits for its inputs, if that was changed.
+    pub(crate) fn maxwait(&self) -> Option<Nanos> {
+        self.cell().maxwait
+    }
+
+    /// Changes how long the federate waits for its inputs.
+    pub(crate) fn set_maxwait(&self, maxwait: Nanos) {
+        let mut cell = self.cell();
+        cell.maxwait = Some(maxwait);
+        cell.maxwait_is_news = true;
     }
 
     /// What the store had done when a value was last encoded.

@@ -218,6 +218,9 @@ where
         self.phase = Phase::Running;
         self.send_all()?;
         self.handle(Input::Completed(tag))?;
+        if let Some(maxwait) = self.host.take_maxwait() {
+            self.handle(Input::Maxwait(maxwait))?;
+        }
         if self.scheduler.take_stop_request() {
             self.handle(Input::RequestStop)?;
         }

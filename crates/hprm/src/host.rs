@@ -3,7 +3,7 @@
 //! The Python extension is one host; a Rust program with closures is another. A host runs bodies
 //! and turns values into payloads and back; it decides nothing about order or time.
 
-use hprm_core::{Body, ChannelId, Payload, PhysicalTime, ReactionId, Scheduler};
+use hprm_core::{Body, ChannelId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler};
 use hprm_store::{Object, Store};
 
 /// Why a program cannot go on, or must not.
@@ -73,6 +73,12 @@ pub trait Host {
     /// Whether the user has asked the process to stop (Ctrl-C) since this was last called.
     fn interrupted(&mut self) -> bool {
         false
+    }
+
+    /// How long this federate is to wait for its inputs, if a body has changed that since this was
+    /// last called.
+    fn take_maxwait(&mut self) -> Option<Nanos> {
+        None
     }
 
     /// Reports something that the user should know and that does not end the program: a tardy

@@ -172,6 +172,20 @@ fn a_decentralized_federate_waits_as_long_as_its_program_says() {
 }
 
 #[test]
+fn how_long_it_waits_can_change() {
+    let mut machine = started("decentralized\nmaxwait 100\na -> b", "b", 2, &[0]);
+    let until = |wait| Permission::WaitUntil(at(5).due(START).plus(wait));
+    assert_eq!(machine.permission(at(5), START), until(100));
+    assert!(input(&mut machine, 0, Input::Maxwait(300)).is_empty());
+    assert_eq!(machine.permission(at(5), START), until(300));
+    input(&mut machine, 0, Input::Maxwait(0));
+    assert_eq!(machine.permission(at(5), START), until(0));
+    let mut centralized = started("a -> b", "b", 2, &[]);
+    assert!(input(&mut centralized, 0, Input::Maxwait(0)).is_empty());
+    assert_eq!(centralized.permission(at(5), START), Permission::Wait);
+}
+
+#[test]
 fn a_patient_federate_reports_and_is_told_what_is_safe() {
     let mut machine = started("decentralized\na -> b\nb -> a after 1", "b", 2, &[0]);
     let from = FederateId(0);
