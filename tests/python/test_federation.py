@@ -201,3 +201,35 @@ def test_federates_may_answer_at_the_same_tag(launch: Run, coordination: str) ->
     log = [(time, 0, 2) for time in (0, 100, 200, 300)]
     assert f"ping {log}" in outcome.out
     assert "pong []" in outcome.out
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federation_ends_when_nothing_is_left_to_do(launch: Run, coordination: str) -> None:
+    outcome = launch(f"""\
+        target Python {{ coordination: {coordination} }}
+        reactor Source {{
+          output out
+          timer once(20 ms)
+          reaction(once) -> out {{= out.set(1) =}}
+          reaction(shutdown) {{= print(lf.time.logical_elapsed(), lf.tag().microstep) =}}
+        }}
+        reactor Sink {{
+          input inp
+          logical action later
+          reaction(inp) -> later {{= later.schedule(MSEC(30)) =}}
+          reaction(later) {{= pass =}}
+          reaction(shutdown) {{= print(lf.time.logical_elapsed(), lf.tag().microstep) =}}
+        }}
+        reactor Alone {{
+          reaction(shutdown) {{= print(lf.time.logical_elapsed(), lf.tag().microstep) =}}
+        }}
+        federated reactor {{
+          source = new Source()
+          sink = new Sink()
+          alone = new Alone()
+          source.out -> sink.inp after 5 ms
+        }}
+        """)
+    assert outcome.code == 0, outcome.err
+    ends = [f"[{name}] 55000000 1" for name in ("alone", "sink", "source")]
+    assert sorted(outcome.out.splitlines()) == ends

@@ -29,7 +29,7 @@ pub struct Properties {
     pub timeout: Option<Nanos>,
     /// Do not wait for physical time.
     pub fast: bool,
-    /// Do not stop when nothing is left to do.
+    /// Do not stop when nothing is left to do. A federate alone never does: it cannot know.
     pub keepalive: bool,
     /// Of reactions that do not depend on one another, run first what leads to a tighter deadline.
     pub deadlines_first: bool,

@@ -198,7 +198,7 @@ impl<V: Clone> Scheduler<V> {
         if self.modes.has_due() {
             return self.tag.succ().min(self.stop);
         }
-        let idle = if self.program.properties.keepalive { Tag::FOREVER } else { self.tag.succ() };
+        let idle = if self.outlives_its_events() { Tag::FOREVER } else { self.tag.succ() };
         self.queue.first().unwrap_or(idle).min(self.stop)
     }
 
@@ -230,7 +230,7 @@ impl<V: Clone> Scheduler<V> {
             self.queue_startup();
         }
         let starved = self.queue.first().is_none() && !self.modes.has_due();
-        if !self.program.properties.keepalive && starved && !first {
+        if starved && !first && !self.outlives_its_events() {
             self.stop = self.stop.min(tag);
         }
         self.queue_due();
@@ -389,6 +389,11 @@ impl<V: Clone> Scheduler<V> {
                 self.make_present(to, value, intended);
             }
         }
+    }
+
+    /// Whether it goes on when its event queue is empty.
+    fn outlives_its_events(&self) -> bool {
+        self.program.properties.keepalive || self.scope != Scope::Whole
     }
 
     fn queue_all(&mut self, triggered: impl Fn(&Wiring) -> &[Position]) {

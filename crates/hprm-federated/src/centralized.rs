@@ -24,6 +24,8 @@ pub(crate) struct Centralized {
     /// Whether it goes through tags level by level, because a message may come back to it at the
     /// same tag.
     stepwise: bool,
+    /// Whether the RTI wants to know when nothing is left to do.
+    starves: bool,
     /// How many messages have come.
     received: u64,
     /// How many of them the RTI knows to have come.
@@ -41,6 +43,7 @@ impl Centralized {
             granted: Step::NEVER,
             told: Step::NEVER,
             stepwise: topology.is_stepwise(me),
+            starves: topology.starves(),
             received: 0,
             acknowledged: 0,
             told_at: PhysicalTime(i64::MIN),
@@ -101,7 +104,8 @@ impl Centralized {
         }
         let asks = self.has_upstream && !self.has(certain);
         let news = certain != self.told || self.stepwise && self.acknowledged < self.received;
-        if !news || !(self.has_downstream || asks) {
+        let rests = self.starves && certain == Step::FOREVER;
+        if !news || !(self.has_downstream || asks || rests) {
             return None;
         }
         self.told = certain;

@@ -31,6 +31,17 @@ struct Incoming {
     level: u32,
 }
 
+/// Which reports are of use.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Reports {
+    /// None: nobody waits for ever, and the program does not end by itself.
+    None,
+    /// That nothing is left to do.
+    Rest,
+    /// All.
+    All,
+}
+
 /// An undelayed channel between federates that go through tags level by level.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Circular {
@@ -52,8 +63,7 @@ pub(crate) struct Decentralized {
     /// The RTI says that every input is known through this step.
     safe: Step,
     by_clock: Option<Nanos>,
-    /// Whether reports are of use at all.
-    reports: bool,
+    reports: Reports,
     /// Channels whose counts have changed since the last report.
     unreported: BTreeSet<ChannelId>,
     reported: Step,
@@ -91,7 +101,11 @@ impl Decentralized {
             stepwise,
             safe: Step::NEVER,
             by_clock: topology.by_clock(me),
-            reports: topology.is_patient(),
+            reports: match topology.starves() {
+                _ if topology.is_patient() => Reports::All,
+                true => Reports::Rest,
+                false => Reports::None,
+            },
             unreported: BTreeSet::new(),
             reported: Step::NEVER,
             reported_at: PhysicalTime(0),
@@ -228,7 +242,7 @@ impl Decentralized {
 
     /// What to report before resigning, if anything.
     pub(crate) fn last_report(&mut self) -> Option<(Step, Vec<Count>)> {
-        self.reports.then(|| (Step::FOREVER, self.counts(Step::FOREVER)))
+        (self.reports != Reports::None).then(|| (Step::FOREVER, self.counts(Step::FOREVER)))
     }
 
     /// When to report again.
@@ -244,7 +258,12 @@ impl Decentralized {
     }
 
     fn has_news(&self, next: Step) -> bool {
-        self.reports && (next != self.reported || !self.unreported.is_empty())
+        let is_new = next != self.reported || !self.unreported.is_empty();
+        match self.reports {
+            Reports::None => false,
+            Reports::Rest => is_new && next == Step::FOREVER,
+            Reports::All => is_new,
+        }
     }
 
     fn counts(&mut self, next: Step) -> Vec<Count> {

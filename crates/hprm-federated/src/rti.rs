@@ -213,13 +213,11 @@ impl Rti {
                 self.message(from, channel, tag, payload)
             }
             Frame::NextEventTag { tag } if running && self.is_centralized() => {
-                self.advance.next(&self.topology, from, Step::begin(tag), 0);
-                self.tell();
+                self.next(from, Step::begin(tag), 0);
                 Ok(())
             }
             Frame::NextEventLevel { step, received } if running && self.is_centralized() => {
-                self.advance.next(&self.topology, from, step, received);
-                self.tell();
+                self.next(from, step, received);
                 Ok(())
             }
             Frame::LatestTagConfirmed { tag } if running && self.is_centralized() => {
@@ -229,8 +227,7 @@ impl Rti {
             }
             Frame::Progress { next, counts } if running && !self.is_centralized() => {
                 self.traffic.count(&self.topology, from, &counts)?;
-                self.advance.next(&self.topology, from, next, 0);
-                self.tell();
+                self.next(from, next, 0);
                 Ok(())
             }
             Frame::StopRequest { tag } if running => {
@@ -291,6 +288,16 @@ impl Rti {
             self.tell();
         }
         Ok(())
+    }
+
+    /// A federate has said what it does next.
+    fn next(&mut self, from: FederateId, step: Step, received: u64) {
+        self.advance.next(&self.topology, from, step, received);
+        self.tell();
+        let ended = |federate| matches!(self.members[federate], Member::Gone);
+        if self.topology.starves() && !self.traffic.lags() && self.advance.rests(ended) {
+            self.stop_asked_from_outside();
+        }
     }
 
     /// Tells federates how far they may advance, where that has changed and matters to them.

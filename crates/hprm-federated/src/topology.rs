@@ -19,6 +19,7 @@ pub struct Topology {
     by_clock: Table<FederateId, Option<Nanos>>,
     patient: bool,
     stepwise: Table<FederateId, bool>,
+    starves: bool,
 }
 
 impl Topology {
@@ -35,6 +36,7 @@ impl Topology {
             by_clock: Table::filled(federates, None),
             patient: false,
             stepwise: Table::filled(federates, false),
+            starves: false,
         };
         for channel in program.channels.values().filter(|channel| !channel.physical) {
             let Channel { from, to, .. } = *channel;
@@ -45,6 +47,8 @@ impl Topology {
             topology.patient |= wait == Nanos::MAX;
         }
         topology.find_clocks(program);
+        let clocked = topology.by_clock.values().any(Option::is_some);
+        topology.starves = !program.properties.keepalive && !clocked;
         for federate in topology.zero_delay_cycles().into_iter().flatten() {
             topology.stepwise[federate] = true;
         }
@@ -145,6 +149,12 @@ impl Topology {
     #[must_use]
     pub fn is_stepwise(&self, federate: FederateId) -> bool {
         self.stepwise[federate]
+    }
+
+    /// Whether the program ends when no federate has anything left to do.
+    #[must_use]
+    pub fn starves(&self) -> bool {
+        self.starves
     }
 
     /// Groups of federates that send to one another in a circle without any delay.

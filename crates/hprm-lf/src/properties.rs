@@ -184,7 +184,7 @@ impl Stated {
             let message = format!("`fast` does not go together with {with}");
             report.add(Diagnostic::error("LF0605", span, message).hint("remove `fast: true`"));
         }
-        self.properties.keepalive = federated || self.keepalive.unwrap_or(physical_actions);
+        self.properties.keepalive = self.keepalive.unwrap_or(physical_actions);
     }
 }
 

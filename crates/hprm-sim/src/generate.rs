@@ -37,9 +37,12 @@ pub fn generate(rng: &mut Rng, shape: Shape) -> Program {
 }
 
 fn attempt(rng: &mut Rng, shape: Shape) -> Result<Program, ProgramError> {
+    // Without periodic timers everything comes to rest by itself, and then the program ends.
+    let rests = !shape.physical && rng.percent(25);
+    let timeout = TICK * (1 + rng.below(20).cast_signed());
     let properties = Properties {
-        timeout: Some(TICK * (1 + rng.below(20).cast_signed())),
-        keepalive: true,
+        timeout: (!rests).then_some(timeout),
+        keepalive: !rests,
         coordination: shape.coordination,
         ..Properties::default()
     };
@@ -54,7 +57,7 @@ fn attempt(rng: &mut Rng, shape: Shape) -> Result<Program, ProgramError> {
         .collect();
     let federates = connect(&mut b, rng, shape, federates);
     for ports in &federates {
-        contents(&mut b, rng, shape, ports);
+        contents(&mut b, rng, (shape, rests), ports);
     }
     b.build()
 }
@@ -123,7 +126,7 @@ fn delay(rng: &mut Rng, forward: bool) -> Delay {
     }
 }
 
-fn contents(b: &mut ProgramBuilder, rng: &mut Rng, shape: Shape, ports: &Ports) {
+fn contents(b: &mut ProgramBuilder, rng: &mut Rng, (shape, rests): (Shape, bool), ports: &Ports) {
     let clocked = shape.physical && rng.percent(60);
     let origin = if clocked { Origin::Physical } else { Origin::Logical };
     let action = b.action(ports.reactor, "a", origin, rng.below(3).cast_signed() * 250);
@@ -135,7 +138,7 @@ fn contents(b: &mut ProgramBuilder, rng: &mut Rng, shape: Shape, ports: &Ports) 
         triggers.push(Trigger::Shutdown);
     }
     for index in 0..rng.below(3) {
-        let period = TICK * rng.below(4).cast_signed();
+        let period = if rests { 0 } else { TICK * rng.below(4).cast_signed() };
         let offset = TICK / 2 * rng.below(6).cast_signed();
         let timer = b.timer(ports.reactor, &format!("t{index}"), offset, period);
         triggers.push(Trigger::Timer(timer));

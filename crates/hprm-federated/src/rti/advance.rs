@@ -72,6 +72,13 @@ impl Advance {
         }
     }
 
+    /// Whether no federate will do anything more: each has reported so, unless it has `ended`, and no
+    /// message is on its way.
+    pub(super) fn rests(&self, ended: impl Fn(FederateId) -> bool) -> bool {
+        let rests = |report: &Report| report.next == Step::FOREVER && report.in_transit.is_empty();
+        self.reports.iter().all(|(federate, report)| ended(federate) || rests(report))
+    }
+
     /// How far a federate has been told that it may advance.
     pub(super) fn told(&self, federate: FederateId) -> Step {
         self.reports[federate].told
