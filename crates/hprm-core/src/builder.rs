@@ -291,9 +291,13 @@ impl ProgramBuilder {
                 Ok(self.program)
             }
             Err(Loop(reactions)) => {
-                let names: Vec<_> =
-                    reactions.iter().map(|r| self.program.reaction_name(*r)).collect();
-                Err(ProgramError::CausalityLoop { reactions, names: names.join(" -> ") })
+                const SHOWN: usize = 20;
+                let shown = reactions.iter().take(SHOWN).map(|r| self.program.reaction_name(*r));
+                let mut names = shown.collect::<Vec<_>>().join(" -> ");
+                if reactions.len() > SHOWN {
+                    names.push_str(&format!(" -> {} more", reactions.len() - SHOWN));
+                }
+                Err(ProgramError::CausalityLoop { reactions, names })
             }
         }
     }

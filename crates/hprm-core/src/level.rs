@@ -6,9 +6,9 @@
 //! in different modes of a reactor, does not order either; but the reactions of one reactor do,
 //! whatever their modes.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
-use crate::{Nanos, PortId, Program, ReactionId, Table, Trigger};
+use crate::{ModeId, Nanos, PortId, Program, ReactionId, Table, Trigger};
 
 /// A circle of reactions.
 pub(crate) struct Loop(pub(crate) Vec<ReactionId>);
@@ -64,12 +64,15 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
     let mut reached: Table<PortId, Option<ReactionId>> = Table::filled(program.ports.len(), None);
     let mut previous: Table<crate::ReactorId, Option<ReactionId>> =
         Table::filled(program.reactors.len(), None);
+    let last = last_writers(program, &modes);
     for (id, reaction) in program.reactions.iter() {
         if let Some(earlier) = previous[reaction.reactor].replace(id) {
             successors[earlier].push(id);
         }
         let follows = |reader: &&ReactionId| !program.are_exclusive(modes[id], modes[**reader]);
-        let mut pending: Vec<PortId> = program.written_ports(id).collect();
+        // What a later reaction of this reactor writes too follows that one, and so this one.
+        let is_last = |port: &PortId| last.get(&(*port, modes[id])) == Some(&id);
+        let mut pending: Vec<PortId> = program.written_ports(id).filter(is_last).collect();
         while let Some(port) = pending.pop() {
             // By way of several modes, several paths can lead to one port.
             if reached[port].replace(id) == Some(id) {
@@ -82,6 +85,16 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
         successors[id].dedup();
     }
     successors
+}
+
+/// The last reaction, in each mode, that writes a port; all that do are in one reactor.
+fn last_writers(
+    program: &Program,
+    modes: &Table<ReactionId, Option<ModeId>>,
+) -> BTreeMap<(PortId, Option<ModeId>), ReactionId> {
+    let ids = program.reactions.ids();
+    let writes = ids.flat_map(|id| program.written_ports(id).map(move |port| (port, id)));
+    writes.map(|(port, id)| ((port, modes[id]), id)).collect()
 }
 
 fn readers(program: &Program) -> Table<PortId, Vec<ReactionId>> {
@@ -115,21 +128,23 @@ fn circle(
     waiting_for: &Table<ReactionId, usize>,
 ) -> Vec<ReactionId> {
     // Everything left waits for something left, so walking back must return to where it has been.
-    let predecessor = |reaction: ReactionId| {
-        successors
-            .iter()
-            .find(|(id, next)| waiting_for[*id] > 0 && next.contains(&reaction))
-            .map(|(id, _)| id)
-    };
+    let mut predecessor: Table<ReactionId, Option<ReactionId>> =
+        Table::filled(waiting_for.len(), None);
+    for (id, next) in successors.iter().filter(|(id, _)| waiting_for[*id] > 0) {
+        for follower in next {
+            predecessor[*follower].get_or_insert(id);
+        }
+    }
+    let mut place: Table<ReactionId, Option<usize>> = Table::filled(waiting_for.len(), None);
     let mut walk: Vec<ReactionId> = Vec::new();
     let mut here = waiting_for.ids().find(|id| waiting_for[*id] > 0);
     while let Some(reaction) = here {
-        if let Some(at) = walk.iter().position(|seen| *seen == reaction) {
+        if let Some(at) = place[reaction].replace(walk.len()) {
             walk.drain(..at);
             break;
         }
         walk.push(reaction);
-        here = predecessor(reaction);
+        here = predecessor[reaction];
     }
     walk.reverse();
     let first = walk.iter().enumerate().min_by_key(|(_, id)| **id).map_or(0, |(i, _)| i);

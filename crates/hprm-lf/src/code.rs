@@ -30,23 +30,40 @@ impl Code {
 
 /// Offset of the `=}` that ends the body whose text starts at `start`.
 pub(crate) fn end(text: &str, start: usize) -> Option<usize> {
-    let bytes = text.as_bytes();
+    let mut scanner = Scanner { bytes: text.as_bytes(), wasted: 0 };
     let mut at = start;
-    while at < bytes.len() {
-        if bytes[at..].starts_with(b"=}") {
+    while at < scanner.bytes.len() {
+        if scanner.bytes[at..].starts_with(b"=}") {
             return Some(at);
         }
-        at = skip(bytes, at);
+        at = scanner.skip(at);
     }
     None
 }
 
-/// Steps over the string, the comment or the character at `at`.
-fn skip(bytes: &[u8], at: usize) -> usize {
-    match bytes[at] {
-        b'#' => line_end(bytes, at),
-        quote @ (b'"' | b'\'') => string_end(bytes, at, quote).unwrap_or(at + 1),
-        _ => at + 1,
+/// The most bytes that are looked through for ends of strings that have none; after that, a quote
+/// is a character like any other.
+const MOST_WASTED: usize = 1 << 20;
+
+/// Steps over the pieces of some Python, in time that grows with its length only.
+struct Scanner<'t> {
+    bytes: &'t [u8],
+    wasted: usize,
+}
+
+impl Scanner<'_> {
+    /// Steps over the string, the comment or the character at `at`.
+    fn skip(&mut self, at: usize) -> usize {
+        match self.bytes[at] {
+            b'#' => line_end(self.bytes, at),
+            quote @ (b'"' | b'\'') if self.wasted < MOST_WASTED => {
+                string_end(self.bytes, at, quote).unwrap_or_else(|looked| {
+                    self.wasted += looked;
+                    at + 1
+                })
+            }
+            _ => at + 1,
+        }
     }
 }
 
@@ -54,22 +71,23 @@ fn line_end(bytes: &[u8], at: usize) -> usize {
     bytes[at..].iter().position(|byte| *byte == b'\n').map_or(bytes.len(), |n| at + n)
 }
 
-/// Behind the string that starts at `at`; none if it is not closed, which is for Python to report.
-fn string_end(bytes: &[u8], at: usize, quote: u8) -> Option<usize> {
+/// Behind the string that starts at `at`; or how many bytes were looked at if it is not closed,
+/// which is for Python to report.
+fn string_end(bytes: &[u8], at: usize, quote: u8) -> Result<usize, usize> {
     let triple = [quote; 3];
     let long = bytes[at..].starts_with(&triple);
     let mut here = at + if long { 3 } else { 1 };
     while here < bytes.len() {
         match bytes[here] {
             b'\\' => here += 1,
-            b'\n' if !long => return None,
-            byte if byte == quote && !long => return Some(here + 1),
-            byte if byte == quote && bytes[here..].starts_with(&triple) => return Some(here + 3),
+            b'\n' if !long => return Err(here - at),
+            byte if byte == quote && !long => return Ok(here + 1),
+            byte if byte == quote && bytes[here..].starts_with(&triple) => return Ok(here + 3),
             _ => {}
         }
         here += 1;
     }
-    None
+    Err(bytes.len() - at)
 }
 
 /// How the start of a line relates to the Python around it.
@@ -85,10 +103,11 @@ enum Start {
 
 fn starts(raw: &str) -> Vec<Start> {
     let bytes = raw.as_bytes();
+    let mut scanner = Scanner { bytes, wasted: 0 };
     let mut starts = vec![Start::Statement];
     let (mut at, mut depth) = (0, 0_usize);
     while at < bytes.len() {
-        let next = skip(bytes, at);
+        let next = scanner.skip(at);
         match bytes[at] {
             b'(' | b'[' | b'{' => depth += 1,
             b')' | b']' | b'}' => depth = depth.saturating_sub(1),

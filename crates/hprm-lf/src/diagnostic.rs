@@ -74,7 +74,7 @@ impl Diagnostic {
     }
 }
 
-/// The most diagnostics that are kept of one compilation; nobody reads more.
+/// The most errors that are kept of one compilation, and the most warnings; nobody reads more.
 const MOST: usize = 200;
 
 /// Diagnostics as they are found; the same one is kept once, however many instances it concerns.
@@ -82,14 +82,18 @@ const MOST: usize = 200;
 pub(crate) struct Report {
     diagnostics: Vec<Diagnostic>,
     seen: BTreeSet<(&'static str, Span)>,
+    /// How many errors there have been, the same ones counted again.
     errors: usize,
+    /// How many errors are kept, and how many warnings.
+    kept: [usize; 2],
 }
 
 impl Report {
     pub(crate) fn add(&mut self, diagnostic: Diagnostic) {
         self.errors += usize::from(diagnostic.severity == Severity::Error);
-        let first = self.seen.insert((diagnostic.code, diagnostic.span));
-        if first && self.diagnostics.len() < MOST {
+        let kept = &mut self.kept[diagnostic.severity as usize];
+        if *kept < MOST && self.seen.insert((diagnostic.code, diagnostic.span)) {
+            *kept += 1;
             self.diagnostics.push(diagnostic);
         }
     }
@@ -103,9 +107,9 @@ impl Report {
         self.errors > 0
     }
 
-    /// Whether more would not be kept, so that nobody need look for more.
+    /// Whether no more errors would be kept, so that nobody need look for more.
     pub(crate) fn is_full(&self) -> bool {
-        self.diagnostics.len() >= MOST
+        self.kept[Severity::Error as usize] >= MOST
     }
 
     /// All of them, in the order of the text.

@@ -19,8 +19,12 @@ use crate::model::{self, Model, Placed};
 use crate::spacing;
 use crate::value::Value;
 
-/// The most reactors, channels, reactions and connections of one program together.
-pub(crate) const MOST: usize = 1_000_000;
+/// The most parts of one program: reactors with what they declare, and channels; and the most
+/// channels that its connections and reactions name, together.
+pub(crate) const MOST: usize = 2_000_000;
+
+/// What a reactor counts for among them: the memory that it takes beside its members.
+const REACTOR: usize = 2;
 
 /// The deepest nesting of reactors.
 const DEEPEST: usize = 200;
@@ -89,13 +93,14 @@ struct Growth<'a, 'r> {
 }
 
 impl<'a> Growth<'a, '_> {
-    /// Counts one more thing; `None` when there are too many.
+    /// Counts more parts; `None` when there are too many.
     fn count(&mut self, more: usize, span: crate::source::Span) -> Option<()> {
         self.tree.size += more;
         if self.tree.size <= MOST {
             return Some(());
         }
-        let message = format!("the program has more than {MOST} reactors and channels");
+        let message =
+            format!("the program has more than {MOST} reactors, channels and other parts");
         self.report
             .add(Diagnostic::error("LF0406", span, message).hint("reduce the widths of its banks"));
         None
@@ -110,7 +115,10 @@ impl<'a> Growth<'a, '_> {
         (name, bank_index, assignments): (String, Option<u32>, Vec<(String, Value)>),
     ) -> Option<usize> {
         let model = self.models[class.0].as_ref()?;
-        self.count(1 + model.reactions.len(), model.declared.decl.header)?;
+        // Whatever is made or copied for each instance; long texts count for more.
+        let copied = assignments.iter().map(|(name, _)| name.len()).sum::<usize>() + name.len();
+        let members = model.declared.size() + model.declared.parameters.len();
+        self.count(REACTOR + members + copied / 100, model.declared.decl.header)?;
         let index = *self.indices[class.0].get_or_insert_with(|| {
             self.tree.classes.push(class);
             self.tree.classes.len() - 1
@@ -151,7 +159,7 @@ impl<'a> Growth<'a, '_> {
         };
         // A wrong width has been reported; one channel keeps the rest checkable.
         let width = node.environment.width(written, self.report).unwrap_or(1);
-        self.count(width as usize, written.span)?;
+        self.count(width as usize * (1 + name.len() / 100), written.span)?;
         let builder = &mut self.tree.builder;
         let first = builder.port(node.reactor, &format!("{name}[0]"), direction);
         for channel in 1..width {
@@ -240,6 +248,8 @@ impl<'a> Growth<'a, '_> {
         if self.tree.federated && parent == 0 {
             self.federate(reactor, decl, &environment, bank_index)?;
         }
+        let written = decl.assignments.iter().map(|assignment| assignment.value.span.range().len());
+        self.count(written.sum::<usize>() / 100, decl.name.span)?;
         let sources = &self.library.sources;
         let assignments = decl
             .assignments

@@ -4,6 +4,7 @@
 //! `@absent_after` there was the time in a reaction's `STP(t)` or `STAA(t)`. Programs that use them
 //! keep their meaning.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use hprm_core::{Connection, Nanos, PortId};
@@ -38,7 +39,10 @@ impl Waits {
     pub(crate) fn spread<'c>(&mut self, connections: impl Iterator<Item = &'c Connection>) {
         let upstream: BTreeMap<PortId, PortId> =
             connections.filter(|c| c.is_direct()).map(|c| (c.to, c.from)).collect();
-        for (port, wait) in self.longest.clone() {
+        let mut waits: Vec<_> = self.longest.iter().map(|(port, wait)| (*port, *wait)).collect();
+        // The longest first, so that no port is raised twice.
+        waits.sort_by_key(|(_, wait)| Reverse(*wait));
+        for (port, wait) in waits {
             let mut here = port;
             // Ends: each step raises a port to `wait` that had less.
             while let Some(next) = upstream.get(&here) {

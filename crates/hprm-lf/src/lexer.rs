@@ -8,6 +8,9 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::source::{FileId, Span};
 use crate::token::{Kind, Token};
 
+/// The longest name; names of instances are made of many.
+const LONGEST_NAME: usize = 255;
+
 const MARKS: &str = "{}()[]<>,;:.=@+*-/\\?";
 
 /// The tokens of a file.
@@ -70,7 +73,7 @@ impl Lexer<'_> {
                 let length = rest
                     .find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '^'))
                     .unwrap_or(rest.len());
-                self.take(length, Kind::Identifier)
+                self.name(length)
             }
             '0'..='9' => self.number(),
             '.' if digit(second) => self.number(),
@@ -88,6 +91,17 @@ impl Lexer<'_> {
     fn take(&mut self, length: usize, kind: Kind) -> Kind {
         self.at += length;
         kind
+    }
+
+    fn name(&mut self, length: usize) -> Kind {
+        if length > LONGEST_NAME {
+            let span = Span::new(self.file, self.at..self.at + length);
+            let message = format!("a name has at most {LONGEST_NAME} characters");
+            self.report.add(Diagnostic::error("LF0007", span, message));
+            self.at += length - LONGEST_NAME;
+            return self.take(LONGEST_NAME, Kind::Identifier);
+        }
+        self.take(length, Kind::Identifier)
     }
 
     fn skip_space(&mut self) {

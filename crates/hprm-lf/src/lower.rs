@@ -1,6 +1,7 @@
 //! From checked classes to the program: instances, then reactions, then connections, then the
 //! builder's own checks, whose findings become diagnostics.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use hprm_core::{
@@ -12,7 +13,7 @@ use crate::check::{Models, modes};
 use crate::class;
 use crate::compiled::{Class, Instance, ReactionCode, Runs};
 use crate::diagnostic::{Diagnostic, Report};
-use crate::instance::{self, Tree};
+use crate::instance::{self, MOST, Tree};
 use crate::legacy::Waits;
 use crate::library::{ClassId, Library};
 use crate::reaction;
@@ -73,6 +74,7 @@ fn reactions(
     report: &mut Report,
 ) -> Table<ReactionId, ReactionCode> {
     let mut bodies = Table::new();
+    let mut named = 0;
     for index in 0..tree.nodes.len() {
         let node = &tree.nodes[index];
         let (model, reactor) = (node.model, node.reactor);
@@ -89,6 +91,15 @@ fn reactions(
         for (number, reaction) in model.reactions.iter().enumerate() {
             let node = &tree.nodes[index];
             let spec = reaction::spec(tree, node, reaction, report);
+            named += 1 + spec.triggers.len() + spec.sources.len() + spec.effects.len();
+            if named > MOST {
+                let message = format!("the reactions name more than {MOST} channels");
+                report.add(
+                    Diagnostic::error("LF0406", reaction.decl.header, message)
+                        .hint("reduce the widths of banks, or name fewer ports"),
+                );
+                return bodies;
+            }
             let arguments = reaction::arguments(tree, node, reaction);
             reaction::note_wait(tree, node, reaction, waits, report);
             let writes = spec.effects.iter().filter_map(|effect| match effect {
@@ -107,6 +118,9 @@ fn reactions(
     }
     bodies
 }
+
+/// The most reactions of a circle that are pointed at.
+const SHOWN: usize = 20;
 
 /// Where the parts of the program are written.
 #[derive(Default)]
@@ -137,12 +151,9 @@ impl Origins {
 
     fn causality(&self, reactions: &[ReactionId], names: &str) -> Diagnostic {
         let span = |reaction: &ReactionId| self.reactions[reaction.index()];
-        let mut spans: Vec<Span> = Vec::new();
-        for reaction in reactions {
-            if !spans.contains(&span(reaction)) {
-                spans.push(span(reaction));
-            }
-        }
+        let mut seen = BTreeSet::new();
+        let spans: Vec<Span> =
+            reactions.iter().map(span).filter(|span| seen.insert(*span)).take(SHOWN).collect();
         let message = match reactions {
             [_] => format!("the reaction {names} waits for itself: it reads what it sets"),
             _ => format!("reactions wait for one another in a circle: {names}"),

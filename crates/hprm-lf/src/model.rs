@@ -17,6 +17,9 @@ use crate::source::Span;
 /// The most members of all classes together, with those that they inherit.
 pub(crate) const MOST_MEMBERS: usize = 1_000_000;
 
+/// The most modes of one reactor.
+const MOST_MODES: usize = 250;
+
 /// The members of a class, after those that it inherits.
 #[derive(Debug)]
 pub(crate) struct Declarations<'a> {
@@ -106,7 +109,7 @@ pub(crate) enum Entity {
     Mode(usize, Transition),
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum Trigger {
     Startup,
     Shutdown,
@@ -156,11 +159,15 @@ pub(crate) struct Reaction<'a> {
 impl Reaction<'_> {
     /// What it can read: triggers and sources.
     pub(crate) fn reads(&self) -> impl Iterator<Item = Entity> {
-        let triggers = self.triggers.iter().filter_map(|trigger| match trigger {
+        self.variables().chain(self.sources.iter().copied())
+    }
+
+    /// The triggers that have a name.
+    pub(crate) fn variables(&self) -> impl Iterator<Item = Entity> {
+        self.triggers.iter().filter_map(|trigger| match trigger {
             Trigger::Variable(entity) => Some(*entity),
             Trigger::Startup | Trigger::Shutdown | Trigger::Reset => None,
-        });
-        triggers.chain(self.sources.iter().copied())
+        })
     }
 
     /// All variables that it names, each once.
@@ -273,6 +280,7 @@ impl<'a> Declarations<'a> {
             ast::Member::Connection(decl) => {
                 self.connections.push(Placed { decl, mode });
             }
+            ast::Member::Instantiation(_) if report.is_full() => self.incomplete = true,
             ast::Member::Instantiation(decl) => match find_class(library, class, decl) {
                 Ok(class) => self.instances.push(Instance { decl, mode, class }),
                 Err(diagnostic) => self.miss(*diagnostic, report),
@@ -281,6 +289,10 @@ impl<'a> Declarations<'a> {
                 let instead = "use a physical action, or a deadline";
                 let span = watchdog.name.span;
                 self.miss(Diagnostic::unsupported(span, "watchdogs are", instead), report);
+            }
+            ast::Member::Mode(decl) if self.modes.len() == MOST_MODES => {
+                let message = format!("a reactor has at most {MOST_MODES} modes");
+                self.miss(Diagnostic::error("LF0406", decl.header, message), report);
             }
             ast::Member::Mode(decl) => {
                 let index = self.modes.len();

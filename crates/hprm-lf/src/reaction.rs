@@ -1,5 +1,7 @@
 //! Reaction instances: what the scheduler needs to know of each, and what its Python function gets.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use hprm_core::{Effect, PortId, ReactionSpec, Trigger};
 
 use crate::ast::PortKind;
@@ -87,9 +89,16 @@ pub(crate) fn arguments<'a>(
     reaction: &model::Reaction<'a>,
 ) -> Vec<Argument> {
     let declared = &node.model.declared;
+    let effects: BTreeSet<Entity> = reaction.effects.iter().copied().collect();
     let access = |entity: Entity| {
-        if reaction.effects.contains(&entity) { Access::Write } else { Access::Read }
+        if effects.contains(&entity) { Access::Write } else { Access::Read }
     };
+    let mut mentioned: BTreeMap<usize, Vec<(usize, Access)>> = BTreeMap::new();
+    for entity in reaction.mentions() {
+        if let Entity::Contained { instance, port } = entity {
+            mentioned.entry(instance).or_default().push((port, access(entity)));
+        }
+    }
     let argument = |slot: &Slot| {
         let name = slot.name.clone();
         match slot.holds {
@@ -106,7 +115,7 @@ pub(crate) fn arguments<'a>(
             Held::Instance(instance) => Argument::Contained {
                 name,
                 bank: declared.instances[instance].decl.width.is_some(),
-                members: members(tree, node, reaction, instance, &access),
+                members: members(tree, node, instance, mentioned.get(&instance)),
             },
             Held::Alias { instance, port } => Argument::Alias {
                 name,
@@ -121,27 +130,16 @@ pub(crate) fn arguments<'a>(
 fn members<'a>(
     tree: &Tree<'a>,
     node: &Node<'a>,
-    reaction: &model::Reaction<'a>,
     instance: usize,
-    access: &dyn Fn(Entity) -> Access,
+    mentioned: Option<&Vec<(usize, Access)>>,
 ) -> Vec<Vec<ContainedPort>> {
-    let mentioned: Vec<(usize, Access)> = reaction
-        .mentions()
-        .into_iter()
-        .filter_map(|entity| match entity {
-            Entity::Contained { instance: i, port } if i == instance => {
-                Some((port, access(entity)))
-            }
-            _ => None,
-        })
-        .collect();
     let member = |index: &usize| {
         let member = &tree.nodes[*index];
         let port = |(port, access): &(usize, Access)| {
             let ports: Ports = member.ports[*port];
             ContainedPort { name: port_name(member.model, *port), ports, access: *access }
         };
-        mentioned.iter().map(port).collect()
+        mentioned.into_iter().flatten().map(port).collect()
     };
     node.children[instance].iter().map(member).collect()
 }

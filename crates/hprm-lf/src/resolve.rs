@@ -1,6 +1,8 @@
 //! Names to things: what the triggers, sources, effects and connections of a class refer to, and
 //! whether they may.
 
+use std::collections::BTreeSet;
+
 use crate::ast::{self, PortKind, Reference};
 use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
@@ -107,6 +109,9 @@ impl<'a> Resolver<'_, 'a> {
             };
             reaction.effects.extend(effect);
         }
+        once_each(&mut reaction.triggers);
+        once_each(&mut reaction.sources);
+        once_each(&mut reaction.effects);
         reaction.slots =
             slots::slots(self.declared, |instance| self.ports_of(instance), &reaction, report);
         reaction
@@ -128,9 +133,10 @@ impl<'a> Resolver<'_, 'a> {
                 );
             }
         }
+        let triggers: BTreeSet<Entity> = reaction.variables().collect();
         for reference in &decl.sources {
             let Some(entity) = self.find(reference, Role::Source, report) else { continue };
-            if !decl.triggers.is_empty() && reaction.triggers.contains(&Trigger::Variable(entity)) {
+            if !decl.triggers.is_empty() && triggers.contains(&entity) {
                 let message = format!("`{}` is already a trigger", spell(reference));
                 report.add(
                     Diagnostic::error("LF0309", reference.span, message)
@@ -160,6 +166,10 @@ impl<'a> Resolver<'_, 'a> {
     }
 
     fn find(&self, reference: &Reference, role: Role, report: &mut Report) -> Option<Entity> {
+        if report.is_full() {
+            // Nobody will read what else is wrong, and finding out what was meant takes long.
+            return None;
+        }
         let checked = self.entity(reference, role).and_then(|entity| {
             self.check_role(reference, entity, role)?;
             self.check_form(reference, entity, role)?;
@@ -305,6 +315,12 @@ impl<'a> Resolver<'_, 'a> {
             _ => error("`interleaved` needs a bank and a multiport"),
         }
     }
+}
+
+/// What is named twice counts once.
+fn once_each<T: Copy + Ord>(all: &mut Vec<T>) {
+    let mut seen = BTreeSet::new();
+    all.retain(|one| seen.insert(*one));
 }
 
 /// The reference as written.

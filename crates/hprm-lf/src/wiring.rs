@@ -7,7 +7,7 @@ use hprm_core::{Connection, Delay, PortId};
 
 use crate::check::attributes;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::instance::Tree;
+use crate::instance::{MOST, Tree};
 use crate::legacy::Waits;
 use crate::model::{self, End, Entity};
 use crate::source::Span;
@@ -23,12 +23,15 @@ pub(crate) struct Wire {
 /// All connections of the program, in the order of their containers.
 pub(crate) fn wires(tree: &Tree<'_>, mut waits: Waits, report: &mut Report) -> Vec<Wire> {
     let mut wires = Vec::new();
+    let mut left = MOST;
     for (container, node) in tree.nodes.iter().enumerate() {
         for connection in &node.model.connections {
-            join(tree, container, connection, &mut wires, report);
-            if wires.len() > crate::instance::MOST {
-                let message = "the program has too many connections";
-                report.add(Diagnostic::error("LF0406", connection.decl.span, message));
+            if join(tree, container, connection, (&mut wires, &mut left), report).is_none() {
+                let message = format!("the connections join more than {MOST} channels");
+                report.add(
+                    Diagnostic::error("LF0406", connection.decl.span, message)
+                        .hint("reduce the widths of banks, or name fewer ports"),
+                );
                 return wires;
             }
         }
@@ -62,20 +65,30 @@ fn transposed(rows: &[Vec<PortId>]) -> Vec<PortId> {
     (0..longest).flat_map(|i| rows.iter().filter_map(move |row| row.get(i)).copied()).collect()
 }
 
+/// Adds the wires of one connection; `None` if that names more channels than are left to be named.
 fn join(
     tree: &Tree<'_>,
     container: usize,
     connection: &model::Connection<'_>,
-    wires: &mut Vec<Wire>,
+    (wires, budget): (&mut Vec<Wire>, &mut usize),
     report: &mut Report,
-) {
+) -> Option<()> {
     let decl = connection.decl;
     let environment = &tree.nodes[container].environment;
-    let row = |ends: &[End]| -> Vec<PortId> {
-        ends.iter().flat_map(|end| channels(tree, container, *end)).collect()
+    let mut row = |ends: &[End]| -> Option<Vec<PortId>> {
+        let mut row = Vec::new();
+        for end in ends {
+            row.extend(channels(tree, container, *end));
+            *budget = budget.checked_sub(1)?;
+            if row.len() > *budget {
+                return None;
+            }
+        }
+        *budget -= row.len();
+        Some(row)
     };
     let mode = connection.mode.map(|mode| tree.nodes[container].modes[mode]);
-    let (left, right) = (row(&connection.left), row(&connection.right));
+    let (left, right) = (row(&connection.left)?, row(&connection.right)?);
     check_widths(decl, left.len(), right.len(), report);
     let delay = decl
         .delay
@@ -100,6 +113,7 @@ fn join(
         let states_wait = absent_after.is_some_and(|wait| wait > 0);
         wires.push(Wire { connection, span: decl.span, states_wait });
     }
+    Some(())
 }
 
 fn check_widths(decl: &crate::ast::Connection, left: usize, right: usize, report: &mut Report) {

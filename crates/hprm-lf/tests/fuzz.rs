@@ -1,9 +1,10 @@
 //! Whatever the text is, the front end answers: with a program or with at least one error.
 
+#[path = "common/answers.rs"]
+mod answers;
 mod common;
 
 use common::compile_files;
-use hprm_lf::{Severity, render_all};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -62,19 +63,7 @@ const PIECES: [&str; 48] = [
 ];
 
 fn answers(text: &str) {
-    match compile_files(&[("Main.lf", text)]) {
-        Ok(compiled) => {
-            let reactions = compiled.program.reactions.len();
-            assert_eq!(compiled.bodies.len(), reactions);
-            assert_eq!(compiled.instances.len(), compiled.program.reactors.len());
-            assert!(compiled.warnings.iter().all(|d| d.severity == Severity::Warning));
-        }
-        Err(failure) => {
-            let errors = failure.diagnostics.iter().filter(|d| d.severity == Severity::Error);
-            assert!(errors.count() > 0, "it failed without an error");
-            assert!(!render_all(&failure.diagnostics, &failure.sources, true).is_empty());
-        }
-    }
+    answers::answers(text.as_bytes());
 }
 
 /// Replaces `length` characters at `at`, both in thousandths of the text, by `piece`.
@@ -151,4 +140,59 @@ fn a_program_that_multiplies_is_refused() {
     let text = format!("target Python\n{storeys} reactor A5 {{ }} main reactor {{ a = new A0() }}");
     let failure = compile_files(&[("Main.lf", &text)]).expect_err("too large");
     assert_eq!(failure.diagnostics[0].code, "LF0406");
+}
+
+/// The code of the first error of a program, or nothing if it has none.
+fn first_error(text: &str) -> &'static str {
+    let text = format!("target Python\n{text}");
+    let failure = compile_files(&[("Main.lf", &text)]).err();
+    failure.map_or("", |failure| failure.diagnostics[0].code)
+}
+
+#[test]
+fn products_are_limited() {
+    let wide = "reactor A(p = 0) { input[10000] i output[10000] o }";
+    let refuse = |text: String| assert_eq!(first_error(&text), "LF0406", "{text:.200}");
+    refuse(format!("{wide} main reactor {{ a = new[100000] A() }}"));
+    refuse(format!("{wide} main reactor {{ a = new A() {} -> a.i }}", ["a.o"; 1_000].join(", ")));
+    let reactions = "reaction(a.o) {= pass =} ".repeat(1_000);
+    refuse(format!("{wide} main reactor {{ a = new A() {reactions} }}"));
+    let long = "y".repeat(200_000);
+    let many = "reactor B(p = 0) { } main reactor { b = new[100000] B(p = {= \"";
+    refuse(format!("{many}{long}\" =}}) }}"));
+    let modes: String = (0..300).map(|i| format!("mode M{i} {{ }} ")).collect();
+    refuse(format!("main reactor {{ {modes} }}"));
+}
+
+#[test]
+fn what_would_take_long_is_found_soon() {
+    let ring = "reactor A { input i output o reaction(i) -> o {= pass =} }
+        main reactor { a = new[20000] A() b = new A() a.o, b.o -> b.i, a.i }";
+    assert_eq!(first_error(ring), "LF0503");
+    let quotes = "''' \\''' ".repeat(50_000);
+    assert_eq!(first_error(&format!("main reactor {{ reaction(startup) {{={quotes}=}} }}")), "");
+    let quotes = "'a \\".repeat(50_000);
+    assert_eq!(first_error(&format!("main reactor {{ reaction(startup) {{={quotes}=}} }}")), "");
+    let storey = |i: usize| {
+        let parts: String = (0..6).map(|k| format!("c{k} = new L{}() ", i + 1)).collect();
+        format!("reactor L{i} {{ {parts} }} ")
+    };
+    let storeys: String = (0..30).map(storey).collect();
+    let modal = "main reactor { timer t initial mode A { reaction(t) -> reset(B) {= pass =} }";
+    let tower =
+        format!("reactor L30 {{ state x = 0 }} {storeys} {modal} mode B {{ c = new L0() }} }}");
+    assert_eq!(first_error(&format!("reactor X {{ state x: int }} {tower}")), "LF0202");
+    let names: String = (0..3_000).map(|i| format!("input p{i} ")).collect();
+    let missing: String = (0..3_000).map(|i| format!("reaction(q{i}) {{= pass =}} ")).collect();
+    assert_eq!(first_error(&format!("main reactor {{ {names} {missing} }}")), "LF0303");
+    let name = "n".repeat(100_000);
+    assert_eq!(first_error(&format!("main reactor {{ state {name} = 0 }}")), "LF0007");
+}
+
+#[test]
+fn a_line_that_would_fill_the_page_is_only_named() {
+    let text = format!("target Python\nmain reactor {{ {} x }}", "/* */".repeat(1_000));
+    let failure = compile_files(&[("Main.lf", &text)]).expect_err("`x` is nothing");
+    let text = failure.to_string();
+    assert_eq!(text.lines().last().map(str::trim), Some("--> Main.lf:2:5019"), "{text}");
 }

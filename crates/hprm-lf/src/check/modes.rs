@@ -1,10 +1,13 @@
 //! Modes: what may be declared in one, who may enter one, and what a reset must reset.
 
+use std::collections::BTreeSet;
+
 use hprm_core::Transition;
 
 use super::Models;
 use crate::ast::{Member, Name, ReactorKind, Reference};
 use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::library::ClassId;
 use crate::model::{Declarations, Entity, Instance, Model, Trigger};
 
 /// Reports a member that cannot be in a mode.
@@ -153,7 +156,7 @@ fn kept_state(model: &Model<'_>, models: &Models<'_>, report: &mut Report) {
             }
         }
         for instance in declared.instances.iter().filter(|instance| instance.mode == place) {
-            if let Some(state) = kept_inside(*instance, models, 0) {
+            if let Some(state) = kept_inside(*instance, models, &mut BTreeSet::new()) {
                 let class = &instance.decl.class;
                 let message = format!(
                     "`{state}` inside `{}` keeps its value when the mode is reset",
@@ -173,16 +176,21 @@ fn resets_itself(model: &Model<'_>, place: Option<usize>) -> bool {
 }
 
 /// A state variable of the instance, or of one inside, that a reset leaves alone.
-fn kept_inside(instance: Instance<'_>, models: &Models<'_>, depth: usize) -> Option<String> {
-    // Deeper ones are not looked at; and a reactor that contains itself is reported elsewhere.
-    const DEEPEST: usize = 10;
-    let model = models[instance.class.0].as_ref().filter(|_| depth < DEEPEST)?;
+fn kept_inside(
+    instance: Instance<'_>,
+    models: &Models<'_>,
+    seen: &mut BTreeSet<ClassId>,
+) -> Option<String> {
+    // Deeper ones are not looked at, and no class twice.
+    const MOST: usize = 100;
+    let new = seen.len() < MOST && seen.insert(instance.class);
+    let model = models[instance.class.0].as_ref().filter(|_| new)?;
     let kept = |state: &&crate::model::Placed<'_, crate::ast::State>| {
         state.mode.is_none() && state.reset.is_none()
     };
     let own = model.declared.states.iter().find(kept).filter(|_| !resets_itself(model, None));
     own.map(|state| state.name.text.clone()).or_else(|| {
         let inside = model.declared.instances.iter().filter(|inside| inside.mode.is_none());
-        inside.into_iter().find_map(|inside| kept_inside(*inside, models, depth + 1))
+        inside.into_iter().find_map(|inside| kept_inside(*inside, models, seen))
     })
 }

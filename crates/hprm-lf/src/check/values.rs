@@ -1,6 +1,8 @@
 //! Parameters and the places that use them: each has a default, each use and each assignment names
 //! one that exists.
 
+use std::collections::BTreeSet;
+
 use crate::ast::{Expression, ExpressionKind, Width, WidthTerm};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::{Declarations, Model};
@@ -77,21 +79,21 @@ fn methods(declared: &Declarations<'_>, report: &mut Report) {
 fn assignments(declared: &Declarations<'_>, models: &Models<'_>, report: &mut Report) {
     for instance in &declared.instances {
         let Some(model) = &models[instance.class.0] else { continue };
-        let mut seen: Vec<&str> = Vec::new();
+        let mut seen = BTreeSet::new();
         for assignment in &instance.decl.assignments {
             let name = &assignment.name;
-            if model.declared.parameter(&name.text).is_none() && name.text != "bank_index" {
+            let known = model.declared.parameter(&name.text).is_some() || name.text == "bank_index";
+            if !known && !report.is_full() {
                 let class = &instance.decl.class.text;
                 let message = format!("`{class}` has no parameter `{}`", name.text);
                 let all = model.declared.parameters.iter().map(|p| p.name.text.as_str());
                 let hint = existing(&name.text, "its parameters", all);
                 report.add(Diagnostic::error("LF0306", name.span, message).hint(hint));
             }
-            if seen.contains(&name.text.as_str()) {
+            if !seen.insert(name.text.as_str()) {
                 let message = format!("`{}` is assigned twice", name.text);
                 report.add(Diagnostic::error("LF0201", name.span, message));
             }
-            seen.push(&name.text);
         }
     }
 }
@@ -139,7 +141,9 @@ fn expressions<'a>(declared: &Declarations<'a>) -> Vec<&'a Expression> {
 
 fn parameters_exist(expression: &Expression, declared: &Declarations<'_>, report: &mut Report) {
     match &expression.kind {
-        ExpressionKind::Parameter(name) if declared.parameter(name).is_none() => {
+        ExpressionKind::Parameter(name)
+            if declared.parameter(name).is_none() && !report.is_full() =>
+        {
             let message = format!("there is no parameter `{name}`");
             let all = declared.parameters.iter().map(|p| p.name.text.as_str());
             let hint = existing(name, "parameters", all);
