@@ -51,7 +51,7 @@ fn gather_is_five_federates() {
         ]
     );
     assert_eq!(program.properties.coordination, Coordination::Decentralized);
-    assert!(compiled.federated && program.properties.keepalive);
+    assert!(compiled.federated);
     assert_eq!(program.name, "Gather");
     assert_eq!(program.channels.len(), 8);
     let waits: Vec<_> = program.connections.values().map(|c| (c.delay, c.absent_after)).collect();
