@@ -318,6 +318,7 @@ where
         let Membership { wires, .. } = &self.federation;
         let bell = self.inbox;
         self.host.idle(|| wires.wait(bell, until));
+        bell.waited();
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {

@@ -3,11 +3,14 @@
 //! The Python extension is one host; a Rust program with closures is another. A host runs bodies
 //! and turns values into payloads and back; it decides nothing about order or time.
 
-use hprm_core::{Body, ChannelId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler};
+use hprm_core::{
+    Body, ChannelId, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
+};
 use hprm_store::{Object, Store};
 
 /// Why a program cannot go on, or must not.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[error("{message}")]
 pub struct Failure {
     /// For people: what, where, and what to do. Empty if there is nothing to say.
     pub message: String,
@@ -20,6 +23,12 @@ impl Failure {
     #[must_use]
     pub fn new(message: impl Into<String>) -> Self {
         Self { message: message.into(), code: 1 }
+    }
+}
+
+impl From<ProgramError> for Failure {
+    fn from(error: ProgramError) -> Self {
+        Self::new(format!("error: {error}"))
     }
 }
 

@@ -4,6 +4,7 @@
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_core::{ActionId, Nanos, PhysicalTime};
@@ -30,6 +31,11 @@ pub struct Inbox<V> {
 struct Shared<V> {
     pending: Mutex<Pending<V>>,
     bell: Bell,
+    /// Whether somebody has rung, or may have, since the bell was last silenced. A loop that runs
+    /// one tag after the other looks here, and spares the lock and the call of the kernel.
+    rung: AtomicBool,
+    /// Whether there are requests.
+    requested: AtomicBool,
 }
 
 #[derive(Debug)]
@@ -53,7 +59,14 @@ impl<V> Inbox<V> {
     /// If the process has no descriptor left.
     pub fn new() -> io::Result<Self> {
         let pending = Mutex::new(Pending { requests: Vec::new(), stop: false, closed: false });
-        Ok(Self { shared: Arc::new(Shared { pending, bell: Bell::new()? }) })
+        Ok(Self {
+            shared: Arc::new(Shared {
+                pending,
+                bell: Bell::new()?,
+                rung: AtomicBool::new(false),
+                requested: AtomicBool::new(false),
+            }),
+        })
     }
 
     /// Schedules a physical action now. Returns false if the program has ended.
@@ -65,6 +78,7 @@ impl<V> Inbox<V> {
         // Read under the lock, so that requests are in the order of their times.
         let at = Clock::now();
         pending.requests.push(Request { action, extra, value, at });
+        self.shared.requested.store(true, Ordering::Release);
         drop(pending);
         self.ring();
         true
@@ -78,6 +92,7 @@ impl<V> Inbox<V> {
 
     /// Wakes the loop without leaving anything.
     pub fn ring(&self) {
+        self.shared.rung.store(true, Ordering::Release);
         self.shared.bell.ring();
     }
 
@@ -88,15 +103,29 @@ impl<V> Inbox<V> {
         self.shared.bell.rope()
     }
 
+    /// Notes that a loop has waited: a signal handler may have rung, which leaves nothing but a byte.
+    pub(crate) fn waited(&self) {
+        self.shared.rung.store(true, Ordering::Release);
+    }
+
     /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
     /// this, not before.
     pub(crate) fn take_stop(&self) -> bool {
+        if !self.shared.rung.load(Ordering::Acquire) {
+            return false;
+        }
+        // Before the bell, so that whoever rings from here on is heard again.
+        self.shared.rung.store(false, Ordering::Release);
         self.shared.bell.silence();
         std::mem::take(&mut self.pending().stop)
     }
 
     /// Takes the actions that have been scheduled, in the order of their times.
     pub(crate) fn take_requests(&self) -> Vec<Request<V>> {
+        if !self.shared.requested.load(Ordering::Acquire) {
+            return Vec::new();
+        }
+        self.shared.requested.store(false, Ordering::Release);
         std::mem::take(&mut self.pending().requests)
     }
 

@@ -3,7 +3,10 @@
 //! The pure crates decide; this one waits, reads, writes and asks. [`run_whole`] runs a program in
 //! one process, [`run_federate`] one federate of it, [`Rti`] coordinates a federation. What a value
 //! is, and how a reaction's body runs, is up to a [`Host`].
+//!
+//! A program written in Rust starts at [`App`]: its bodies are closures.
 
+mod app;
 mod bell;
 mod clock;
 mod disk;
@@ -15,6 +18,10 @@ mod local_loop;
 mod rti_loop;
 mod wait;
 
+pub use app::{
+    App, Context, Input, LogicalAction, NewReaction, Outcome, Output, PhysicalAction, Reactor,
+    Readable, Runnable, Sender, Timer,
+};
 pub use clock::Clock;
 pub use disk::Disk;
 pub use federate_loop::{FederateOptions, run_federate};
@@ -25,5 +32,6 @@ pub use local_loop::run_whole;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 
 pub use hprm_core as core;
+pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
 pub use hprm_federated as federated;
 pub use hprm_store as store;

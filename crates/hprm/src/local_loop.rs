@@ -58,6 +58,7 @@ where
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
             host.idle(|| wait_for(fd, until));
+            inbox.waited();
             continue;
         }
         scheduler.begin(tag);

@@ -1,0 +1,143 @@
+//! What a body sees of the running program, and what it can do.
+
+use std::time::Duration;
+
+use hprm_core::{ActionId, Effect, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
+
+use super::bodies::Site;
+use super::handle::Readable;
+use super::nanos;
+use crate::Clock;
+
+/// The program, as the reaction that is running sees it.
+///
+/// A reaction touches only what it declares; whatever else it tries is a mistake in the program
+/// and panics, because the order of reactions follows from what they declare.
+pub struct Context<'a, V> {
+    pub(super) scheduler: &'a mut Scheduler<V>,
+    pub(super) reaction: ReactionId,
+    pub(super) site: &'a Site,
+}
+
+impl<V: Clone> Context<'_, V> {
+    /// The value at a port or of an action. None if it is absent, or an action without a value.
+    ///
+    /// # Panics
+    ///
+    /// If the reaction does not declare it.
+    pub fn get(&self, readable: impl Into<Readable>) -> Option<&V> {
+        match self.readable(readable.into()) {
+            Readable::Port(port) => self.scheduler.port(port),
+            Readable::Action(action) => self.scheduler.action(action).flatten(),
+        }
+    }
+
+    /// Whether a port or an action is present at this tag.
+    ///
+    /// # Panics
+    ///
+    /// If the reaction does not declare it.
+    pub fn is_present(&self, readable: impl Into<Readable>) -> bool {
+        match self.readable(readable.into()) {
+            Readable::Port(port) => self.scheduler.port(port).is_some(),
+            Readable::Action(action) => self.scheduler.action(action).is_some(),
+        }
+    }
+
+    /// Sets a port at this tag. The last value that is set wins.
+    ///
+    /// # Panics
+    ///
+    /// If the port is no effect of the reaction.
+    pub fn set(&mut self, port: impl Into<PortId>, value: V) {
+        let port = port.into();
+        if !self.site.affects(Effect::Port(port)) {
+            self.undeclared("set", &self.scheduler.program().port_name(port), "sets");
+        }
+        self.scheduler.set(port, value);
+    }
+
+    /// Schedules an action: a logical one `extra` after the current tag and its minimum delay, a
+    /// physical one by the clock. `value` may be a value or `None`.
+    ///
+    /// # Panics
+    ///
+    /// If the action is no effect of the reaction.
+    pub fn schedule(
+        &mut self,
+        action: impl Into<ActionId>,
+        extra: Duration,
+        value: impl Into<Option<V>>,
+    ) {
+        let action = action.into();
+        if !self.site.affects(Effect::Action(action)) {
+            let name = &self.scheduler.program().actions[action].name;
+            self.undeclared("schedule", name, "schedules");
+        }
+        self.scheduler.schedule(action, nanos(extra), value.into(), Clock::now());
+    }
+
+    /// Ends the program at the next microstep.
+    pub fn request_stop(&mut self) {
+        self.scheduler.request_stop();
+    }
+
+    /// The current tag.
+    #[must_use]
+    pub fn tag(&self) -> Tag {
+        self.scheduler.tag()
+    }
+
+    /// Logical time since the start.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        Duration::from_nanos(self.tag().time.unsigned_abs())
+    }
+
+    /// Logical time since the Unix epoch.
+    #[must_use]
+    pub fn logical_time(&self) -> PhysicalTime {
+        self.tag().due(self.scheduler.start_time())
+    }
+
+    /// How far the clock is ahead of logical time; zero if it is not.
+    #[must_use]
+    pub fn lag(&self) -> Duration {
+        let lag = Clock::now().since(self.logical_time());
+        Duration::from_nanos(u64::try_from(lag).unwrap_or(0))
+    }
+
+    /// Whether the deadline of the reaction has passed by now.
+    #[must_use]
+    pub fn misses_deadline(&self) -> bool {
+        self.scheduler.misses_deadline(self.reaction, Clock::now())
+    }
+
+    /// Changes the deadline of the reaction from its next run on.
+    pub fn set_deadline(&mut self, deadline: Duration) {
+        self.scheduler.set_deadline(self.reaction, nanos(deadline));
+    }
+
+    #[track_caller]
+    fn readable(&self, readable: Readable) -> Readable {
+        if !self.site.reads(readable) {
+            let program = self.scheduler.program();
+            let name = match readable {
+                Readable::Port(port) => program.port_name(port),
+                Readable::Action(action) => program.actions[action].name.clone(),
+            };
+            self.undeclared("read", &name, "reads");
+        }
+        readable
+    }
+
+    #[cold]
+    #[track_caller]
+    fn undeclared(&self, verb: &str, name: &str, method: &str) -> ! {
+        let reaction = self.scheduler.program().reaction_name(self.reaction);
+        panic!(
+            "reaction {reaction} cannot {verb} {name}, which it does not declare; add \
+             `.{method}(...)` to the reaction"
+        )
+    }
+}

@@ -1,0 +1,68 @@
+//! What names a part of an app: small, copied into the bodies that use it.
+
+use hprm_core::{ActionId, Effect, PortId, TimerId, Trigger};
+
+macro_rules! handles {
+    ($($(#[$doc:meta])* $name:ident($id:ident) = $trigger:ident;)*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+        pub struct $name(pub(super) $id);
+
+        impl From<$name> for $id {
+            fn from(handle: $name) -> Self {
+                handle.0
+            }
+        }
+
+        impl From<$name> for Trigger {
+            fn from(handle: $name) -> Self {
+                Self::$trigger(handle.0)
+            }
+        }
+    )*};
+}
+
+handles! {
+    /// An input of a reactor.
+    Input(PortId) = Port;
+    /// An output of a reactor.
+    Output(PortId) = Port;
+    /// A timer of a reactor.
+    Timer(TimerId) = Timer;
+    /// An action that is scheduled relative to the current tag.
+    LogicalAction(ActionId) = Action;
+    /// An action that is scheduled by the clock, also from other threads.
+    PhysicalAction(ActionId) = Action;
+}
+
+/// What can hold a value: a port or an action.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Readable {
+    /// A port.
+    Port(PortId),
+    /// An action.
+    Action(ActionId),
+}
+
+macro_rules! readable {
+    ($($name:ident = $kind:ident;)*) => {$(
+        impl From<$name> for Readable {
+            fn from(handle: $name) -> Self {
+                Self::$kind(handle.0)
+            }
+        }
+
+        impl From<$name> for Effect {
+            fn from(handle: $name) -> Self {
+                Self::$kind(handle.0)
+            }
+        }
+    )*};
+}
+
+readable! {
+    Input = Port;
+    Output = Port;
+    LogicalAction = Action;
+    PhysicalAction = Action;
+}
