@@ -17,10 +17,10 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test conformance bench fmt lint clean toolchain
+.PHONY: help build demo test conformance bench bench-rust fmt lint clean toolchain
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
 
@@ -37,6 +37,10 @@ conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its
 
 bench: build ## compare with pickle over Unix sockets, side by side
 	@$(BIN)/python bench/gather_vs_pickle.py
+
+# Boomerang needs features that its compiler's version still calls unstable.
+bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, side by side
+	@RUSTC_BOOTSTRAP=1 cargo run --quiet --release --manifest-path bench/boomerang/Cargo.toml
 
 fmt: $(VENV)/.requirements ## format the Rust and the Python code
 	cargo fmt --all
