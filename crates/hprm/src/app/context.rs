@@ -74,7 +74,7 @@ impl<V: Clone> Context<'_, V> {
             let name = &self.scheduler.program().actions[action].name;
             self.undeclared("schedule", name, "schedules");
         }
-        self.scheduler.schedule(action, nanos(extra), value.into(), Clock::now());
+        self.scheduler.schedule(action, nanos(extra), value.into(), Clock::now);
     }
 
     /// Ends the program at the next microstep.
