@@ -61,6 +61,11 @@ impl Order {
         self.reactions[position.0 as usize]
     }
 
+    /// The position after the last one of the same rank.
+    pub(crate) fn end_of_rank(&self, position: Position) -> Position {
+        Position(self.ranks[position.0 as usize].end)
+    }
+
     /// The position of a reaction of this scope.
     pub(crate) fn position(&self, reaction: ReactionId) -> Position {
         self.positions[reaction]

@@ -33,6 +33,9 @@ pub struct Properties {
     pub keepalive: bool,
     /// Of reactions that do not depend on one another, run first what leads to a tighter deadline.
     pub deadlines_first: bool,
+    /// How many reactions that do not depend on one another may run at the same time, each in a
+    /// thread. Zero is as many as there are processors; without a word of it, one.
+    pub workers: Option<u32>,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
 }

@@ -11,11 +11,13 @@
 //!                    if last { break } }
 //! ```
 //!
-//! Workers are not there yet; their place is `finish`, which is what a worker will report.
+//! A driver with several threads takes `next_turns` instead of `next_reaction`: all reactions that
+//! may run at the same time. Each of them gets its own [`Effects`], which the driver commits.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
 use crate::order::Position;
@@ -26,6 +28,7 @@ use crate::{
     Table, Tag, Trigger,
 };
 
+mod effects;
 mod kept;
 mod messages;
 mod modes;
@@ -249,21 +252,28 @@ impl<V: Clone> Scheduler<V> {
     /// None once the tag is complete.
     pub fn next_reaction(&mut self, now: impl Reading) -> Option<(ReactionId, Body)> {
         assert!(self.running.is_none(), "one reaction at a time");
-        let reaction = self.wiring.order.reaction(self.ready.pop()?);
-        self.running = Some(reaction);
-        self.tardy = self.earliest_intended(reaction);
-        let body = if self.tardy.is_some() && self.program.reactions[reaction].handles_tardy {
-            self.tardy = None;
-            Body::Tardy
-        } else if self.deadlines[reaction].is_some()
-            && self.program.reactions[reaction].deadline.is_some()
-            && self.misses_deadline(reaction, now.read())
-        {
-            Body::Deadline
-        } else {
-            Body::Main
-        };
-        Some((reaction, body))
+        let position = self.ready.pop()?;
+        let turn = self.turn(position, now);
+        self.take_turn(&turn);
+        Some((turn.reaction, turn.body))
+    }
+
+    /// The reaction at a position, and how it runs.
+    fn turn(&self, position: Position, now: impl Reading) -> Turn {
+        let reaction = self.wiring.order.reaction(position);
+        let tardy = self.earliest_intended(reaction);
+        let (body, unhandled_tardy) =
+            if tardy.is_some() && self.program.reactions[reaction].handles_tardy {
+                (Body::Tardy, None)
+            } else if self.deadlines[reaction].is_some()
+                && self.program.reactions[reaction].deadline.is_some()
+                && self.misses_deadline(reaction, now.read())
+            {
+                (Body::Deadline, tardy)
+            } else {
+                (Body::Main, tardy)
+            };
+        Turn { reaction, body, unhandled_tardy }
     }
 
     /// The earliest tag that a tardy trigger of the reaction was meant for.
@@ -283,9 +293,11 @@ impl<V: Clone> Scheduler<V> {
     /// zero always has.
     #[must_use]
     pub fn misses_deadline(&self, reaction: ReactionId, now: PhysicalTime) -> bool {
-        self.deadlines[reaction].is_some_and(|deadline| {
-            deadline == 0 || now.since(self.start) > self.tag.time.saturating_add(deadline)
-        })
+        self.deadlines[reaction].is_some_and(|deadline| self.is_late(deadline, now))
+    }
+
+    fn is_late(&self, deadline: Nanos, now: PhysicalTime) -> bool {
+        deadline == 0 || now.since(self.start) > self.tag.time.saturating_add(deadline)
     }
 
     /// The tag that a tardy input of the running reaction was meant for, if the reaction has no

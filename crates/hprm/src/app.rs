@@ -83,7 +83,7 @@ struct Graph<V> {
     bodies: Bodies<V>,
 }
 
-impl<V: Clone + Send + 'static> App<V> {
+impl<V: Clone + Send + Sync + 'static> App<V> {
     /// An app without reactors. `name` is for people.
     #[must_use]
     pub fn new(name: &str, properties: Properties) -> Self {
@@ -153,7 +153,7 @@ impl<V: Clone + Send + 'static> App<V> {
     }
 }
 
-impl<V: Clone + Send + 'static> Runnable<V> {
+impl<V: Clone + Send + Sync + 'static> Runnable<V> {
     /// The program, with its levels.
     #[must_use]
     pub fn program(&self) -> &Arc<Program> {

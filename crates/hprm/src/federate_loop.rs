@@ -19,7 +19,7 @@ use hprm_core::{
 };
 use hprm_federated::{End, Input, Output, Permission};
 
-use crate::local_loop::{run_level, run_tag};
+use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox};
 pub use membership::FederateOptions;
 
@@ -40,15 +40,18 @@ pub fn run_federate<H: Host>(
     load: impl FnOnce() -> Result<H, Failure>,
 ) -> Result<(), Failure>
 where
-    H::Value: Send + 'static,
+    H::Value: Send + Sync + 'static,
 {
     let mut federation = Membership::join(options, inbox)?;
-    let host = match load() {
-        Ok(host) => host,
+    let scope = Scope::Federate(options.federate);
+    let made = load().and_then(|host| Ok((host, Workers::new(&options.program, scope)?)));
+    let (host, workers) = match made {
+        Ok(made) => made,
         Err(failure) => return Err(federation.fail(failure)),
     };
     let mut federate = FederateLoop {
-        scheduler: Scheduler::new(Arc::clone(&options.program), Scope::Federate(options.federate)),
+        scheduler: Scheduler::new(Arc::clone(&options.program), scope),
+        workers,
         now: Clock::now(),
         inbox,
         host,
@@ -63,6 +66,7 @@ where
 
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
+    workers: Workers<H::Value>,
     /// The clock, as this round of the loop has read it.
     now: PhysicalTime,
     inbox: &'a Inbox<H::Value>,
@@ -86,7 +90,7 @@ enum Phase {
 
 impl<H: Host> FederateLoop<'_, H>
 where
-    H::Value: Send,
+    H::Value: Send + Sync,
 {
     fn run(&mut self) -> Result<(), Failure> {
         self.handle(Input::Loaded)?;
@@ -208,12 +212,12 @@ where
                 return Ok(false);
             }
             let Some(level) = level else { break };
-            run_level(&mut self.scheduler, &mut self.host, level)?;
+            self.workers.run_level(&mut self.scheduler, &mut self.host, level)?;
             self.scheduler.pass(level);
             self.send_all()?;
         }
         let tag = self.scheduler.tag();
-        run_tag(&mut self.scheduler, &mut self.host)?;
+        self.workers.run_tag(&mut self.scheduler, &mut self.host)?;
         let last = self.scheduler.end(Clock::now);
         self.phase = Phase::Running;
         self.send_all()?;

@@ -3,8 +3,11 @@
 //! The Python extension is one host; a Rust program with closures is another. A host runs bodies
 //! and turns values into payloads and back; it decides nothing about order or time.
 
+use std::sync::Arc;
+
 use hprm_core::{
-    Body, ChannelId, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
+    Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
+    Turn,
 };
 use hprm_store::{Object, Store};
 
@@ -49,6 +52,12 @@ pub trait Host {
         body: Body,
     ) -> Result<(), Failure>;
 
+    /// The bodies, for several threads at once. A host that has none always runs them one after the
+    /// other, by [`Self::react`], however many workers the program asks for.
+    fn shared_bodies(&self) -> Option<&dyn SharedBodies<Self::Value>> {
+        None
+    }
+
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until
     /// the last clone of `value` is dropped; the loop adds the readers. Several channels may ask
     /// for the same value: it should be encoded once.
@@ -73,9 +82,9 @@ pub trait Host {
         arrival: PhysicalTime,
     ) -> Self::Value;
 
-    /// Waits. A host that holds a lock which other threads of the process need lets go of it
-    /// meanwhile.
-    fn idle<R: Send>(&mut self, wait: impl FnOnce() -> R + Send) -> R {
+    /// Waits, or lets workers run. A host that holds a lock which other threads of the process need
+    /// lets go of it meanwhile.
+    fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
         wait()
     }
 
@@ -93,4 +102,21 @@ pub trait Host {
     /// Reports something that the user should know and that does not end the program: a tardy
     /// input that its reaction does not handle.
     fn warn(&mut self, message: &str);
+}
+
+/// Runs bodies in several threads at once: of reactions that do not depend on one another, and never
+/// two of one reactor.
+pub trait SharedBodies<V>: Sync {
+    /// Runs a body. Its inputs are in the scheduler, which nobody changes meanwhile; what it asks
+    /// for goes into `effects`. It keeps no clone of `scheduler` when it returns.
+    ///
+    /// # Errors
+    ///
+    /// What the body raised; the program ends.
+    fn react(
+        &self,
+        scheduler: &Arc<Scheduler<V>>,
+        turn: &Turn,
+        effects: &mut Effects<V>,
+    ) -> Result<(), Failure>;
 }

@@ -17,6 +17,7 @@ mod link;
 mod local_loop;
 mod rti_loop;
 mod wait;
+mod workers;
 
 pub use app::{
     App, Context, Input, LogicalAction, NewReaction, Outcome, Output, PhysicalAction, Reactor,
@@ -25,7 +26,7 @@ pub use app::{
 pub use clock::Clock;
 pub use disk::Disk;
 pub use federate_loop::{FederateOptions, run_federate};
-pub use host::{Failure, Host};
+pub use host::{Failure, Host, SharedBodies};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError};
 pub use local_loop::run_whole;

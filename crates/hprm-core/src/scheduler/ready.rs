@@ -45,6 +45,12 @@ impl Ready {
         u32::try_from(position).ok().map(Position)
     }
 
+    /// Takes the reaction that comes first, if it comes before `end`.
+    pub(super) fn pop_before(&mut self, end: Position) -> Option<Position> {
+        self.first().filter(|first| *first < end)?;
+        self.pop()
+    }
+
     /// Takes the reaction that comes first.
     pub(super) fn pop(&mut self) -> Option<Position> {
         let summary = self.summary.get_mut(self.first)?;

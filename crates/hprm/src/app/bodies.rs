@@ -1,17 +1,17 @@
 //! The bodies of an app, with the states that they work on: the host of its program.
 
 use std::fmt::Display;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::{
-    Body, ChannelId, Effect, Payload, PhysicalTime, Program, Reaction, ReactionId, ReactorId,
-    Scheduler, Table, Trigger,
+    Body, ChannelId, Effect, Effects, Payload, PhysicalTime, Program, Reaction, ReactionId,
+    ReactorId, Scheduler, Table, Trigger, Turn,
 };
 use hprm_store::{Object, Store};
 
-use super::context::Context;
+use super::context::{Access, Context};
 use super::handle::Readable;
-use crate::{Failure, Host};
+use crate::{Failure, Host, SharedBodies};
 
 /// What a body returns: nothing, or a result whose error ends the program.
 pub trait Outcome {
@@ -149,7 +149,7 @@ fn contains<T: Ord + Copy>(sorted: &[T], item: T) -> bool {
     if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
 }
 
-impl<V: Clone + Send> Host for Bodies<V> {
+impl<V: Clone + Send + Sync> Host for Bodies<V> {
     type Value = V;
 
     fn react(
@@ -163,11 +163,15 @@ impl<V: Clone + Send> Host for Bodies<V> {
             unreachable!("a reaction belongs to a reactor that was assembled");
         };
         let reactor = reactor.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let mut context = Context { scheduler, reaction, site };
+        let mut context = Context { access: Access::Alone(scheduler), reaction, site };
         match reactor.react(site.index, body, &mut context) {
             Ok(()) => Ok(()),
             Err(error) => Err(failed(scheduler.program(), reaction, &error)),
         }
+    }
+
+    fn shared_bodies(&self) -> Option<&dyn SharedBodies<V>> {
+        Some(self)
     }
 
     fn encode(&mut self, _: &mut Store, _: ChannelId, _: &V) -> Result<Payload, Failure> {
@@ -181,6 +185,25 @@ impl<V: Clone + Send> Host for Bodies<V> {
     #[allow(clippy::print_stderr, reason = "a warning has no other place to go")]
     fn warn(&mut self, message: &str) {
         eprintln!("warning: {message}");
+    }
+}
+
+impl<V: Clone + Send + Sync> SharedBodies<V> for Bodies<V> {
+    fn react(
+        &self,
+        scheduler: &Arc<Scheduler<V>>,
+        turn: &Turn,
+        effects: &mut Effects<V>,
+    ) -> Result<(), Failure> {
+        let Turn { reaction, body, .. } = *turn;
+        let site = &self.sites[reaction];
+        let Some(reactor) = &self.reactors[site.reactor] else {
+            unreachable!("a reaction belongs to a reactor that was assembled");
+        };
+        let mut reactor = reactor.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut context = Context { access: Access::Shared(scheduler, effects), reaction, site };
+        let outcome = reactor.react(site.index, body, &mut context);
+        outcome.map_err(|error| failed(scheduler.program(), reaction, &error))
     }
 }
 

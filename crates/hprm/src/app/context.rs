@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use hprm_core::{ActionId, Effect, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
+use hprm_core::{ActionId, Effect, Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
 
 use super::bodies::Site;
 use super::handle::Readable;
@@ -14,9 +14,17 @@ use crate::Clock;
 /// A reaction touches only what it declares; whatever else it tries is a mistake in the program
 /// and panics, because the order of reactions follows from what they declare.
 pub struct Context<'a, V> {
-    pub(super) scheduler: &'a mut Scheduler<V>,
+    pub(super) access: Access<'a, V>,
     pub(super) reaction: ReactionId,
     pub(super) site: &'a Site,
+}
+
+/// How a reaction reaches the scheduler.
+pub(super) enum Access<'a, V> {
+    /// It runs alone.
+    Alone(&'a mut Scheduler<V>),
+    /// It runs beside others.
+    Shared(&'a Scheduler<V>, &'a mut Effects<V>),
 }
 
 impl<V: Clone> Context<'_, V> {
@@ -27,8 +35,8 @@ impl<V: Clone> Context<'_, V> {
     /// If the reaction does not declare it.
     pub fn get(&self, readable: impl Into<Readable>) -> Option<&V> {
         match self.readable(readable.into()) {
-            Readable::Port(port) => self.scheduler.port(port),
-            Readable::Action(action) => self.scheduler.action(action).flatten(),
+            Readable::Port(port) => self.port(port),
+            Readable::Action(action) => self.scheduler().action(action).flatten(),
         }
     }
 
@@ -39,8 +47,8 @@ impl<V: Clone> Context<'_, V> {
     /// If the reaction does not declare it.
     pub fn is_present(&self, readable: impl Into<Readable>) -> bool {
         match self.readable(readable.into()) {
-            Readable::Port(port) => self.scheduler.port(port).is_some(),
-            Readable::Action(action) => self.scheduler.action(action).is_some(),
+            Readable::Port(port) => self.port(port).is_some(),
+            Readable::Action(action) => self.scheduler().action(action).is_some(),
         }
     }
 
@@ -52,9 +60,12 @@ impl<V: Clone> Context<'_, V> {
     pub fn set(&mut self, port: impl Into<PortId>, value: V) {
         let port = port.into();
         if !self.site.affects(Effect::Port(port)) {
-            self.undeclared("set", &self.scheduler.program().port_name(port), "sets");
+            self.undeclared("set", &self.scheduler().program().port_name(port), "sets");
         }
-        self.scheduler.set(port, value);
+        match &mut self.access {
+            Access::Alone(scheduler) => _ = scheduler.set(port, value),
+            Access::Shared(_, effects) => effects.set(port, value),
+        }
     }
 
     /// Schedules an action: a logical one `extra` after the current tag and its minimum delay, a
@@ -71,21 +82,30 @@ impl<V: Clone> Context<'_, V> {
     ) {
         let action = action.into();
         if !self.site.affects(Effect::Action(action)) {
-            let name = &self.scheduler.program().actions[action].name;
+            let name = &self.scheduler().program().actions[action].name;
             self.undeclared("schedule", name, "schedules");
         }
-        self.scheduler.schedule(action, nanos(extra), value.into(), Clock::now);
+        let (extra, value) = (nanos(extra), value.into());
+        match &mut self.access {
+            Access::Alone(scheduler) => _ = scheduler.schedule(action, extra, value, Clock::now),
+            Access::Shared(scheduler, effects) => {
+                effects.schedule(scheduler, action, extra, value, Clock::now);
+            }
+        }
     }
 
     /// Ends the program at the next microstep.
     pub fn request_stop(&mut self) {
-        self.scheduler.request_stop();
+        match &mut self.access {
+            Access::Alone(scheduler) => scheduler.request_stop(),
+            Access::Shared(_, effects) => effects.request_stop(),
+        }
     }
 
     /// The current tag.
     #[must_use]
     pub fn tag(&self) -> Tag {
-        self.scheduler.tag()
+        self.scheduler().tag()
     }
 
     /// Logical time since the start.
@@ -97,7 +117,7 @@ impl<V: Clone> Context<'_, V> {
     /// Logical time since the Unix epoch.
     #[must_use]
     pub fn logical_time(&self) -> PhysicalTime {
-        self.tag().due(self.scheduler.start_time())
+        self.tag().due(self.scheduler().start_time())
     }
 
     /// How far the clock is ahead of logical time; zero if it is not.
@@ -110,18 +130,42 @@ impl<V: Clone> Context<'_, V> {
     /// Whether the deadline of the reaction has passed by now.
     #[must_use]
     pub fn misses_deadline(&self) -> bool {
-        self.scheduler.misses_deadline(self.reaction, Clock::now())
+        let (reaction, now) = (self.reaction, Clock::now());
+        match &self.access {
+            Access::Alone(scheduler) => scheduler.misses_deadline(reaction, now),
+            Access::Shared(scheduler, effects) => effects.misses_deadline(scheduler, reaction, now),
+        }
     }
 
-    /// Changes the deadline of the reaction from its next run on.
+    /// Changes the deadline of the reaction from now on.
     pub fn set_deadline(&mut self, deadline: Duration) {
-        self.scheduler.set_deadline(self.reaction, nanos(deadline));
+        match &mut self.access {
+            Access::Alone(scheduler) => scheduler.set_deadline(self.reaction, nanos(deadline)),
+            Access::Shared(_, effects) => effects.set_deadline(nanos(deadline)),
+        }
+    }
+
+    fn scheduler(&self) -> &Scheduler<V> {
+        match &self.access {
+            Access::Alone(scheduler) => scheduler,
+            Access::Shared(scheduler, _) => scheduler,
+        }
+    }
+
+    fn port(&self, port: PortId) -> Option<&V> {
+        match &self.access {
+            Access::Alone(scheduler) => scheduler.port(port),
+            Access::Shared(scheduler, effects) if self.site.affects(Effect::Port(port)) => {
+                effects.port(scheduler, port)
+            }
+            Access::Shared(scheduler, _) => scheduler.port(port),
+        }
     }
 
     #[track_caller]
     fn readable(&self, readable: Readable) -> Readable {
         if !self.site.reads(readable) {
-            let program = self.scheduler.program();
+            let program = self.scheduler().program();
             let name = match readable {
                 Readable::Port(port) => program.port_name(port),
                 Readable::Action(action) => program.actions[action].name.clone(),
@@ -134,7 +178,7 @@ impl<V: Clone> Context<'_, V> {
     #[cold]
     #[track_caller]
     fn undeclared(&self, verb: &str, name: &str, method: &str) -> ! {
-        let reaction = self.scheduler.program().reaction_name(self.reaction);
+        let reaction = self.scheduler().program().reaction_name(self.reaction);
         panic!(
             "reaction {reaction} cannot {verb} {name}, which it does not declare; add \
              `.{method}(...)` to the reaction"

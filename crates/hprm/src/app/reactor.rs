@@ -18,7 +18,7 @@ pub struct Reactor<'a, S, V> {
     reactions: Vec<Code<S, V>>,
 }
 
-impl<'a, S: Send + 'static, V: Clone + Send + 'static> Reactor<'a, S, V> {
+impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> {
     pub(super) fn assemble<R>(
         graph: &'a mut Graph<V>,
         parent: ReactorId,

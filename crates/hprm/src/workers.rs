@@ -1,0 +1,238 @@
+//! Running the reactions of a tag: one after the other, or those that do not depend on one another
+//! in several threads.
+//!
+//! Threads read the scheduler and write down what their reactions ask for. It is done afterwards, in
+//! the order of the program, so a program's logical behaviour is the same with any number of
+//! workers. Waiting, links and messages stay with the loop's thread.
+
+use std::mem;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+use hprm_core::{Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
+use rayon_core::{ThreadPool, ThreadPoolBuilder};
+
+use crate::{Clock, Failure, Host};
+
+/// What runs the reactions of one loop.
+pub(crate) struct Workers<V> {
+    /// None if there is one worker: the loop's own thread.
+    team: Option<Team<V>>,
+}
+
+/// The loop's thread and others.
+struct Team<V> {
+    threads: ThreadPool,
+    /// How many others.
+    others: usize,
+    /// A scheduler of no use, which stands in for the loop's while that is shared.
+    shared: Arc<Scheduler<V>>,
+    turns: Vec<Turn>,
+    /// What became of each turn.
+    results: Vec<Mutex<Ran<V>>>,
+}
+
+/// What a reaction asked for and how it ended, once it has.
+struct Ran<V> {
+    effects: Effects<V>,
+    outcome: Option<thread::Result<Result<(), Failure>>>,
+}
+
+impl<V: Clone> Workers<V> {
+    /// As many as the program says.
+    ///
+    /// # Errors
+    ///
+    /// If the system starts no thread.
+    pub(crate) fn new(program: &Arc<Program>, scope: Scope) -> Result<Self, Failure> {
+        let workers = match program.properties.workers {
+            None => 1,
+            Some(0) => thread::available_parallelism().map_or(1, usize::from),
+            Some(workers) => workers as usize,
+        };
+        if workers <= 1 {
+            return Ok(Self { team: None });
+        }
+        let others = workers - 1;
+        let threads = ThreadPoolBuilder::new()
+            .num_threads(others)
+            .thread_name(|index| format!("worker-{}", index + 1))
+            .build()
+            .map_err(|error| {
+                Failure::new(format!("error: cannot start {others} threads: {error}"))
+            })?;
+        let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
+        let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
+        Ok(Self { team: Some(team) })
+    }
+
+    /// Runs the reactions of the current tag.
+    ///
+    /// # Errors
+    ///
+    /// What a reaction raised: the first one in the order of the program.
+    pub(crate) fn run_tag<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+    ) -> Result<(), Failure>
+    where
+        V: Send + Sync,
+    {
+        while self.run_next(scheduler, host)? {}
+        Ok(())
+    }
+
+    /// Runs those of one level.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run_tag`].
+    pub(crate) fn run_level<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+        level: u32,
+    ) -> Result<(), Failure>
+    where
+        V: Send + Sync,
+    {
+        while scheduler.ready_level() == Some(level) && self.run_next(scheduler, host)? {}
+        Ok(())
+    }
+
+    /// Runs the next reaction, or as many as may run at the same time. Returns whether there was one.
+    fn run_next<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+    ) -> Result<bool, Failure>
+    where
+        V: Send + Sync,
+    {
+        match &mut self.team {
+            Some(team) if host.shared_bodies().is_some() => team.run_next(scheduler, host),
+            _ => run_next(scheduler, host),
+        }
+    }
+}
+
+fn run_next<H: Host>(scheduler: &mut Scheduler<H::Value>, host: &mut H) -> Result<bool, Failure> {
+    let Some((reaction, body)) = scheduler.next_reaction(Clock::now) else {
+        return Ok(false);
+    };
+    if let Some(intended) = scheduler.unhandled_tardy() {
+        host.warn(&tardy_warning(scheduler, reaction, intended));
+    }
+    host.react(scheduler, reaction, body)?;
+    scheduler.finish(reaction);
+    Ok(true)
+}
+
+impl<V: Clone + Send + Sync> Team<V> {
+    fn run_next<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+    ) -> Result<bool, Failure> {
+        scheduler.next_turns(Clock::now, &mut self.turns);
+        for turn in &self.turns {
+            if let Some(intended) = turn.unhandled_tardy {
+                host.warn(&tardy_warning(scheduler, turn.reaction, intended));
+            }
+        }
+        match self.turns.as_slice() {
+            [] => return Ok(false),
+            // Not worth waking anybody.
+            [turn] => {
+                scheduler.take_turn(turn);
+                host.react(scheduler, turn.reaction, turn.body)?;
+                scheduler.finish(turn.reaction);
+            }
+            _ => {
+                self.run_turns(scheduler, host);
+                self.commit(scheduler)?;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Runs the bodies of all turns.
+    fn run_turns<H: Host<Value = V>>(&mut self, scheduler: &mut Scheduler<V>, host: &H) {
+        let Some(bodies) = host.shared_bodies() else {
+            unreachable!("a host that has shared bodies keeps them")
+        };
+        self.results.resize_with(self.turns.len().max(self.results.len()), Mutex::default);
+        self.swap(scheduler);
+        let Self { threads, others, shared, turns, results } = self;
+        let next = AtomicUsize::new(0);
+        let work = || {
+            // Whoever is free takes the next turn.
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                let (Some(turn), Some(result)) = (turns.get(index), results.get(index)) else {
+                    return;
+                };
+                let mut ran = result.lock().unwrap_or_else(PoisonError::into_inner);
+                let Ran { effects, outcome } = &mut *ran;
+                let body = AssertUnwindSafe(|| bodies.react(shared, turn, effects));
+                *outcome = Some(catch_unwind(body));
+            }
+        };
+        let helpers = (*others).min(turns.len() - 1);
+        host.idle(|| {
+            threads.in_place_scope(|scope| {
+                for _ in 0..helpers {
+                    scope.spawn(|_| work());
+                }
+                work();
+            });
+        });
+        self.swap(scheduler);
+    }
+
+    /// Does what the reactions have asked for. A failed one is as far as it goes.
+    fn commit(&mut self, scheduler: &mut Scheduler<V>) -> Result<(), Failure> {
+        for (turn, result) in self.turns.iter().zip(&mut self.results) {
+            let ran = result.get_mut().unwrap_or_else(PoisonError::into_inner);
+            match ran.outcome.take() {
+                Some(Ok(Ok(()))) => scheduler.commit(turn, &mut ran.effects),
+                Some(Ok(Err(failure))) => return Err(failure),
+                Some(Err(panic)) => resume_unwind(panic),
+                None => unreachable!("every turn is taken before the threads are done"),
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts the loop's scheduler where all threads can read it, or takes it back.
+    fn swap(&mut self, scheduler: &mut Scheduler<V>) {
+        match Arc::get_mut(&mut self.shared) {
+            Some(shared) => mem::swap(shared, scheduler),
+            None => unreachable!("a body that has returned holds no scheduler"),
+        }
+    }
+}
+
+impl<V: Clone> Default for Ran<V> {
+    fn default() -> Self {
+        Self { effects: Effects::default(), outcome: None }
+    }
+}
+
+fn tardy_warning<V: Clone>(
+    scheduler: &Scheduler<V>,
+    reaction: ReactionId,
+    intended: Tag,
+) -> String {
+    let start = scheduler.start_time();
+    let lag = Clock::now().since(intended.due(start));
+    format!(
+        "reaction {} runs at {} for an input that was meant for {intended} and came {lag} ns after \
+         that time. Give the federate a longer maxwait, or the reaction a `tardy` handler",
+        scheduler.program().reaction_name(reaction),
+        scheduler.tag(),
+    )
+}
