@@ -54,6 +54,14 @@ def test_a_program_is_content_with_what_it_sees(program: str) -> None:
     assert done.returncode == exit_code(program), done.stderr
 
 
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_workers_make_no_difference(program: str) -> None:
+    if re.search(r"^target .*(single-threaded|workers)", (CORPUS / program).read_text(), re.M):
+        pytest.skip("says itself how many it has")
+    done = run(program, CORPUS, "workers=3")
+    assert done.returncode == exit_code(program), done.stderr
+
+
 @pytest.mark.parametrize(("program", "coordination"), TWINS)
 def test_so_is_its_federated_twin(program: str, coordination: str, tmp_path: Path) -> None:
     folder = tmp_path / "lf"

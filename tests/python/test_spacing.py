@@ -58,4 +58,4 @@ def test_a_displaced_value_may_use_the_runtime_as_it_goes(run: Any, policy: str)
     )
     assert outcome.code == 0, outcome.err
     kept, gone = ("first", "second") if policy == "drop" else ("second", "first")
-    assert outcome.out.splitlines()[:3] == [f"gone {gone} 0", "after", kept]
+    assert outcome.out.splitlines()[:3] == ["after", f"gone {gone} 0", kept]

@@ -41,13 +41,23 @@ pub(crate) enum Command {
 pub(crate) struct Properties {
     /// A target property, instead of what the program says of it. May be repeated.
     #[arg(long = "property", value_name = "KEY=VALUE")]
-    pub(crate) stated: Vec<String>,
+    stated: Vec<String>,
+    /// How many reactions of one process may run at the same time, if they do not depend on one
+    /// another; 0 is as many as there are processors. The same as --property workers=N.
+    #[arg(long, value_name = "N")]
+    workers: Option<u32>,
 }
 
 impl Properties {
+    /// All of them, as `KEY=VALUE`.
+    pub(crate) fn stated(&self) -> Vec<String> {
+        let workers = self.workers.map(|workers| format!("workers={workers}"));
+        self.stated.iter().cloned().chain(workers).collect()
+    }
+
     /// The same, as options for another process.
     pub(crate) fn options(&self) -> impl Iterator<Item = String> {
-        self.stated.iter().map(|stated| format!("--property={stated}"))
+        self.stated().into_iter().map(|stated| format!("--property={stated}"))
     }
 }
 
@@ -196,7 +206,7 @@ mod tests {
 
     #[test]
     fn properties_are_handed_on() {
-        let words = ["hprm", "run", "--property", "fast=true", "--property=workers=1", "A.lf"];
+        let words = ["hprm", "run", "--property", "fast=true", "--workers=1", "A.lf"];
         let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
         let options: Vec<_> = run.properties.options().collect();
         assert_eq!(options, ["--property=fast=true", "--property=workers=1"]);

@@ -19,7 +19,7 @@ use crate::source;
 ///
 /// If the file is not a program at all.
 pub(crate) fn checked(path: &Path, properties: &Properties) -> Result<Option<Compiled>, Error> {
-    match source::compile(path, &properties.stated)? {
+    match source::compile(path, &properties.stated())? {
         Ok(compiled) => Ok(Some(compiled)),
         Err(failure) => {
             show(&failure.diagnostics, &failure.sources);

@@ -16,9 +16,7 @@ use crate::source::{FileId, Span};
 pub struct Settings {
     /// `logging`, in lower case: `error`, `warn`, `info`, `log` or `debug`.
     pub logging: Option<String>,
-    /// `workers`.
-    pub workers: Option<u32>,
-    /// `single-threaded`: one worker, whatever `workers` says.
+    /// `single-threaded`: one worker, whatever else is said.
     pub single_threaded: bool,
     /// `tracing`.
     pub tracing: bool,
@@ -97,6 +95,9 @@ impl Stated {
                 stated.property(property, report);
             }
         }
+        if stated.settings.single_threaded {
+            stated.properties.workers = Some(1);
+        }
         if library.model(Library::MAIN).target.is_none() && !report.has_errors() {
             let message = "the file does not say what its target is";
             report.add(
@@ -127,7 +128,7 @@ impl Stated {
             "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
-            "workers" => workers(value).map(|workers| self.settings.workers = Some(workers)),
+            "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);

@@ -321,7 +321,7 @@ fn properties_from_elsewhere_have_the_last_word() {
     let compiled = compile(&["timeout=2 s", "Single-Threaded=true"]).unwrap();
     assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
     assert!(compiled.program.properties.deadlines_first && compiled.settings.single_threaded);
-    assert_eq!(compiled.settings.workers, Some(3));
+    assert_eq!(compiled.program.properties.workers, Some(1));
 
     let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
     assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"

@@ -297,7 +297,7 @@ fn files_and_settings_come_from_the_targets() {
         [("gui/tool-kit.py", "lib/A.lf"), ("agent.py", "Main.lf"), ("lib/a b.py", "Main.lf"),]
     );
     assert_eq!(compiled.settings.logging.as_deref(), Some("debug"));
-    assert_eq!((compiled.settings.workers, compiled.settings.tracing), (Some(2), true));
+    assert_eq!((compiled.program.properties.workers, compiled.settings.tracing), (Some(2), true));
     assert_eq!(compiled.program.properties.timeout, Some(120_000_000_000));
     assert!(compiled.warnings.is_empty());
 }

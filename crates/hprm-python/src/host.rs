@@ -1,11 +1,13 @@
 //! The host: runs the Python bodies of a program, and carries Python objects across the network.
 
 use std::collections::BTreeMap;
+use std::mem;
 use std::sync::Arc;
 
-use hprm::{Failure, Host};
+use hprm::{Failure, Host, SharedBodies};
 use hprm_core::{
-    Body, ChannelId, FederateId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler, Table,
+    Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler,
+    Table, Turn,
 };
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
@@ -43,24 +45,50 @@ pub(crate) struct PyHost {
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
+    /// The loop's scheduler while a reaction runs alone, otherwise one of no use.
+    pub(crate) shared: Arc<Scheduler<Value>>,
+    /// Empty, but with room for what a reaction asks for.
+    pub(crate) effects: Effects<Value>,
 }
 
 impl PyHost {
     fn call(
         &self,
         py: Python<'_>,
-        scheduler: &mut Scheduler<Value>,
-        reaction: ReactionId,
-        body: Body,
+        scheduler: &Arc<Scheduler<Value>>,
+        (reaction, body): (ReactionId, Body),
+        effects: &mut Effects<Value>,
     ) -> PyResult<()> {
         let bodies = &self.bodies[&reaction];
         let late = bodies.deadline.as_ref().filter(|_| body != Body::Deadline).map(|handler| {
             Late { handler: handler.clone_ref(py), arguments: bodies.arguments.clone_ref(py) }
         });
-        self.runtime.enter(scheduler, reaction, late);
+        self.runtime.enter(scheduler, reaction, mem::take(effects), late);
         let outcome = bodies.call(py, body);
-        self.runtime.leave(scheduler);
+        *effects = self.runtime.leave(reaction);
         outcome
+    }
+
+    fn run(
+        &self,
+        scheduler: &Arc<Scheduler<Value>>,
+        turn: (ReactionId, Body),
+        effects: &mut Effects<Value>,
+    ) -> Result<(), Failure> {
+        Python::attach(|py| {
+            self.call(py, scheduler, turn, effects).map_err(|error| {
+                let name = self.runtime.program().reaction_name(turn.0);
+                failure(py, error, &format!("reaction {name}"))
+            })
+        })
+    }
+
+    /// Puts the loop's scheduler where the objects of the program can reach it, or takes it back.
+    fn swap(&mut self, scheduler: &mut Scheduler<Value>) {
+        match Arc::get_mut(&mut self.shared) {
+            Some(shared) => mem::swap(shared, scheduler),
+            None => unreachable!("a reaction that has returned holds no scheduler"),
+        }
     }
 
     fn channel_name(&self, channel: ChannelId) -> String {
@@ -122,12 +150,17 @@ impl Host for PyHost {
         reaction: ReactionId,
         body: Body,
     ) -> Result<(), Failure> {
-        Python::attach(|py| {
-            self.call(py, scheduler, reaction, body).map_err(|error| {
-                let name = self.runtime.program().reaction_name(reaction);
-                failure(py, error, &format!("reaction {name}"))
-            })
-        })
+        let mut effects = mem::take(&mut self.effects);
+        self.swap(scheduler);
+        let outcome = self.run(&self.shared, (reaction, body), &mut effects);
+        self.swap(scheduler);
+        scheduler.apply(&mut effects);
+        self.effects = effects;
+        outcome
+    }
+
+    fn shared_bodies(&self) -> Option<&dyn SharedBodies<Value>> {
+        Some(self)
     }
 
     fn encode(
@@ -155,7 +188,7 @@ impl Host for PyHost {
         Value::arrived(Arc::clone(&self.codecs[channel]), payload, objects, arrival)
     }
 
-    fn idle<R: Send>(&mut self, wait: impl FnOnce() -> R + Send) -> R {
+    fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
         Python::attach(|py| py.detach(wait))
     }
 
@@ -169,5 +202,16 @@ impl Host for PyHost {
 
     fn warn(&mut self, message: &str) {
         crate::console::say(&format!("warning: {message}"));
+    }
+}
+
+impl SharedBodies<Value> for PyHost {
+    fn react(
+        &self,
+        scheduler: &Arc<Scheduler<Value>>,
+        turn: &Turn,
+        effects: &mut Effects<Value>,
+    ) -> Result<(), Failure> {
+        self.run(scheduler, (turn.reaction, turn.body), effects)
     }
 }

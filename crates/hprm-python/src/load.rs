@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm::{Failure, Inbox};
-use hprm_core::{FederateId, ReactionId, Scope, Table, Trigger};
+use hprm_core::{Effects, FederateId, ReactionId, Scheduler, Scope, Table, Trigger};
 use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -43,7 +43,9 @@ pub(crate) fn load(
         Scope::Whole => FederateId(0),
         Scope::Federate(federate) => federate,
     };
-    Ok(PyHost { runtime, bodies, interrupt, codecs, federate })
+    let shared = Arc::new(Scheduler::new(Arc::clone(&compiled.program), scope));
+    let effects = Effects::default();
+    Ok(PyHost { runtime, bodies, interrupt, codecs, federate, shared, effects })
 }
 
 fn bodies(

@@ -74,7 +74,7 @@ impl Port {
     }
 
     fn present(&self) -> PyResult<Option<Value>> {
-        self.runtime.read(self.reaction, self.channel("read")?)
+        self.runtime.read((self.reaction, self.access), self.channel("read")?)
     }
 }
 
@@ -98,7 +98,7 @@ impl Port {
     #[getter]
     fn is_present(&self, py: Python<'_>) -> PyResult<bool> {
         match &self.kind {
-            Kind::Channel(port) => self.runtime.is_present(self.reaction, *port),
+            Kind::Channel(port) => self.runtime.is_present((self.reaction, self.access), *port),
             Kind::Multiport(channels) => {
                 for channel in channels.bind(py) {
                     if channel.cast::<Self>()?.get().is_present(py)? {

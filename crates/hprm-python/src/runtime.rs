@@ -1,37 +1,35 @@
 //! The running program, as the objects that Python code holds reach it.
 //!
-//! While a reaction runs, the loop leaves its scheduler here, and ports and actions find it; the rest
-//! of the time nothing can be read or set. The lock is never held while Python code may run: values
-//! are cloned out and dropped after it is released.
+//! While a reaction runs, what it may read and what it asks for are here, and ports and actions find
+//! them; the rest of the time nothing can be read or set. Several reactions run at the same time if
+//! the program has several workers. The lock is never held while Python code may run: values are
+//! cloned out, and dropped by the loop.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use crate::host::Arguments;
-use crate::value::Value;
 use hprm::{Clock, Inbox};
 use hprm_core::{
-    ActionId, Effect, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
-    Tag, Transition, Trigger,
+    ActionId, Effect, Effects, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler,
+    Scope, Tag, Transition, Trigger,
 };
 use hprm_store::StoreStats;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
+
+use crate::host::Arguments;
+use crate::value::Value;
 
 /// What the Python objects of a program share.
 pub(crate) struct Runtime {
     program: Arc<Program>,
     scope: Scope,
     inbox: Inbox<Value>,
-    /// The thread that runs reactions.
-    thread: ThreadId,
     cell: Mutex<Cell>,
 }
 
 struct Cell {
-    /// The loop's scheduler while a reaction runs; otherwise a placeholder.
-    scheduler: Scheduler<Value>,
-    running: Option<Running>,
+    running: Vec<Running>,
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
     stats: StoreStats,
@@ -41,13 +39,13 @@ struct Cell {
     maxwait_is_news: bool,
 }
 
-/// The reaction that runs.
+/// A reaction that runs.
 struct Running {
     reaction: ReactionId,
+    thread: ThreadId,
+    scheduler: Arc<Scheduler<Value>>,
+    effects: Effects<Value>,
     late: Option<Late>,
-    /// Whether it has asked the program to stop. Granted when it returns, because that drops
-    /// events, and with them Python objects.
-    stops: bool,
 }
 
 /// The deadline handler of a reaction, and its arguments.
@@ -68,44 +66,42 @@ pub(crate) enum Access {
 }
 
 impl Runtime {
-    /// For the loop that runs on this thread.
+    /// Of a program of which nothing runs yet.
     pub(crate) fn new(program: Arc<Program>, scope: Scope, inbox: Inbox<Value>) -> Self {
         let cell = Cell {
-            scheduler: Scheduler::new(Arc::clone(&program), scope),
-            running: None,
+            running: Vec::new(),
             latest: None,
             stats: StoreStats::default(),
             maxwait: None,
             maxwait_is_news: false,
         };
-        let thread = thread::current().id();
-        Self { program, scope, inbox, thread, cell: Mutex::new(cell) }
+        Self { program, scope, inbox, cell: Mutex::new(cell) }
     }
 
     // For the host.
 
-    /// Leaves the scheduler here while `reaction` runs.
+    /// Lets `reaction` run on this thread: it reads `scheduler`, and what it asks for is added to
+    /// `effects`.
     pub(crate) fn enter(
         &self,
-        scheduler: &mut Scheduler<Value>,
+        scheduler: &Arc<Scheduler<Value>>,
         reaction: ReactionId,
+        effects: Effects<Value>,
         late: Option<Late>,
     ) {
         let mut cell = self.cell();
         cell.latest = Some((scheduler.tag(), scheduler.start_time()));
-        std::mem::swap(scheduler, &mut cell.scheduler);
-        cell.running = Some(Running { reaction, late, stops: false });
+        let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
+        cell.running.push(Running { reaction, thread, scheduler, effects, late });
     }
 
-    /// Takes the scheduler back.
-    pub(crate) fn leave(&self, scheduler: &mut Scheduler<Value>) {
+    /// Ends the reaction. Returns what it has asked for.
+    pub(crate) fn leave(&self, reaction: ReactionId) -> Effects<Value> {
         let mut cell = self.cell();
-        std::mem::swap(scheduler, &mut cell.scheduler);
-        let running = cell.running.take();
+        let at = cell.running.iter().position(|running| running.reaction == reaction);
+        let running = at.map(|at| cell.running.swap_remove(at));
         drop(cell);
-        if running.is_some_and(|running| running.stops) {
-            scheduler.request_stop();
-        }
+        running.map(|running| running.effects).unwrap_or_default()
     }
 
     /// Notes what the store has done.
@@ -123,53 +119,47 @@ impl Runtime {
     // For ports and actions.
 
     /// The value at a port; of a persistent one that is absent, the last.
-    pub(crate) fn read(&self, reaction: ReactionId, port: PortId) -> PyResult<Option<Value>> {
-        let cell = self.during(reaction, port, Access::Read)?;
-        Ok(cell.scheduler.latest(port).cloned())
+    pub(crate) fn read(
+        &self,
+        (owner, access): (ReactionId, Access),
+        port: PortId,
+    ) -> PyResult<Option<Value>> {
+        self.during(owner, port, Access::Read, |running| running.latest(port, access).cloned())
     }
 
     /// Makes a port persistent, with a first value.
-    pub(crate) fn remember(
-        &self,
-        reaction: ReactionId,
-        port: PortId,
-        value: Value,
-    ) -> PyResult<()> {
-        let mut cell = self.during(reaction, port, Access::Remember)?;
-        let earlier = cell.scheduler.keep(port, value);
-        drop(cell);
-        drop(earlier);
-        Ok(())
+    pub(crate) fn remember(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
+        self.during(owner, port, Access::Remember, |running| running.effects.keep(port, value))
     }
 
     /// Whether a port has a value.
-    pub(crate) fn is_present(&self, reaction: ReactionId, port: PortId) -> PyResult<bool> {
-        let cell = self.during(reaction, port, Access::Read)?;
-        Ok(cell.scheduler.port(port).is_some())
+    pub(crate) fn is_present(
+        &self,
+        (owner, access): (ReactionId, Access),
+        port: PortId,
+    ) -> PyResult<bool> {
+        self.during(owner, port, Access::Read, |running| running.port(port, access).is_some())
     }
 
     /// The tag that the value at a port was meant for.
-    pub(crate) fn intended_tag(&self, reaction: ReactionId, port: PortId) -> PyResult<Tag> {
-        let cell = self.during(reaction, port, Access::Read)?;
-        Ok(cell.scheduler.intended_tag(port).unwrap_or(cell.scheduler.tag()))
+    pub(crate) fn intended_tag(&self, owner: ReactionId, port: PortId) -> PyResult<Tag> {
+        self.during(owner, port, Access::Read, |Running { scheduler, .. }| {
+            scheduler.intended_tag(port).unwrap_or(scheduler.tag())
+        })
     }
 
     /// Sets a port.
-    pub(crate) fn set(&self, reaction: ReactionId, port: PortId, value: Value) -> PyResult<()> {
-        let mut cell = self.during(reaction, port, Access::Write)?;
-        let earlier = cell.scheduler.set(port, value);
-        drop(cell);
-        drop(earlier);
-        Ok(())
+    pub(crate) fn set(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
+        self.during(owner, port, Access::Write, |running| running.effects.set(port, value))
     }
 
     /// Whether an action is present, and its value.
     pub(crate) fn action(&self, action: ActionId) -> PyResult<Option<Option<Value>>> {
-        let cell = self.cell();
-        if cell.running.is_none() {
-            return Err(self.outside(&self.program.actions[action].name));
+        // At one tag it is the same for all reactions.
+        match self.cell().running.first() {
+            Some(running) => Ok(running.scheduler.action(action).map(|value| value.cloned())),
+            None => Err(self.outside(&self.program.actions[action].name)),
         }
-        Ok(cell.scheduler.action(action).map(|value| value.cloned()))
     }
 
     /// Schedules an action. One that is physical may be scheduled from everywhere.
@@ -179,13 +169,8 @@ impl Runtime {
         extra: Nanos,
         value: Option<Value>,
     ) -> PyResult<()> {
-        // Dropped after the lock, if the scheduler refuses the event.
-        let _kept = value.clone();
-        if let Some(mut cell) = self.reacting() {
-            cell.scheduler.schedule(action, extra, value, Clock::now);
-            let displaced = cell.scheduler.take_displaced();
-            drop(cell);
-            drop(displaced);
+        if let Some(Running { scheduler, effects, .. }) = self.cell().reacting() {
+            effects.schedule(scheduler, action, extra, value, Clock::now);
             return Ok(());
         }
         let spec = &self.program.actions[action];
@@ -209,16 +194,17 @@ impl Runtime {
         transition: Transition,
     ) -> PyResult<()> {
         let name = &self.program.modes[mode].name;
-        let mut cell = self.reacting().ok_or_else(|| self.outside(&format!("the mode {name}")))?;
-        match cell.running.as_ref().map(|running| running.reaction) {
-            Some(running) if running != owner => Err(PyRuntimeError::new_err(format!(
-                "reaction {} cannot enter mode {name}, which is not an effect of it",
-                self.program.reaction_name(running),
-            ))),
-            _ => {
-                cell.scheduler.enter(mode, transition);
+        let mut cell = self.cell();
+        match cell.reacting() {
+            Some(running) if running.reaction == owner => {
+                running.effects.enter(mode, transition);
                 Ok(())
             }
+            Some(running) => Err(PyRuntimeError::new_err(format!(
+                "reaction {} cannot enter mode {name}, which is not an effect of it",
+                self.program.reaction_name(running.reaction),
+            ))),
+            None => Err(self.outside(&format!("the mode {name}"))),
         }
     }
 
@@ -226,11 +212,11 @@ impl Runtime {
 
     /// Ends the program at its next tag.
     pub(crate) fn request_stop(&self) {
-        if let Some(running) = self.reacting().as_mut().and_then(|cell| cell.running.as_mut()) {
-            running.stops = true;
-        } else {
-            self.inbox.request_stop();
+        if let Some(running) = self.cell().reacting() {
+            running.effects.request_stop();
+            return;
         }
+        self.inbox.request_stop();
     }
 
     /// The current tag and the time of the start; outside of reactions, as of the latest.
@@ -242,11 +228,10 @@ impl Runtime {
 
     /// Whether the running reaction has missed its deadline, and the handler for that.
     pub(crate) fn deadline_missed(&self, py: Python<'_>) -> PyResult<Option<Option<Late>>> {
-        let cell = self.cell();
-        let Some(Running { reaction, late, .. }) = &cell.running else {
-            return Err(self.outside("a deadline"));
-        };
-        let missed = cell.scheduler.misses_deadline(*reaction, Clock::now());
+        let mut cell = self.cell();
+        let Some(running) = cell.reacting() else { return Err(self.outside("a deadline")) };
+        let Running { reaction, scheduler, effects, late, .. } = running;
+        let missed = effects.misses_deadline(scheduler, *reaction, Clock::now());
         let late = late.as_ref().map(|late| Late {
             handler: late.handler.clone_ref(py),
             arguments: late.arguments.clone_ref(py),
@@ -256,10 +241,9 @@ impl Runtime {
 
     /// Changes the deadline of the running reaction, from now on.
     pub(crate) fn set_deadline(&self, deadline: Nanos) -> PyResult<()> {
-        let mut cell = self.reacting().ok_or_else(|| self.outside("a deadline"))?;
-        if let Some(Running { reaction, .. }) = cell.running {
-            cell.scheduler.set_deadline(reaction, deadline);
-        }
+        let mut cell = self.cell();
+        let running = cell.reacting().ok_or_else(|| self.outside("a deadline"))?;
+        running.effects.set_deadline(deadline);
         Ok(())
     }
 
@@ -292,26 +276,31 @@ impl Runtime {
 
     // Inside.
 
-    /// The cell, if this is the loop's thread and a reaction runs.
-    fn reacting(&self) -> Option<MutexGuard<'_, Cell>> {
-        let cell = self.cell();
-        (cell.running.is_some() && thread::current().id() == self.thread).then_some(cell)
-    }
-
-    /// The cell, if a reaction runs that may use the port. `owner` is the one that was given it,
-    /// which needs no search.
-    fn during(
+    /// Uses the reaction that runs and may use the port: the one whose argument the port is, or else
+    /// the one that runs on this thread, or that alone runs.
+    fn during<R>(
         &self,
         owner: ReactionId,
         port: PortId,
         access: Access,
-    ) -> PyResult<MutexGuard<'_, Cell>> {
-        let cell = self.cell();
-        match &cell.running {
-            Some(running) if running.reaction == owner => Ok(cell),
-            Some(running) if self.declares(running.reaction, port, access) => Ok(cell),
-            Some(running) => Err(self.undeclared(running.reaction, port, access)),
-            None => Err(self.outside(&self.program.port_name(port))),
+        uses: impl FnOnce(&mut Running) -> R,
+    ) -> PyResult<R> {
+        let mut cell = self.cell();
+        let running = &mut cell.running;
+        let this = thread::current().id();
+        let at = running
+            .iter()
+            .position(|running| running.reaction == owner)
+            .or_else(|| running.iter().position(|running| running.thread == this))
+            .or((running.len() == 1).then_some(0));
+        let Some(running) = at.map(|at| &mut running[at]) else {
+            return Err(self.outside(&self.program.port_name(port)));
+        };
+        let reaction = running.reaction;
+        if reaction == owner || self.declares(reaction, port, access) {
+            Ok(uses(running))
+        } else {
+            Err(self.undeclared(reaction, port, access))
         }
     }
 
@@ -348,5 +337,31 @@ impl Runtime {
 
     fn cell(&self) -> MutexGuard<'_, Cell> {
         self.cell.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Cell {
+    /// The reaction that runs on this thread.
+    fn reacting(&mut self) -> Option<&mut Running> {
+        let this = thread::current().id();
+        self.running.iter_mut().find(|running| running.thread == this)
+    }
+}
+
+impl Running {
+    /// The value at a port to which the reaction has access.
+    fn port(&self, port: PortId, access: Access) -> Option<&Value> {
+        match access {
+            Access::Read | Access::Remember => self.scheduler.port(port),
+            Access::Write => self.effects.port(&self.scheduler, port),
+        }
+    }
+
+    /// The same; of a persistent port that is absent, the value that it remembers.
+    fn latest(&self, port: PortId, access: Access) -> Option<&Value> {
+        match access {
+            Access::Read => self.scheduler.latest(port),
+            Access::Remember | Access::Write => self.effects.latest(&self.scheduler, port),
+        }
     }
 }

@@ -40,6 +40,10 @@ enum Command<V> {
         /// The clock at the call, if it matters.
         at: PhysicalTime,
     },
+    Keep {
+        port: PortId,
+        value: V,
+    },
     Enter(ModeId, Transition),
     SetDeadline(Nanos),
     RequestStop,
@@ -60,6 +64,20 @@ impl<V: Clone> Effects<V> {
             _ => None,
         });
         own.or_else(|| scheduler.port(port))
+    }
+
+    /// The value at a port as the reaction sees it; while it is absent, the one that it remembers.
+    pub fn latest<'a>(&'a self, scheduler: &'a Scheduler<V>, port: PortId) -> Option<&'a V> {
+        let kept = self.commands.iter().rev().find_map(|command| match command {
+            Command::Keep { port: kept, value } if *kept == port => Some(value),
+            _ => None,
+        });
+        self.port(scheduler, port).or(kept).or_else(|| scheduler.latest(port))
+    }
+
+    /// Has a port remember a value; see [`Scheduler::keep`].
+    pub fn keep(&mut self, port: PortId, value: V) {
+        self.commands.push(Command::Keep { port, value });
     }
 
     /// Sets a port; see [`Scheduler::set`].
@@ -140,17 +158,29 @@ impl<V: Clone> Scheduler<V> {
     /// Does what a reaction has asked for, as if it ran now. Empties `effects`.
     pub fn commit(&mut self, turn: &Turn, effects: &mut Effects<V>) {
         self.take_turn(turn);
+        self.apply(effects);
+        self.finish(turn.reaction);
+    }
+
+    /// Does what the running reaction has asked for. Empties `effects`.
+    ///
+    /// # Panics
+    ///
+    /// If no reaction is running.
+    pub fn apply(&mut self, effects: &mut Effects<V>) {
+        let Some(reaction) = self.running else { panic!("effects of no reaction") };
         for command in effects.commands.drain(..) {
             match command {
                 Command::Set { port, value } => _ = self.set(port, value),
                 Command::Schedule { action, extra, value, at } => {
                     self.schedule(action, extra, value, at);
+                    self.displaced = None;
                 }
+                Command::Keep { port, value } => _ = self.keep(port, value),
                 Command::Enter(mode, transition) => self.enter(mode, transition),
-                Command::SetDeadline(deadline) => self.set_deadline(turn.reaction, deadline),
+                Command::SetDeadline(deadline) => self.set_deadline(reaction, deadline),
                 Command::RequestStop => self.request_stop(),
             }
         }
-        self.finish(turn.reaction);
     }
 }
