@@ -86,6 +86,8 @@ pub struct Scheduler<V> {
     queue: EventQueue<V>,
     ports: Table<PortId, Option<V>>,
     present_ports: Vec<PortId>,
+    /// Of those, the ones whose values go on when the tag is done.
+    departing: Vec<PortId>,
     /// Of the present ports, those whose value came too late, and the tag that it was meant for.
     tardy_ports: Vec<(PortId, Tag)>,
     /// What persistent ports remember.
@@ -125,6 +127,7 @@ impl<V: Clone> Scheduler<V> {
             queue: EventQueue::new(),
             ports: Table::filled(program.ports.len(), None),
             present_ports: Vec::new(),
+            departing: Vec::new(),
             tardy_ports: Vec::new(),
             kept: BTreeMap::new(),
             actions: Table::filled(program.actions.len(), None),
@@ -259,6 +262,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// The reaction at a position, and how it runs.
+    #[inline]
     fn turn(&self, position: Position, now: impl Reading) -> Turn {
         let reaction = self.wiring.order.reaction(position);
         let tardy = self.earliest_intended(reaction);
@@ -376,15 +380,19 @@ impl<V: Clone> Scheduler<V> {
 
     fn make_present(&mut self, root: PortId, value: V, intended: Option<Tag>) -> Option<V> {
         let earlier = self.ports[root].replace(value);
-        if earlier.is_none() {
-            self.present_ports.push(root);
-        }
+        let leads = self.wiring.leads[root];
         if intended.is_some() || !self.tardy_ports.is_empty() {
             self.tardy_ports.retain(|(port, _)| *port != root);
             self.tardy_ports.extend(intended.map(|tag| (root, tag)));
         }
-        self.queue_all(|wiring| &wiring.triggered_by_port[root]);
-        if !self.wiring.relays[root].is_empty() {
+        if earlier.is_none() {
+            self.present_ports.push(root);
+            if leads.away {
+                self.departing.push(root);
+            }
+            self.queue_all(|wiring| &wiring.triggered_by_port[root]);
+        }
+        if leads.on {
             self.relay(root, intended);
         }
         earlier

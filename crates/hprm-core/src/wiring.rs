@@ -48,12 +48,23 @@ pub(crate) struct Wiring {
     pub(crate) delayed: Lists<PortId, ConnectionId>,
     /// Channels to other federates, by root.
     pub(crate) outgoing: Lists<PortId, ChannelId>,
+    /// Whether there is any of those, by root: most ports have none, and this is quick to see.
+    pub(crate) leads: Table<PortId, Leads>,
     /// Timers in the scope.
     pub(crate) timers: Vec<TimerId>,
     /// When each reaction takes its turn.
     pub(crate) order: Order,
     /// What modes enclose.
     pub(crate) modes: ModeWiring,
+}
+
+/// What a value at a root does besides triggering reactions.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub(crate) struct Leads {
+    /// It may appear elsewhere at the same tag.
+    pub(crate) on: bool,
+    /// It goes somewhere when the tag is done.
+    pub(crate) away: bool,
 }
 
 impl Scope {
@@ -75,6 +86,10 @@ impl Wiring {
         let ports = program.ports.len();
         let timers = program.timers.iter();
         let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
+        let mut leads = Table::filled(ports, Leads::default());
+        leaving.relays.iter().for_each(|(root, _)| leads[*root].on = true);
+        leaving.delayed.iter().for_each(|(root, _)| leads[*root].away = true);
+        leaving.outgoing.iter().for_each(|(root, _)| leads[*root].away = true);
         Self {
             triggered_by_port: Lists::new(ports, triggers.by_port),
             triggered_by_action: Lists::new(program.actions.len(), triggers.by_action),
@@ -85,6 +100,7 @@ impl Wiring {
             relays: Lists::new(ports, leaving.relays),
             delayed: Lists::new(ports, leaving.delayed),
             outgoing: Lists::new(ports, leaving.outgoing),
+            leads,
             timers: local.map(|(id, _)| id).collect(),
             modes: ModeWiring::new(program, scope),
             order,

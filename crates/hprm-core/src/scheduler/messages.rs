@@ -48,24 +48,21 @@ impl<V: Clone> Scheduler<V> {
 
     /// Sends what is present along delayed connections and to other federates, and makes it absent.
     pub(super) fn send_present(&mut self, now: impl Reading) {
-        let mut ports = std::mem::take(&mut self.present_ports);
-        let leaves = |root: &PortId| {
-            !self.wiring.delayed[*root].is_empty() || !self.wiring.outgoing[*root].is_empty()
-        };
-        if ports.iter().any(leaves) {
-            // Not in the order of setting, which workers may change.
+        if !self.departing.is_empty() {
+            let mut ports = std::mem::take(&mut self.departing);
+            // Not in the order of setting: where a message stands in the queue is part of the state.
             ports.sort_unstable();
             let now = now.read();
-            for root in &ports {
-                if let Some(value) = self.ports[*root].take() {
-                    self.forward(*root, &value, now);
+            for root in ports.drain(..) {
+                if let Some(value) = self.ports[root].take() {
+                    self.forward(root, &value, now);
                 }
             }
+            self.departing = ports;
         }
-        for root in ports.drain(..) {
+        for root in self.present_ports.drain(..) {
             self.ports[root] = None;
         }
-        self.present_ports = ports;
     }
 
     /// Sends the value at a root along what leaves from there.
