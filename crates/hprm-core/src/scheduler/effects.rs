@@ -149,7 +149,6 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Begins a turn alone, as [`Self::next_reaction`] does.
-    #[inline]
     pub fn take_turn(&mut self, turn: &Turn) {
         assert!(self.running.is_none(), "one reaction at a time");
         self.running = Some(turn.reaction);
