@@ -38,7 +38,7 @@ pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Timer, Trigger,
 };
-pub use scheduler::{Body, Effects, Scheduled, Scheduler, Send, Turn};
+pub use scheduler::{Body, Effects, Record, Request, Scheduled, Scheduler, Send, Turn};
 pub use spacing::{Policy, Spacing};
 pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};
 pub use wiring::Scope;

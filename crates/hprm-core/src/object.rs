@@ -37,6 +37,9 @@ pub struct Payload {
     pub head: Vec<u8>,
     /// The large buffers that the head refers to, in its order.
     pub parts: Vec<Part>,
+    /// Whether the value stems from the physical world; known only while the sender records what
+    /// its reactions do.
+    pub physical: bool,
 }
 
 impl Payload {

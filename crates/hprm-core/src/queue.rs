@@ -13,12 +13,16 @@ pub(crate) enum Event<V> {
     Action {
         action: ActionId,
         value: Option<V>,
+        /// Whether it stems from the physical world, as far as that is recorded.
+        physical: bool,
     },
     /// A message at the end of a connection. `intended` is its own tag, if it came too late for it.
     Message {
         connection: ConnectionId,
         value: V,
         intended: Option<Tag>,
+        /// Whether it stems from the physical world, as far as that is recorded.
+        physical: bool,
     },
 }
 
@@ -72,9 +76,17 @@ impl<V> EventQueue<V> {
     }
 
     /// Gives the action's event at `tag` another value. Returns the one that it had.
-    pub(crate) fn replace(&mut self, tag: Tag, action: ActionId, new: Option<V>) -> Option<V> {
+    pub(crate) fn replace(
+        &mut self,
+        tag: Tag,
+        action: ActionId,
+        (new, marked): (Option<V>, bool),
+    ) -> Option<V> {
         match self.events.at_mut(tag).iter_mut().find(|event| event.is_of(action))? {
-            Event::Action { value, .. } => std::mem::replace(value, new),
+            Event::Action { value, physical, .. } => {
+                *physical |= marked;
+                std::mem::replace(value, new)
+            }
             Event::Timer(_) | Event::Message { .. } => None,
         }
     }
@@ -129,9 +141,10 @@ mod tests {
     #[test]
     fn removing_the_only_event_of_a_tag_removes_the_tag() {
         let mut queue = EventQueue::new();
-        queue.insert(Tag::START, Event::Action { action: ActionId(1), value: Some('a') });
-        assert_eq!(queue.replace(Tag::START, ActionId(1), None), Some('a'));
-        assert_eq!(queue.replace(Tag::START, ActionId(2), Some('b')), None);
+        let event = Event::Action { action: ActionId(1), value: Some('a'), physical: false };
+        queue.insert(Tag::START, event);
+        assert_eq!(queue.replace(Tag::START, ActionId(1), (None, true)), Some('a'));
+        assert_eq!(queue.replace(Tag::START, ActionId(2), (Some('b'), false)), None);
         assert!(queue.holds(Tag::START, ActionId(1)) && !queue.holds(Tag::START, ActionId(2)));
         assert_eq!(queue.remove(Tag::START, ActionId(1)), None);
         assert_eq!(queue.first(), None);

@@ -6,7 +6,8 @@
 //!
 //! ```text
 //! start(at);  loop { g = next_tag(); (wait); begin(g);
-//!                    while let Some((reaction, body)) = next_reaction(now) { run it; finish(reaction) }
+//!                    while let Some((reaction, body)) = next_reaction(now) { run it; finish(reaction);
+//!                        (while let Some(record) = poll_record() { … }) }
 //!                    last = end(now);  while let Some(send) = poll_send() { … }
 //!                    if last { break } }
 //! ```
@@ -20,6 +21,7 @@ use std::sync::Arc;
 pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
+use self::record::Recorder;
 use crate::order::Position;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
@@ -33,8 +35,11 @@ mod kept;
 mod messages;
 mod modes;
 mod ready;
+mod record;
 mod requests;
 mod steps;
+
+pub use record::{Record, Request};
 
 /// Which of a reaction's bodies runs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -56,6 +61,8 @@ pub struct Send<V> {
     pub tag: Tag,
     /// The value.
     pub value: V,
+    /// Whether it stems from the physical world; known only while what reactions do is recorded.
+    pub physical: bool,
 }
 
 /// What became of a request to schedule an action.
@@ -112,6 +119,8 @@ pub struct Scheduler<V> {
     /// While a tag is processed: the lowest level that has not been passed.
     level: Option<u32>,
     modes: Modes<V>,
+    /// None while nobody wants to know what reactions do.
+    recorder: Option<Box<Recorder<V>>>,
 }
 
 impl<V: Clone> Scheduler<V> {
@@ -143,6 +152,7 @@ impl<V: Clone> Scheduler<V> {
             sent: Vec::new(),
             level: None,
             modes: Modes::new(&program, &wiring),
+            recorder: None,
             program,
             wiring,
             scope,
@@ -260,6 +270,7 @@ impl<V: Clone> Scheduler<V> {
         // Nearly all: there is no need to make a turn of it, and then to take it apart.
         if self.tardy_ports.is_empty() && self.deadlines[reaction].is_none() {
             self.running = Some(reaction);
+            self.record_start(reaction, Body::Main);
             return Some((reaction, Body::Main));
         }
         let turn = self.turn(position, now);
@@ -320,6 +331,7 @@ impl<V: Clone> Scheduler<V> {
     pub fn finish(&mut self, reaction: ReactionId) {
         assert_eq!(self.running.take(), Some(reaction), "the reaction that finishes is running");
         self.tardy = None;
+        self.record_finish();
     }
 
     /// Completes the tag: sends what is present along delayed connections and to other federates,
@@ -334,6 +346,7 @@ impl<V: Clone> Scheduler<V> {
         self.tardy_ports.clear();
         self.sent.clear();
         self.level = None;
+        self.record_end();
         self.change_modes();
         self.tag >= self.stop
     }
@@ -353,7 +366,8 @@ impl<V: Clone> Scheduler<V> {
 
     /// Sets a port. The last value set at a tag wins; an earlier one is returned.
     pub fn set(&mut self, port: PortId, value: V) -> Option<V> {
-        self.make_present(self.wiring.root[port], value, self.tardy)
+        self.record_port(port);
+        self.make_present(self.wiring.root[port], value, self.tardy, self.is_marked())
     }
 
     // What happens inside.
@@ -370,26 +384,36 @@ impl<V: Clone> Scheduler<V> {
                 }
                 self.queue_all(|wiring| &wiring.triggered_by_timer[timer]);
             }
-            Event::Action { action, value } => {
+            Event::Action { action, value, physical } => {
+                if physical {
+                    self.mark_action(action);
+                }
                 self.actions[action] = Some(value);
                 self.present_actions.push(action);
                 self.queue_all(|wiring| &wiring.triggered_by_action[action]);
             }
-            Event::Message { connection, value, intended } => {
+            Event::Message { connection, value, intended, physical } => {
                 let root = self.wiring.root[self.program.connections[connection].to];
-                let earlier = self.make_present(root, value, intended);
+                let earlier = self.make_present(root, value, intended, physical);
                 assert!(earlier.is_none(), "two messages at one port and tag");
             }
         }
     }
 
-    fn make_present(&mut self, root: PortId, value: V, intended: Option<Tag>) -> Option<V> {
+    fn make_present(
+        &mut self,
+        root: PortId,
+        value: V,
+        intended: Option<Tag>,
+        physical: bool,
+    ) -> Option<V> {
         let earlier = self.ports[root].replace(value);
         let leads = self.wiring.leads[root];
         if intended.is_some() || !self.tardy_ports.is_empty() {
             self.tardy_ports.retain(|(port, _)| *port != root);
             self.tardy_ports.extend(intended.map(|tag| (root, tag)));
         }
+        self.mark_port(root, physical);
         if earlier.is_none() {
             self.present_ports.push(root);
             if leads.away {
@@ -398,20 +422,20 @@ impl<V: Clone> Scheduler<V> {
             self.queue_all(|wiring| &wiring.triggered_by_port[root]);
         }
         if leads.on {
-            self.relay(root, intended);
+            self.relay(root, intended, physical);
         }
         earlier
     }
 
     /// Carries the value at a root on along the connections of active modes.
-    fn relay(&mut self, root: PortId, intended: Option<Tag>) {
+    fn relay(&mut self, root: PortId, intended: Option<Tag>, physical: bool) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.relays[root] {
             if self.modes.is_active(wiring.modes.of_connection[*connection])
                 && let Some(value) = self.ports[root].clone()
             {
                 let to = wiring.root[self.program.connections[*connection].to];
-                self.make_present(to, value, intended);
+                self.make_present(to, value, intended, physical);
             }
         }
     }

@@ -284,11 +284,11 @@ fn a_tardy_message_runs_the_handler_at_the_next_free_tag() {
         scheduler.start(START);
         scheduler.begin(Tag::START);
         scheduler.end(START);
-        scheduler.deliver(channel, Tag::new(5, 0), 1_i64);
+        scheduler.deliver(channel, Tag::new(5, 0), 1_i64, false);
         assert_eq!(scheduler.next_tag(), Tag::new(5, 0));
         scheduler.begin(Tag::new(5, 0));
-        assert_eq!(scheduler.deliver(channel, Tag::new(2, 0), 2), Some(Tag::new(5, 1)));
-        assert_eq!(scheduler.deliver(channel, Tag::new(3, 0), 3), Some(Tag::new(5, 2)));
+        assert_eq!(scheduler.deliver(channel, Tag::new(2, 0), 2, false), Some(Tag::new(5, 1)));
+        assert_eq!(scheduler.deliver(channel, Tag::new(3, 0), 3, false), Some(Tag::new(5, 2)));
         let (on_time, which) = scheduler.next_reaction(START).unwrap();
         assert_eq!(which, Body::Main);
         assert_eq!(scheduler.unhandled_tardy(), None);

@@ -69,6 +69,7 @@ struct Envelope {
     tag: Tag,
     head: u64,
     parts: Vec<Piece>,
+    physical: bool,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -112,7 +113,8 @@ pub fn envelope<'a>(frame: &'a Frame, out: &mut Vec<u8>) -> Option<&'a Payload> 
         out.push(MESSAGE);
         let parts = payload.parts.iter().map(Piece::of).collect();
         let head = payload.head.len() as u64;
-        append(&Envelope { channel: *channel, tag: *tag, head, parts }, out);
+        let physical = payload.physical;
+        append(&Envelope { channel: *channel, tag: *tag, head, parts, physical }, out);
         Some(payload)
     } else {
         out.push(CONTROL);
@@ -210,7 +212,7 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
             Piece::Object(object) => Ok(Part::Object(object)),
         })
         .collect::<Result<_, _>>()?;
-    let payload = Payload { head, parts };
+    let payload = Payload { head, parts, physical: envelope.physical };
     Ok((Frame::Message { channel: envelope.channel, tag: envelope.tag, payload }, rest.len()))
 }
 
@@ -255,9 +257,10 @@ mod tests {
 
     fn message() -> impl Strategy<Value = Frame> {
         let head = prop::collection::vec(any::<u8>(), 0..300);
-        (any::<u32>(), tag(), head, prop::collection::vec(part(), 0..4)).prop_map(
-            |(channel, tag, head, parts)| {
-                let payload = Payload { head, parts };
+        let parts = prop::collection::vec(part(), 0..4);
+        (any::<u32>(), tag(), head, parts, any::<bool>()).prop_map(
+            |(channel, tag, head, parts, physical)| {
+                let payload = Payload { head, parts, physical };
                 Frame::Message { channel: ChannelId(channel), tag, payload }
             },
         )
@@ -371,7 +374,7 @@ mod tests {
     #[test]
     fn an_envelope_and_the_buffers_make_the_frame() {
         let parts = vec![Part::Inline(vec![4, 5])];
-        let payload = Payload { head: vec![1, 2, 3], parts };
+        let payload = Payload { head: vec![1, 2, 3], parts, physical: false };
         let frame = Frame::Message { channel: ChannelId(7), tag: Tag::START, payload };
         let (mut whole, mut pieces) = (Vec::new(), Vec::new());
         encode(&frame, &mut whole);

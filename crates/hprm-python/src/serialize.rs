@@ -44,7 +44,10 @@ pub(crate) fn encode(value: &Bound<'_, PyAny>, mut place: Place<'_>) -> PyResult
         parts.push(place.put_bytes(head)?);
         head = vec![format::INDIRECT];
     }
-    Ok(Encoded { payload: Payload { head, parts }, _holds: place.into_holds() })
+    Ok(Encoded {
+        payload: Payload { head, parts, ..Payload::default() },
+        _holds: place.into_holds(),
+    })
 }
 
 /// Rebuilds a value from what arrived.
@@ -68,9 +71,9 @@ pub(crate) fn decode<'py>(
 pub(crate) fn wrap(bytes: &[u8], store: &mut Store, owner: FederateId) -> PyResult<Encoded> {
     let mut place = Place::store(store, owner);
     let payload = if bytes.len() > INLINE_LIMIT {
-        Payload { head: Vec::new(), parts: vec![place.put_bytes(bytes.to_vec())?] }
+        Payload { parts: vec![place.put_bytes(bytes.to_vec())?], ..Payload::default() }
     } else {
-        Payload { head: bytes.to_vec(), parts: Vec::new() }
+        Payload { head: bytes.to_vec(), ..Payload::default() }
     };
     Ok(Encoded { payload, _holds: place.into_holds() })
 }

@@ -124,6 +124,6 @@ impl Value {
             return None;
         }
         let parts = arrival.parts.iter().map(inline).collect::<Option<Vec<_>>>()?;
-        Some(Payload { head: arrival.head.clone(), parts })
+        Some(Payload { head: arrival.head.clone(), parts, ..Payload::default() })
     }
 }

@@ -89,7 +89,7 @@ impl Node {
                 }
                 Output::Deliver { channel, tag, payload } => {
                     self.received += 1;
-                    let taken = self.scheduler.deliver(channel, tag, value(&payload));
+                    let taken = self.scheduler.deliver(channel, tag, value(&payload), false);
                     let late = taken.map_or(tag <= self.scheduler.tag(), |taken| taken != tag);
                     self.tardy += usize::from(late);
                 }
@@ -170,7 +170,7 @@ impl Node {
         while let Some(send) = self.scheduler.poll_send() {
             let physical = self.scheduler.program().channels[send.channel].physical;
             self.sent += usize::from(!physical);
-            let payload = Payload { head: send.value.to_le_bytes().to_vec(), parts: Vec::new() };
+            let payload = Payload { head: send.value.to_le_bytes().to_vec(), ..Payload::default() };
             self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
         }
         Ok(())

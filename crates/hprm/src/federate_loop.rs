@@ -245,14 +245,14 @@ where
     }
 
     fn send(&mut self, departure: Departure<H::Value>) -> Result<(), Failure> {
-        let Departure { channel, tag, value } = departure;
+        let Departure { channel, tag, value, physical } = departure;
         let to = self.scheduler.program().channels[channel].to;
         let Membership { machine, objects, .. } = &mut self.federation;
         if !machine.is_live(to) {
             return Ok(());
         }
         let payload = self.host.encode(objects.store(), channel, &value)?;
-        let (payload, changes) = if machine.shares_memory_with(to) {
+        let (mut payload, changes) = if machine.shares_memory_with(to) {
             let changes = objects.share(&payload, to)?;
             (payload, changes)
         } else {
@@ -264,6 +264,7 @@ where
         if !changes.retired.is_empty() {
             self.handle(Input::Retired { reader: to, segments: changes.retired })?;
         }
+        payload.physical = physical;
         self.handle(Input::Send { channel, tag, payload })
     }
 
@@ -295,8 +296,9 @@ where
                 self.phase = Phase::Running;
             }
             Output::Deliver { channel, tag, payload } => {
+                let physical = payload.physical;
                 let value = receive(&mut self.host, objects, channel, payload)?;
-                self.scheduler.deliver(channel, tag, value);
+                self.scheduler.deliver(channel, tag, value, physical);
             }
             Output::DeliverPhysical { channel, payload, .. } => {
                 let value = receive(&mut self.host, objects, channel, payload)?;

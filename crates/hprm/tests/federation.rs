@@ -67,7 +67,7 @@ impl Host for Closures {
     ) -> Result<Payload, Failure> {
         let bytes = value.as_slice();
         if bytes.len() <= INLINE_LIMIT {
-            return Ok(Payload { head: bytes.to_vec(), parts: Vec::new() });
+            return Ok(Payload { head: bytes.to_vec(), ..Payload::default() });
         }
         let key = bytes.as_ptr() as usize;
         if let Some((payload, _)) = self.encoded.get(&key) {
@@ -75,7 +75,7 @@ impl Host for Closures {
         }
         let object = store.put(bytes, &[self.me]).map_err(|e| Failure::new(e.to_string()))?;
         let hold = store.open(object).map_err(|e| Failure::new(e.to_string()))?;
-        let payload = Payload { head: Vec::new(), parts: vec![Part::Object(object)] };
+        let payload = Payload { parts: vec![Part::Object(object)], ..Payload::default() };
         self.encoded.insert(key, (payload.clone(), hold));
         Ok(payload)
     }

@@ -153,6 +153,7 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.running.is_none(), "one reaction at a time");
         self.running = Some(turn.reaction);
         self.tardy = turn.unhandled_tardy;
+        self.record_start(turn.reaction, turn.body);
     }
 
     /// Does what a reaction has asked for, as if it ran now. Empties `effects`.

@@ -17,20 +17,27 @@ impl<V: Clone> Scheduler<V> {
     /// Inserts a message from another federate. Returns the tag at which it will be present: its
     /// own, or a later one if it is tardy; none if the program ends before. A message for the tag
     /// that is being processed is in time if no reaction that could read it has had its turn.
-    pub fn deliver(&mut self, channel: ChannelId, tag: Tag, value: V) -> Option<Tag> {
+    /// `physical` is what the sender's scheduler said of it.
+    pub fn deliver(
+        &mut self,
+        channel: ChannelId,
+        tag: Tag,
+        value: V,
+        physical: bool,
+    ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
         if tag == self.tag && self.is_in_time(channel) {
             let root = self.wiring.root[self.program.connections[connection].to];
             self.last_assigned[connection] = tag;
-            self.make_present(root, value, None);
+            self.make_present(root, value, None, physical);
             return Some(tag);
         }
         // A tardy message must neither overtake nor displace another one of its connection.
         let taken = self.tag.max(self.last_assigned[connection]);
         if tag > taken {
-            self.insert_message(connection, tag, value, None)
+            self.insert_message(connection, tag, (value, None, physical))
         } else {
-            self.insert_message(connection, taken.succ(), value, Some(tag))
+            self.insert_message(connection, taken.succ(), (value, Some(tag), physical))
         }
     }
 
@@ -43,7 +50,7 @@ impl<V: Clone> Scheduler<V> {
     ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
         let tag = self.assign(connection, self.physical_tag(connection, now));
-        self.insert_message(connection, tag, value, None)
+        self.insert_message(connection, tag, (value, None, true))
     }
 
     /// Sends what is present along delayed connections and to other federates, and makes it absent.
@@ -68,6 +75,7 @@ impl<V: Clone> Scheduler<V> {
     /// Sends the value at a root along what leaves from there.
     fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
         let wiring = Arc::clone(&self.wiring);
+        let marked = self.is_port_marked(root);
         for connection in &wiring.delayed[root] {
             if !self.modes.is_active(wiring.modes.of_connection[*connection]) {
                 continue;
@@ -76,7 +84,7 @@ impl<V: Clone> Scheduler<V> {
             let computed =
                 if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
             let tag = self.assign(*connection, computed);
-            self.insert_message(*connection, tag, value.clone(), None);
+            self.insert_message(*connection, tag, (value.clone(), None, marked || physical));
         }
         let sent = self.sent.contains(&root);
         for channel in &wiring.outgoing[root] {
@@ -86,7 +94,8 @@ impl<V: Clone> Scheduler<V> {
             }
             let tag = self.assign(connection, delay.shift(self.tag));
             if physical || tag <= self.stop {
-                self.sends.push_back(Send { channel: *channel, tag, value: value.clone() });
+                let value = value.clone();
+                self.sends.push_back(Send { channel: *channel, tag, value, physical: marked });
             }
         }
     }
@@ -103,14 +112,13 @@ impl<V: Clone> Scheduler<V> {
         &mut self,
         connection: ConnectionId,
         at: Tag,
-        value: V,
-        intended: Option<Tag>,
+        (value, intended, physical): (V, Option<Tag>, bool),
     ) -> Option<Tag> {
         self.last_assigned[connection] = at;
         if at > self.stop {
             return None;
         }
-        self.queue.insert(at, Event::Message { connection, value, intended });
+        self.queue.insert(at, Event::Message { connection, value, intended, physical });
         Some(at)
     }
 

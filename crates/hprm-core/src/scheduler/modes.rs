@@ -138,6 +138,7 @@ impl<V: Clone> Scheduler<V> {
     /// Makes the reactor of `mode` change to it when this tag is done. The last request of a tag
     /// wins.
     pub fn enter(&mut self, mode: ModeId, transition: Transition) {
+        self.record_mode(mode, transition);
         let reactor = self.program.modes[mode].reactor;
         let modal = self.wiring.modes.reactors.iter().position(|modal| modal.reactor == reactor);
         if let Some(index) = modal {

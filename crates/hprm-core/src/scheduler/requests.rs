@@ -1,6 +1,6 @@
 //! What a running reaction asks for besides setting ports: actions, deadlines, the end.
 
-use super::{Scheduled, Scheduler};
+use super::{Request, Scheduled, Scheduler};
 use crate::queue::Event;
 use crate::wiring::Scope;
 use crate::{ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Reading, Tag};
@@ -15,12 +15,28 @@ impl<V: Clone> Scheduler<V> {
         value: Option<V>,
         now: impl Reading,
     ) -> Scheduled {
+        let recorded = self.recorder.is_some().then(|| value.clone());
+        let outcome = self.insert_action(action, extra, value, now);
+        if let Some(value) = recorded {
+            self.record_action(Request { action, value, outcome });
+        }
+        outcome
+    }
+
+    fn insert_action(
+        &mut self,
+        action: ActionId,
+        extra: Nanos,
+        value: Option<V>,
+        now: impl Reading,
+    ) -> Scheduled {
+        let physical = self.marks_action(action);
         let spec = &self.program.actions[action];
         let delay = spec.min_delay.saturating_add(extra.max(0));
         if let Some(mode) = self.wiring.modes.of_action[action]
             && !self.is_active(mode)
         {
-            self.modes.suspend(Event::Action { action, value }, mode, delay);
+            self.modes.suspend(Event::Action { action, value, physical }, mode, delay);
             return Scheduled::Suspended;
         }
         let mut tag = match spec.origin {
@@ -34,7 +50,7 @@ impl<V: Clone> Scheduler<V> {
             match spacing.policy {
                 Policy::Drop => return Scheduled::Dropped,
                 Policy::Replace if waits => {
-                    self.displaced = self.queue.replace(last, action, value);
+                    self.displaced = self.queue.replace(last, action, (value, physical));
                     return Scheduled::At(last);
                 }
                 Policy::Update if waits => self.displaced = self.queue.remove(last, action),
@@ -49,7 +65,7 @@ impl<V: Clone> Scheduler<V> {
         if tag > self.stop || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
-        let at = self.queue.pile(tag, Event::Action { action, value });
+        let at = self.queue.pile(tag, Event::Action { action, value, physical });
         if at > self.stop {
             self.queue.truncate(self.stop);
             return Scheduled::AfterStop;
@@ -73,6 +89,7 @@ impl<V: Clone> Scheduler<V> {
     /// Ends the program at the next microstep. A federate only asks: see
     /// [`Self::take_stop_request`].
     pub fn request_stop(&mut self) {
+        self.record_stop();
         match self.scope {
             Scope::Whole => self.set_stop(self.tag.succ()),
             Scope::Federate(_) => self.stop_requested |= self.stop > self.tag.succ(),

@@ -44,7 +44,8 @@ impl<V: Clone> Scheduler<V> {
                     && let Some(value) = self.ports[root].clone()
                 {
                     let tag = self.assign(connection, self.tag);
-                    self.sends.push_back(Send { channel: *channel, tag, value });
+                    let physical = self.is_port_marked(root);
+                    self.sends.push_back(Send { channel: *channel, tag, value, physical });
                 }
             }
         }

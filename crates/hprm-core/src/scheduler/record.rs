@@ -1,0 +1,261 @@
+//! What reactions did, for the logical trace; and what of it stems from the physical world.
+//!
+//! Recording is off until it is asked for, and costs a test of an option then. A record is complete
+//! when its reaction finishes. Whoever compares two runs leaves out what is marked as physical, so
+//! the mark spreads to whatever it may have influenced:
+//!
+//! - Events of physical actions and messages of physical connections are marked.
+//! - A reaction that an event or a port with a mark triggers, or that may read such a port, is
+//!   marked, and from then on all reactions of its reactor are, since its state may hold what it has
+//!   seen. If it changes the mode of its reactor, that holds for all reactors inside as well.
+//! - A reaction that reads the clock is marked for this one time.
+//! - What a marked reaction sets or schedules from then on has the mark.
+//!
+//! What a value is, and how it is written down, is the driver's business.
+
+use std::collections::{BTreeSet, VecDeque};
+
+use super::{Body, Scheduled, Scheduler};
+use crate::{ActionId, ModeId, PortId, Program, ReactionId, ReactorId, Tag, Transition, Trigger};
+
+/// What one reaction did at one tag.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Record<V> {
+    /// When.
+    pub tag: Tag,
+    /// Which reaction.
+    pub reaction: ReactionId,
+    /// Which of its bodies.
+    pub body: Body,
+    /// The tag that an input was meant for, if one came too late.
+    pub tardy: Option<Tag>,
+    /// Whether it may depend on something that the program has read from the physical world.
+    pub physical: bool,
+    /// The ports that it set, each once and in their order, with the values that they were left
+    /// with.
+    pub ports: Vec<(PortId, V)>,
+    /// The actions that it scheduled, in the order of its calls.
+    pub actions: Vec<Request<V>>,
+    /// The modes that it asked for, in the order of its calls.
+    pub modes: Vec<(ModeId, Transition)>,
+    /// Whether it asked the program to stop.
+    pub stops: bool,
+}
+
+/// An action that a reaction scheduled.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Request<V> {
+    /// The action.
+    pub action: ActionId,
+    /// The value for it.
+    pub value: Option<V>,
+    /// What became of that.
+    pub outcome: Scheduled,
+}
+
+/// Records in the making, and where the marks are.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Recorder<V> {
+    /// Of the reaction that runs; its ports have no values yet.
+    open: Option<Open<V>>,
+    complete: VecDeque<Record<V>>,
+    /// Roots whose values are marked at this tag.
+    ports: BTreeSet<PortId>,
+    /// Actions whose events are marked at this tag.
+    present_actions: BTreeSet<ActionId>,
+    /// Actions that have had marked events, which may have shifted later ones.
+    actions: BTreeSet<ActionId>,
+    /// Reactors whose state is marked.
+    reactors: BTreeSet<ReactorId>,
+    /// Whether the program's end is.
+    stop: bool,
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Open<V> {
+    record: Record<V>,
+    set: Vec<PortId>,
+}
+
+impl<V> Recorder<V> {
+    const fn new() -> Self {
+        Self {
+            open: None,
+            complete: VecDeque::new(),
+            ports: BTreeSet::new(),
+            present_actions: BTreeSet::new(),
+            actions: BTreeSet::new(),
+            reactors: BTreeSet::new(),
+            stop: false,
+        }
+    }
+
+    fn is_marked(&self) -> bool {
+        self.open.as_ref().is_some_and(|open| open.record.physical)
+    }
+}
+
+impl<V: Clone> Scheduler<V> {
+    /// Records from now on what reactions do. To be called before the start.
+    pub fn start_recording(&mut self) {
+        self.recorder.get_or_insert_with(|| Box::new(Recorder::new()));
+    }
+
+    /// A reaction that has finished, if recording is on. Within a tag they come in the order in
+    /// which they finished, which workers may change.
+    pub fn poll_record(&mut self) -> Option<Record<V>> {
+        self.recorder.as_mut()?.complete.pop_front()
+    }
+
+    /// Notes that the running reaction has read something of the physical world, such as the clock.
+    pub fn mark_physical(&mut self) {
+        if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
+            open.record.physical = true;
+        }
+    }
+
+    /// Whether somebody has asked for the end who may have seen something of the physical world.
+    #[must_use]
+    pub fn stops_physically(&self) -> bool {
+        self.recorder.as_ref().is_some_and(|recorder| recorder.stop)
+    }
+
+    // For the rest of the scheduler. All of these do nothing while recording is off.
+
+    /// The running reaction begins.
+    pub(super) fn record_start(&mut self, reaction: ReactionId, body: Body) {
+        if self.recorder.is_none() {
+            return;
+        }
+        let tardy = self.earliest_intended(reaction);
+        let Some(recorder) = &mut self.recorder else { return };
+        let spec = &self.program.reactions[reaction];
+        let read = spec.triggers.iter().any(|trigger| match trigger {
+            Trigger::Port(port) => recorder.ports.contains(&self.wiring.root[*port]),
+            Trigger::Action(action) => recorder.present_actions.contains(action),
+            _ => false,
+        });
+        let may_read =
+            spec.sources.iter().any(|port| recorder.ports.contains(&self.wiring.root[*port]));
+        if read || may_read {
+            recorder.reactors.insert(spec.reactor);
+        }
+        let record = Record {
+            tag: self.tag,
+            reaction,
+            body,
+            tardy,
+            physical: recorder.reactors.contains(&spec.reactor),
+            ports: Vec::new(),
+            actions: Vec::new(),
+            modes: Vec::new(),
+            stops: false,
+        };
+        recorder.open = Some(Open { record, set: Vec::new() });
+    }
+
+    /// The running reaction has set a port.
+    pub(super) fn record_port(&mut self, port: PortId) {
+        if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
+            open.set.push(port);
+        }
+    }
+
+    /// The running reaction has scheduled an action.
+    pub(super) fn record_action(&mut self, request: Request<V>) {
+        if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
+            open.record.actions.push(request);
+        }
+    }
+
+    /// The running reaction has asked for a mode.
+    pub(super) fn record_mode(&mut self, mode: ModeId, transition: Transition) {
+        let Some(recorder) = &mut self.recorder else { return };
+        let Some(open) = &mut recorder.open else { return };
+        open.record.modes.push((mode, transition));
+        if open.record.physical {
+            let around = self.program.modes[mode].reactor;
+            let inside =
+                self.program.reactors.ids().filter(|r| is_within(&self.program, *r, around));
+            recorder.reactors.extend(inside);
+        }
+    }
+
+    /// The running reaction, or somebody outside, has asked for the end.
+    pub(super) fn record_stop(&mut self) {
+        let Some(recorder) = &mut self.recorder else { return };
+        if let Some(open) = &mut recorder.open {
+            open.record.stops = true;
+        }
+        recorder.stop |= recorder.open.as_ref().is_none_or(|open| open.record.physical);
+    }
+
+    /// The running reaction has returned.
+    pub(super) fn record_finish(&mut self) {
+        let Some(recorder) = &mut self.recorder else { return };
+        let Some(Open { mut record, mut set }) = recorder.open.take() else { return };
+        set.sort_unstable();
+        set.dedup();
+        let left = set.into_iter().filter_map(|port| {
+            let present = self.ports[self.wiring.root[port]].clone()?;
+            Some((port, present))
+        });
+        record.ports = left.collect();
+        recorder.complete.push_back(record);
+    }
+
+    /// The tag is complete.
+    pub(super) fn record_end(&mut self) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.ports.clear();
+            recorder.present_actions.clear();
+        }
+    }
+
+    // Marks.
+
+    /// Whether the running reaction is marked.
+    pub(super) fn is_marked(&self) -> bool {
+        self.recorder.as_ref().is_some_and(|recorder| recorder.is_marked())
+    }
+
+    /// Whether an event of the action is marked that is scheduled now.
+    pub(super) fn marks_action(&mut self, action: ActionId) -> bool {
+        let Some(recorder) = &mut self.recorder else { return false };
+        if self.program.actions[action].origin == crate::Origin::Physical || recorder.is_marked() {
+            recorder.actions.insert(action);
+        }
+        recorder.actions.contains(&action)
+    }
+
+    /// Marks the value at a root, if it is `physical` or takes the place of one that was.
+    pub(super) fn mark_port(&mut self, root: PortId, physical: bool) {
+        if let Some(recorder) = self.recorder.as_mut().filter(|_| physical) {
+            recorder.ports.insert(root);
+        }
+    }
+
+    /// Whether the value at a root is marked.
+    pub(super) fn is_port_marked(&self, root: PortId) -> bool {
+        self.recorder.as_ref().is_some_and(|recorder| recorder.ports.contains(&root))
+    }
+
+    /// Marks an action that is present.
+    pub(super) fn mark_action(&mut self, action: ActionId) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.present_actions.insert(action);
+        }
+    }
+}
+
+/// Whether `reactor` is `around` or somewhere inside.
+fn is_within(program: &Program, reactor: ReactorId, around: ReactorId) -> bool {
+    let mut here = Some(reactor);
+    while let Some(reactor) = here {
+        if reactor == around {
+            return true;
+        }
+        here = program.reactors[reactor].parent;
+    }
+    false
+}
