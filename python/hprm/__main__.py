@@ -23,7 +23,9 @@ def main() -> NoReturn:
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     if options.command == "run":
-        code = _hprm.run_program(options.file, options.property)
+        code = _hprm.run_program(
+            options.file, options.property, logical_trace=options.logical_trace
+        )
     else:
         if not options.federation:
             parser.error("the secret of the federation is missing: --federation ID")
@@ -32,10 +34,14 @@ def main() -> NoReturn:
         code = _hprm.run_federate(
             options.file,
             options.federate,
-            rti=options.rti,
-            federation=options.federation,
-            launched=options.launched,
-            properties=options.property,
+            {
+                "rti": options.rti,
+                "federation": options.federation,
+                "coordination": options.coordination,
+                "launched": options.launched,
+                "logical_trace": options.logical_trace,
+                "properties": options.property,
+            },
         )
     _leave(code)
 
@@ -47,6 +53,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     federate = commands.add_parser("federate", help="run one federate of a program")
+    for command in (run, federate):
+        command.add_argument("--logical-trace", metavar="FILE", help="write what reactions do")
     federate.add_argument("file", help="the .lf file")
     federate.add_argument("federate", help="the name of the federate")
     federate.add_argument("--rti", required=True, help="the address of the RTI")
@@ -54,6 +62,11 @@ def _parser() -> argparse.ArgumentParser:
         "--federation",
         default=os.environ.get("HPRM_FEDERATION_ID"),
         help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
+    )
+    federate.add_argument(
+        "--coordination",
+        choices=["centralized", "decentralized"],
+        help="instead of what the program says; the RTI must have been told the same",
     )
     federate.add_argument(
         "--launched", action="store_true", help="a launcher shows warnings and failures"

@@ -1,7 +1,7 @@
 """The native half of the package: ports, actions, time, serialization, and the loops."""
 
 from collections.abc import Iterator
-from typing import Any, SupportsIndex, final, overload
+from typing import Any, SupportsIndex, TypedDict, final, overload
 
 @final
 class Tag:
@@ -62,8 +62,7 @@ class Api:
     def tag(self) -> Tag: ...
     def logical(self) -> int: ...
     def logical_elapsed(self) -> int: ...
-    @staticmethod
-    def physical() -> int: ...
+    def physical(self) -> int: ...
     def physical_elapsed(self) -> int: ...
     def start(self) -> int: ...
     def request_stop(self) -> None: ...
@@ -74,21 +73,23 @@ class Api:
     def set_maxwait(self, maxwait: float) -> None: ...
     def store_stats(self) -> dict[str, int]: ...
 
-def run_program(path: str, properties: list[str] = ...) -> int:
+class Membership(TypedDict):
+    """Where a federate belongs, and what its launcher has asked for."""
+
+    rti: str
+    federation: str
+    coordination: str | None
+    launched: bool
+    logical_trace: str | None
+    properties: list[str]
+
+def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
     """Run a program in this process, federated or not, to its end. Return the exit code.
 
     Target properties, each as ``KEY=VALUE``, outdo those of the program.
     """
 
-def run_federate(
-    path: str,
-    federate: str,
-    *,
-    rti: str,
-    federation: str,
-    launched: bool = False,
-    properties: list[str] = ...,
-) -> int:
+def run_federate(path: str, federate: str, membership: Membership) -> int:
     """Run one federate of a program to its end. Return the exit code.
 
     If it was launched, then the one who did that reports warnings and failures.
@@ -96,6 +97,9 @@ def run_federate(
 
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
+
+def digest(value: Any) -> tuple[str, str, bool]:
+    """Return what a trace says of a value: digest, text, and whether something is opaque."""
 
 def encode(value: Any) -> tuple[bytes, list[bytes]]:
     """Return the head and the parts of a value, as it travels without shared memory."""

@@ -37,13 +37,14 @@ impl Api {
     }
 
     /// The clock, in nanoseconds since the Unix epoch.
-    #[staticmethod]
-    fn physical() -> i64 {
+    fn physical(&self) -> i64 {
+        self.0.note_physical();
         Clock::now().0
     }
 
     /// The clock, in nanoseconds since the start.
     fn physical_elapsed(&self) -> PyResult<i64> {
+        self.0.note_physical();
         Ok(Clock::now().since(self.0.tag()?.1))
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::mem;
 use std::sync::Arc;
 
+use hprm::trace::Described;
 use hprm::{Failure, Host, SharedBodies};
 use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler,
@@ -186,6 +187,13 @@ impl Host for PyHost {
         arrival: PhysicalTime,
     ) -> Value {
         Value::arrived(Arc::clone(&self.codecs[channel]), payload, objects, arrival)
+    }
+
+    fn describe(&mut self, value: &Value) -> Described {
+        Python::attach(|py| match value.object(py) {
+            Ok(object) => crate::digest::describe(&object),
+            Err(_) => Described::opaque("a value that cannot be decoded"),
+        })
     }
 
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {

@@ -15,6 +15,7 @@ mod api;
 mod buffer;
 mod codec;
 mod console;
+mod digest;
 mod failure;
 mod host;
 mod interrupt;
@@ -45,5 +46,5 @@ mod _hprm {
     #[pymodule_export]
     use crate::tag::Tag;
     #[pymodule_export]
-    use crate::testing::{decode, encode, store_round_trip};
+    use crate::testing::{decode, digest, encode, store_round_trip};
 }

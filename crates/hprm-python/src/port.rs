@@ -130,6 +130,7 @@ impl Port {
     /// When the value arrived from another federate, in nanoseconds since the Unix epoch.
     #[getter]
     fn physical_time_of_arrival(&self) -> PyResult<i64> {
+        self.runtime.note_physical();
         let arrival = self.present()?.and_then(|value| value.arrival());
         Ok(arrival.map_or(NEVER, |time| time.0))
     }

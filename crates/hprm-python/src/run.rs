@@ -4,10 +4,12 @@
 
 use std::fmt::Display;
 use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use hprm::trace::Trace;
 use hprm::{Disk, Failure, FederateOptions, Inbox};
-use hprm_core::Scope;
+use hprm_core::{Coordination, Scope};
 use hprm_lf::Compiled;
 use hprm_store::StoreLimits;
 use pyo3::prelude::*;
@@ -20,33 +22,55 @@ use crate::value::Value;
 ///
 /// Each of the `properties` is a target property, `KEY=VALUE`, that outdoes the program's.
 #[pyfunction]
-#[pyo3(signature = (path, properties = vec![]))]
-pub(crate) fn run_program(py: Python<'_>, path: &str, properties: Vec<String>) -> i32 {
+#[pyo3(signature = (path, properties = vec![], *, logical_trace = None))]
+pub(crate) fn run_program(
+    py: Python<'_>,
+    path: &str,
+    properties: Vec<String>,
+    logical_trace: Option<PathBuf>,
+) -> i32 {
     exit_code(compile(path, &properties, true).and_then(|compiled| {
         let inbox = inbox()?;
         let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
-        hprm::run_whole(&compiled.program, &mut host, &inbox)
+        let trace =
+            logical_trace.map(|path| Trace::create(&path, &compiled.program)).transpose()?;
+        hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace)
     }))
 }
 
+/// Where a federate belongs, and what its launcher has asked for.
+#[derive(FromPyObject)]
+pub(crate) struct Membership {
+    #[pyo3(item)]
+    rti: String,
+    #[pyo3(item)]
+    federation: String,
+    /// Takes the place of what the program says.
+    #[pyo3(item)]
+    coordination: Option<String>,
+    /// Whether somebody else shows the warnings, once for all federates, and what the RTI hears of a
+    /// failure.
+    #[pyo3(item)]
+    launched: bool,
+    #[pyo3(item)]
+    logical_trace: Option<PathBuf>,
+    /// Target properties, `KEY=VALUE`, that outdo the program's.
+    #[pyo3(item)]
+    properties: Vec<String>,
+}
+
 /// Runs one federate of a program to its end. Returns the exit code.
-///
-/// If it was `launched`, then the one who did that shows the warnings, once for all federates, and
-/// what the RTI hears of a failure.
 #[pyfunction]
-#[pyo3(signature = (path, federate, *, rti, federation, launched = false, properties = vec![]))]
 pub(crate) fn run_federate(
     py: Python<'_>,
     path: &str,
     federate: &str,
-    rti: &str,
-    federation: &str,
-    launched: bool,
-    properties: Vec<String>,
+    membership: Membership,
 ) -> i32 {
+    let launched = membership.launched;
     let mut joined = false;
-    let outcome = compile(path, &properties, !launched).and_then(|compiled| {
-        let options = options(&compiled, federate, rti, federation)?;
+    let outcome = compile(path, &membership.properties, !launched).and_then(|mut compiled| {
+        let options = options(&mut compiled, federate, membership)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
         hprm::run_federate(&options, &inbox, || {
@@ -75,11 +99,19 @@ pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
 }
 
 fn options(
-    compiled: &Compiled,
+    compiled: &mut Compiled,
     federate: &str,
-    rti: &str,
-    federation: &str,
+    membership: Membership,
 ) -> Result<FederateOptions, Failure> {
+    let Membership { rti, federation, coordination, logical_trace, .. } = membership;
+    if let Some(coordination) = coordination {
+        let properties = &mut Arc::make_mut(&mut compiled.program).properties;
+        properties.coordination = match coordination.as_str() {
+            "centralized" => Coordination::Centralized,
+            "decentralized" => Coordination::Decentralized,
+            _ => return Err(Failure::new("error: --coordination: there is no such coordination")),
+        };
+    }
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
@@ -97,6 +129,7 @@ fn options(
         rti: rti.parse().map_err(|error| wrong("--rti", &error))?,
         federation: federation.parse().map_err(|error| wrong("--federation", &error))?,
         store: StoreLimits::default(),
+        trace: logical_trace,
     })
 }
 

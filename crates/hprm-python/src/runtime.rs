@@ -231,6 +231,7 @@ impl Runtime {
         let mut cell = self.cell();
         let Some(running) = cell.reacting() else { return Err(self.outside("a deadline")) };
         let Running { reaction, scheduler, effects, late, .. } = running;
+        effects.mark_physical();
         let missed = effects.misses_deadline(scheduler, *reaction, Clock::now());
         let late = late.as_ref().map(|late| Late {
             handler: late.handler.clone_ref(py),
@@ -257,6 +258,13 @@ impl Runtime {
         let mut cell = self.cell();
         cell.maxwait = Some(maxwait);
         cell.maxwait_is_news = true;
+    }
+
+    /// Notes for the trace that the running reaction reads the clock.
+    pub(crate) fn note_physical(&self) {
+        if let Some(running) = self.cell().reacting() {
+            running.effects.mark_physical();
+        }
     }
 
     /// What the store had done when a value was last encoded.

@@ -14,6 +14,13 @@ use crate::serialize::{self, Place};
 use crate::value::Value;
 
 /// The head and the parts of a value, as it travels where there is no shared memory.
+/// What a trace says of a value: the digest, the text, and whether something could not be seen.
+#[pyfunction]
+pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
+    let described = crate::digest::describe(value);
+    (described.digest.to_string(), described.text, described.opaque)
+}
+
 #[pyfunction]
 pub(crate) fn encode<'py>(
     value: &Bound<'py, PyAny>,

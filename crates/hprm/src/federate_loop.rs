@@ -19,6 +19,7 @@ use hprm_core::{
 };
 use hprm_federated::{End, Input, Output, Permission};
 
+use crate::trace::Trace;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox};
 pub use membership::FederateOptions;
@@ -44,7 +45,10 @@ where
 {
     let mut federation = Membership::join(options, inbox)?;
     let scope = Scope::Federate(options.federate);
-    let made = load().and_then(|host| Ok((host, Workers::new(&options.program, scope)?)));
+    let made = load().and_then(|host| {
+        let trace = options.trace.as_deref().map(|path| Trace::create(path, &options.program));
+        Ok((host, Workers::new(&options.program, scope, trace.transpose()?)?))
+    });
     let (host, workers) = match made {
         Ok(made) => made,
         Err(failure) => return Err(federation.fail(failure)),
@@ -59,6 +63,9 @@ where
         phase: Phase::Joining,
         interrupted: false,
     };
+    if options.trace.is_some() {
+        federate.scheduler.start_recording();
+    }
     let outcome = federate.run();
     inbox.close();
     federate.leave(outcome)
@@ -120,11 +127,12 @@ where
 
     /// Ends well or badly, so that the others know which.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
-        match outcome {
+        let traced = self.end_trace(&outcome);
+        match outcome.and(traced) {
             Ok(()) => {
                 self.federation.say_goodbye();
                 match self.interrupted {
-                    true => Err(Failure { message: String::new(), code: 130 }),
+                    true => Err(Failure::interrupted()),
                     false => Ok(()),
                 }
             }
@@ -136,6 +144,13 @@ where
             }
             Err(failure) => Err(self.federation.fail(failure)),
         }
+    }
+
+    fn end_trace(&mut self, outcome: &Result<(), Failure>) -> Result<(), Failure> {
+        if outcome.is_ok() && self.interrupted {
+            return self.workers.end_trace(&self.scheduler, &Err(Failure::interrupted()));
+        }
+        self.workers.end_trace(&self.scheduler, outcome)
     }
 
     fn read_links(&mut self) -> Result<(), Failure> {
@@ -157,7 +172,7 @@ where
         if !self.interrupted && self.host.interrupted() {
             self.interrupted = true;
             if self.phase == Phase::Joining {
-                return Err(Failure { message: String::new(), code: 130 });
+                return Err(Failure::interrupted());
             }
             stop = true;
         }

@@ -11,6 +11,11 @@ use hprm_core::{
 };
 use hprm_store::{Object, Store};
 
+use crate::trace::Described;
+
+/// The exit code of a program that the user has stopped.
+const INTERRUPTED: i32 = 130;
+
 /// Why a program cannot go on, or must not.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("{message}")]
@@ -26,6 +31,15 @@ impl Failure {
     #[must_use]
     pub fn new(message: impl Into<String>) -> Self {
         Self { message: message.into(), code: 1 }
+    }
+
+    /// The user has stopped the program, which has ended in order.
+    pub(crate) const fn interrupted() -> Self {
+        Self { message: String::new(), code: INTERRUPTED }
+    }
+
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.code == INTERRUPTED && self.message.is_empty()
     }
 }
 
@@ -81,6 +95,13 @@ pub trait Host {
         objects: Vec<Object>,
         arrival: PhysicalTime,
     ) -> Self::Value;
+
+    /// Describes a value for the logical trace. A host that does not say what its values are gets a
+    /// trace of what happens, but not of what is in the values.
+    fn describe(&mut self, value: &Self::Value) -> Described {
+        let _ = value;
+        Described::opaque("value")
+    }
 
     /// Waits, or lets workers run. A host that holds a lock which other threads of the process need
     /// lets go of it meanwhile.

@@ -16,6 +16,7 @@ mod inbox;
 mod link;
 mod local_loop;
 mod rti_loop;
+pub mod trace;
 mod wait;
 mod workers;
 
@@ -29,7 +30,7 @@ pub use federate_loop::{FederateOptions, run_federate};
 pub use host::{Failure, Host, SharedBodies};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError};
-pub use local_loop::run_whole;
+pub use local_loop::{run_whole, run_whole_traced};
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 
 pub use hprm_core as core;

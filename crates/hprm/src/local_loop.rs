@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{Program, Scheduler, Scope, Tag};
 
+use crate::trace::Trace;
 use crate::wait::wait_for;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox};
@@ -23,12 +24,34 @@ pub fn run_whole<H: Host>(
 where
     H::Value: Send + Sync,
 {
-    let mut workers = Workers::new(program, Scope::Whole)?;
+    run_whole_traced(program, host, inbox, None)
+}
+
+/// As [`run_whole`], and writes the logical trace if there is one.
+///
+/// # Errors
+///
+/// What a reaction raised, or else that the trace cannot be written.
+pub fn run_whole_traced<H: Host>(
+    program: &Arc<Program>,
+    host: &mut H,
+    inbox: &Inbox<H::Value>,
+    trace: Option<Trace>,
+) -> Result<(), Failure>
+where
+    H::Value: Send + Sync,
+{
+    let traced = trace.is_some();
+    let mut workers = Workers::new(program, Scope::Whole, trace)?;
     let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
+    if traced {
+        scheduler.start_recording();
+    }
     scheduler.start(Clock::now());
     let outcome = run(&mut scheduler, &mut workers, host, inbox);
     inbox.close();
-    outcome
+    let traced = workers.end_trace(&scheduler, &outcome);
+    outcome.and(traced)
 }
 
 fn run<H: Host>(
@@ -67,11 +90,7 @@ where
         scheduler.begin(tag);
         workers.run_tag(scheduler, host)?;
         if scheduler.end(Clock::now) {
-            return if interrupted {
-                Err(Failure { message: String::new(), code: 130 })
-            } else {
-                Ok(())
-            };
+            return if interrupted { Err(Failure::interrupted()) } else { Ok(()) };
         }
     }
 }

@@ -14,12 +14,15 @@ use std::thread;
 use hprm_core::{Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
+use crate::trace::Trace;
 use crate::{Clock, Failure, Host};
 
 /// What runs the reactions of one loop.
 pub(crate) struct Workers<V> {
     /// None if there is one worker: the loop's own thread.
     team: Option<Team<V>>,
+    /// Where what they do is written down, if it is.
+    trace: Option<Trace>,
 }
 
 /// The loop's thread and others.
@@ -41,19 +44,23 @@ struct Ran<V> {
 }
 
 impl<V: Clone> Workers<V> {
-    /// As many as the program says.
+    /// As many as the program says. If there is a trace, the scheduler must be recording.
     ///
     /// # Errors
     ///
     /// If the system starts no thread.
-    pub(crate) fn new(program: &Arc<Program>, scope: Scope) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        program: &Arc<Program>,
+        scope: Scope,
+        trace: Option<Trace>,
+    ) -> Result<Self, Failure> {
         let workers = match program.properties.workers {
             None => 1,
             Some(0) => thread::available_parallelism().map_or(1, usize::from),
             Some(workers) => workers as usize,
         };
         if workers <= 1 {
-            return Ok(Self { team: None });
+            return Ok(Self { team: None, trace });
         }
         let others = workers - 1;
         let threads = ThreadPoolBuilder::new()
@@ -65,7 +72,7 @@ impl<V: Clone> Workers<V> {
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team) })
+        Ok(Self { team: Some(team), trace })
     }
 
     /// Runs the reactions of the current tag.
@@ -112,10 +119,30 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        match &mut self.team {
-            Some(team) if host.shared_bodies().is_some() => team.run_next(scheduler, host),
-            _ => run_next(scheduler, host),
+        let ran = match &mut self.team {
+            Some(team) if host.shared_bodies().is_some() => team.run_next(scheduler, host)?,
+            _ => run_next(scheduler, host)?,
+        };
+        if let Some(trace) = &mut self.trace {
+            // At once: a value may change later, when others have it.
+            while let Some(record) = scheduler.poll_record() {
+                trace.add(host, record)?;
+            }
         }
+        Ok(ran)
+    }
+
+    /// Ends the trace, if there is one, with what became of the run.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written.
+    pub(crate) fn end_trace(
+        &mut self,
+        scheduler: &Scheduler<V>,
+        outcome: &Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        self.trace.take().map_or(Ok(()), |trace| trace.end(scheduler, outcome))
     }
 }
 

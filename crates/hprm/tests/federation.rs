@@ -128,6 +128,7 @@ fn federation(program: Program, address: &str, react: Arc<React>) -> Federation 
                 rti: address.clone(),
                 federation,
                 store: StoreLimits::default(),
+                trace: None,
             };
             let (react, warnings) = (Arc::clone(&react), Arc::clone(&warnings));
             thread::spawn(move || {

@@ -47,6 +47,7 @@ enum Command<V> {
     Enter(ModeId, Transition),
     SetDeadline(Nanos),
     RequestStop,
+    MarkPhysical,
 }
 
 impl<V> Default for Effects<V> {
@@ -126,6 +127,12 @@ impl<V: Clone> Effects<V> {
         deadline.is_some_and(|deadline| scheduler.is_late(deadline, now))
     }
 
+    /// Notes that the reaction has read something of the physical world; see
+    /// [`Scheduler::mark_physical`].
+    pub fn mark_physical(&mut self) {
+        self.commands.push(Command::MarkPhysical);
+    }
+
     /// Ends the program; see [`Scheduler::request_stop`].
     pub fn request_stop(&mut self) {
         self.commands.push(Command::RequestStop);
@@ -181,6 +188,7 @@ impl<V: Clone> Scheduler<V> {
                 Command::Enter(mode, transition) => self.enter(mode, transition),
                 Command::SetDeadline(deadline) => self.set_deadline(reaction, deadline),
                 Command::RequestStop => self.request_stop(),
+                Command::MarkPhysical => self.mark_physical(),
             }
         }
     }

@@ -3,6 +3,7 @@
 //! A federate joins first and loads its program then, so that all federates load at the same time,
 //! and one that cannot load says so to the others.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Nanos, Program};
@@ -29,6 +30,8 @@ pub struct FederateOptions {
     pub federation: FederationId,
     /// How much memory its object store may take.
     pub store: StoreLimits,
+    /// Where its share of the logical trace goes, if it is wanted.
+    pub trace: Option<PathBuf>,
 }
 
 /// What connects a federate to its federation.

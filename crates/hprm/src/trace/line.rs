@@ -1,0 +1,264 @@
+//! The lines of a logical trace.
+//!
+//! Names are full names from the main reactor down, tags count from the start, and nothing tells
+//! which process wrote a line. A file is a header, then one entry for each reaction that ran, by tag,
+//! level and place in the program, then the end.
+
+use hprm_core::{Body, Scheduled, Tag, Transition};
+use serde::{Deserialize, Serialize};
+
+use super::Described;
+
+/// The version of the format. Another one cannot be compared with this.
+pub const VERSION: u32 = 1;
+
+/// A tag: nanoseconds since the start, and the microstep.
+pub type At = (i64, u32);
+
+/// The tag as it is written.
+#[must_use]
+pub fn at(tag: Tag) -> At {
+    (tag.time, tag.microstep)
+}
+
+/// One line.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Line {
+    /// The first.
+    Header(Header),
+    /// The last.
+    End(End),
+    /// Any between them.
+    Entry(Entry),
+}
+
+/// What the trace is of.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Header {
+    /// [`VERSION`].
+    pub hprm_logical_trace: u32,
+    /// The name of the program.
+    pub program: String,
+    /// Whether the program is federated, however it was run.
+    pub federated: bool,
+}
+
+/// What a reaction did.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Entry {
+    /// When.
+    pub tag: At,
+    /// Its full name.
+    pub reaction: String,
+    /// Which of its bodies ran.
+    #[serde(default, skip_serializing_if = "Which::is_main")]
+    pub body: Which,
+    /// The ports that it set, in the order of the program.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sets: Vec<Set>,
+    /// The actions that it scheduled, in the order of its calls.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub schedules: Vec<Schedule>,
+    /// The modes that it asked for, in the order of its calls.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub enters: Vec<Enter>,
+    /// Whether it asked the program to stop.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub stops: bool,
+    /// The tag that an input was meant for, if one came too late.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tardy: Option<At>,
+    /// Whether it may depend on the physical world.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub physical: bool,
+}
+
+/// A body of a reaction.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Which {
+    /// The reaction itself.
+    #[default]
+    Main,
+    /// Its deadline handler.
+    Deadline,
+    /// Its handler for inputs that come too late.
+    Tardy,
+}
+
+/// A port that was set.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Set {
+    /// Its full name.
+    pub port: String,
+    /// The value that it was left with.
+    pub value: Described,
+}
+
+/// An action that was scheduled.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Schedule {
+    /// Its full name.
+    pub action: String,
+    /// What became of that.
+    pub at: Outcome,
+    /// Whether the clock decides on its tag.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub physical: bool,
+    /// The value for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<Described>,
+}
+
+/// What became of a call to schedule an action.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Outcome {
+    /// It will be present.
+    At(At),
+    /// It will not, or nobody knows when.
+    Not(Reason),
+}
+
+/// Why an action has no tag.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reason {
+    /// It was too close to the event before.
+    Dropped,
+    /// The program ends before.
+    AfterStop,
+    /// Its mode is not active.
+    Suspended,
+}
+
+/// A mode that was asked for.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Enter {
+    /// Its full name.
+    pub mode: String,
+    /// How.
+    pub how: How,
+}
+
+/// How a mode is entered.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum How {
+    /// As if for the first time.
+    Reset,
+    /// As it was left.
+    History,
+}
+
+/// How the run ended.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct End {
+    /// The last tag. It is complete if the run ended in order.
+    pub end: At,
+    /// Whether it did.
+    pub outcome: Ending,
+    /// Why not, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+    /// Whether somebody asked for the end who may have seen something of the physical world.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub physical: bool,
+    /// How many reactions had an input that came too late.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub tardy: u64,
+}
+
+/// How a run ends, from good to bad.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Ending {
+    /// At its last tag.
+    Done,
+    /// At its last tag, which the user chose.
+    Interrupted,
+    /// In the middle of a tag: a reaction chose to leave.
+    Left,
+    /// In the middle of a tag: something went wrong.
+    Failed,
+}
+
+impl Which {
+    fn is_main(&self) -> bool {
+        *self == Self::Main
+    }
+}
+
+impl From<Body> for Which {
+    fn from(body: Body) -> Self {
+        match body {
+            Body::Main => Self::Main,
+            Body::Deadline => Self::Deadline,
+            Body::Tardy => Self::Tardy,
+        }
+    }
+}
+
+impl From<Scheduled> for Outcome {
+    fn from(scheduled: Scheduled) -> Self {
+        match scheduled {
+            Scheduled::At(tag) => Self::At(at(tag)),
+            Scheduled::Dropped => Self::Not(Reason::Dropped),
+            Scheduled::AfterStop => Self::Not(Reason::AfterStop),
+            Scheduled::Suspended => Self::Not(Reason::Suspended),
+        }
+    }
+}
+
+impl From<Transition> for How {
+    fn from(transition: Transition) -> Self {
+        match transition {
+            Transition::Reset => Self::Reset,
+            Transition::History => Self::History,
+        }
+    }
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(text: &str) -> Entry {
+        match serde_json::from_str(text) {
+            Ok(Line::Entry(entry)) => entry,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_line_is_read_as_it_is_written() {
+        let digest = "99aa06d3014798d86001c324468d497f";
+        let full = format!(
+            r#"{{"tag":[5,1],"reaction":"M.a.1","body":"tardy","sets":[{{"port":"M.a.out","value":{{"digest":"{digest}","text":"1"}}}}],"schedules":[{{"action":"M.a.b","at":[7,0]}},{{"action":"M.a.b","at":"after-stop","physical":true,"value":{{"digest":"{digest}","text":"f","opaque":true}}}}],"enters":[{{"mode":"M.a.m","how":"reset"}}],"stops":true,"tardy":[4,0],"physical":true}}"#
+        );
+        for text in [
+            r#"{"hprm_logical_trace":1,"program":"M","federated":false}"#,
+            r#"{"tag":[0,0],"reaction":"M.1"}"#,
+            &full,
+            r#"{"end":[10,0],"outcome":"done"}"#,
+            r#"{"end":[10,0],"outcome":"failed","message":"no","physical":true,"tardy":3}"#,
+        ] {
+            let line: Line = serde_json::from_str(text).unwrap();
+            assert_eq!(serde_json::to_string(&line).unwrap(), text);
+        }
+        assert_eq!(entry(&full).schedules[1].at, Outcome::Not(Reason::AfterStop));
+    }
+
+    #[test]
+    fn other_lines_are_no_lines() {
+        for text in [r#"{"tag":[0,0]}"#, r#"{"tag":0,"reaction":"M.1"}"#, "[]", r#"{"end":[1,0]}"#]
+        {
+            assert!(serde_json::from_str::<Line>(text).is_err(), "{text}");
+        }
+    }
+}

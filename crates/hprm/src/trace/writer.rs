@@ -1,0 +1,143 @@
+//! Writing the trace of a running program, or of one federate's share of it.
+//!
+//! The entries of one tag wait until it is over, because workers may finish in another order than
+//! the one in which entries stand in the file.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use hprm_core::{Program, ReactionId, Record, Request, Scheduler, Tag};
+
+use super::Draft;
+use super::line::{End, Ending, Enter, Entry, Header, Line, Schedule, Set, VERSION, at};
+use crate::{Failure, Host};
+
+/// The trace of a run.
+#[derive(Debug)]
+pub struct Trace {
+    program: Arc<Program>,
+    draft: Draft,
+    /// The tag whose entries wait.
+    tag: Tag,
+    waiting: Vec<((u32, ReactionId), Entry)>,
+    tardy: u64,
+}
+
+impl Trace {
+    /// Starts a trace that will be called `path`.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be written.
+    pub fn create(path: &Path, program: &Arc<Program>) -> Result<Self, Failure> {
+        let header = Header {
+            hprm_logical_trace: VERSION,
+            program: program.name.clone(),
+            federated: program.is_federated(),
+        };
+        let unwritten = |error: io::Error| {
+            Failure::new(format!("error: cannot write the trace {}: {error}", path.display()))
+        };
+        let mut draft = Draft::create(path).map_err(unwritten)?;
+        draft.write(&Line::Header(header)).map_err(unwritten)?;
+        let program = Arc::clone(program);
+        Ok(Self { program, draft, tag: Tag::NEVER, waiting: Vec::new(), tardy: 0 })
+    }
+
+    /// Adds what a reaction did.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be written.
+    pub fn add<H: Host>(&mut self, host: &mut H, record: Record<H::Value>) -> Result<(), Failure> {
+        let spec = &self.program.reactions[record.reaction];
+        // The front end has added those with number zero; they are no reactions of the program.
+        if spec.number == 0 {
+            return Ok(());
+        }
+        let place = (spec.level, record.reaction);
+        if record.tag != self.tag {
+            self.flush()?;
+            self.tag = record.tag;
+        }
+        self.tardy += u64::from(record.tardy.is_some());
+        let entry = self.entry(host, record);
+        self.waiting.push((place, entry));
+        Ok(())
+    }
+
+    /// Ends the trace with what became of the run, and gives the file its name.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be written.
+    pub fn end<V: Clone>(
+        mut self,
+        scheduler: &Scheduler<V>,
+        outcome: &Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let (ending, message) = match outcome {
+            Ok(()) => (Ending::Done, ""),
+            Err(Failure { code: 0, .. }) => (Ending::Left, ""),
+            Err(failure) if failure.is_interrupted() => (Ending::Interrupted, ""),
+            Err(Failure { message, .. }) => (Ending::Failed, message.as_str()),
+        };
+        let message = message.lines().next().map(|line| line.trim_start_matches("error: "));
+        let end = End {
+            end: at(scheduler.tag().max(Tag::START)),
+            outcome: ending,
+            message: message.map(str::to_owned),
+            physical: scheduler.stops_physically(),
+            tardy: self.tardy,
+        };
+        self.flush()?;
+        let published = self.draft.write(&Line::End(end)).and_then(|()| self.draft.publish());
+        published.map_err(unwritten)
+    }
+
+    fn flush(&mut self) -> Result<(), Failure> {
+        self.waiting.sort_unstable_by_key(|(place, _)| *place);
+        for (_, entry) in self.waiting.drain(..) {
+            self.draft.write(&Line::Entry(entry)).map_err(unwritten)?;
+        }
+        Ok(())
+    }
+
+    fn entry<H: Host>(&self, host: &mut H, record: Record<H::Value>) -> Entry {
+        let program = &self.program;
+        let set =
+            |(port, value)| Set { port: program.port_name(port), value: host.describe(&value) };
+        let sets = record.ports.into_iter().map(set).collect();
+        let schedule = |Request { action, value, outcome }| {
+            let spec = &program.actions[action];
+            Schedule {
+                action: format!("{}.{}", program.reactors[spec.reactor].name, spec.name),
+                at: outcome.into(),
+                physical: spec.origin == hprm_core::Origin::Physical,
+                value: value.map(|value: H::Value| host.describe(&value)),
+            }
+        };
+        let schedules = record.actions.into_iter().map(schedule).collect();
+        let enter = |(mode, transition): (hprm_core::ModeId, hprm_core::Transition)| {
+            let mode = &program.modes[mode];
+            let reactor = &program.reactors[mode.reactor].name;
+            Enter { mode: format!("{reactor}.{}", mode.name), how: transition.into() }
+        };
+        Entry {
+            tag: at(record.tag),
+            reaction: program.reaction_name(record.reaction),
+            body: record.body.into(),
+            sets,
+            schedules,
+            enters: record.modes.into_iter().map(enter).collect(),
+            stops: record.stops,
+            tardy: record.tardy.map(at),
+            physical: record.physical,
+        }
+    }
+}
+
+fn unwritten(error: io::Error) -> Failure {
+    Failure::new(format!("error: cannot write the logical trace: {error}"))
+}

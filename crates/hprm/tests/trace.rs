@@ -1,0 +1,128 @@
+//! The logical trace of a program in one process: what is in the file, and when it is there.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use hprm::trace::{Described, Digester, Trace};
+use hprm::{Failure, Host, Inbox, run_whole_traced};
+use hprm_core::{
+    Body, ChannelId, Delay, Direction, Effect, Origin, Payload, PhysicalTime, PortId, Program,
+    ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler, Trigger,
+};
+use hprm_store::{Object, Store};
+
+/// Sets ports to the number of the reaction, and schedules actions without a value.
+struct Numbers {
+    program: Arc<Program>,
+    /// The time at which everything goes wrong.
+    fails_at: i64,
+}
+
+impl Host for Numbers {
+    type Value = u32;
+
+    fn react(
+        &mut self,
+        scheduler: &mut Scheduler<u32>,
+        reaction: ReactionId,
+        _: Body,
+    ) -> Result<(), Failure> {
+        for effect in &self.program.reactions[reaction].effects {
+            match effect {
+                Effect::Port(port) => _ = scheduler.set(*port, reaction.0),
+                Effect::Mode(..) => unreachable!("there are no modes"),
+                Effect::Action(action) => {
+                    scheduler.schedule(*action, 0, None, scheduler.start_time());
+                }
+            }
+        }
+        if scheduler.tag().time >= self.fails_at {
+            return Err(Failure::new("error: it went wrong\nand this is why"));
+        }
+        Ok(())
+    }
+
+    fn describe(&mut self, value: &u32) -> Described {
+        let mut digester = Digester::new();
+        digester.write(&value.to_le_bytes());
+        Described { digest: digester.finish(), text: value.to_string(), opaque: false }
+    }
+
+    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &u32) -> Result<Payload, Failure> {
+        unreachable!("there is no network")
+    }
+
+    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime) -> u32 {
+        unreachable!("there is no network")
+    }
+
+    fn warn(&mut self, message: &str) {
+        panic!("{message}");
+    }
+}
+
+/// A sink before its source, so that the order of the program is not that of the levels.
+fn program() -> Arc<Program> {
+    let properties = Properties { timeout: Some(10), fast: true, ..Properties::default() };
+    let mut b = ProgramBuilder::new("Main", properties);
+    let [sink, source] = ["sink", "source"].map(|name| b.reactor(b.main(), name));
+    let input = b.port(sink, "in", Direction::Input);
+    let output: PortId = b.port(source, "out", Direction::Output);
+    b.connect(output, input, Delay::None);
+    let action = b.action(source, "again", Origin::Logical, 10);
+    let on = |trigger| ReactionSpec { triggers: vec![trigger], ..ReactionSpec::default() };
+    b.reaction(sink, on(Trigger::Port(input)));
+    let effects = vec![Effect::Port(output), Effect::Action(action)];
+    b.reaction(source, ReactionSpec { effects, ..on(Trigger::Startup) });
+    b.reaction(source, on(Trigger::Action(action)));
+    Arc::new(b.build().unwrap())
+}
+
+fn run(path: &Path, fails_at: i64) -> Result<(), Failure> {
+    let program = program();
+    let trace = Trace::create(path, &program)?;
+    let mut host = Numbers { program: Arc::clone(&program), fails_at };
+    run_whole_traced(&program, &mut host, &Inbox::new().unwrap(), Some(trace))
+}
+
+const HEADER: &str = r#"{"hprm_logical_trace":1,"program":"Main","federated":false}"#;
+const FIRST: [&str; 2] = [
+    r#"{"tag":[0,0],"reaction":"Main.source.1","sets":[{"port":"Main.source.out","value":{"digest":"ONE","text":"1"}}],"schedules":[{"action":"Main.source.again","at":[10,0]}]}"#,
+    r#"{"tag":[0,0],"reaction":"Main.sink.1"}"#,
+];
+
+/// The lines, with the digest of one by name.
+fn lines(path: &Path) -> Vec<String> {
+    let mut digester = Digester::new();
+    digester.write(&1_u32.to_le_bytes());
+    let one = digester.finish().to_string();
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines().map(|line| line.replace(&one, "ONE")).collect()
+}
+
+#[test]
+fn a_trace_has_a_header_an_entry_for_each_reaction_and_an_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.trace");
+    run(&path, i64::MAX).unwrap();
+    let last =
+        [r#"{"tag":[10,0],"reaction":"Main.source.2"}"#, r#"{"end":[10,0],"outcome":"done"}"#];
+    assert_eq!(lines(&path), [&[HEADER], &FIRST[..], &last].concat());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+}
+
+#[test]
+fn the_trace_of_a_run_that_fails_is_kept_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.trace");
+    assert!(run(&path, 10).unwrap_err().message.contains("it went wrong"));
+    let end = r#"{"end":[10,0],"outcome":"failed","message":"it went wrong"}"#;
+    assert_eq!(lines(&path), [&[HEADER], &FIRST[..], &[end]].concat());
+}
+
+#[test]
+fn a_trace_that_cannot_be_written_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let failure = run(&folder.path().join("no/such/folder.trace"), i64::MAX).unwrap_err();
+    assert!(failure.message.contains("cannot write the trace"), "{}", failure.message);
+}
