@@ -26,6 +26,8 @@ LONGEST_REASON = 160
 _PREFIX = r"(?:^|\n)(?:\[\S+\] )?"
 _ERROR = re.compile(_PREFIX + r"((?:error|fatal)\b.*)", re.IGNORECASE)
 _PLACE = re.compile(r"\n(?:\[\S+\])? *-->\s*(\S+)")
+# A property that is known, of consequence, and not obeyed: what passes has passed without it.
+_WITHOUT = re.compile(_PREFIX + r"warning\[LF0606\]: `([^`]+)`")
 _CODE = re.compile(r"error\[(\w+)\]")
 
 
@@ -44,13 +46,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Result:
-    """How a program ended; ``exit_code`` is None if its time was up."""
+    """How a program ended; ``exit_code`` is None if its time was up.
+
+    ``without`` are the target properties that the program states and that were not obeyed.
+    """
 
     job: Job
     exit_code: int | None
     seconds: float
     reason: str = ""
     diagnostic: str = ""
+    without: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -107,7 +113,8 @@ class Runner:
             output.seek(0)
             text = output.read().decode(errors="replace")
         if code == 0:
-            return Result(job, 0, seconds)
+            without = tuple(dict.fromkeys(_WITHOUT.findall(text)))
+            return Result(job, 0, seconds, without=without)
         if code is None:
             return Result(job, None, seconds, f"still running after {self._timeout:g} s")
         reason, diagnostic = explain(text)

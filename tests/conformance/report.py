@@ -62,6 +62,10 @@ def summary(results: Iterable[Result], skipped: dict[Job, str]) -> str:
     for cause, members in _by_cause(failed).items():
         lines += ["", f"{cause} ({len(members)}):"]
         lines += [f"  {result.job.label}: {result.reason}" for result in members]
+    without = [result for result in results if result.passed and result.without]
+    if without:
+        lines += ["", f"passed without a property that they state ({len(without)}):"]
+        lines += [f"  {result.job.label}: {', '.join(result.without)}" for result in without]
     if skipped:
         lines += ["", f"skipped ({len(skipped)}):"]
         lines += [f"  {job.label}: {reason}" for job, reason in skipped.items()]
@@ -81,6 +85,7 @@ def as_json(results: Iterable[Result], skipped: dict[Job, str]) -> dict[str, Any
             "seconds": round(result.seconds, 3),
             "reason": result.reason,
             "diagnostic": result.diagnostic or None,
+            "without": list(result.without),
         }
         for result in results
     ]

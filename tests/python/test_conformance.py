@@ -32,6 +32,11 @@ PROGRAMS = {
           reaction(shutdown) {= exit(order == ["A", "B"]) =}
         }
         """,
+    "federated/Auth.lf": """
+        target Python { timeout: 1 ms, auth: true }
+        reactor A { reaction(startup) {= pass =} }
+        federated reactor { a = new A() }
+        """,
     "concurrent/Here.lf": GOOD.replace("pass", "open('written', 'w').close()"),
     "federated/Two.lf": """
         target Python { timeout: 1 ms }
@@ -81,21 +86,24 @@ def test_every_program_counts_by_its_exit_code(checkout: Path, tmp_path: Path) -
         ("multiport/OneThread.lf", True): ("pass", 0),
         ("concurrent/Here.lf", False): ("pass", 0),
         ("federated/Two.lf", False): ("pass", 0),
+        ("federated/Auth.lf", False): ("pass", 0),
     }
     assert results["federated/Two.lf", False]["federated"]
     refused = results["Refused.lf", False]
     assert refused["diagnostic"] and "(Refused.lf:2" in refused["reason"]
     assert "ZeroDivisionError" in results["Raises.lf", False]["reason"]
     assert not list(checkout.rglob("written"))
-    assert "5 of 12 passed, 0 skipped" in done.stdout
-    assert len(done.stderr.splitlines()) == 12
+    assert "6 of 13 passed, 0 skipped" in done.stdout
+    assert len(done.stderr.splitlines()) == 13
+    assert results["federated/Auth.lf", False]["without"] == ["auth"]
+    assert "  federated/Auth.lf: auth\n" in done.stdout
 
 
 def test_programs_can_be_chosen(checkout: Path) -> None:
     for options, outcome in [
         (["--only", "Good"], (0, "1 of 1 passed")),
         (["--only", "*d.lf", "--folder", "src,federated"], (1, "1 of 3 passed")),
-        (["--federated"], (0, "1 of 1 passed")),
+        (["--federated"], (0, "2 of 2 passed")),
         (["--no-federated", "--folder", "concurrent"], (0, "1 of 1 passed")),
     ]:
         done = conformance(checkout, *options)

@@ -23,7 +23,7 @@ pub(crate) fn parse(
             let file = sources.add(PLACE, stated.clone());
             let message = format!("`{stated}` is no target property with a value");
             report.add(
-                Diagnostic::error("LF0607", Span::new(file, 0..stated.len()), message)
+                Diagnostic::error("LF0608", Span::new(file, 0..stated.len()), message)
                     .hint("write it as KEY=VALUE, such as `timeout=10 s`"),
             );
             continue;

@@ -331,7 +331,7 @@ fn properties_from_elsewhere_have_the_last_word() {
     1 | target Python { timeout: soon }
       |                          ^^^^
 
-    error[LF0607]: `fast` is no target property with a value
+    error[LF0608]: `fast` is no target property with a value
      --> --property:1:1
       |
     1 | fast
