@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test conformance bench bench-rust fmt lint clean toolchain
+.PHONY: help build demo test conformance bench bench-rust bench-python fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -41,6 +41,9 @@ bench: build ## compare with pickle over Unix sockets, side by side
 # Boomerang needs features that its compiler's version still calls unstable.
 bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, side by side
 	@RUSTC_BOOTSTRAP=1 cargo run --quiet --release --manifest-path bench/boomerang/Cargo.toml
+
+bench-python: build ## measure the scheduler with Python bodies
+	@$(BIN)/python bench/python_bodies.py
 
 fmt: $(VENV)/.requirements ## format the Rust and the Python code
 	cargo fmt --all
