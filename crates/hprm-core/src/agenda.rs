@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
+use std::mem;
 
 use crate::Tag;
 
@@ -15,8 +16,11 @@ const MOST_SPARE: usize = 64;
 /// Lists of entries by tag. No list is empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Agenda<T> {
-    /// The earliest, if there is any.
-    first: Option<(Tag, Vec<T>)>,
+    /// The earliest tag, if there is any.
+    first: Option<Tag>,
+    /// The list of that tag; empty if there is none. It lies here, and not in an option, so that an
+    /// event goes straight where it stays.
+    entries: Vec<T>,
     /// All others.
     later: BTreeMap<Tag, Vec<T>>,
     /// Empty lists of tags that have passed, for tags to come: a periodic program allocates nothing
@@ -27,7 +31,7 @@ pub(crate) struct Agenda<T> {
 // What is spare is no part of the state.
 impl<T: PartialEq> PartialEq for Agenda<T> {
     fn eq(&self, other: &Self) -> bool {
-        self.first == other.first && self.later == other.later
+        self.first == other.first && self.entries == other.entries && self.later == other.later
     }
 }
 
@@ -36,65 +40,76 @@ impl<T: Eq> Eq for Agenda<T> {}
 impl<T: Hash> Hash for Agenda<T> {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.first.hash(state);
+        self.entries.hash(state);
         self.later.hash(state);
     }
 }
 
 impl<T> Agenda<T> {
     pub(crate) const fn new() -> Self {
-        Self { first: None, later: BTreeMap::new(), spare: Vec::new() }
+        Self { first: None, entries: Vec::new(), later: BTreeMap::new(), spare: Vec::new() }
     }
 
     /// The earliest tag with entries.
     pub(crate) fn first(&self) -> Option<Tag> {
-        self.first.as_ref().map(|(tag, _)| *tag)
+        self.first
     }
 
     /// The entries at `tag`.
     pub(crate) fn at(&self, tag: Tag) -> &[T] {
-        match &self.first {
-            Some((first, entries)) if *first == tag => entries,
-            Some((first, _)) if *first < tag => self.later.get(&tag).map_or(&[], Vec::as_slice),
+        match self.first {
+            Some(first) if first == tag => &self.entries,
+            Some(first) if first < tag => self.later.get(&tag).map_or(&[], Vec::as_slice),
             _ => &[],
         }
     }
 
     /// The entries at `tag`.
     pub(crate) fn at_mut(&mut self, tag: Tag) -> &mut [T] {
-        match &mut self.first {
-            Some((first, entries)) if *first == tag => entries,
+        match self.first {
+            Some(first) if first == tag => &mut self.entries,
             _ => self.later.get_mut(&tag).map_or(&mut [], Vec::as_mut_slice),
         }
     }
 
     /// Appends an entry at `tag`.
     pub(crate) fn push(&mut self, tag: Tag, entry: T) {
-        match &mut self.first {
-            Some((first, entries)) if *first == tag => entries.push(entry),
-            Some((first, _)) if *first < tag => {
+        match self.first {
+            None => {
+                self.first = Some(tag);
+                self.entries.push(entry);
+            }
+            Some(first) if first == tag => self.entries.push(entry),
+            Some(first) if first < tag => {
                 let spare = &mut self.spare;
                 let later = self.later.entry(tag);
                 later.or_insert_with(|| spare.pop().unwrap_or_default()).push(entry);
             }
-            _ => {
-                let mut entries = self.spare.pop().unwrap_or_default();
-                entries.push(entry);
-                if let Some((first, others)) = self.first.replace((tag, entries)) {
-                    self.later.insert(first, others);
-                }
+            Some(first) => {
+                let entries = self.spare.pop().unwrap_or_default();
+                self.later.insert(first, mem::replace(&mut self.entries, entries));
+                self.first = Some(tag);
+                self.entries.push(entry);
             }
         }
     }
 
     /// Removes the entries at `tag`. The list may be given back with [`Self::recycle`].
     pub(crate) fn take(&mut self, tag: Tag) -> Vec<T> {
-        match self.first.take_if(|(first, _)| *first == tag) {
-            Some((_, entries)) => {
-                self.first = self.later.pop_first();
+        if self.first != Some(tag) {
+            return self.later.remove(&tag).unwrap_or_default();
+        }
+        let entries = match self.later.pop_first() {
+            Some((next, entries)) => {
+                self.first = Some(next);
                 entries
             }
-            None => self.later.remove(&tag).unwrap_or_default(),
-        }
+            None => {
+                self.first = None;
+                self.spare.pop().unwrap_or_default()
+            }
+        };
+        mem::replace(&mut self.entries, entries)
     }
 
     /// Keeps the memory of a list for tags to come.
@@ -107,8 +122,7 @@ impl<T> Agenda<T> {
 
     /// All entries, in order.
     pub(crate) fn entries(&self) -> impl Iterator<Item = &T> {
-        let first = self.first.iter().map(|(_, entries)| entries);
-        first.chain(self.later.values()).flatten()
+        self.entries.iter().chain(self.later.values().flatten())
     }
 
     /// Removes all entries that satisfy the condition, in their order.
@@ -119,17 +133,25 @@ impl<T> Agenda<T> {
             extracted.extend(out.map(|entry| (*tag, entry)));
             !entries.is_empty()
         };
-        let mut first = self.first.take();
-        let keeps_first = first.as_mut().is_some_and(|(tag, entries)| keeps_some(tag, entries));
+        if let Some(first) = self.first
+            && !keeps_some(&first, &mut self.entries)
+        {
+            self.first = None;
+        }
         self.later.retain(keeps_some);
-        self.first = first.filter(|_| keeps_first).or_else(|| self.later.pop_first());
+        if self.first.is_none()
+            && let Some((first, entries)) = self.later.pop_first()
+        {
+            (self.first, self.entries) = (Some(first), entries);
+        }
         extracted
     }
 
     /// Forgets everything after `tag`.
     pub(crate) fn truncate(&mut self, tag: Tag) {
-        self.first.take_if(|(first, _)| *first > tag);
-        if self.first.is_none() {
+        if self.first.is_some_and(|first| first > tag) {
+            self.first = None;
+            self.entries.clear();
             self.later.clear();
         } else if self.later.last_key_value().is_some_and(|(last, _)| *last > tag) {
             self.later.split_off(&tag.succ());
@@ -159,6 +181,7 @@ mod tests {
         assert_eq!(used.spare.len(), 1);
         assert_eq!(used, fresh);
         used.push(Tag::START, 'b');
+        used.take(Tag::START);
         assert!(used.spare.is_empty());
     }
 
