@@ -37,7 +37,6 @@ def main() -> NoReturn:
             {
                 "rti": options.rti,
                 "federation": options.federation,
-                "coordination": options.coordination,
                 "launched": options.launched,
                 "logical_trace": options.logical_trace,
                 "properties": options.property,
@@ -62,11 +61,6 @@ def _parser() -> argparse.ArgumentParser:
         "--federation",
         default=os.environ.get("HPRM_FEDERATION_ID"),
         help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
-    )
-    federate.add_argument(
-        "--coordination",
-        choices=["centralized", "decentralized"],
-        help="instead of what the program says; the RTI must have been told the same",
     )
     federate.add_argument(
         "--launched", action="store_true", help="a launcher shows warnings and failures"

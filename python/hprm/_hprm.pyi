@@ -78,7 +78,6 @@ class Membership(TypedDict):
 
     rti: str
     federation: str
-    coordination: str | None
     launched: bool
     logical_trace: str | None
     properties: list[str]

@@ -23,14 +23,18 @@ const EXAMPLES: &str = "\
 Examples:
   hprm run Main.lf            run a program, in one process or as a federation
   hprm check src/*.lf         say what is wrong, and run nothing
+  hprm verify Main.lf         run a program several times, and compare what it did
   hprm doctor                 see whether this machine has what HPRM needs
 
-Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 130 Ctrl-C.";
+Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 3 two runs differ,
+130 Ctrl-C.";
 
 #[derive(Subcommand, Debug)]
 pub(crate) enum Command {
     Run(Run),
     Check(Check),
+    Diff(Diff),
+    Verify(Verify),
     Rti(Rti),
     Federate(Federate),
     Doctor(Doctor),
@@ -81,6 +85,76 @@ pub(crate) struct Run {
     /// Seconds that federates may take to join.
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
+    /// Write down what every reaction did, in a form that does not depend on how the program was run.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) logical_trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) properties: Properties,
+    /// What the program finds in sys.argv.
+    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub(crate) arguments: Vec<OsString>,
+}
+
+/// Compare two logical traces, and say where they part.
+///
+/// What a program reads from the physical world, and what follows from it, is left out.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Example:
+  hprm run --logical-trace A.trace Main.lf
+  hprm run --logical-trace B.trace --workers 8 Main.lf
+  hprm diff A.trace B.trace
+
+The exit code is 0 if they are equal, and 3 if they are not.")]
+pub(crate) struct Diff {
+    /// A trace, written by hprm run --logical-trace.
+    #[arg(value_name = "A")]
+    pub(crate) a: PathBuf,
+    /// Another one of the same program.
+    #[arg(value_name = "B")]
+    pub(crate) b: PathBuf,
+    #[command(flatten)]
+    pub(crate) verdict: Verdict,
+}
+
+/// How two traces are compared, and how the result is shown.
+#[derive(Args, Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Verdict {
+    /// Also compare what stems from the physical world.
+    #[arg(long)]
+    pub(crate) physical: bool,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Run a program several times, each time in another way, and compare what it did.
+///
+/// The runs differ in the seed of Python's hashes, the number of workers and the load of the
+/// machine; those of a federated program also in the coordination, and in whether federates are
+/// processes or share one.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  hprm verify Main.lf
+  hprm verify --runs 20 --keep traces Main.lf    then: hprm diff traces/1.trace traces/7.trace
+
+The exit code is 0 if all runs did the same, and 3 if two did not.")]
+pub(crate) struct Verify {
+    /// The program.
+    #[arg(value_name = "FILE.lf")]
+    pub(crate) file: PathBuf,
+    /// How often to run it.
+    #[arg(long, value_name = "N", default_value = "6", value_parser = clap::value_parser!(u32).range(2..))]
+    pub(crate) runs: u32,
+    /// Seconds that a run may take.
+    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = seconds)]
+    pub(crate) timeout: Duration,
+    /// A folder for the traces, which are deleted otherwise.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) keep: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) verdict: Verdict,
     #[command(flatten)]
     pub(crate) properties: Properties,
     /// What the program finds in sys.argv.

@@ -22,10 +22,14 @@ use crate::message::Error;
 use crate::python;
 use crate::signals;
 use crate::supervisor::{Event, Order, Supervisor};
+use crate::trace::Parts;
 use crate::verdict::Ending;
 
 /// Where a process finds the secret of its federation. The command line would show it to everybody.
 pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
+
+/// The exit code of a federation that the user has stopped.
+const INTERRUPTED: i32 = 130;
 
 /// Events that may wait for the loop, which never takes long. More of them wait where they arise.
 const EVENTS: usize = 64;
@@ -38,6 +42,7 @@ pub(crate) struct Plan {
     pub(crate) arguments: Vec<OsString>,
     pub(crate) properties: Properties,
     pub(crate) join_timeout: Duration,
+    pub(crate) logical_trace: Option<PathBuf>,
 }
 
 /// Runs a federation to its end, and returns the exit code.
@@ -50,12 +55,14 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
     let signals = events.clone();
     signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
+    let parts = plan.logical_trace.as_deref().map(Parts::of).transpose()?;
     let federation = random_id()?;
     let (rti, address) = start_rti(program, federation, events.clone())?;
 
     let mut children = Children::default();
     for federate in program.federates.values() {
-        let mut command = plan.command(&federate.name, &address);
+        let share = parts.as_ref().map(|parts| parts.share(&federate.name));
+        let mut command = plan.command(&federate.name, &address, share);
         command.env(FEDERATION_ID, federation.to_string());
         let events = events.clone();
         // Once nobody listens, the command is about to end.
@@ -65,6 +72,9 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
     let supervisor = Supervisor::new(names, plan.join_timeout);
     let code = supervise(supervisor, &mut children, &rti, &arrivals);
     rti.abort();
+    if let Some(parts) = parts {
+        parts.merge(program, code == INTERRUPTED)?;
+    }
     Ok(code)
 }
 
@@ -78,9 +88,12 @@ pub(crate) fn random_id() -> Result<FederationId, Error> {
 }
 
 impl Plan {
-    fn command(&self, name: &str, rti: &Address) -> Command {
+    fn command(&self, name: &str, rti: &Address, share: Option<PathBuf>) -> Command {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(rti.to_string());
+        if let Some(share) = share {
+            command.arg("--logical-trace").arg(share);
+        }
         command.args(self.properties.options());
         // It leaves the words on its failure to this process, and never outlives it.
         command.arg("--launched");

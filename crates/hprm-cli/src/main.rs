@@ -10,6 +10,7 @@
 mod args;
 mod check;
 mod children;
+mod diff;
 mod doctor;
 mod follow;
 mod launch;
@@ -22,7 +23,9 @@ mod run;
 mod signals;
 mod source;
 mod supervisor;
+mod trace;
 mod verdict;
+mod verify;
 
 use std::process::ExitCode;
 
@@ -34,6 +37,8 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Run(run) => run::run(&run),
         Command::Check(check) => check::check(&check),
+        Command::Diff(diff) => diff::diff(&diff),
+        Command::Verify(verify) => verify::verify(&verify),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
         Command::Doctor(doctor) => doctor::doctor(&doctor),

@@ -23,6 +23,9 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     if !compiled.program.is_federated() {
         // The one process that runs it shows the warnings.
         let mut command = python::module(&python, "run");
+        if let Some(path) = &arguments.logical_trace {
+            command.arg("--logical-trace").arg(path);
+        }
         command.args(arguments.properties.options());
         command.arg("--").arg(&arguments.file).args(&arguments.arguments);
         return Err(replace(command));
@@ -34,6 +37,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         arguments: arguments.arguments.clone(),
         properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
+        logical_trace: arguments.logical_trace.clone(),
     };
     let code = launch::launch(&compiled.program, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use hprm::trace::Trace;
 use hprm::{Disk, Failure, FederateOptions, Inbox};
-use hprm_core::{Coordination, Scope};
+use hprm_core::Scope;
 use hprm_lf::Compiled;
 use hprm_store::StoreLimits;
 use pyo3::prelude::*;
@@ -45,9 +45,6 @@ pub(crate) struct Membership {
     rti: String,
     #[pyo3(item)]
     federation: String,
-    /// Takes the place of what the program says.
-    #[pyo3(item)]
-    coordination: Option<String>,
     /// Whether somebody else shows the warnings, once for all federates, and what the RTI hears of a
     /// failure.
     #[pyo3(item)]
@@ -69,8 +66,8 @@ pub(crate) fn run_federate(
 ) -> i32 {
     let launched = membership.launched;
     let mut joined = false;
-    let outcome = compile(path, &membership.properties, !launched).and_then(|mut compiled| {
-        let options = options(&mut compiled, federate, membership)?;
+    let outcome = compile(path, &membership.properties, !launched).and_then(|compiled| {
+        let options = options(&compiled, federate, membership)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
         hprm::run_federate(&options, &inbox, || {
@@ -99,19 +96,11 @@ pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
 }
 
 fn options(
-    compiled: &mut Compiled,
+    compiled: &Compiled,
     federate: &str,
     membership: Membership,
 ) -> Result<FederateOptions, Failure> {
-    let Membership { rti, federation, coordination, logical_trace, .. } = membership;
-    if let Some(coordination) = coordination {
-        let properties = &mut Arc::make_mut(&mut compiled.program).properties;
-        properties.coordination = match coordination.as_str() {
-            "centralized" => Coordination::Centralized,
-            "decentralized" => Coordination::Decentralized,
-            _ => return Err(Failure::new("error: --coordination: there is no such coordination")),
-        };
-    }
+    let Membership { rti, federation, logical_trace, .. } = membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();

@@ -1,0 +1,82 @@
+//! `hprm diff`: where two logical traces part.
+
+use std::process::ExitCode;
+
+use hprm::trace::Digest;
+use serde_json::{Value, json};
+
+use crate::args;
+use crate::message::{Error, print_line};
+use crate::trace::{Comparison, Judge, Reader, digest, moment, sentence, share};
+
+/// The exit code for traces that differ.
+pub(crate) const DIVERGENCE: u8 = 3;
+
+/// Compares two traces.
+///
+/// # Errors
+///
+/// If one cannot be read, or they are of different programs.
+pub(crate) fn diff(arguments: &args::Diff) -> Result<ExitCode, Error> {
+    let judge = Judge { physical: arguments.verdict.physical };
+    let (mut a, mut b) = (Reader::open(&arguments.a)?, Reader::open(&arguments.b)?);
+    let comparison = judge.compare(&mut a, &mut b)?;
+    let names = [a.name.as_str(), b.name.as_str()];
+    if arguments.verdict.json {
+        print_line(&as_json(&comparison, names).to_string());
+    } else {
+        print_line(&match &comparison.divergence {
+            Some(divergence) => sentence(divergence, names),
+            None => format!("equal: {}", share(&comparison)),
+        });
+    }
+    Ok(exit_code(&comparison))
+}
+
+/// Zero if there is no divergence.
+pub(crate) fn exit_code(comparison: &Comparison) -> ExitCode {
+    match comparison.divergence {
+        Some(_) => ExitCode::from(DIVERGENCE),
+        None => ExitCode::SUCCESS,
+    }
+}
+
+/// A comparison for machines.
+pub(crate) fn as_json(comparison: &Comparison, names: [&str; 2]) -> Value {
+    let divergence = comparison.divergence.as_ref().map(|divergence| {
+        json!({
+            "tag": [divergence.tag.0, divergence.tag.1],
+            "reaction": divergence.reaction,
+            "message": sentence(divergence, names),
+        })
+    });
+    json!({
+        "equal": divergence.is_none(),
+        "reactions": comparison.equal,
+        "left_out": comparison.left_out,
+        "opaque_values": comparison.opaque,
+        "before": comparison.limit.map(|limit| json!([limit.0, limit.1])),
+        "divergence": divergence,
+    })
+}
+
+/// One number for what was compared of a trace.
+///
+/// # Errors
+///
+/// If it cannot be read.
+pub(crate) fn hash(
+    path: &std::path::Path,
+    judge: Judge,
+    comparison: &Comparison,
+) -> Result<Digest, Error> {
+    digest(judge, &mut Reader::open(path)?, comparison.limit)
+}
+
+/// What was compared, in words, and up to where.
+pub(crate) fn extent(comparison: &Comparison) -> String {
+    match comparison.limit {
+        Some(limit) if comparison.equal == 0 => format!("nothing before {}", moment(limit)),
+        _ => share(comparison),
+    }
+}

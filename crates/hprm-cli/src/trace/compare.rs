@@ -1,0 +1,248 @@
+//! Where two traces part.
+//!
+//! Compared is what reactions did, up to where both runs are complete: if one of them ended earlier,
+//! then up to there, because how a run is deployed and when somebody stops it may decide on its end,
+//! but not on what comes before. What stems from the physical world is left out, unless asked for.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, Seek};
+
+use hprm::trace::line::{At, End, Ending, Enter, Entry, Outcome, Reason, Schedule, Set, Which};
+use hprm::trace::{Digest, Digester};
+
+use super::Reader;
+use super::read::Group;
+use crate::message::Error;
+
+/// How two traces are compared.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Judge {
+    /// Also what stems from the physical world.
+    pub(crate) physical: bool,
+}
+
+/// What came out of a comparison.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Comparison {
+    /// Reactions that ran in both and did the same.
+    pub(crate) equal: usize,
+    /// Reactions that were left out, because they stem from the physical world.
+    pub(crate) left_out: usize,
+    /// Values that could not be looked into; of those, only the types were compared.
+    pub(crate) opaque: usize,
+    /// The first tag that was not compared, if the ends differ.
+    pub(crate) limit: Option<At>,
+    /// Where the traces part, if they do.
+    pub(crate) divergence: Option<Divergence>,
+}
+
+/// The first difference.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Divergence {
+    pub(crate) tag: At,
+    /// Empty if it is the end that differs.
+    pub(crate) reaction: String,
+    pub(crate) what: Difference,
+}
+
+/// What differs; first what the first trace has.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Difference {
+    /// The reaction ran in one trace only: in the second one, if this is true.
+    Ran(bool),
+    Body(Which, Which),
+    Tardy(Option<At>, Option<At>),
+    Port(String, [Option<Set>; 2]),
+    /// The action that a call scheduled; calls are counted from one.
+    Action(usize, [Option<Schedule>; 2]),
+    Mode(usize, [Option<Enter>; 2]),
+    /// Only one asked for the end: the second one, if this is true.
+    Stops(bool),
+    End([At; 2]),
+}
+
+impl Judge {
+    /// Compares two traces from their beginnings.
+    ///
+    /// # Errors
+    ///
+    /// If one cannot be read, or they are of different programs.
+    pub(crate) fn compare<A, B>(
+        self,
+        a: &mut Reader<A>,
+        b: &mut Reader<B>,
+    ) -> Result<Comparison, Error>
+    where
+        A: BufRead + Seek,
+        B: BufRead + Seek,
+    {
+        if a.header != b.header {
+            let programs = [&a.header, &b.header].map(|header| header.program.as_str());
+            return Err(Error::new(format!(
+                "{} is a trace of {}, and {} one of {}",
+                a.name, programs[0], b.name, programs[1]
+            )));
+        }
+        let limit = limit(&a.end, &b.end);
+        let mut found = Comparison { limit, ..Comparison::default() };
+        loop {
+            let next = [a.next_tag(), b.next_tag()].into_iter().flatten().min();
+            let Some(tag) = next.filter(|tag| limit.is_none_or(|limit| *tag < limit)) else {
+                break;
+            };
+            let at_tag = |at: Option<At>| at == Some(tag);
+            let from_a = if at_tag(a.next_tag()) { a.group()? } else { None };
+            let from_b = if at_tag(b.next_tag()) { b.group()? } else { None };
+            self.compare_groups(from_a, from_b, &mut found);
+            if found.divergence.is_some() {
+                return Ok(found);
+            }
+        }
+        // Nothing but chance, or another deployment, lets equal runs end at different tags.
+        let by_chance = a.header.federated
+            || found.left_out > 0
+            || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != Ending::Done);
+        if a.end.end != b.end.end && (!by_chance || self.physical) {
+            let (tag, what) = (a.end.end.min(b.end.end), Difference::End([a.end.end, b.end.end]));
+            found.divergence = Some(Divergence { tag, reaction: String::new(), what });
+        }
+        Ok(found)
+    }
+
+    fn compare_groups(self, a: Option<Group>, b: Option<Group>, found: &mut Comparison) {
+        let [a, b] = [a, b].map(|group| group.map_or(Vec::new(), |group| group.entries));
+        let mut others: BTreeMap<&str, &Entry> =
+            b.iter().map(|entry| (entry.reaction.as_str(), entry)).collect();
+        for entry in &a {
+            let other = others.remove(entry.reaction.as_str());
+            if !self.physical && (entry.physical || other.is_some_and(|other| other.physical)) {
+                found.left_out += 1;
+                continue;
+            }
+            let different = match other {
+                None => Some(Difference::Ran(false)),
+                Some(other) => self.difference(entry, other, found.limit),
+            };
+            if let Some(what) = different {
+                found.diverge(entry, what);
+                return;
+            }
+            found.equal += 1;
+            found.opaque += opaque(entry);
+        }
+        for entry in b.iter().filter(|entry| others.contains_key(entry.reaction.as_str())) {
+            if !self.physical && entry.physical {
+                found.left_out += 1;
+            } else {
+                found.diverge(entry, Difference::Ran(true));
+                return;
+            }
+        }
+    }
+
+    /// The first difference between what one reaction did in two runs.
+    fn difference(self, a: &Entry, b: &Entry, limit: Option<At>) -> Option<Difference> {
+        if a.body != b.body {
+            return Some(Difference::Body(a.body, b.body));
+        }
+        if a.tardy != b.tardy {
+            return Some(Difference::Tardy(a.tardy, b.tardy));
+        }
+        if let Some(port) = ports(a, b) {
+            return Some(port);
+        }
+        for index in 0..a.schedules.len().max(b.schedules.len()) {
+            let pair = [a, b].map(|entry| entry.schedules.get(index));
+            if pair[0].map(|call| self.seen(call, limit))
+                != pair[1].map(|call| self.seen(call, limit))
+            {
+                return Some(Difference::Action(index + 1, pair.map(Option::<&_>::cloned)));
+            }
+        }
+        for index in 0..a.enters.len().max(b.enters.len()) {
+            let pair = [a, b].map(|entry| entry.enters.get(index));
+            if pair[0] != pair[1] {
+                return Some(Difference::Mode(index + 1, pair.map(Option::<&_>::cloned)));
+            }
+        }
+        (a.stops != b.stops).then_some(Difference::Stops(b.stops))
+    }
+
+    /// A call as far as it can be compared: what happens after the limit depends on the end, and the
+    /// tag of a physical action on the clock.
+    fn seen(self, call: &Schedule, limit: Option<At>) -> (&str, Option<Outcome>, Option<Digest>) {
+        let at = match call.at {
+            Outcome::At(at) if limit.is_some_and(|limit| at >= limit) => {
+                Outcome::Not(Reason::AfterStop)
+            }
+            other => other,
+        };
+        let known = self.physical || !call.physical;
+        (&call.action, known.then_some(at), call.value.as_ref().map(|value| value.digest))
+    }
+}
+
+impl Comparison {
+    fn diverge(&mut self, entry: &Entry, what: Difference) {
+        let (tag, reaction) = (entry.tag, entry.reaction.clone());
+        self.divergence = Some(Divergence { tag, reaction, what });
+    }
+}
+
+/// One number for all that is compared of a trace, up to `limit`.
+///
+/// # Errors
+///
+/// If it cannot be read.
+pub(crate) fn digest<R: BufRead + Seek>(
+    judge: Judge,
+    trace: &mut Reader<R>,
+    limit: Option<At>,
+) -> Result<Digest, Error> {
+    let mut digester = Digester::new();
+    while let Some(group) = trace.group()? {
+        if limit.is_some_and(|limit| group.tag >= limit) {
+            break;
+        }
+        for entry in group.entries.iter().filter(|entry| judge.physical || !entry.physical) {
+            let calls = entry.schedules.iter().map(|call| judge.seen(call, limit));
+            let sets = entry.sets.iter().map(|set| (&set.port, set.value.digest));
+            let (calls, sets): (Vec<_>, Vec<_>) = (calls.collect(), sets.collect());
+            let who = (entry.tag, &entry.reaction, entry.body, entry.tardy);
+            let all = (who, sets, calls, &entry.enters, entry.stops);
+            let text = serde_json::to_vec(&all).expect("what was read can be written");
+            digester.write(&text);
+        }
+    }
+    Ok(digester.finish())
+}
+
+/// The first tag that cannot be compared, if the runs ended differently.
+fn limit(a: &End, b: &End) -> Option<At> {
+    let in_order = |end: &End| matches!(end.outcome, Ending::Done | Ending::Interrupted);
+    let same = a.end == b.end && in_order(a) && in_order(b);
+    (!same).then_some(a.end.min(b.end))
+}
+
+/// The first port whose value differs.
+fn ports(a: &Entry, b: &Entry) -> Option<Difference> {
+    let values = |entry: &Entry| {
+        let digests = entry.sets.iter().map(|set| (set.port.clone(), set.value.digest));
+        digests.collect::<BTreeMap<_, _>>()
+    };
+    let (in_a, in_b) = (values(a), values(b));
+    let ports = a.sets.iter().chain(&b.sets).map(|set| &set.port);
+    let port = ports.into_iter().find(|port| in_a.get(*port) != in_b.get(*port))?;
+    let of = |entry: &Entry| entry.sets.iter().find(|set| set.port == *port).cloned();
+    Some(Difference::Port(port.clone(), [of(a), of(b)]))
+}
+
+/// How many values of an entry could not be looked into.
+fn opaque(entry: &Entry) -> usize {
+    let values = entry.sets.iter().map(|set| &set.value);
+    let values = values.chain(entry.schedules.iter().filter_map(|call| call.value.as_ref()));
+    values.filter(|value| value.opaque).count()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,185 @@
+use super::super::read::tests::trace;
+use super::super::{sentence, share};
+use super::*;
+
+const DONE: &str = r#"{"end":[20,0],"outcome":"done"}"#;
+
+fn text(lines: &[&str]) -> String {
+    lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+fn compared(judge: Judge, a: &[&str], b: &[&str]) -> Comparison {
+    judge.compare(&mut trace("A", &text(a)), &mut trace("B", &text(b))).unwrap()
+}
+
+/// The sentence for the first difference, which is the same whichever trace comes first.
+fn parting(a: &[&str], b: &[&str]) -> Option<String> {
+    let found = compared(Judge::default(), a, b);
+    let other = compared(Judge::default(), b, a);
+    assert_eq!(found.divergence.is_some(), other.divergence.is_some());
+    found.divergence.map(|divergence| sentence(&divergence, ["A", "B"]))
+}
+
+fn entry(rest: &str) -> String {
+    format!(r#"{{"tag":[10,0],"reaction":"M.a.1"{rest}}}"#)
+}
+
+fn value(number: u8) -> String {
+    format!(r#"{{"digest":"{number:032x}","text":"{number}"}}"#)
+}
+
+#[test]
+fn equal_traces_are_equal() {
+    let lines = [&entry(&format!(r#","sets":[{{"port":"M.a.out","value":{}}}]"#, value(1))), DONE];
+    let found = compared(Judge::default(), &lines, &lines);
+    assert_eq!(found, Comparison { equal: 1, ..Comparison::default() });
+    assert_eq!(share(&found), "1 reaction compared");
+}
+
+#[test]
+fn each_kind_of_difference_has_its_sentence() {
+    let set =
+        |port: &str, number| format!(r#","sets":[{{"port":"{port}","value":{}}}]"#, value(number));
+    let call =
+        |at: &str, rest: &str| format!(r#","schedules":[{{"action":"M.a.act","at":{at}{rest}}}]"#);
+    let with = |number| format!(r#","value":{}"#, value(number));
+    let enter = |how: &str| format!(r#","enters":[{{"mode":"M.a.m","how":"{how}"}}]"#);
+    let here = "at (10 ns, 0), reaction M.a.1";
+    for (a, b, expected) in [
+        (set("M.a.x", 1), set("M.a.x", 2), "sets M.a.x to 1 in A, and sets M.a.x to 2 in B"),
+        (set("M.a.x", 1), String::new(), "sets M.a.x to 1 in A, and does not set M.a.x in B"),
+        (
+            call("[12,0]", ""),
+            call("[13,0]", ""),
+            "schedules M.a.act for (12 ns, 0) in A, and schedules M.a.act for (13 ns, 0) in B",
+        ),
+        (
+            call("[12,0]", &with(1)),
+            call("[12,0]", &with(2)),
+            "schedules M.a.act with 1 in A, and schedules M.a.act with 2 in B",
+        ),
+        (
+            call("\"dropped\"", ""),
+            String::new(),
+            "schedules M.a.act in vain, too close to the event before in A, and schedules only 0 \
+             actions in B",
+        ),
+        (
+            enter("reset"),
+            enter("history"),
+            "asks for mode M.a.m with a reset in A, and asks for mode M.a.m with its history in B",
+        ),
+        (r#","stops":true"#.to_owned(), String::new(), "asks for the end in A, but not in B"),
+        (
+            r#","body":"deadline""#.to_owned(),
+            String::new(),
+            "runs its deadline handler in A, and its body in B",
+        ),
+        (
+            r#","tardy":[9,0]"#.to_owned(),
+            String::new(),
+            "has an input that came too late for (9 ns, 0) in A, and its inputs in time in B",
+        ),
+    ] {
+        let said = parting(&[&entry(&a), DONE], &[&entry(&b), DONE]);
+        assert_eq!(said, Some(format!("{here} {expected}")));
+    }
+}
+
+#[test]
+fn values_with_one_text_are_told_apart() {
+    let set = |digest: u8| {
+        entry(&format!(
+            r#","sets":[{{"port":"p","value":{{"digest":"{digest:032x}","text":"list of 2"}}}}]"#
+        ))
+    };
+    let said = parting(&[&set(1), DONE], &[&set(2), DONE]).unwrap();
+    assert!(
+        said.ends_with("sets p to list of 2 in A, and sets p to another list of 2 in B"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_reaction_that_ran_in_one_run_only_is_named() {
+    let other = r#"{"tag":[9,0],"reaction":"M.b.1"}"#;
+    let said = parting(&[&entry(""), DONE], &[other, &entry(""), DONE]);
+    assert_eq!(said.unwrap(), "at (9 ns, 0), reaction M.b.1 runs in B, but not in A");
+}
+
+#[test]
+fn the_order_within_a_tag_is_no_difference() {
+    let other = r#"{"tag":[10,0],"reaction":"M.b.1"}"#;
+    assert_eq!(parting(&[&entry(""), other, DONE], &[other, &entry(""), DONE]), None);
+}
+
+#[test]
+fn the_physical_world_is_left_out_unless_asked_for() {
+    let sensed = r#"{"tag":[5,0],"reaction":"M.s.1","physical":true}"#;
+    let both = entry(r#","physical":true"#);
+    let (a, b) = ([sensed, &both, DONE], [entry(""), DONE.to_owned()]);
+    let b = [b[0].as_str(), &b[1]];
+    let found = compared(Judge::default(), &a, &b);
+    assert_eq!((found.left_out, &found.divergence), (2, &None));
+    assert!(share(&found).contains("2 left out"), "{}", share(&found));
+    let found = compared(Judge { physical: true }, &a, &b);
+    assert_eq!(found.divergence.unwrap().reaction, "M.s.1");
+}
+
+#[test]
+fn the_tag_of_a_physical_action_depends_on_the_clock() {
+    let call = |at: &str| {
+        entry(&format!(r#","schedules":[{{"action":"M.a.p","at":{at},"physical":true}}]"#))
+    };
+    assert_eq!(parting(&[&call("[11,0]"), DONE], &[&call("[12,0]"), DONE]), None);
+}
+
+#[test]
+fn runs_that_somebody_stopped_are_compared_up_to_the_earlier_end() {
+    let later = r#"{"tag":[15,0],"reaction":"M.a.1"}"#;
+    let stopped = r#"{"end":[12,0],"outcome":"interrupted"}"#;
+    // Whether this is after the end depends on the end.
+    let call = |at: &str| entry(&format!(r#","schedules":[{{"action":"M.a.x","at":{at}}}]"#));
+    let (a, b) = ([&call("[15,0]"), later, DONE], [&call("\"after-stop\""), stopped]);
+    let found = compared(Judge::default(), &a, &b);
+    assert_eq!((found.limit, found.divergence), (Some((12, 0)), None));
+    let earlier = call("[11,0]");
+    assert!(parting(&[&earlier, later, DONE], &b).is_some());
+}
+
+#[test]
+fn an_end_at_another_tag_is_a_difference_if_nobody_stopped_the_run() {
+    let earlier = r#"{"end":[12,0],"outcome":"done"}"#;
+    let said = parting(&[&entry(""), DONE], &[&entry(""), earlier]).unwrap();
+    assert_eq!(said, "the program ends at (20 ns, 0) in A, and at (12 ns, 0) in B");
+    let chance = r#"{"end":[12,0],"outcome":"done","physical":true}"#;
+    assert_eq!(parting(&[&entry(""), DONE], &[&entry(""), chance]), None);
+}
+
+#[test]
+fn the_last_tag_of_a_run_that_failed_is_not_compared() {
+    let failed = r#"{"end":[10,0],"outcome":"failed","message":"no"}"#;
+    let other = r#"{"tag":[10,0],"reaction":"M.b.1"}"#;
+    assert_eq!(parting(&[&entry(""), other, DONE], &[&entry(""), failed]), None);
+}
+
+#[test]
+fn the_digest_is_of_what_is_compared() {
+    let digest_of = |lines: &[&str], limit| {
+        digest(Judge::default(), &mut trace("A", &text(lines)), limit).unwrap()
+    };
+    let sensed = r#"{"tag":[5,0],"reaction":"M.s.1","physical":true}"#;
+    let later = r#"{"tag":[15,0],"reaction":"M.a.1"}"#;
+    let plain = digest_of(&[&entry(""), DONE], None);
+    assert_eq!(digest_of(&[sensed, &entry(""), DONE], None), plain);
+    assert_eq!(digest_of(&[&entry(""), later, DONE], Some((15, 0))), plain);
+    assert_ne!(digest_of(&[&entry(""), later, DONE], None), plain);
+}
+
+#[test]
+fn traces_of_different_programs_are_not_compared() {
+    let mut other = trace("B", "");
+    other.header.program = "N".to_owned();
+    let error = Judge::default().compare(&mut trace("A", ""), &mut other).unwrap_err();
+    assert!(format!("{error:?}").contains("A is a trace of M, and B one of N"));
+}

@@ -1,0 +1,211 @@
+//! Reading a trace, one tag after the other, without holding all of it.
+//!
+//! How a run ended stands in the last line, but says which tags are complete, so it is read first.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use hprm::trace::line::{At, End, Ending, Entry, Header, Line, VERSION};
+
+use crate::message::Error;
+
+/// Bytes at the end of a file among which the last line is found.
+const TAIL: u64 = 1 << 16;
+
+/// A trace that is being read.
+#[derive(Debug)]
+pub(crate) struct Reader<R> {
+    /// What to call it in messages.
+    pub(crate) name: String,
+    pub(crate) header: Header,
+    /// How the run ended.
+    pub(crate) end: End,
+    source: R,
+    line: usize,
+    /// The first entry of the next tag.
+    next: Option<Entry>,
+}
+
+/// What happened at one tag.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Group {
+    pub(crate) tag: At,
+    pub(crate) entries: Vec<Entry>,
+}
+
+impl Reader<BufReader<File>> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be read, or does not begin like a trace.
+    pub(crate) fn open(path: &Path) -> Result<Self, Error> {
+        let name = path.display().to_string();
+        let file = File::open(path)
+            .map_err(|error| Error::new(format!("cannot read the trace {name}: {error}")))?;
+        Self::new(&name, BufReader::new(file))
+    }
+}
+
+impl<R: BufRead + Seek> Reader<R> {
+    /// Begins to read.
+    ///
+    /// # Errors
+    ///
+    /// If it does not begin like a trace.
+    pub(crate) fn new(name: &str, mut source: R) -> Result<Self, Error> {
+        let end = tail(&mut source)
+            .map_err(|error| Error::new(format!("cannot read the trace {name}: {error}")))?;
+        let header = Header { hprm_logical_trace: 0, program: String::new(), federated: false };
+        let mut reader = Self { name: name.to_owned(), header, end, source, line: 0, next: None };
+        match reader.read()? {
+            Some(Line::Header(header)) if header.hprm_logical_trace == VERSION => {
+                reader.header = header;
+            }
+            Some(Line::Header(Header { hprm_logical_trace: version, .. })) => {
+                let what = format!("{name} is a trace of version {version}, not {VERSION}");
+                return Err(Error::new(what).hint("record it again with this version of hprm"));
+            }
+            _ => return Err(reader.bad()),
+        }
+        reader.advance()?;
+        Ok(reader)
+    }
+
+    /// The tag of the next group.
+    pub(crate) fn next_tag(&self) -> Option<At> {
+        self.next.as_ref().map(|entry| entry.tag)
+    }
+
+    /// What happened at the next tag; none at the end.
+    ///
+    /// # Errors
+    ///
+    /// If the file is no trace, or its tags are not in order.
+    pub(crate) fn group(&mut self) -> Result<Option<Group>, Error> {
+        let Some(first) = self.next.take() else { return Ok(None) };
+        let mut group = Group { tag: first.tag, entries: vec![first] };
+        self.advance()?;
+        while let Some(entry) = self.next.take_if(|entry| entry.tag == group.tag) {
+            group.entries.push(entry);
+            self.advance()?;
+        }
+        if self.next_tag().is_some_and(|next| next < group.tag) {
+            return Err(self.bad());
+        }
+        Ok(Some(group))
+    }
+
+    fn advance(&mut self) -> Result<(), Error> {
+        self.next = match self.read()? {
+            Some(Line::Entry(entry)) => Some(entry),
+            Some(Line::Header(_)) => return Err(self.bad()),
+            Some(Line::End(_)) | None => None,
+        };
+        Ok(())
+    }
+
+    /// The next line. What comes after the last line break was not written to its end.
+    fn read(&mut self) -> Result<Option<Line>, Error> {
+        let mut text = String::new();
+        self.line += 1;
+        match self.source.read_line(&mut text) {
+            Ok(_) if !text.ends_with('\n') => Ok(None),
+            Ok(_) => serde_json::from_str(&text).map(Some).map_err(|_| self.bad()),
+            Err(_) => Err(self.bad()),
+        }
+    }
+
+    fn bad(&self) -> Error {
+        Error::new(format!("{}:{} is no line of a logical trace", self.name, self.line))
+            .hint("traces are written by hprm run --logical-trace FILE")
+    }
+}
+
+/// How the run ended, as far as the last complete line tells.
+fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<End> {
+    let len = source.seek(SeekFrom::End(0))?;
+    source.seek(SeekFrom::Start(len.saturating_sub(TAIL)))?;
+    let mut bytes = Vec::new();
+    source.read_to_end(&mut bytes)?;
+    source.seek(SeekFrom::Start(0))?;
+    let complete = bytes.iter().rposition(|byte| *byte == b'\n').map_or(&[][..], |at| &bytes[..at]);
+    let last = complete.rsplit(|byte| *byte == b'\n').next().unwrap_or_default();
+    let end = match serde_json::from_slice(last) {
+        Ok(Line::End(end)) => return Ok(end),
+        Ok(Line::Entry(entry)) => entry.tag,
+        Ok(Line::Header(_)) | Err(_) => (0, 0),
+    };
+    Ok(End {
+        end,
+        outcome: Ending::Failed,
+        message: Some("the trace breaks off: its process has not ended in order".to_owned()),
+        physical: false,
+        tardy: 0,
+    })
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+
+    pub(crate) const HEADER: &str =
+        "{\"hprm_logical_trace\":1,\"program\":\"M\",\"federated\":false}\n";
+
+    /// A trace with these lines after its header.
+    pub(crate) fn trace(name: &str, lines: &str) -> Reader<Cursor<String>> {
+        Reader::new(name, Cursor::new(format!("{HEADER}{lines}"))).unwrap()
+    }
+
+    fn refused(text: &str) -> String {
+        match Reader::new("a", Cursor::new(text.to_owned())) {
+            Err(error) => format!("{error:?}"),
+            Ok(mut reader) => loop {
+                match reader.group() {
+                    Ok(Some(_)) => {}
+                    Ok(None) => return "nothing wrong".to_owned(),
+                    Err(error) => return format!("{error:?}"),
+                }
+            },
+        }
+    }
+
+    #[test]
+    fn entries_come_by_tag() {
+        let mut reader = trace(
+            "a",
+            "{\"tag\":[0,0],\"reaction\":\"M.1\"}\n{\"tag\":[0,0],\"reaction\":\"M.2\"}\n\
+             {\"tag\":[0,1],\"reaction\":\"M.1\"}\n{\"end\":[0,1],\"outcome\":\"done\"}\n",
+        );
+        assert_eq!((reader.end.end, reader.end.outcome), ((0, 1), Ending::Done));
+        let sizes = [Some(((0, 0), 2)), Some(((0, 1), 1)), None];
+        for expected in sizes {
+            let group = reader.group().unwrap();
+            assert_eq!(group.map(|group| (group.tag, group.entries.len())), expected);
+        }
+    }
+
+    #[test]
+    fn a_trace_may_break_off_anywhere() {
+        let line = "{\"tag\":[5,0],\"reaction\":\"M.1\"}\n";
+        for cut in 1..=line.len() {
+            let reader = trace("a", &format!("{line}{}", &line[..cut - 1]));
+            assert_eq!((reader.end.end, reader.end.outcome), ((5, 0), Ending::Failed));
+        }
+        assert_eq!(trace("a", "").end.end, (0, 0));
+    }
+
+    #[test]
+    fn what_is_no_trace_is_refused_with_its_line() {
+        assert!(refused("").contains("a:1 is no line"));
+        assert!(refused("hello\n").contains("a:1 is no line"));
+        assert!(refused(&format!("{HEADER}{HEADER}")).contains("a:2 is no line"));
+        assert!(refused(&HEADER.replace(":1,", ":7,")).contains("version 7, not 1"));
+        let entry = |tag: i64| format!("{{\"tag\":[{tag},0],\"reaction\":\"M.1\"}}\n");
+        let back = format!("{HEADER}{}{}{}", entry(5), entry(4), entry(6));
+        assert!(refused(&back).contains("is no line"));
+    }
+}

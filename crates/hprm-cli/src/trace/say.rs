@@ -1,0 +1,126 @@
+//! Differences in sentences for people, and how much was compared.
+
+use hprm::trace::Described;
+use hprm::trace::line::{At, How, Outcome, Reason, Schedule, Set, Which};
+
+use super::compare::{Comparison, Difference, Divergence};
+
+/// A tag: `(10000000 ns, 0)`.
+pub(crate) fn moment((time, microstep): At) -> String {
+    format!("({time} ns, {microstep})")
+}
+
+/// Where two traces part, and what each has there.
+pub(crate) fn sentence(divergence: &Divergence, [a, b]: [&str; 2]) -> String {
+    let Divergence { tag, reaction, what } = divergence;
+    let only = |second: bool| if second { [b, a] } else { [a, b] };
+    let both = |subject: &str, [x, y]: [String; 2]| format!("{subject} {x} in {a}, and {y} in {b}");
+    let subject = format!("at {}, reaction {reaction}", moment(*tag));
+    match what {
+        Difference::Ran(second) => {
+            let [does, not] = only(*second);
+            format!("{subject} runs in {does}, but not in {not}")
+        }
+        Difference::Body(x, y) => both(&format!("{subject} runs"), [body(*x), body(*y)]),
+        Difference::Tardy(x, y) => both(&format!("{subject} has"), [tardy(*x), tardy(*y)]),
+        Difference::Port(port, sets) => {
+            let values = sets.each_ref().map(|set| set.as_ref().map(|set: &Set| &set.value));
+            both(
+                &subject,
+                values_of(values, &format!("sets {port} to"), &format!("does not set {port}")),
+            )
+        }
+        Difference::Action(number, calls) => action(&subject, *number, calls, [a, b]),
+        Difference::Mode(number, modes) => {
+            let enters = modes.each_ref().map(|mode| match mode {
+                Some(mode) => {
+                    let how = if mode.how == How::Reset { "a reset" } else { "its history" };
+                    format!("asks for mode {} with {how}", mode.mode)
+                }
+                None => format!("changes modes only {} times", number - 1),
+            });
+            both(&subject, enters)
+        }
+        Difference::Stops(second) => {
+            let [does, not] = only(*second);
+            format!("{subject} asks for the end in {does}, but not in {not}")
+        }
+        Difference::End([x, y]) => {
+            both("the program ends", [x, y].map(|end| format!("at {}", moment(*end))))
+        }
+    }
+}
+
+/// How much was compared, and why not all.
+pub(crate) fn share(comparison: &Comparison) -> String {
+    let Comparison { equal, left_out, opaque, limit, .. } = comparison;
+    let mut text = format!("{equal} {} compared", plural(*equal, "reaction"));
+    if *left_out > 0 {
+        text.push_str(&format!(", {left_out} left out that the physical world has a part in"));
+    }
+    if *opaque > 0 {
+        text.push_str(&format!(", {opaque} {} by type alone", plural(*opaque, "value")));
+    }
+    if let Some(limit) = limit {
+        text.push_str(&format!(", before {}", moment(*limit)));
+    }
+    text
+}
+
+fn action(
+    subject: &str,
+    number: usize,
+    calls: &[Option<Schedule>; 2],
+    [a, b]: [&str; 2],
+) -> String {
+    let [x, y] = match calls {
+        [Some(x), Some(y)] if x.action == y.action && x.at == y.at => {
+            let values = [x.value.as_ref(), y.value.as_ref()];
+            let with = format!("schedules {} with", x.action);
+            values_of(values, &with, &format!("{with}out a value"))
+        }
+        calls => calls.each_ref().map(|call| match call {
+            Some(call) => format!("schedules {} {}", call.action, outcome(call.at)),
+            None => format!("schedules only {} {}", number - 1, plural(number - 1, "action")),
+        }),
+    };
+    format!("{subject} {x} in {a}, and {y} in {b}")
+}
+
+/// Two values that differ, though their texts may not.
+fn values_of(values: [Option<&Described>; 2], does: &str, does_not: &str) -> [String; 2] {
+    let same = matches!(values, [Some(x), Some(y)] if x.text == y.text);
+    let mut other = ["", if same { "another " } else { "" }].into_iter();
+    values.map(|value| {
+        let other = other.next().unwrap_or_default();
+        value.map_or(does_not.to_owned(), |value| format!("{does} {other}{}", value.text))
+    })
+}
+
+fn outcome(outcome: Outcome) -> String {
+    match outcome {
+        Outcome::At(at) => format!("for {}", moment(at)),
+        Outcome::Not(Reason::Dropped) => "in vain, too close to the event before".to_owned(),
+        Outcome::Not(Reason::AfterStop) => "for after the end".to_owned(),
+        Outcome::Not(Reason::Suspended) => "for when its mode is active".to_owned(),
+    }
+}
+
+fn body(which: Which) -> String {
+    match which {
+        Which::Main => "its body".to_owned(),
+        Which::Deadline => "its deadline handler".to_owned(),
+        Which::Tardy => "its tardy handler".to_owned(),
+    }
+}
+
+fn tardy(intended: Option<At>) -> String {
+    match intended {
+        Some(tag) => format!("an input that came too late for {}", moment(tag)),
+        None => "its inputs in time".to_owned(),
+    }
+}
+
+fn plural(count: usize, noun: &str) -> String {
+    if count == 1 { noun.to_owned() } else { format!("{noun}s") }
+}

@@ -1,0 +1,231 @@
+//! `hprm verify`: a program is the same on every run, or here is where it is not.
+//!
+//! It runs the program as a user would, each time in another way, and compares the logical traces
+//! with that of the first run. What varies is in [`variant`]; what is compared, in `trace`.
+
+mod variant;
+
+use std::fs;
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+use serde_json::json;
+
+use self::variant::Variant;
+use crate::args::Verify;
+use crate::diff::{DIVERGENCE, as_json, extent, hash};
+use crate::message::{Error, print_line};
+use crate::trace::{Comparison, Judge, Reader, sentence};
+use crate::{check, python};
+
+/// How often to look whether a run is over.
+const PATIENCE: Duration = Duration::from_millis(5);
+
+/// How much of what a failed run says is shown.
+const SAID: usize = 4_000;
+
+/// Verifies a program.
+///
+/// # Errors
+///
+/// If it cannot be run, or a run fails.
+pub(crate) fn verify(arguments: &Verify) -> Result<ExitCode, Error> {
+    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
+        return Ok(ExitCode::FAILURE);
+    };
+    check::show_warnings(&compiled);
+    let folder = Folder::of(arguments)?;
+    let runs: Vec<Run> = (1..=arguments.runs)
+        .map(|number| Run {
+            variant: Variant::of(number, compiled.program.is_federated()),
+            trace: folder.path.join(format!("{number}.trace")),
+        })
+        .collect();
+    let judge = Judge { physical: arguments.verdict.physical };
+    let mut total: Option<Comparison> = None;
+    for run in &runs {
+        run.perform(arguments)?;
+        if run.variant.number == 1 {
+            continue;
+        }
+        let found = compare(judge, &runs[0], run)?;
+        if found.divergence.is_some() {
+            return Ok(report(arguments, &found, [&runs[0], run]));
+        }
+        total = Some(total.map_or(found.clone(), |total| least(total, found)));
+    }
+    let total = total.unwrap_or_default();
+    let hash = hash(&runs[0].trace, judge, &total)?;
+    let tardy = runs.iter().map(Run::tardy).sum::<Result<u64, Error>>()?;
+    if arguments.verdict.json {
+        let mut verdict = as_json(&total, ["", ""]);
+        verdict["hash"] = json!(hash.to_string());
+        verdict["runs"] = json!(runs.len());
+        verdict["tardy"] = json!(tardy);
+        print_line(&verdict.to_string());
+    } else {
+        print_line(&format!("{hash}  {} runs did the same: {}", runs.len(), extent(&total)));
+        if tardy > 0 {
+            print_line(&format!("{tardy} inputs came too late for their tags, alike in all runs"));
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// One run of the program.
+struct Run {
+    variant: Variant,
+    trace: PathBuf,
+}
+
+fn compare(judge: Judge, a: &Run, b: &Run) -> Result<Comparison, Error> {
+    judge.compare(&mut Reader::open(&a.trace)?, &mut Reader::open(&b.trace)?)
+}
+
+/// What two comparisons have both covered.
+fn least(a: Comparison, b: Comparison) -> Comparison {
+    let limit = [a.limit, b.limit].into_iter().flatten().min();
+    if b.limit.is_some() && b.limit == limit {
+        Comparison { limit, ..b }
+    } else {
+        Comparison { limit, ..a }
+    }
+}
+
+fn report(arguments: &Verify, found: &Comparison, runs: [&Run; 2]) -> ExitCode {
+    let names = runs.map(|run| format!("run {}", run.variant.number));
+    let names = names.each_ref().map(String::as_str);
+    if arguments.verdict.json {
+        let mut verdict = as_json(found, names);
+        verdict["ways"] = json!(runs.map(|run| run.variant.to_string()));
+        print_line(&verdict.to_string());
+    } else if let Some(divergence) = &found.divergence {
+        print_line(&sentence(divergence, names));
+        for run in runs {
+            print_line(&format!("  run {}: {}", run.variant.number, run.variant));
+        }
+    }
+    ExitCode::from(DIVERGENCE)
+}
+
+impl Run {
+    /// Runs the program to its end.
+    fn perform(&self, arguments: &Verify) -> Result<(), Error> {
+        let mut command = self.command(arguments)?;
+        // Its group, so that nothing of it is left if it must be ended.
+        command.process_group(0).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let failed = |error| Error::new(format!("cannot run the program: {error}"));
+        let mut child = command.spawn().map_err(failed)?;
+        let busy = AtomicBool::new(true);
+        let (code, said) = thread::scope(|scope| {
+            for _ in 0..self.variant.load {
+                scope.spawn(|| {
+                    while busy.load(Ordering::Relaxed) {
+                        std::hint::spin_loop();
+                    }
+                });
+            }
+            let mut stderr = child.stderr.take();
+            let said = scope.spawn(move || {
+                let mut said = Vec::new();
+                let read = stderr.as_mut().map(|stderr| stderr.read_to_end(&mut said));
+                read.transpose().map(|_| said).unwrap_or_default()
+            });
+            let code = wait(&mut child, arguments.timeout);
+            busy.store(false, Ordering::Relaxed);
+            (code, said.join().unwrap_or_default())
+        });
+        let run = format!("run {} ({})", self.variant.number, self.variant);
+        match code.map_err(failed)? {
+            Some(0) => Ok(()),
+            Some(code) => {
+                let said =
+                    String::from_utf8_lossy(&said[said.len().saturating_sub(SAID)..]).into_owned();
+                Err(Error::new(format!("{run} ended with exit code {code}\n{said}")))
+            }
+            None => Err(Error::new(format!("{run} did not end in {:?}", arguments.timeout)).hint(
+                "allow more with --timeout, or end the program with --property timeout='5 s'",
+            )),
+        }
+    }
+
+    fn command(&self, arguments: &Verify) -> Result<Command, Error> {
+        let mut command = if self.variant.in_one_process {
+            python::module(&python::find()?, "run")
+        } else {
+            let own = std::env::current_exe()
+                .map_err(|error| Error::new(format!("cannot find the command hprm: {error}")))?;
+            let mut command = Command::new(own);
+            command.arg("run");
+            command
+        };
+        command.arg("--logical-trace").arg(&self.trace);
+        command.args(arguments.properties.options());
+        command.args(self.variant.properties().map(|stated| format!("--property={stated}")));
+        if self.variant.in_one_process {
+            command.arg("--");
+        }
+        command.arg(&arguments.file).args(&arguments.arguments);
+        command.env("PYTHONHASHSEED", self.variant.hash_seed.to_string());
+        Ok(command)
+    }
+
+    /// How many inputs came too late.
+    fn tardy(&self) -> Result<u64, Error> {
+        Ok(Reader::open(&self.trace)?.end.tardy)
+    }
+}
+
+/// Waits for a process, and ends it with all its descendants if it takes too long. Returns the exit
+/// code; none in that case, or if a signal ended it.
+fn wait(child: &mut Child, timeout: Duration) -> std::io::Result<Option<i32>> {
+    let launched = Instant::now();
+    while launched.elapsed() < timeout {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status.code().unwrap_or(-1)));
+        }
+        thread::sleep(PATIENCE);
+    }
+    if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+        // It may have ended this moment.
+        let _ = kill_process_group(group, Signal::KILL);
+    }
+    child.wait()?;
+    Ok(None)
+}
+
+/// Where the traces are.
+struct Folder {
+    path: PathBuf,
+    kept: bool,
+}
+
+impl Folder {
+    fn of(arguments: &Verify) -> Result<Self, Error> {
+        let kept = arguments.keep.clone();
+        let own = || std::env::temp_dir().join(format!("hprm-verify-{}", std::process::id()));
+        let folder = Self { kept: kept.is_some(), path: kept.unwrap_or_else(own) };
+        let made = fs::create_dir_all(&folder.path);
+        made.map_err(|error| unwritable(&folder.path, &error))?;
+        Ok(folder)
+    }
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> Error {
+    Error::new(format!("cannot write traces to {}: {error}", path.display()))
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if !self.kept {
+            // What is left of a folder for temporary files is nobody's loss.
+            let _ = fs::remove_dir_all(&self.path);
+        }
+    }
+}

@@ -1,0 +1,281 @@
+"""Logical traces: the same file however a program is run, and the first difference where not."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HPRM = Path(sys.executable).with_name("hprm")
+CORPUS = Path(__file__).parents[1] / "lf"
+# Programs that stand beside the trace that they must leave. HPRM_BLESS=1 writes the traces anew.
+EXPECTED = sorted(CORPUS.rglob("*.trace"))
+
+FEDERATION = """\
+target Python {{ timeout: 60 ms {more} }}
+reactor Source(stride=1) {{
+  output out
+  timer t(0, 10 ms)
+  state count = 0
+  reaction(t) -> out {{=
+    self.count += self.stride
+    out.set({{"count": self.count, "names": {{"a", "b", "c", "d"}}}})
+  =}}
+}}
+reactor Sum {{
+  input[3] inp
+  output out
+  reaction(inp) -> out {{=
+    out.set(sum(port.value["count"] for port in inp if port.is_present))
+  =}}
+}}
+reactor Sink {{
+  input inp
+  logical action later(1 ms)
+  reaction(inp) -> later {{= later.schedule(0, inp.value) =}}
+  reaction(later) {{= pass =}}
+}}
+federated reactor {{
+  source = new[3] Source(stride={{= bank_index + 1 =}})
+  sum = new Sum()
+  sink = new Sink()
+  source.out -> sum.inp
+  sum.out -> sink.inp after 2 ms
+}}
+"""
+
+
+def hprm(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [HPRM, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+def program(folder: Path, text: str, name: str = "Program") -> Path:
+    path = folder / f"{name}.lf"
+    path.write_text(text)
+    return path
+
+
+def trace(path: Path, file: Path, *options: str, **environment: str) -> str:
+    done = hprm("run", "--logical-trace", file, *options, path, **environment)
+    assert done.returncode == 0, done.stderr
+    return file.read_text()
+
+
+def test_there_are_expected_traces() -> None:
+    assert EXPECTED
+
+
+@pytest.mark.parametrize("expected", EXPECTED, ids=lambda path: path.stem)
+def test_a_program_leaves_the_trace_that_is_expected(expected: Path, tmp_path: Path) -> None:
+    left = trace(expected.with_suffix(".lf"), tmp_path / "trace")
+    if os.environ.get("HPRM_BLESS"):
+        expected.write_text(left)
+    assert left == expected.read_text()
+
+
+def test_the_deployment_does_not_show(tmp_path: Path) -> None:
+    path = program(tmp_path, FEDERATION.format(more=""))
+    central = trace(path, tmp_path / "a", PYTHONHASHSEED="1")
+    decentral = trace(
+        path, tmp_path / "b", "--property=coordination=decentralized", PYTHONHASHSEED="2"
+    )
+    whole = [sys.executable, "-m", "hprm", "run", "--logical-trace", tmp_path / "c", "--", path]
+    subprocess.run(whole, check=True, timeout=60)
+    assert central == decentral == (tmp_path / "c").read_text()
+    assert json.loads(central.splitlines()[-1]) == {"end": [60_000_000, 0], "outcome": "done"}
+    assert not list(tmp_path.glob("*.parts-*"))
+
+
+WIDE = """\
+target Python {{ timeout: 30 ms, fast: true }}
+reactor Worker(factor=1) {{
+  input inp
+  output out
+  logical action again
+  state sum = 0
+  reaction(inp) -> out, again {{=
+    self.sum += inp.value * self.factor
+    out.set(self.sum)
+    again.schedule(MSEC(1) * (self.factor % 3), self.sum)
+  =}}
+  reaction(again) -> out {{= out.set(-again.value) =}}
+}}
+reactor Source {{
+  output out
+  timer t(0, 5 ms)
+  state count = 0
+  reaction(t) -> out {{=
+    self.count += 1
+    out.set(self.count)
+  =}}
+}}
+main reactor {{
+  source = new Source()
+  worker = new[20] Worker(factor={{= bank_index =}})
+  (source.out)+ -> worker.inp
+  reaction(worker.out) {{= pass =}}
+}}
+""".replace("{{", "{").replace("}}", "}")
+
+
+def test_the_number_of_workers_does_not_show(tmp_path: Path) -> None:
+    path = program(tmp_path, WIDE)
+    traces = [trace(path, tmp_path / f"{n}", f"--workers={n}") for n in (1, 2, 8)]
+    assert traces[0] == traces[1] == traces[2]
+    assert len(traces[0].splitlines()) > 100
+
+
+def test_verify_prints_one_hash_for_a_federation(tmp_path: Path) -> None:
+    path = program(tmp_path, FEDERATION.format(more=""))
+    verdicts = [hprm("verify", "--json", "--runs", 3, path) for _ in range(2)]
+    assert [verdict.returncode for verdict in verdicts] == [0, 0], verdicts[0].stderr
+    [first, second] = [json.loads(verdict.stdout) for verdict in verdicts]
+    assert first == second
+    assert first["equal"] and first["runs"] == 3 and first["tardy"] == 0
+    assert first["reactions"] > 30 and len(first["hash"]) == 32
+
+
+CHANCE = """\
+target Python {{ timeout: 30 ms, fast: true }}
+preamble {{=
+  import {module}
+=}}
+reactor Source {{
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {{= out.set({value}) =}}
+}}
+main reactor {{
+  source = new Source()
+  reaction(source.out) {{= pass =}}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "value"),
+    [
+        ("random", "random.random()"),
+        ("time", "time.time_ns()"),
+        ("os", "list({'a', 'b', 'c', 'd', 'e', 'f'})"),
+    ],
+)
+def test_verify_catches_chance(module: str, value: str, tmp_path: Path) -> None:
+    path = program(tmp_path, CHANCE.format(module=module, value=value))
+    verdict = hprm("verify", path)
+    assert verdict.returncode == 3, verdict.stderr
+    assert "reaction Program.source.1 sets Program.source.out to" in verdict.stdout
+    assert "run 1: hash seed 0, 1 worker" in verdict.stdout
+    verdict = hprm("verify", "--json", path)
+    assert verdict.returncode == 3
+    assert json.loads(verdict.stdout)["divergence"]["reaction"] == "Program.source.1"
+
+
+PHYSICAL = """\
+target Python { timeout: 50 ms }
+preamble {=
+  import threading, time
+=}
+reactor Sensor {
+  output out
+  physical action seen
+  reaction(startup) -> seen {=
+    def watch():
+        for number in range(5):
+            time.sleep(0.002)
+            seen.schedule(0, time.time_ns())
+    threading.Thread(target=watch, daemon=True).start()
+  =}
+  reaction(seen) -> out {= out.set(seen.value) =}
+}
+reactor Clock {
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {= out.set(lf.time.physical()) =}
+}
+reactor Steady {
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {= out.set(lf.time.logical_elapsed()) =}
+}
+main reactor {
+  sensor = new Sensor()
+  clock = new Clock()
+  steady = new Steady()
+  reaction(sensor.out, clock.out) {= pass =}
+  reaction(steady.out) {= pass =}
+}
+"""
+
+
+def test_the_physical_world_is_left_out_unless_asked_for(tmp_path: Path) -> None:
+    path = program(tmp_path, PHYSICAL)
+    verdict = hprm("verify", "--runs", 2, path)
+    assert verdict.returncode == 0, verdict.stdout
+    assert "left out" in verdict.stdout
+    assert hprm("verify", "--runs", 2, "--physical", path).returncode == 3
+
+
+def test_diff_names_the_first_difference(tmp_path: Path) -> None:
+    for name, stride in [("a", 1), ("b", 2)]:
+        text = CHANCE.format(module="os", value=f"lf.time.logical_elapsed() * {stride}")
+        (tmp_path / name).mkdir()
+        trace(program(tmp_path / name, text), tmp_path / f"{name}.trace")
+    a, b = tmp_path / "a.trace", tmp_path / "b.trace"
+    found = hprm("diff", a, b)
+    assert found.returncode == 3
+    assert found.stdout == (
+        "at (10000000 ns, 0), reaction Program.source.1 sets Program.source.out to 10000000 in "
+        f"{a}, and sets Program.source.out to 20000000 in {b}\n"
+    )
+    found = hprm("diff", "--json", a, b)
+    assert json.loads(found.stdout)["divergence"]["tag"] == [10_000_000, 0]
+    assert hprm("diff", a, a).returncode == 0
+
+
+def test_what_is_no_trace_is_said_to_be_none(tmp_path: Path) -> None:
+    path = program(tmp_path, PHYSICAL)
+    for wrong in (path, tmp_path / "nowhere", tmp_path):
+        answer = hprm("diff", wrong, wrong)
+        assert answer.returncode == 1
+        assert answer.stderr.startswith("error: ") and str(wrong) in answer.stderr
+
+
+def test_a_failing_run_leaves_the_trace_up_to_there(tmp_path: Path) -> None:
+    text = CHANCE.format(module="os", value="1 // (lf.time.logical_elapsed() - 10_000_000)")
+    path = program(tmp_path, text)
+    done = hprm("run", "--logical-trace", tmp_path / "trace", path)
+    assert done.returncode == 1
+    lines = (tmp_path / "trace").read_text().splitlines()
+    last = json.loads(lines[-1])
+    assert last["outcome"] == "failed" and "ZeroDivisionError" in last["message"]
+    assert json.loads(lines[1])["reaction"] == "Program.source.1"
+    verdict = hprm("verify", path)
+    assert verdict.returncode == 1
+    assert "run 1" in verdict.stderr and "ZeroDivisionError" in verdict.stderr
+
+
+def test_verify_ends_what_does_not_end(tmp_path: Path) -> None:
+    path = program(tmp_path, FEDERATION.format(more="").replace("60 ms", "60 s"))
+    verdict = hprm("verify", "--timeout", "0.5", path)
+    assert verdict.returncode == 1
+    assert "did not end" in verdict.stderr and "hint: " in verdict.stderr
+
+
+def test_verify_keeps_traces_where_it_is_told(tmp_path: Path) -> None:
+    path = program(tmp_path, WIDE)
+    assert hprm("verify", "--runs", 2, "--keep", tmp_path / "kept", path).returncode == 0
+    kept = sorted(file.name for file in (tmp_path / "kept").iterdir())
+    assert kept == ["1.trace", "2.trace"]
+    assert hprm("diff", tmp_path / "kept/1.trace", tmp_path / "kept/2.trace").returncode == 0
