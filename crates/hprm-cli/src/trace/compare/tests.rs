@@ -1,3 +1,5 @@
+//! Comparing traces that are written out here.
+
 use super::super::read::tests::trace;
 use super::super::{sentence, share};
 use super::*;
