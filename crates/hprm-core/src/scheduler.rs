@@ -328,6 +328,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Reports that the running reaction has returned.
+    #[inline]
     pub fn finish(&mut self, reaction: ReactionId) {
         assert_eq!(self.running.take(), Some(reaction), "the reaction that finishes is running");
         self.tardy = None;

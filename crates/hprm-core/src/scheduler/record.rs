@@ -90,6 +90,7 @@ impl<V> Recorder<V> {
         }
     }
 
+    #[inline]
     fn is_marked(&self) -> bool {
         self.open.as_ref().is_some_and(|open| open.record.physical)
     }
@@ -123,10 +124,14 @@ impl<V: Clone> Scheduler<V> {
     // For the rest of the scheduler. All of these do nothing while recording is off.
 
     /// The running reaction begins.
+    #[inline]
     pub(super) fn record_start(&mut self, reaction: ReactionId, body: Body) {
-        if self.recorder.is_none() {
-            return;
+        if self.recorder.is_some() {
+            self.open_record(reaction, body);
         }
+    }
+
+    fn open_record(&mut self, reaction: ReactionId, body: Body) {
         let tardy = self.earliest_intended(reaction);
         let Some(recorder) = &mut self.recorder else { return };
         let spec = &self.program.reactions[reaction];
@@ -155,6 +160,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// The running reaction has set a port.
+    #[inline]
     pub(super) fn record_port(&mut self, port: PortId) {
         if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
             open.set.push(port);
@@ -191,7 +197,14 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// The running reaction has returned.
+    #[inline]
     pub(super) fn record_finish(&mut self) {
+        if self.recorder.is_some() {
+            self.close_record();
+        }
+    }
+
+    fn close_record(&mut self) {
         let Some(recorder) = &mut self.recorder else { return };
         let Some(Open { mut record, mut set }) = recorder.open.take() else { return };
         set.sort_unstable();
@@ -205,6 +218,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// The tag is complete.
+    #[inline]
     pub(super) fn record_end(&mut self) {
         if let Some(recorder) = &mut self.recorder {
             recorder.ports.clear();
@@ -220,6 +234,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Whether an event of the action is marked that is scheduled now.
+    #[inline]
     pub(super) fn marks_action(&mut self, action: ActionId) -> bool {
         let Some(recorder) = &mut self.recorder else { return false };
         if self.program.actions[action].origin == crate::Origin::Physical || recorder.is_marked() {
@@ -229,6 +244,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Marks the value at a root, if it is `physical` or takes the place of one that was.
+    #[inline]
     pub(super) fn mark_port(&mut self, root: PortId, physical: bool) {
         if let Some(recorder) = self.recorder.as_mut().filter(|_| physical) {
             recorder.ports.insert(root);
@@ -236,11 +252,13 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Whether the value at a root is marked.
+    #[inline]
     pub(super) fn is_port_marked(&self, root: PortId) -> bool {
         self.recorder.as_ref().is_some_and(|recorder| recorder.ports.contains(&root))
     }
 
     /// Marks an action that is present.
+    #[inline]
     pub(super) fn mark_action(&mut self, action: ActionId) {
         if let Some(recorder) = &mut self.recorder {
             recorder.present_actions.insert(action);

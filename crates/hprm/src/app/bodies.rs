@@ -135,16 +135,19 @@ impl Site {
         }
     }
 
+    #[inline]
     pub(super) fn reads(&self, readable: Readable) -> bool {
         contains(&self.reads, readable)
     }
 
+    #[inline]
     pub(super) fn affects(&self, effect: Effect) -> bool {
         contains(&self.effects, effect)
     }
 }
 
 /// Whether a sorted slice holds an item. Most have few items, and a search costs more than a look.
+#[inline]
 fn contains<T: Ord + Copy>(sorted: &[T], item: T) -> bool {
     if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
 }

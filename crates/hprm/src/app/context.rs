@@ -33,6 +33,7 @@ impl<V: Clone> Context<'_, V> {
     /// # Panics
     ///
     /// If the reaction does not declare it.
+    #[inline]
     pub fn get(&self, readable: impl Into<Readable>) -> Option<&V> {
         match self.readable(readable.into()) {
             Readable::Port(port) => self.port(port),
@@ -57,6 +58,7 @@ impl<V: Clone> Context<'_, V> {
     /// # Panics
     ///
     /// If the port is no effect of the reaction.
+    #[inline]
     pub fn set(&mut self, port: impl Into<PortId>, value: V) {
         let port = port.into();
         if !self.site.affects(Effect::Port(port)) {
@@ -74,6 +76,7 @@ impl<V: Clone> Context<'_, V> {
     /// # Panics
     ///
     /// If the action is no effect of the reaction.
+    #[inline]
     pub fn schedule(
         &mut self,
         action: impl Into<ActionId>,
@@ -145,6 +148,7 @@ impl<V: Clone> Context<'_, V> {
         }
     }
 
+    #[inline]
     fn scheduler(&self) -> &Scheduler<V> {
         match &self.access {
             Access::Alone(scheduler) => scheduler,
@@ -152,6 +156,7 @@ impl<V: Clone> Context<'_, V> {
         }
     }
 
+    #[inline]
     fn port(&self, port: PortId) -> Option<&V> {
         match &self.access {
             Access::Alone(scheduler) => scheduler.port(port),
@@ -162,6 +167,7 @@ impl<V: Clone> Context<'_, V> {
         }
     }
 
+    #[inline]
     #[track_caller]
     fn readable(&self, readable: Readable) -> Readable {
         if !self.site.reads(readable) {
