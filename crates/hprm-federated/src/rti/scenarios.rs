@@ -1,7 +1,7 @@
 //! The RTI's decisions as texts: `tests/rti/*.txt`.
 //!
 //! A text has a program as in `fixture`, then a line for each input, and below it, indented, what
-//! the RTI sends. A tag is `time.microstep`, or the time alone; `before 10` is the last tag before
+//! the RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A tag is `time.microstep`, or the time alone; `before 10` is the last tag before
 //! 10. The whole text is written anew from its inputs and must come out the same.
 
 use std::fmt::Write as _;
@@ -48,6 +48,11 @@ impl Scenario {
         let from = federate(&self.program, words[0]);
         let frame = match words[1..] {
             ["next", at] => Frame::NextEventTag { tag: tag(at) },
+            ["reaches", at, level, "knowing", received] => {
+                let level = if level == "end" { u32::MAX } else { level.parse().unwrap() };
+                let step = Step { tag: tag(at), level };
+                Frame::NextEventLevel { step, received: received.parse().unwrap() }
+            }
             ["completes", at] => Frame::LatestTagConfirmed { tag: tag(at) },
             ["sends", to, at] => {
                 let (channel, payload) = (self.channel(from, to), Payload::default());
@@ -87,6 +92,14 @@ impl Scenario {
                     let to = name(FederateId(u16::try_from(link.0).unwrap()));
                     let what = match frame {
                         Frame::TagAdvanceGrant { tag } => format!("may process {}", show(tag)),
+                        Frame::ProvisionalTagAdvanceGrant {
+                            through: Step { tag, level: u32::MAX },
+                        } => {
+                            format!("may process {}", show(tag))
+                        }
+                        Frame::ProvisionalTagAdvanceGrant { through: Step { tag, level } } => {
+                            format!("may process {} up to level {level}", show(tag))
+                        }
                         Frame::Safe { through } => {
                             format!("is safe through {}", show(through.whole()))
                         }
@@ -148,4 +161,4 @@ macro_rules! scenarios {
     )*};
 }
 
-scenarios! { chain diamond cycle resign stop stop_twice stop_late patience }
+scenarios! { chain circle diamond cycle resign stop stop_twice stop_late patience }
