@@ -11,6 +11,7 @@ import sys
 from typing import NoReturn
 
 from hprm import _hprm
+from hprm._lf import FEDERATION_ID
 
 
 def main() -> NoReturn:
@@ -31,6 +32,8 @@ def main() -> NoReturn:
             parser.error("the secret of the federation is missing: --federation ID")
         for stream in (sys.stdout, sys.stderr):
             stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+        # For `lf.get_federation_id`, and for federates that this one starts.
+        os.environ |= {FEDERATION_ID: options.federation, "HPRM_RTI": options.rti}
         code = _hprm.run_federate(
             options.file,
             options.federate,
@@ -59,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     federate.add_argument("--rti", required=True, help="the address of the RTI")
     federate.add_argument(
         "--federation",
-        default=os.environ.get("HPRM_FEDERATION_ID"),
+        default=os.environ.get(FEDERATION_ID),
         help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
     )
     federate.add_argument(

@@ -9,6 +9,9 @@ from typing import NoReturn
 from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
 from hprm._source import ProgramSource
 
+#: The environment variable with the secret of a federate's federation.
+FEDERATION_ID = "HPRM_FEDERATION_ID"
+
 
 def make_module(api: Api, source: ProgramSource) -> ModuleType:
     """Make the module of a program, importable by the name that Lingua Franca gives it."""
@@ -23,9 +26,10 @@ def make_module(api: Api, source: ProgramSource) -> ModuleType:
         time=_time(api),
         tag=api.tag,
         tag_compare=tag_compare,
-        tag_start_effective=lambda: Tag(api.start(), 0),
+        tag_start_effective=api.tag_start_effective,
         request_stop=api.request_stop,
-        stop=lambda: _stop(api),
+        stop=api.stop,
+        get_federation_id=lambda: _federation_id(api),
         source_directory=lambda: folder,
         package_directory=lambda: _package(folder),
         get_fed_maxwait=api.maxwait,
@@ -71,13 +75,11 @@ def _package(folder: str) -> str:
     return os.path.dirname(here)
 
 
-def _stop(api: Api) -> None:
-    federate = api.federate()
-    if federate is not None:
-        raise RuntimeError(
-            f"federate {federate} cannot stop alone; lf.request_stop() stops the federation"
-        )
-    api.request_stop()
+def _federation_id(api: Api) -> str:
+    """Get the secret that lets another process join this federation."""
+    if api.federate() is None:
+        raise RuntimeError("only a federate has a federation id, and this program runs as a whole")
+    return os.environ[FEDERATION_ID]
 
 
 def _start(argv: object = None) -> NoReturn:

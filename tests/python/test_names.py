@@ -264,7 +264,7 @@ def test_maxwait_can_be_changed(launch: Any) -> None:
     ]
 
 
-def test_stopping_alone(run: Any, launch: Any) -> None:
+def test_stopping_the_whole(run: Any) -> None:
     outcome = run(
         """
         target Python { keepalive: true }
@@ -275,15 +275,3 @@ def test_stopping_alone(run: Any, launch: Any) -> None:
         """
     )
     assert (outcome.code, outcome.out) == (0, "1\n"), outcome.err
-    outcome = launch(
-        """
-        target Python { timeout: 1 ms }
-        reactor A { reaction(startup) {=
-          try: lf.stop()
-          except RuntimeError as error: print(error)
-        =} }
-        federated reactor { only = new A() }
-        """
-    )
-    assert outcome.code == 0, outcome.err
-    assert "federate only cannot stop alone; lf.request_stop() stops" in outcome.out

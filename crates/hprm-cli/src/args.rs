@@ -59,6 +59,12 @@ impl Properties {
         self.stated.iter().cloned().chain(workers).collect()
     }
 
+    /// Adds what the federate that starts this one was given, unless it is stated here too.
+    pub(crate) fn inherit<'a>(&mut self, stated: impl Iterator<Item = &'a str>) {
+        let inherited: Vec<_> = stated.map(str::to_owned).collect();
+        self.stated.splice(0..0, inherited);
+    }
+
     /// The same, as options for another process.
     pub(crate) fn options(&self) -> impl Iterator<Item = String> {
         self.stated().into_iter().map(|stated| format!("--property={stated}"))
@@ -219,12 +225,12 @@ pub(crate) struct Federate {
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
     /// Where the RTI listens.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
     pub(crate) rti: Address,
     #[command(flatten)]
     pub(crate) properties: Properties,
     /// The secret of the federation, which the RTI prints.
-    #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
+    #[arg(short = 'i', long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
     pub(crate) federation: FederationId,
     /// What the program finds in sys.argv.
     #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]

@@ -3,12 +3,13 @@
 //! Each federate leads a process group of its own: a Ctrl-C at the terminal reaches only `hprm`,
 //! and what a federate has started can be ended with it. Nothing is left when this is dropped.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 
-use hprm_core::{FederateId, Table};
+use hprm_core::FederateId;
 use rustix::process::{Pid, kill_process_group};
 
 use crate::follow::Followed;
@@ -19,18 +20,18 @@ use crate::supervisor::Event;
 /// The processes that have been started, and which of them are still to be reaped.
 #[derive(Debug, Default)]
 pub(crate) struct Children {
-    processes: Table<FederateId, Option<Child>>,
+    processes: BTreeMap<FederateId, Child>,
 }
 
 impl Children {
-    /// Starts the next process, and reports what becomes of it.
+    /// Starts the process of a federate, and reports what becomes of it.
     ///
     /// # Errors
     ///
     /// If it cannot be started.
     pub(crate) fn start(
         &mut self,
-        name: &str,
+        (id, name): (FederateId, &str),
         mut command: Command,
         report: impl Fn(Event) + Send + 'static,
     ) -> Result<(), Error> {
@@ -42,7 +43,7 @@ impl Children {
         let pipes = child.stdout.take().zip(child.stderr.take());
         let (output, error) = pipes.expect("both were asked to be pipes");
         let followed = Followed::new(pid(&child), name, output, error);
-        let id = self.processes.push(Some(child));
+        self.processes.insert(id, child);
         let followed = followed.map_err(unstarted)?;
         let follow = move || {
             let how = followed.follow(|| report(Event::Signal(Signal::BROKEN_PIPE)));
@@ -54,14 +55,14 @@ impl Children {
 
     /// Sends a signal to a process and to what it has started.
     pub(crate) fn send(&self, signal: Signal, to: FederateId) {
-        if let Some(child) = &self.processes[to] {
+        if let Some(child) = self.processes.get(&to) {
             signal_group(child, signal);
         }
     }
 
     /// Forgets a process that has ended. What it has started ends too if it did not end `well`.
     pub(crate) fn reap(&mut self, id: FederateId, well: bool) {
-        if let Some(mut child) = self.processes[id].take() {
+        if let Some(mut child) = self.processes.remove(&id) {
             if !well {
                 signal_group(&child, Signal::KILL);
             }
@@ -73,9 +74,8 @@ impl Children {
 
 impl Drop for Children {
     fn drop(&mut self) {
-        for id in self.processes.ids() {
-            self.reap(id, false);
-        }
+        let left: Vec<_> = self.processes.keys().copied().collect();
+        left.into_iter().for_each(|id| self.reap(id, false));
     }
 }
 

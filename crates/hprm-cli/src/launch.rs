@@ -18,6 +18,7 @@ use hprm_core::Program;
 
 use crate::args::Properties;
 use crate::children::Children;
+use crate::launcher;
 use crate::message::Error;
 use crate::python;
 use crate::signals;
@@ -27,6 +28,10 @@ use crate::verdict::Ending;
 
 /// Where a process finds the secret of its federation. The command line would show it to everybody.
 pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
+
+/// Where a federate that another one starts finds the target properties that outdo the program's, one
+/// a line.
+pub(crate) const PROPERTIES: &str = "HPRM_PROPERTIES";
 
 /// The exit code of a federation that the user has stopped.
 const INTERRUPTED: i32 = 130;
@@ -59,17 +64,23 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
     let federation = random_id()?;
     let (rti, address) = start_rti(program, federation, events.clone())?;
 
+    if program.federates.values().any(|federate| federate.transient) {
+        launcher::write(program, &plan.file)?;
+    }
     let mut children = Children::default();
-    for federate in program.federates.values() {
+    let mut federates: Vec<_> = program.federates.iter().collect();
+    // The start does not wait for those who have not come, and most programs want them there.
+    federates.sort_by_key(|(_, federate)| !federate.transient);
+    for (id, federate) in federates {
         let share = parts.as_ref().map(|parts| parts.share(&federate.name));
         let mut command = plan.command(&federate.name, &address, share);
         command.env(FEDERATION_ID, federation.to_string());
+        command.env(PROPERTIES, plan.properties.stated().join("\n"));
         let events = events.clone();
         // Once nobody listens, the command is about to end.
-        children.start(&federate.name, command, move |event| drop(events.send(event)))?;
+        children.start((id, &federate.name), command, move |event| drop(events.send(event)))?;
     }
-    let names = program.federates.values().map(|federate| federate.name.clone());
-    let supervisor = Supervisor::new(names, plan.join_timeout);
+    let supervisor = Supervisor::new(program, plan.join_timeout);
     let code = supervise(supervisor, &mut children, &rti, &arrivals);
     rti.abort();
     if let Some(parts) = parts {

@@ -14,6 +14,7 @@ mod diff;
 mod doctor;
 mod follow;
 mod launch;
+mod launcher;
 mod message;
 mod output;
 mod probe;

@@ -126,7 +126,8 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
     match event {
         RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
-        RtiEvent::Failed { federate, message, code } => {
+        RtiEvent::Dropped { federate, message, code }
+        | RtiEvent::Failed { federate, message, code } => {
             let words = LastWords { message, code };
             Err(Verdict::on_federate(name(federate), true, Some(&words), None))
         }

@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 
 use crate::args::{Federate, Run};
-use crate::launch::{self, FEDERATION_ID, Plan};
+use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::Error;
 use crate::{check, python, rti};
 
@@ -50,7 +50,11 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     rti::refuse_open_network(&arguments.rti)?;
-    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
+    let mut properties = arguments.properties.clone();
+    if let Ok(inherited) = std::env::var(PROPERTIES) {
+        properties.inherit(inherited.lines());
+    }
+    let Some(compiled) = check::checked(&arguments.file, &properties)? else {
         return Ok(ExitCode::FAILURE);
     };
     rti::require_federation(&compiled.program, &arguments.file)?;
@@ -63,7 +67,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     let python = python::find()?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());
-    command.args(arguments.properties.options());
+    command.args(properties.options());
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
     command.env(FEDERATION_ID, arguments.federation.to_string());
     Err(replace(command))

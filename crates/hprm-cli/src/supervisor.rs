@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use hprm::{Failure, RtiEvent};
-use hprm_core::{FederateId, Table};
+use hprm_core::{FederateId, Program, Table};
 
 use crate::message::Error;
 use crate::signals::Signal;
@@ -55,6 +55,12 @@ pub(crate) enum Order {
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Federate {
     name: String,
+    /// Whether the others go on without it.
+    transient: bool,
+    /// Of a transient one that could not go on: what the RTI said, and when.
+    dropped: Option<(LastWords, Duration)>,
+    /// Whether the failure of its process has been reported.
+    told: bool,
     joined: bool,
     /// How its process ended, and when that was known.
     ending: Option<(Ending, Duration)>,
@@ -89,15 +95,24 @@ pub(crate) struct Supervisor {
     reported: bool,
     /// What the first signal or failure has decided.
     exit_code: Option<i32>,
+    /// What the first failure of a transient federate has decided, if nothing else has.
+    dropped: Option<i32>,
     orders: VecDeque<Order>,
 }
 
 impl Supervisor {
     /// A supervisor of processes that have just been started.
-    pub(crate) fn new(names: impl IntoIterator<Item = String>, join_timeout: Duration) -> Self {
-        let federate = |name| Federate { name, joined: false, ending: None };
+    pub(crate) fn new(program: &Program, join_timeout: Duration) -> Self {
+        let federates = program.federates.values().map(|federate| Federate {
+            name: federate.name.clone(),
+            transient: federate.transient,
+            dropped: None,
+            told: false,
+            joined: false,
+            ending: None,
+        });
         Self {
-            federates: names.into_iter().map(federate).collect(),
+            federates: federates.collect(),
             join_until: join_timeout,
             started: false,
             rti_ended: false,
@@ -106,6 +121,7 @@ impl Supervisor {
             phase: Phase::Watching,
             reported: false,
             exit_code: None,
+            dropped: None,
             orders: VecDeque::new(),
         }
     }
@@ -135,6 +151,7 @@ impl Supervisor {
         {
             self.fail(now, verdict);
         }
+        self.tell_of_dropped(now);
         match self.phase {
             Phase::Stopping { until } if now >= until => self.terminate(now),
             Phase::Terminating { until } if now >= until => {
@@ -160,8 +177,10 @@ impl Supervisor {
         };
         let joining = (!self.all_joined()).then_some(self.join_until);
         let endings = self.federates.values().filter_map(|federate| federate.ending);
+        let dropped = self.federates.values().filter_map(|federate| federate.dropped.as_ref());
         let heard = endings
             .map(|(_, at)| at)
+            .chain(dropped.map(|(_, at)| *at))
             .chain(self.accused.as_ref().map(|(_, _, at)| *at))
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
         let graces = heard.map(|at| at + GRACE);
@@ -178,7 +197,7 @@ impl Supervisor {
             // The RTI may know of a failure that no exit code tells.
             _ => gone && self.undisputed(now),
         };
-        over.then(|| self.exit_code.unwrap_or(0))
+        over.then(|| self.exit_code.or(self.dropped).unwrap_or(0))
     }
 
     /// Whether nothing has gone wrong so far.
@@ -190,8 +209,39 @@ impl Supervisor {
         match event {
             RtiEvent::Joined(federate) => self.federates[federate].joined = true,
             RtiEvent::Started(_) => self.started = true,
+            RtiEvent::Dropped { federate, message, code } => {
+                self.federates[federate].dropped = Some((LastWords { message, code }, now));
+            }
             RtiEvent::Failed { federate, message, code } => {
                 self.accused.get_or_insert((federate, LastWords { message, code }, now));
+            }
+        }
+    }
+
+    /// Reports transient federates that could not go on, once both witnesses have spoken. Somebody
+    /// else may have started them, and more than once; then there is only one.
+    fn tell_of_dropped(&mut self, now: Duration) {
+        let due = |at: Duration| now >= at + GRACE;
+        for id in self.federates.ids() {
+            let federate = &mut self.federates[id];
+            let failed = federate
+                .ending
+                .filter(|(how, _)| federate.transient && *how != Ending::Code(0) && !federate.told);
+            let complete = match (&federate.dropped, &failed) {
+                (None, None) => false,
+                (Some(_), Some(_)) => true,
+                (Some((_, at)), None) | (None, Some((_, at))) => due(*at),
+            };
+            if !complete {
+                continue;
+            }
+            federate.told |= failed.is_some();
+            let words = federate.dropped.take().map(|(words, _)| words);
+            let ending = failed.map(|(how, _)| how);
+            let verdict = Verdict::on_federate(&federate.name, true, words.as_ref(), ending);
+            self.dropped.get_or_insert(verdict.code);
+            if self.exit_code.is_none() {
+                self.orders.push_back(Order::Report(verdict.error));
             }
         }
     }
@@ -286,17 +336,19 @@ impl Supervisor {
     }
 
     fn absent(&self) -> Verdict {
-        let absent = self.federates.values().filter(|federate| !federate.joined);
+        let absent =
+            self.federates.values().filter(|federate| !federate.joined && !federate.transient);
         let names: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
         Verdict::on_absent(&names, self.join_until.as_secs_f64())
     }
 
-    /// The first federate whose end is of that kind, and when it ended.
+    /// The first federate that the others need whose end is of that kind, and when it ended.
     fn first_ending(
         &self,
         is: impl Fn(&Federate, Ending) -> bool,
     ) -> Option<(FederateId, Duration)> {
-        let ended = self.federates.iter().filter_map(|(id, federate)| {
+        let lasting = self.federates.iter().filter(|(_, federate)| !federate.transient);
+        let ended = lasting.filter_map(|(id, federate)| {
             let (how, at) = federate.ending?;
             is(federate, how).then_some((id, at))
         });
@@ -306,7 +358,11 @@ impl Supervisor {
     /// Whether nobody can contradict any more that all went well.
     fn undisputed(&self, now: Duration) -> bool {
         let good = |federate: &Federate| {
-            federate.joined && matches!(federate.ending, Some((Ending::Code(0), _)))
+            let well = matches!(federate.ending, Some((Ending::Code(0), _)));
+            match federate.transient {
+                true => federate.dropped.is_none() && (well || federate.told),
+                false => federate.joined && well,
+            }
         };
         let last = self.federates.values().filter_map(|federate| federate.ending).map(|(_, at)| at);
         let late = last.max().is_none_or(|at| now >= at + GRACE);
@@ -315,7 +371,7 @@ impl Supervisor {
     }
 
     fn all_joined(&self) -> bool {
-        self.federates.values().all(|federate| federate.joined)
+        self.federates.values().all(|federate| federate.joined || federate.transient)
     }
 
     fn all_ended(&self) -> bool {

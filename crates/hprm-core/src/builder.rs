@@ -155,10 +155,16 @@ impl ProgramBuilder {
         host: Option<String>,
     ) -> FederateId {
         assert_eq!(self.program.reactors[reactor].parent, Some(self.main()));
-        let id =
-            self.program.federates.push(Federate { name: name.to_owned(), reactor, maxwait, host });
+        let name = name.to_owned();
+        let federate = Federate { name, reactor, maxwait, host, transient: false };
+        let id = self.program.federates.push(federate);
         self.program.reactors[reactor].federate = Some(id);
         id
+    }
+
+    /// Lets a federate join late, leave, and come back.
+    pub fn make_transient(&mut self, federate: FederateId) {
+        self.program.federates[federate].transient = true;
     }
 
     /// A channel of a port; `name` has its index if it is of a multiport: `out[2]`.

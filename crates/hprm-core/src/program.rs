@@ -207,6 +207,8 @@ pub struct Federate {
     pub maxwait: Nanos,
     /// The host that the program names for it (`at`).
     pub host: Option<String>,
+    /// Whether it may join a federation that runs, leave it, and come back (`@transient`).
+    pub transient: bool,
 }
 
 /// A connection between two federates, as the network sees it.

@@ -26,8 +26,8 @@ use crate::order::Position;
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Scope, Wiring};
 use crate::{
-    ActionId, ChannelId, ConnectionId, Nanos, PhysicalTime, PortId, Program, ReactionId, Reading,
-    Table, Tag, Trigger,
+    ActionId, ChannelId, ConnectionId, Delay, Nanos, PhysicalTime, PortId, Program, ReactionId,
+    Reading, Table, Tag, Trigger,
 };
 
 mod effects;
@@ -87,6 +87,8 @@ pub struct Scheduler<V> {
     wiring: Arc<Wiring>,
     scope: Scope,
     start: PhysicalTime,
+    /// The first tag: `START`, unless this is a federate that has joined late.
+    first: Tag,
     tag: Tag,
     stop: Tag,
     stop_requested: bool,
@@ -130,6 +132,7 @@ impl<V: Clone> Scheduler<V> {
         let wiring = Arc::new(Wiring::new(&program, scope));
         Self {
             start: PhysicalTime(0),
+            first: Tag::START,
             tag: Tag::NEVER,
             stop: program.properties.timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0)),
             stop_requested: false,
@@ -185,6 +188,13 @@ impl<V: Clone> Scheduler<V> {
         self.start
     }
 
+    /// The tag at which this scheduler's reactors start: tag zero, unless they belong to a federate
+    /// that has joined late.
+    #[must_use]
+    pub fn first_tag(&self) -> Tag {
+        self.first
+    }
+
     /// The value at a port, if it is present.
     #[must_use]
     pub fn port(&self, port: PortId) -> Option<&V> {
@@ -209,7 +219,7 @@ impl<V: Clone> Scheduler<V> {
     #[must_use]
     pub fn next_tag(&self) -> Tag {
         if self.tag == Tag::NEVER {
-            return Tag::START.min(self.stop);
+            return self.first.min(self.stop);
         }
         if self.modes.has_due() {
             return self.tag.succ().min(self.stop);
@@ -222,11 +232,21 @@ impl<V: Clone> Scheduler<V> {
 
     /// Sets the physical time of tag zero and inserts the first events of timers.
     pub fn start(&mut self, at: PhysicalTime) {
+        self.start_late(at, Tag::START);
+    }
+
+    /// The same for a federate that joins at the tag `first`: its timers count from there.
+    pub fn start_late(&mut self, at: PhysicalTime, first: Tag) {
         assert_eq!(self.tag, Tag::NEVER, "a program starts once");
         self.start = at;
+        self.first = first;
         let wiring = Arc::clone(&self.wiring);
         for timer in &wiring.timers {
-            self.start_timer(*timer, Tag::new(self.program.timers[*timer].offset.max(0), 0));
+            let at = match self.program.timers[*timer].offset.max(0) {
+                0 => first,
+                offset => Delay::Time(offset).shift(first),
+            };
+            self.start_timer(*timer, at);
         }
     }
 
@@ -354,7 +374,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
     pub fn set_stop(&mut self, tag: Tag) {
-        self.stop = self.stop.min(tag.max(self.tag.succ()).max(Tag::START));
+        self.stop = self.stop.min(tag.max(self.tag.succ()).max(self.first));
         self.queue.truncate(self.stop);
     }
 

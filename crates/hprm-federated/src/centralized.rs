@@ -73,6 +73,11 @@ impl Centralized {
         self.told = self.told.min(Step::begin(tag));
     }
 
+    /// A message has come that means nothing here; the RTI counts it.
+    pub(crate) fn discarded(&mut self) {
+        self.received += 1;
+    }
+
     /// The program ends at `tag`. Grants beyond it were given without knowing that.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.granted = self.granted.min(Step::end(tag.pred()));

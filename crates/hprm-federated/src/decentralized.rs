@@ -27,6 +27,8 @@ struct Incoming {
     known: Tag,
     absent_after: Nanos,
     received: u64,
+    /// The tag of the latest message, while a transient sender is joining.
+    latest: Tag,
     /// The level at which it must be known.
     level: u32,
 }
@@ -80,6 +82,7 @@ impl Decentralized {
                 known: channel.delay.shift(Tag::START).pred(),
                 absent_after: program.connections[channel.connection].absent_after,
                 received: 0,
+                latest: Tag::NEVER,
                 level: if stepwise && channel.is_direct() { channel.first_reader } else { 0 },
             };
             (id, incoming)
@@ -190,6 +193,7 @@ impl Decentralized {
     pub(crate) fn received(&mut self, channel: ChannelId, tag: Tag) {
         if let Some(incoming) = self.incoming.get_mut(&channel) {
             incoming.received += 1;
+            incoming.latest = incoming.latest.max(tag);
             incoming.known = incoming.known.max(tag);
             self.unreported.insert(channel);
         }
@@ -217,8 +221,41 @@ impl Decentralized {
         self.safe = self.safe.min(Step::end(tag.pred()));
     }
 
-    pub(crate) fn begin(&mut self, start: PhysicalTime) {
+    pub(crate) fn begin(&mut self, start: PhysicalTime, first: Tag) {
         self.reported_at = start;
+        for incoming in self.incoming.values_mut() {
+            incoming.known = incoming.known.max(first.pred());
+        }
+    }
+
+    /// A peer is about to join: both ends count anew.
+    pub(crate) fn meets(&mut self, topology: &Topology, peer: FederateId) {
+        for (id, channel) in topology.channels().iter() {
+            if channel.from == peer
+                && let Some(incoming) = self.incoming.get_mut(&id)
+            {
+                (incoming.received, incoming.latest) = (0, Tag::NEVER);
+                self.unreported.remove(&id);
+            }
+            if channel.to == peer
+                && let Some(sent) = self.sent.get_mut(&id)
+            {
+                *sent = 0;
+                self.unreported.remove(&id);
+            }
+        }
+    }
+
+    /// A peer has joined, and does nothing before `first`.
+    pub(crate) fn joined(&mut self, topology: &Topology, peer: FederateId, first: Tag) {
+        for (id, channel) in topology.channels().iter() {
+            if channel.from == peer
+                && let Some(incoming) = self.incoming.get_mut(&id)
+            {
+                // A message of its own may have been faster than the news of it.
+                incoming.known = channel.delay.shift(first).pred().max(incoming.latest);
+            }
+        }
     }
 
     /// What to report, if something is new and the last report is old enough. What a clock causes

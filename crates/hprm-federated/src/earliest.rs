@@ -65,6 +65,11 @@ impl Earliest {
         self.settle(topology, federate)
     }
 
+    /// The federate, which has ended, may do something again; what it does first is to be set.
+    pub(crate) fn revive(&mut self, federate: FederateId) {
+        self.nodes[federate].ended = false;
+    }
+
     /// The federate does nothing more, whatever arrives. Returns whose `arrival` may have changed.
     pub(crate) fn end(
         &mut self,

@@ -2,9 +2,10 @@
 //!
 //! One machine for both coordinations. What differs between them is in `centralized` and
 //! `decentralized`; `startup` and `stop` keep the state of those phases. This file sorts what comes
-//! in; `starting`, `messages` and `ending` carry it out.
+//! in; `starting`, `meeting`, `messages` and `ending` carry it out.
 
 mod ending;
+mod meeting;
 mod messages;
 mod starting;
 #[cfg(test)]
@@ -16,6 +17,7 @@ use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
+use crate::federate::meeting::Meeting;
 use crate::startup::{Early, Startup};
 use crate::stop::Stop;
 use crate::{
@@ -53,8 +55,14 @@ pub struct Federate {
     activity: Activity,
     /// The latest tag that has begun.
     current: Tag,
-    /// Federates that have ended.
+    /// The tag at which this federate starts.
+    first: Tag,
+    /// Whether it leaves when it stops, while the federation may go on.
+    departs: bool,
+    /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
+    /// Federates that are about to join.
+    meeting: Meeting,
     /// This federate has resigned, failed, or been told to end: nothing matters any more.
     over: bool,
     outputs: VecDeque<Output>,
@@ -100,7 +108,10 @@ impl Federate {
             stop: Stop::Open,
             activity: Activity::Unknown,
             current: Tag::NEVER,
+            first: Tag::START,
+            departs: false,
             gone: BTreeSet::new(),
+            meeting: Meeting::default(),
             over: false,
             outputs: VecDeque::from([Output::ToRti(hello)]),
         }
@@ -216,6 +227,7 @@ impl Federate {
             Input::PeerUp(peer) => {
                 self.startup.link(peer);
                 self.get_ready(now);
+                self.met(peer);
             }
             Input::PeerLost(peer) => {
                 self.startup.unlink(peer);
@@ -223,9 +235,11 @@ impl Federate {
                 if self.gone.contains(&peer) {
                     self.closed(peer);
                 }
+                self.left(peer);
             }
             Input::Loaded => {
                 self.startup.loaded();
+                self.outputs.push_back(Output::ToRti(Frame::Loaded));
                 self.get_ready(now);
             }
             Input::NextEvent(tag) => {
@@ -262,6 +276,8 @@ impl Federate {
                     machine.set_maxwait(maxwait);
                 }
             }
+            Input::Depart => self.depart(Tag::START),
+            Input::Finished if self.departs => self.resign(Frame::Leave),
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(Frame::Leave),
             Input::Failed { message, code } => self.fail(message, code),
@@ -276,11 +292,14 @@ impl Federate {
         match frame {
             Frame::Refused { reason } => self.end(End::Refused(reason)),
             Frame::Peers { peers } if self.startup.awaits_peers() => {
-                self.startup.meet(peers);
+                self.meet(peers);
                 self.connect();
                 self.get_ready(now);
             }
-            Frame::Start { at } if self.startup.awaits_start() => self.begin(at),
+            Frame::Start { at, first } if self.startup.awaits_start() => self.begin(at, first),
+            Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(peer),
+            Frame::Joined { federate, first } => self.joined(federate, first),
+            Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),
             Frame::TagAdvanceGrant { tag } => match &mut self.coordinator {
                 Coordinator::Centralized(machine) => machine.grant(Step::end(tag)),
                 Coordinator::Decentralized(_) => return unexpected,
@@ -298,7 +317,7 @@ impl Federate {
             Frame::Message { channel, tag, payload } => {
                 let spec = self.topology.channel(channel, None, Some(self.me))?;
                 let Some(start) = self.startup.start() else {
-                    return unexpected;
+                    return self.early(spec, Early { channel, tag, payload });
                 };
                 if spec.physical {
                     let by_clock = Tag::new(now.since(start).max(0), 0);
@@ -320,12 +339,13 @@ impl Federate {
                 self.outputs.push_back(Output::Released { reader, serials });
             }
             Frame::StopRequest { tag } => {
-                if let Some(tag) = self.stop.reply(tag, self.current) {
+                let current = self.current.max(self.first.pred());
+                if let Some(tag) = self.stop.reply(tag, current) {
                     self.outputs.push_back(Output::ToRti(Frame::StopReply { tag }));
                 }
             }
             Frame::StopGranted { tag } => self.stop_at(tag),
-            Frame::Gone { federate } => self.peer_gone(federate),
+            Frame::Gone { federate } => self.peer_gone(now, federate),
             Frame::Failed { federate, message, code } => {
                 self.end(End::Failed { federate, message, code });
             }

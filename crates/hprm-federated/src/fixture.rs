@@ -3,6 +3,7 @@
 //! ```text
 //! decentralized            the coordination, if not centralized
 //! maxwait 500              of every federate; for ever, if not given
+//! transient b              b may join late, leave, and come back
 //! a -> b                   a connection; federates are numbered as they are mentioned
 //! b -> a after 100         with a delay
 //! a ~> c                   a physical one
@@ -26,6 +27,7 @@ pub(crate) fn program(text: &str) -> Program {
     let properties = Properties { coordination, keepalive: true, ..Properties::default() };
     let mut b = ProgramBuilder::new("Main", properties);
     let mut reactors = BTreeMap::new();
+    let mut federates = BTreeMap::new();
     for line in text.lines() {
         let words: Vec<_> = line.split_whitespace().collect();
         let [from, arrow @ ("->" | "~>"), to, rest @ ..] = words.as_slice() else {
@@ -34,7 +36,7 @@ pub(crate) fn program(text: &str) -> Program {
         let mut reactor = |name: &str| -> ReactorId {
             *reactors.entry(name.to_owned()).or_insert_with(|| {
                 let reactor = b.reactor(b.main(), name);
-                b.federate(reactor, name, maxwait, None);
+                federates.insert(name.to_owned(), b.federate(reactor, name, maxwait, None));
                 reactor
             })
         };
@@ -45,6 +47,9 @@ pub(crate) fn program(text: &str) -> Program {
             _ => panic!("what does {line} mean?"),
         };
         connect(&mut b, from, to, delay, *arrow == "~>");
+    }
+    for name in text.lines().filter_map(|line| line.trim().strip_prefix("transient ")) {
+        b.make_transient(federates[name.trim()]);
     }
     b.build().unwrap()
 }

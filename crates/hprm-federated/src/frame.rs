@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// The secret that the members of a federation share: who knows it belongs to it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -151,15 +151,43 @@ pub enum Frame {
         /// Who accepted it.
         federate: FederateId,
     },
+    /// Federate to RTI: the program is loaded. Who joins late is introduced to the others then.
+    Loaded,
     /// Federate to RTI: the program is loaded and direct links are up.
     Ready {
         /// The reading of its clock.
         now: PhysicalTime,
     },
-    /// RTI to all: tag zero is at this time.
+    /// RTI to all, or to a federate that joins late: tag zero is at this time.
     Start {
         /// The physical time of tag zero.
         at: PhysicalTime,
+        /// The tag at which the receiver starts: zero, unless it joins late.
+        first: Tag,
+    },
+    /// RTI to the neighbours of a transient federate: it is about to join.
+    Joining {
+        /// Who, and where it is.
+        peer: Peer,
+    },
+    /// The answer: whatever I send at a later tag than this one goes to that federate too.
+    Met {
+        /// Who is joining.
+        federate: FederateId,
+        /// The latest tag that may have been processed without it.
+        after: Tag,
+    },
+    /// RTI to the neighbours of a transient federate: it has joined.
+    Joined {
+        /// Who.
+        federate: FederateId,
+        /// It sends nothing before this tag.
+        first: Tag,
+    },
+    /// RTI to a transient federate: another instance takes over, so leave at this tag.
+    Depart {
+        /// Its last tag, if it has not come so far yet.
+        tag: Tag,
     },
     /// Federate to RTI: nothing happens here before this tag, unless a message arrives.
     NextEventTag {
@@ -293,8 +321,13 @@ impl Frame {
             Self::Peers { .. } => "Peers",
             Self::PeerHello { .. } => "PeerHello",
             Self::PeerWelcome { .. } => "PeerWelcome",
+            Self::Loaded => "Loaded",
             Self::Ready { .. } => "Ready",
             Self::Start { .. } => "Start",
+            Self::Joining { .. } => "Joining",
+            Self::Met { .. } => "Met",
+            Self::Joined { .. } => "Joined",
+            Self::Depart { .. } => "Depart",
             Self::NextEventTag { .. } => "NextEventTag",
             Self::NextEventLevel { .. } => "NextEventLevel",
             Self::LatestTagConfirmed { .. } => "LatestTagConfirmed",

@@ -73,6 +73,8 @@ pub enum Input {
     },
     /// A reaction, or the user, asks the federation to stop.
     RequestStop,
+    /// A reaction asks that this federate alone stops, as soon as may be; the others go on.
+    Depart,
     /// The last tag is complete.
     Finished,
     /// The federate leaves before the last tag, and all is well.
@@ -112,6 +114,13 @@ pub enum Output {
     Start {
         /// The physical time of tag zero.
         at: PhysicalTime,
+        /// The tag at which this federate starts: zero, unless it joins late.
+        first: Tag,
+    },
+    /// A message for the time before this federate has joined: what it holds is given back.
+    Discard {
+        /// The value.
+        payload: Payload,
     },
     /// A message for the scheduler.
     Deliver {
@@ -131,7 +140,7 @@ pub enum Output {
         /// The value.
         payload: Payload,
     },
-    /// The federation ends at this tag.
+    /// The federation ends at this tag, or this federate does.
     SetStop(Tag),
     /// A segment to map; its descriptor came with the frame.
     Segment {

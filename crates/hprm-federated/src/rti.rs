@@ -1,10 +1,12 @@
 //! The RTI: who belongs to the federation, when it starts and ends, and what passes between.
 //!
 //! This file has the machine's state and sorts what comes in. Joining and starting are in `join`,
-//! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`, and
-//! agreeing on a last tag in `ending`. The RTI never looks into a payload, and holds no clock.
+//! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
+//! agreeing on a last tag in `ending`, and federates that join late in `arriving`. The RTI never
+//! looks into a payload.
 
 mod advance;
+mod arriving;
 mod ending;
 mod join;
 #[cfg(test)]
@@ -13,11 +15,12 @@ mod scenarios;
 mod tests;
 mod traffic;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use hprm_core::{ChannelId, Coordination, FederateId, Nanos, Payload, PhysicalTime, Table, Tag};
 
 use self::advance::Advance;
+use self::arriving::Arrivals;
 use self::ending::Negotiation;
 use self::join::Member;
 use self::traffic::Traffic;
@@ -51,6 +54,8 @@ pub enum RtiInput {
     },
     /// Somebody outside of the federation, at a keyboard perhaps, wants it to stop.
     RequestStop,
+    /// Time has passed: [`Rti::next_wakeup`] has come.
+    Wake,
 }
 
 /// What the RTI wants done.
@@ -81,6 +86,15 @@ pub enum RtiOutput {
         /// The physical time of tag zero.
         at: PhysicalTime,
     },
+    /// A transient federate could not go on; the others do.
+    Dropped {
+        /// The federate.
+        federate: FederateId,
+        /// Why, for people.
+        message: String,
+        /// The exit code of its process.
+        code: i32,
+    },
     /// A federate could not go on; the others have been told to end. Only the first is reported.
     Failed {
         /// The federate.
@@ -110,7 +124,14 @@ pub struct Rti {
     start_delay: Nanos,
     phase: Phase,
     members: Table<FederateId, Member>,
+    /// Transient federates that have not started yet, while the others run.
+    arrivals: Arrivals,
     links: BTreeMap<LinkId, FederateId>,
+    /// Links that will be closed. Who is at the other end may not have heard of it.
+    refused: BTreeSet<LinkId>,
+    /// The physical time of tag zero, and of the latest input; of use only to transient federates.
+    start: PhysicalTime,
+    now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
     stop: Negotiation,
@@ -137,7 +158,11 @@ impl Rti {
             start_delay,
             phase: Phase::Joining,
             members: topology.federates().map(|_| Member::Absent).collect(),
+            arrivals: Arrivals::default(),
             links: BTreeMap::new(),
+            refused: BTreeSet::new(),
+            start: PhysicalTime(0),
+            now: PhysicalTime(0),
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
             stop: Negotiation::Idle,
@@ -155,18 +180,22 @@ impl Rti {
     ///
     /// If the input breaks the protocol. Nothing has changed; the link should be closed, and
     /// [`RtiInput::Closed`] reported.
-    pub fn handle(&mut self, _now: PhysicalTime, input: RtiInput) -> Result<(), Fault> {
+    pub fn handle(&mut self, now: PhysicalTime, input: RtiInput) -> Result<(), Fault> {
+        if self.topology.has_transients() {
+            self.now = now;
+        }
         match input {
             RtiInput::Closed { link } => {
-                if let Some(federate) = self.links.remove(&link) {
-                    self.lost(federate);
-                }
+                self.closed(link, None);
                 Ok(())
             }
             RtiInput::Broken { link, reason } => {
-                if let Some(federate) = self.links.remove(&link) {
-                    self.broken(federate, &reason);
-                }
+                self.closed(link, Some(&reason));
+                Ok(())
+            }
+            RtiInput::Wake => {
+                self.hurry_arrivals();
+                self.tell();
                 Ok(())
             }
             RtiInput::RequestStop => {
@@ -176,9 +205,27 @@ impl Rti {
                 Ok(())
             }
             RtiInput::Frame { link, frame } => match self.links.get(&link) {
+                None if self.refused.contains(&link) => Ok(()),
                 None => self.hello(link, frame),
+                Some(federate) if self.arrivals.is_link_of(*federate, link) => {
+                    self.arrival_frame(*federate, frame)
+                }
                 Some(federate) => self.frame(*federate, frame),
             },
+        }
+    }
+
+    /// A link is of no use any more; if that is the fault of the other end, `reason` says so.
+    fn closed(&mut self, link: LinkId, reason: Option<&str>) {
+        self.refused.remove(&link);
+        let Some(federate) = self.links.remove(&link) else { return };
+        if self.arrivals.is_link_of(federate, link) {
+            self.arrival_lost(federate, reason);
+        } else if self.members[federate].link() == Some(link) {
+            match reason {
+                Some(reason) => self.broken(federate, reason),
+                None => self.lost(federate),
+            }
         }
     }
 
@@ -187,10 +234,11 @@ impl Rti {
         self.outputs.pop_front()
     }
 
-    /// When the RTI wants to be called if nothing happens: never, so far.
+    /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        None
+        let grant = self.advance.next_due().map(|tag| tag.due(self.start));
+        grant.into_iter().chain(self.arrivals.next_wakeup()).min()
     }
 
     /// A frame from a member. Each arm checks before it changes anything.
@@ -201,14 +249,25 @@ impl Rti {
             return unexpected;
         }
         match frame {
+            Frame::Loaded if !running => Ok(()),
             Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
+            Frame::Met { federate, after } if running => {
+                self.met(from, federate, after);
+                Ok(())
+            }
             Frame::Failed { message, code, .. } => {
                 self.fail(from, message, code);
                 Ok(())
             }
-            Frame::Segment { owner, reader, .. } if owner == from => self.route(reader, frame),
-            Frame::Retired { owner, reader, .. } if owner == from => self.route(reader, frame),
-            Frame::Release { owner, reader, .. } if reader == from => self.route(owner, frame),
+            Frame::Segment { owner, reader, .. } if owner == from => {
+                self.route(from, reader, frame)
+            }
+            Frame::Retired { owner, reader, .. } if owner == from => {
+                self.route(from, reader, frame)
+            }
+            Frame::Release { owner, reader, .. } if reader == from => {
+                self.route(from, owner, frame)
+            }
             Frame::Message { channel, tag, payload } if running => {
                 self.message(from, channel, tag, payload)
             }
@@ -252,11 +311,11 @@ impl Rti {
     }
 
     /// Forwards a frame, unless its receiver has ended.
-    fn route(&mut self, to: FederateId, frame: Frame) -> Result<(), Fault> {
+    fn route(&mut self, from: FederateId, to: FederateId, frame: Frame) -> Result<(), Fault> {
         if !self.topology.has(to) {
             return Err(Fault::UnknownFederate(to));
         }
-        self.send(to, frame);
+        self.pass_on(from, to, frame);
         Ok(())
     }
 
@@ -271,23 +330,37 @@ impl Rti {
         let to = channel.to;
         let frame = Frame::Message { channel: id, tag, payload };
         if channel.physical {
-            self.send(to, frame);
+            self.pass_on(from, to, frame);
             return Ok(());
         }
         if !self.is_centralized() {
             return Err(Fault::Unexpected { frame: frame.name() });
         }
-        if self.members[to].is_live() {
+        let read = Step { tag, level: channel.first_reader };
+        if self.members[to].is_live() && tag >= self.advance.first(to) {
             let granted = self.advance.told(to);
-            let read = Step { tag, level: channel.first_reader };
             if read <= granted {
                 return Err(Fault::InThePast { tag, granted: granted.tag });
             }
-            self.send(to, frame);
-            self.advance.in_transit(&self.topology, to, read);
-            self.tell();
+            if self.pass_on(from, to, frame) {
+                self.advance.in_transit(&self.topology, to, read);
+                self.tell();
+            }
+        } else if self.pass_on(from, to, frame) {
+            self.advance.count(to);
         }
         Ok(())
+    }
+
+    /// Sends what a federate has for another one, unless that has ended, or the sender has not heard
+    /// that it is back. Returns whether it did.
+    fn pass_on(&mut self, from: FederateId, to: FederateId, frame: Frame) -> bool {
+        if self.arrivals.are_strangers(from, to) {
+            return false;
+        }
+        let link = self.members[to].link().or_else(|| self.arrivals.link_of(to, from));
+        self.outputs.extend(link.map(|link| RtiOutput::Send { link, frame }));
+        link.is_some()
     }
 
     /// A federate has said what it does next.
@@ -306,7 +379,8 @@ impl Rti {
             return;
         }
         let centralized = self.is_centralized();
-        for (federate, through) in self.advance.news(&self.topology) {
+        let elapsed = Tag::new(self.now.since(self.start).max(0), u32::MAX);
+        for (federate, through) in self.advance.news(&self.topology, elapsed) {
             let frame = match centralized {
                 true if self.topology.is_stepwise(federate) => {
                     Frame::ProvisionalTagAdvanceGrant { through }

@@ -26,6 +26,8 @@ pub(crate) struct Startup {
     peers: Option<BTreeMap<FederateId, Peer>>,
     /// Whose direct links are up.
     linked: BTreeSet<FederateId>,
+    /// Who may have a direct link with this federate.
+    partners: BTreeSet<FederateId>,
     /// Direct links without which this federate does not start.
     needed: BTreeSet<FederateId>,
     loaded: bool,
@@ -38,14 +40,15 @@ impl Startup {
     pub(crate) fn new(
         federation: FederationId,
         host: HostId,
-        needed: BTreeSet<FederateId>,
+        partners: BTreeSet<FederateId>,
     ) -> Self {
         Self {
+            needed: partners.clone(),
+            partners,
             federation,
             host,
             peers: None,
             linked: BTreeSet::new(),
-            needed,
             loaded: false,
             ready: false,
             start: None,
@@ -76,8 +79,21 @@ impl Startup {
         self.peers.is_none()
     }
 
+    /// Takes the list of peers. Links are needed only to those who are there.
     pub(crate) fn meet(&mut self, peers: Vec<Peer>) {
-        self.peers = Some(peers.into_iter().map(|peer| (peer.federate, peer)).collect());
+        let peers: BTreeMap<_, _> = peers.into_iter().map(|peer| (peer.federate, peer)).collect();
+        self.needed.retain(|federate| peers.contains_key(federate));
+        self.peers = Some(peers);
+    }
+
+    /// Adds a peer that has come later.
+    pub(crate) fn add(&mut self, peer: Peer) {
+        self.peers.get_or_insert_default().insert(peer.federate, peer);
+    }
+
+    /// A peer that this federate need not wait for any more.
+    pub(crate) fn excuse(&mut self, peer: FederateId) {
+        self.needed.remove(&peer);
     }
 
     /// Where a peer accepts direct links, if it does.
@@ -133,7 +149,7 @@ impl Startup {
             Frame::PeerHello { federation, .. } if federation != self.federation => {
                 Err(Refusal::WrongFederation)
             }
-            Frame::PeerHello { from, .. } if !self.needed.contains(&from) => {
+            Frame::PeerHello { from, .. } if !self.partners.contains(&from) => {
                 Err(Refusal::UnknownFederate)
             }
             Frame::PeerHello { from, .. } if self.is_linked(from) => Err(Refusal::Duplicate),

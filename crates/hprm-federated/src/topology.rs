@@ -2,8 +2,10 @@
 //!
 //! Physical channels are here as channels, but they make nobody wait: they are not edges.
 
+use std::collections::BTreeSet;
+
 use hprm_core::{
-    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Program, Table,
+    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Program, Table, Tag,
 };
 
 use crate::{Edge, Fault};
@@ -20,6 +22,11 @@ pub struct Topology {
     patient: bool,
     stepwise: Table<FederateId, bool>,
     starves: bool,
+    transient: Table<FederateId, bool>,
+    /// Whether a message can lead there from a transient federate.
+    after_transient: Table<FederateId, bool>,
+    /// The last tag that the program states.
+    timeout: Tag,
 }
 
 impl Topology {
@@ -37,6 +44,12 @@ impl Topology {
             patient: false,
             stepwise: Table::filled(federates, false),
             starves: false,
+            transient: program.federates.values().map(|federate| federate.transient).collect(),
+            after_transient: Table::filled(federates, false),
+            timeout: match program.properties.timeout {
+                Some(timeout) => Tag::new(timeout.max(0), 0),
+                None => Tag::FOREVER,
+            },
         };
         for channel in program.channels.values().filter(|channel| !channel.physical) {
             let Channel { from, to, .. } = *channel;
@@ -48,10 +61,13 @@ impl Topology {
         }
         topology.find_clocks(program);
         let clocked = topology.by_clock.values().any(Option::is_some);
-        topology.starves = !program.properties.keepalive && !clocked;
+        topology.starves = !program.properties.keepalive && !clocked && !topology.has_transients();
         for federate in topology.zero_delay_cycles().into_iter().flatten() {
             topology.stepwise[federate] = true;
         }
+        let transients = topology.federates().filter(|f| topology.transient[*f]);
+        let after: Vec<_> = transients.flat_map(|f| topology.reachable(f)).collect();
+        after.into_iter().for_each(|federate| topology.after_transient[federate] = true);
         topology
     }
 
@@ -151,6 +167,49 @@ impl Topology {
         self.stepwise[federate]
     }
 
+    /// Whether a federate may join late, leave, and come back.
+    #[must_use]
+    pub fn is_transient(&self, federate: FederateId) -> bool {
+        self.transient.get(federate).is_some_and(|transient| *transient)
+    }
+
+    /// Whether there is such a federate.
+    #[must_use]
+    pub fn has_transients(&self) -> bool {
+        self.transient.values().any(|transient| *transient)
+    }
+
+    /// Whether what a transient federate does can, perhaps by way of others, lead to a message to
+    /// this one.
+    #[must_use]
+    pub fn is_after_transient(&self, federate: FederateId) -> bool {
+        self.after_transient[federate]
+    }
+
+    /// Whom what a federate does can lead to a message to, perhaps by way of others.
+    #[must_use]
+    pub fn reachable(&self, federate: FederateId) -> Vec<FederateId> {
+        let reached = self.reached(federate, &self.downstream, |_| true);
+        self.names.ids().filter(|federate| reached[*federate]).collect()
+    }
+
+    /// Whom a channel of any kind connects with a federate.
+    #[must_use]
+    pub fn neighbours(&self, federate: FederateId) -> BTreeSet<FederateId> {
+        let ends = self.channels.values().filter_map(|channel| match *channel {
+            Channel { from, to, .. } if from == federate => Some(to),
+            Channel { from, to, .. } if to == federate => Some(from),
+            _ => None,
+        });
+        ends.filter(|neighbour| *neighbour != federate).collect()
+    }
+
+    /// The last tag that the program states; `FOREVER` if it states none.
+    #[must_use]
+    pub fn timeout(&self) -> Tag {
+        self.timeout
+    }
+
     /// Whether the program ends when no federate has anything left to do.
     #[must_use]
     pub fn starves(&self) -> bool {
@@ -166,8 +225,9 @@ impl Topology {
             if grouped[federate] {
                 continue;
             }
-            let after = self.undelayed(federate, &self.downstream);
-            let before = self.undelayed(federate, &self.upstream);
+            let undelayed = |edge: &Edge| edge.delay == Delay::None;
+            let after = self.reached(federate, &self.downstream, undelayed);
+            let before = self.reached(federate, &self.upstream, undelayed);
             let cycle: Vec<_> = self.names.ids().filter(|f| after[*f] && before[*f]).collect();
             for member in &cycle {
                 grouped[*member] = true;
@@ -179,16 +239,17 @@ impl Topology {
         cycles
     }
 
-    /// Whom one step or more without delay lead to from `federate`.
-    fn undelayed(
+    /// Whom one or more of the edges that count lead to from `federate`.
+    fn reached(
         &self,
         federate: FederateId,
         edges: &Table<FederateId, Vec<Edge>>,
+        counts: impl Fn(&Edge) -> bool,
     ) -> Table<FederateId, bool> {
         let mut reached = Table::filled(self.names.len(), false);
         let mut pending = vec![federate];
         while let Some(here) = pending.pop() {
-            for edge in edges[here].iter().filter(|edge| edge.delay == Delay::None) {
+            for edge in edges[here].iter().filter(|edge| counts(edge)) {
                 if !std::mem::replace(&mut reached[edge.federate], true) {
                     pending.push(edge.federate);
                 }

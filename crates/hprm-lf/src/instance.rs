@@ -283,7 +283,11 @@ impl<'a> Growth<'a, '_> {
         let name = &decl.name.text;
         let name = bank_index.map_or_else(|| name.clone(), |index| format!("{name}__{index}"));
         let host = decl.host.as_ref().map(|host| host.text.clone());
-        self.tree.builder.federate(reactor, &name, maxwait.unwrap_or(Nanos::MAX), host);
+        let maxwait = maxwait.unwrap_or(Nanos::MAX);
+        let federate = self.tree.builder.federate(reactor, &name, maxwait, host);
+        if attributes::is_there(&decl.attributes, "transient") {
+            self.tree.builder.make_transient(federate);
+        }
         Some(())
     }
 }

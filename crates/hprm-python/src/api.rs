@@ -58,6 +58,20 @@ impl Api {
         self.0.request_stop();
     }
 
+    /// Ends this federate at its next tag, while the others go on; where the whole program runs, that.
+    fn stop(&self) {
+        match self.0.scope() {
+            Scope::Whole => self.0.request_stop(),
+            Scope::Federate(_) => self.0.depart(),
+        }
+    }
+
+    /// The tag at which this federate started: that of the start, unless it joined late.
+    fn tag_start_effective(&self) -> PyResult<Tag> {
+        let (tag, start) = self.0.first_tag()?;
+        Ok(Tag::of(tag, start))
+    }
+
     /// Whether the deadline of the running reaction has passed; if so, runs its handler.
     #[pyo3(signature = (invoke_deadline_handler = true))]
     fn check_deadline(&self, py: Python<'_>, invoke_deadline_handler: bool) -> PyResult<bool> {

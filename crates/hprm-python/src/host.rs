@@ -208,6 +208,10 @@ impl Host for PyHost {
         self.runtime.take_maxwait()
     }
 
+    fn take_departure(&mut self) -> bool {
+        self.runtime.take_departure()
+    }
+
     fn warn(&mut self, message: &str) {
         crate::console::say(&format!("warning: {message}"));
     }

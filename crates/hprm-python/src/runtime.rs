@@ -32,6 +32,10 @@ struct Cell {
     running: Vec<Running>,
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
+    /// The tag at which these reactors started.
+    first: Tag,
+    /// Whether this federate is to stop alone, and the loop has yet to hear of it.
+    departs: bool,
     stats: StoreStats,
     /// How long the federate waits for its inputs, once that was changed.
     maxwait: Option<Nanos>,
@@ -71,6 +75,8 @@ impl Runtime {
         let cell = Cell {
             running: Vec::new(),
             latest: None,
+            first: Tag::START,
+            departs: false,
             stats: StoreStats::default(),
             maxwait: None,
             maxwait_is_news: false,
@@ -91,6 +97,7 @@ impl Runtime {
     ) {
         let mut cell = self.cell();
         cell.latest = Some((scheduler.tag(), scheduler.start_time()));
+        cell.first = scheduler.first_tag();
         let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
         cell.running.push(Running { reaction, thread, scheduler, effects, late });
     }
@@ -114,6 +121,11 @@ impl Runtime {
         let mut cell = self.cell();
         let news = std::mem::take(&mut cell.maxwait_is_news);
         cell.maxwait.filter(|_| news)
+    }
+
+    /// Whether this federate is to stop alone, if the loop has not heard of it yet.
+    pub(crate) fn take_departure(&self) -> bool {
+        std::mem::take(&mut self.cell().departs)
     }
 
     // For ports and actions.
@@ -217,6 +229,18 @@ impl Runtime {
             return;
         }
         self.inbox.request_stop();
+    }
+
+    /// Ends this federate at its next tag; the others go on.
+    pub(crate) fn depart(&self) {
+        self.cell().departs = true;
+        self.inbox.ring();
+    }
+
+    /// The tag at which the reactors here started, and the time of tag zero.
+    pub(crate) fn first_tag(&self) -> PyResult<(Tag, PhysicalTime)> {
+        let (_, start) = self.tag()?;
+        Ok((self.cell().first, start))
     }
 
     /// The current tag and the time of the start; outside of reactions, as of the latest.

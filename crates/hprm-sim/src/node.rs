@@ -83,9 +83,9 @@ impl Node {
     pub(crate) fn drain(&mut self, now: PhysicalTime) {
         while let Some(output) = self.machine.poll() {
             match output {
-                Output::Start { at } => {
+                Output::Start { at, first } => {
                     self.start = Some(at);
-                    self.scheduler.start(at);
+                    self.scheduler.start_late(at, first);
                 }
                 Output::Deliver { channel, tag, payload } => {
                     self.received += 1;

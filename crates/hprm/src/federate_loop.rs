@@ -182,6 +182,9 @@ where
             }
         }
         if self.phase == Phase::Running {
+            if self.host.take_departure() {
+                self.handle(Input::Depart)?;
+            }
             // Before any other input: the machine promises nothing beyond the next event.
             self.handle(Input::NextEvent(self.scheduler.next_tag()))?;
         }
@@ -304,12 +307,17 @@ where
                 wires.tell_peer(to, &frame, descriptor);
             }
             Output::Connect { peer, listen } => {
-                wires.connect_peer(peer, &listen, &machine.peer_hello())?;
+                let connected = wires.connect_peer(peer, &listen, &machine.peer_hello());
+                // A transient federate may be gone by now, and nobody minds.
+                if !self.scheduler.program().federates[peer].transient {
+                    connected?;
+                }
             }
-            Output::Start { at } => {
-                self.scheduler.start(at);
+            Output::Start { at, first } => {
+                self.scheduler.start_late(at, first);
                 self.phase = Phase::Running;
             }
+            Output::Discard { payload } => drop(objects.open(&payload)?),
             Output::Deliver { channel, tag, payload } => {
                 let physical = payload.physical;
                 let value = receive(&mut self.host, objects, channel, payload)?;

@@ -120,6 +120,11 @@ pub trait Host {
         None
     }
 
+    /// Whether a body has asked that this federate alone stops, since this was last called.
+    fn take_departure(&mut self) -> bool {
+        false
+    }
+
     /// Reports something that the user should know and that does not end the program: a tardy
     /// input that its reaction does not handle.
     fn warn(&mut self, message: &str);

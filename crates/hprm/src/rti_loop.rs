@@ -39,6 +39,15 @@ pub enum RtiEvent {
     Joined(FederateId),
     /// All have joined; the program starts at this time.
     Started(PhysicalTime),
+    /// A transient federate could not go on. The others do.
+    Dropped {
+        /// Who.
+        federate: FederateId,
+        /// For people.
+        message: String,
+        /// Exit code of that federate.
+        code: i32,
+    },
     /// The first failure of a federate. The others are being told to end.
     Failed {
         /// Who failed.
@@ -153,6 +162,9 @@ impl Rti {
             if self.control.stop.swap(false, Ordering::AcqRel) {
                 self.handle_input(RtiInput::RequestStop);
             }
+            if self.machine.next_wakeup().is_some_and(|at| at <= Clock::now()) {
+                self.handle_input(RtiInput::Wake);
+            }
             self.accept()?;
             for link in ready.drain(..) {
                 self.read(link);
@@ -246,6 +258,9 @@ impl Rti {
                     report(RtiEvent::Joined(federate));
                 }
                 RtiOutput::Started { at } => report(RtiEvent::Started(at)),
+                RtiOutput::Dropped { federate, message, code } => {
+                    report(RtiEvent::Dropped { federate, message, code });
+                }
                 RtiOutput::Failed { federate, message, code } => {
                     self.failure = Some(Failure { message: message.clone(), code });
                     report(RtiEvent::Failed { federate, message, code });

@@ -1,12 +1,25 @@
 //! The supervisor under a script: events at times, and the orders that follow.
 
-use hprm_core::PhysicalTime;
+use hprm_core::{Nanos, PhysicalTime, ProgramBuilder, Properties};
 
 use super::*;
 
 const A: FederateId = FederateId(0);
 const B: FederateId = FederateId(1);
 const JOIN: Duration = Duration::from_secs(30);
+
+/// With two federates, of which b may be transient.
+fn program(transient: bool) -> Program {
+    let mut b = ProgramBuilder::new("Main", Properties::default());
+    for name in ["a", "b"] {
+        let reactor = b.reactor(b.main(), name);
+        let federate = b.federate(reactor, name, Nanos::MAX, None);
+        if transient && name == "b" {
+            b.make_transient(federate);
+        }
+    }
+    b.build().expect("it is empty")
+}
 
 /// A supervisor of two federates, and its clock.
 struct Stage {
@@ -20,7 +33,11 @@ struct Stage {
 impl Stage {
     /// Nobody has joined.
     fn empty() -> Self {
-        let supervisor = Supervisor::new(["a".to_owned(), "b".to_owned()], JOIN);
+        Self::of(&program(false))
+    }
+
+    fn of(program: &Program) -> Self {
+        let supervisor = Supervisor::new(program, JOIN);
         let (reports, sent, stops) = (Vec::new(), Vec::new(), 0);
         Self { supervisor, now: Duration::ZERO, reports, sent, stops }
     }
@@ -325,5 +342,61 @@ fn the_end_of_the_rti_explains_the_end_of_the_others() {
     stage.exits(B, Ending::Code(1));
     stage.pass(500);
     stage.reported_once("no descriptor left");
+    assert_eq!(stage.outcome(), Some(1));
+}
+
+/// a runs; b is transient and has not joined.
+fn without_the_transient() -> Stage {
+    let mut stage = Stage::of(&program(true));
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    stage
+}
+
+fn dropped(message: &str, code: i32) -> RtiEvent {
+    RtiEvent::Dropped { federate: B, message: message.to_owned(), code }
+}
+
+#[test]
+fn a_transient_federate_need_not_join() {
+    let mut stage = without_the_transient();
+    stage.pass(40_000);
+    assert!(stage.reports.is_empty());
+    for federate in [B, A] {
+        stage.exits(federate, Ending::Code(0));
+    }
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(0));
+}
+
+#[test]
+fn a_transient_federate_fails_alone() {
+    let mut stage = without_the_transient();
+    stage.rti(dropped("error: no", 7));
+    assert!(stage.reports.is_empty());
+    stage.exits(B, Ending::Code(7));
+    stage.reported_once("federate b: no");
+    stage.pass(10_000);
+    assert!(stage.sent.is_empty() && stage.stops == 0);
+    // Somebody else starts it again, and it fails again.
+    stage.rti(dropped("error: no again", 1));
+    stage.pass(500);
+    assert_eq!(stage.reports.len(), 2);
+    stage.exits(A, Ending::Code(0));
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), Some(7));
+}
+
+#[test]
+fn an_end_of_a_transient_federate_without_a_word_is_told_after_the_grace() {
+    let mut stage = without_the_transient();
+    stage.exits(B, Ending::Signal(Signal::KILL));
+    stage.pass(499);
+    assert!(stage.reports.is_empty());
+    stage.exits(A, Ending::Code(0));
+    stage.event(Event::RtiEnded(Ok(())));
+    assert_eq!(stage.outcome(), None);
+    stage.pass(1);
+    stage.reported_once("federate b was killed by signal 9");
     assert_eq!(stage.outcome(), Some(1));
 }

@@ -1,6 +1,6 @@
 //! How a federate ends, in order or not, and what it makes of the ends of others.
 
-use hprm_core::{FederateId, Tag};
+use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::stop::Stop;
@@ -28,8 +28,19 @@ impl Federate {
         self.outputs.push_back(Output::SetStop(tag));
     }
 
-    pub(super) fn peer_gone(&mut self, peer: FederateId) {
+    /// Stops this federate alone, at `tag` or as soon as may be after it.
+    pub(super) fn depart(&mut self, tag: Tag) {
+        self.departs = true;
+        let tag = tag.max(self.current.succ()).max(self.first);
+        self.expect(tag);
+        self.outputs.push_back(Output::SetStop(tag));
+    }
+
+    pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId) {
         self.gone.insert(peer);
+        self.meeting.forget(peer);
+        self.startup.excuse(peer);
+        self.get_ready(now);
         self.outputs.push_back(Output::ReaderGone(peer));
         // What it sent on a direct link may still be on its way.
         if !self.startup.is_linked(peer) {

@@ -1,7 +1,7 @@
 //! What passes through a federate: values, and news about objects, each the way it takes.
 
 use hprm_core::limits::FRAME_LIMIT;
-use hprm_core::{ChannelId, FederateId, Payload, Tag};
+use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
 
 use super::{Activity, Coordinator, Federate};
 use crate::startup::Early;
@@ -17,12 +17,37 @@ impl Federate {
             return;
         }
         let Early { channel, tag, payload } = message;
+        if tag < self.first {
+            self.discard(payload);
+            return;
+        }
         match &mut self.coordinator {
             Coordinator::Centralized(machine) => machine.arrived(tag),
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
         self.expect(tag);
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
+    }
+
+    /// What was meant for a tag before this federate has joined.
+    fn discard(&mut self, payload: Payload) {
+        if let Coordinator::Centralized(machine) = &mut self.coordinator {
+            machine.discarded();
+        }
+        self.outputs.push_back(Output::Discard { payload });
+    }
+
+    /// A message that the RTI passes on before the start, as it does to a federate that joins late.
+    pub(super) fn early(&mut self, channel: Channel, message: Early) -> Result<(), Fault> {
+        if !self.topology.is_transient(self.me) {
+            return Err(Fault::Unexpected { frame: "Message" });
+        }
+        if channel.physical {
+            self.outputs.push_back(Output::Discard { payload: message.payload });
+        } else {
+            self.startup.keep(message);
+        }
+        Ok(())
     }
 
     /// Something has come that the scheduler will process at `tag`, or as soon as it can. It may
@@ -44,8 +69,8 @@ impl Federate {
         let frame = Frame::Message { channel: id, tag, payload };
         match &mut self.coordinator {
             Coordinator::Decentralized(machine) if !channel.physical => {
-                machine.sent(id, tag);
                 if self.startup.is_linked(channel.to) {
+                    machine.sent(id, tag);
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }
             }

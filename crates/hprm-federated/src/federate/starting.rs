@@ -1,6 +1,6 @@
 //! How a federate gets to tag zero: direct links, being ready, and what came before the start.
 
-use hprm_core::PhysicalTime;
+use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::stop::Stop;
@@ -16,18 +16,24 @@ impl Federate {
         let upstream = self.topology.upstream(self.me);
         let mutual = |peer| upstream.iter().any(|edge| edge.federate == peer);
         let peers = self.topology.downstream(self.me).iter().map(|edge| edge.federate);
-        let peers: Vec<_> = peers.filter(|peer| self.me < *peer || !mutual(*peer)).collect();
+        let mine = |peer: &FederateId| self.me < *peer || !mutual(*peer);
+        let missing = |peer: &FederateId| self.is_live(*peer) && !self.startup.is_linked(*peer);
+        let peers: Vec<_> = peers.filter(mine).filter(missing).collect();
         for peer in peers {
-            let Some(listen) = self.startup.address(peer) else {
-                let name = self.topology.name(peer);
-                let message = format!("federate {name} accepts no direct links, but has inputs");
-                let reason = End::Failed { federate: self.me, message: message.clone(), code: 1 };
-                self.fail(message, 1);
-                self.end(reason);
-                return;
-            };
-            self.outputs.push_back(Output::Connect { peer, listen });
+            self.open_link(peer);
         }
+    }
+
+    pub(super) fn open_link(&mut self, peer: FederateId) {
+        let Some(listen) = self.startup.address(peer) else {
+            let name = self.topology.name(peer);
+            let message = format!("federate {name} accepts no direct links, but has inputs");
+            let reason = End::Failed { federate: self.me, message: message.clone(), code: 1 };
+            self.fail(message, 1);
+            self.end(reason);
+            return;
+        };
+        self.outputs.push_back(Output::Connect { peer, listen });
     }
 
     pub(super) fn get_ready(&mut self, now: PhysicalTime) {
@@ -36,11 +42,12 @@ impl Federate {
         }
     }
 
-    pub(super) fn begin(&mut self, at: PhysicalTime) {
+    pub(super) fn begin(&mut self, at: PhysicalTime, first: Tag) {
         let early = self.startup.begin(at);
-        self.outputs.push_back(Output::Start { at });
+        self.first = first;
+        self.outputs.push_back(Output::Start { at, first });
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
-            machine.begin(at);
+            machine.begin(at, first);
         }
         for message in early {
             self.deliver(message);

@@ -54,7 +54,7 @@ fn started(text: &str, name: &str, count: u16, linked: &[u16]) -> Federate {
     for peer in linked {
         input(&mut machine, 0, Input::PeerUp(FederateId(*peer)));
     }
-    input(&mut machine, 0, Input::FromRti(Frame::Start { at: START }));
+    input(&mut machine, 0, Input::FromRti(Frame::Start { at: START, first: Tag::START }));
     machine
 }
 
@@ -67,7 +67,7 @@ fn a_federate_is_ready_when_all_links_are_up_and_the_program_is_loaded() {
     assert!(input(&mut machine, 0, up(0)).is_empty());
     let connect = Output::Connect { peer: FederateId(2), listen: "port 2".into() };
     assert_eq!(input(&mut machine, 0, Input::FromRti(peers(3))), [connect]);
-    assert!(input(&mut machine, 0, Input::Loaded).is_empty());
+    assert_eq!(input(&mut machine, 0, Input::Loaded), [Output::ToRti(Frame::Loaded)]);
     let ready = Output::ToRti(Frame::Ready { now: START });
     assert_eq!(input(&mut machine, 0, up(2)), [ready]);
 }
@@ -226,7 +226,8 @@ fn a_message_that_precedes_the_start_is_delivered_after_it() {
     input(&mut machine, 0, Input::PeerUp(FederateId(0)));
     let early = Input::FromPeer { from: FederateId(0), frame: message(0, at(0)) };
     assert!(input(&mut machine, 0, early).is_empty());
-    let outputs = input(&mut machine, 0, Input::FromRti(Frame::Start { at: START }));
+    let outputs =
+        input(&mut machine, 0, Input::FromRti(Frame::Start { at: START, first: Tag::START }));
     assert!(matches!(outputs.as_slice(), [Output::Start { .. }, Output::Deliver { .. }]));
 }
 
@@ -307,7 +308,7 @@ fn a_faulty_frame_changes_nothing() {
     let payload = Payload::default();
     let cases = [
         (&centralized, Input::FromRti(message(1, at(1)))),
-        (&centralized, Input::FromRti(Frame::Start { at: START })),
+        (&centralized, Input::FromRti(Frame::Start { at: START, first: Tag::START })),
         (&centralized, Input::FromRti(Frame::Safe { through: Step::end(at(1)) })),
         (&centralized, peer(message(0, at(1)))),
         (&centralized, Input::Send { channel: ChannelId(0), tag: at(1), payload }),

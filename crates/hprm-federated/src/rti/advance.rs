@@ -26,6 +26,9 @@ struct Report {
     told: Step,
     /// Whether it goes through tags level by level; otherwise it wants a tag as a whole.
     stepwise: bool,
+    /// The tags between which it takes part: it may join late, and leave before the others.
+    first: Tag,
+    last: Tag,
 }
 
 /// See the module.
@@ -37,13 +40,30 @@ pub(super) struct Advance {
     stop: Tag,
     /// Federates for whom something may have changed since the last news.
     touched: BTreeSet<FederateId>,
+    /// The earliest tag that will be granted when it is due.
+    due: Option<Tag>,
 }
 
 impl Report {
+    fn new(topology: &Topology, federate: FederateId, first: Tag) -> Self {
+        Self {
+            next: Step::NEVER,
+            completed: Tag::NEVER,
+            in_transit: BTreeSet::new(),
+            forwarded: 0,
+            told: Step::NEVER,
+            stepwise: topology.is_stepwise(federate),
+            first,
+            last: Tag::FOREVER,
+        }
+    }
+
     /// Nothing happens there before this step, unless further messages arrive.
     fn own(&self) -> Step {
-        let reported = self.next.max(Step::begin(self.completed.succ().max(Tag::START)));
-        self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first))
+        let reported = self.next.max(Step::begin(self.completed.succ().max(self.first)));
+        let own = self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first));
+        // Whatever else it does, it processes its last tag.
+        if own.tag > self.last { Step::begin(self.last) } else { own }
     }
 
     /// What it wants to process next; `FOREVER` if that is not known.
@@ -56,19 +76,13 @@ impl Report {
 
 impl Advance {
     pub(super) fn new(topology: &Topology) -> Self {
-        let report = |federate| Report {
-            next: Step::NEVER,
-            completed: Tag::NEVER,
-            in_transit: BTreeSet::new(),
-            forwarded: 0,
-            told: Step::NEVER,
-            stepwise: topology.is_stepwise(federate),
-        };
+        let report = |federate| Report::new(topology, federate, Tag::START);
         Self {
             earliest: Earliest::new(topology),
             reports: topology.federates().map(report).collect(),
             stop: Tag::FOREVER,
             touched: BTreeSet::new(),
+            due: None,
         }
     }
 
@@ -82,6 +96,39 @@ impl Advance {
     /// How far a federate has been told that it may advance.
     pub(super) fn told(&self, federate: FederateId) -> Step {
         self.reports[federate].told
+    }
+
+    /// The tag at which a federate starts, or has started.
+    pub(super) fn first(&self, federate: FederateId) -> Tag {
+        self.reports[federate].first
+    }
+
+    /// The least tag from which on a federate may do something unexpected: join, or leave. Nobody
+    /// whom that concerns has been told more, and it has not done anything there itself.
+    pub(super) fn entry(&self, topology: &Topology, federate: FederateId) -> Tag {
+        let told = topology.reachable(federate).into_iter().filter(|other| *other != federate);
+        let told = told.map(|other| self.reports[other].told.tag.succ());
+        let own = self.reports[federate].completed.succ();
+        told.chain([own, Tag::START]).max().unwrap_or(Tag::START)
+    }
+
+    /// A federate joins that has ended, or was not there.
+    pub(super) fn join(&mut self, topology: &Topology, federate: FederateId, first: Tag) {
+        let forwarded = self.reports[federate].forwarded;
+        self.reports[federate] = Report { forwarded, ..Report::new(topology, federate, first) };
+        self.earliest.revive(federate);
+        self.refresh(topology, federate);
+    }
+
+    /// A federate ends at `last`, unless it has come farther.
+    pub(super) fn depart(&mut self, topology: &Topology, federate: FederateId, last: Tag) {
+        self.reports[federate].last = last;
+        self.refresh(topology, federate);
+    }
+
+    /// A message is on its way to a federate that will have no use for it, or that has not started.
+    pub(super) fn count(&mut self, federate: FederateId) {
+        self.reports[federate].forwarded += 1;
     }
 
     /// A federate's next event, unless a further message arrives than the first `received`, is at
@@ -124,6 +171,9 @@ impl Advance {
 
     /// A federate has ended: nothing more comes from there.
     pub(super) fn end(&mut self, topology: &Topology, federate: FederateId) {
+        let report = &mut self.reports[federate];
+        report.in_transit.clear();
+        report.forwarded = 0;
         let touched = self.earliest.end(topology, federate);
         self.touched.extend(touched);
     }
@@ -140,19 +190,36 @@ impl Advance {
     }
 
     /// Who may advance how far, where that is new and lets somebody process the tag that it wants.
-    pub(super) fn news(&mut self, topology: &Topology) -> Vec<(FederateId, Step)> {
+    ///
+    /// A transient federate joins as soon as those whom it may send something have done what they
+    /// may. So they are told no more than they want, and not before it is due: `elapsed` is the
+    /// last tag that is.
+    pub(super) fn news(&mut self, topology: &Topology, elapsed: Tag) -> Vec<(FederateId, Step)> {
         let mut news = Vec::new();
+        self.due = None;
         for federate in std::mem::take(&mut self.touched) {
             let through = self.earliest.arrival(federate).pred();
             let report = &mut self.reports[federate];
             let wanted = report.wanted();
             let depends = !topology.upstream(federate).is_empty();
-            if depends && wanted.tag < Tag::FOREVER && wanted > report.told && wanted <= through {
-                report.told = through;
-                news.push((federate, through));
+            if !depends || wanted.tag == Tag::FOREVER || wanted <= report.told || wanted > through {
+                continue;
             }
+            let expects = topology.is_after_transient(federate);
+            if expects && wanted.tag > elapsed {
+                self.due = Some(self.due.map_or(wanted.tag, |due| due.min(wanted.tag)));
+                self.touched.insert(federate);
+                continue;
+            }
+            report.told = if expects { wanted } else { through };
+            news.push((federate, report.told));
         }
         news
+    }
+
+    /// When [`Self::news`] has more to tell.
+    pub(super) fn next_due(&self) -> Option<Tag> {
+        self.due
     }
 
     fn refresh(&mut self, topology: &Topology, federate: FederateId) {

@@ -32,6 +32,7 @@ impl Rti {
             Negotiation::Decided => return,
             Negotiation::Asking { latest, .. } => *latest = (*latest).max(tag),
             Negotiation::Idle => {
+                self.turn_away();
                 let mut answered = Table::filled(self.members.len(), false);
                 answered[from] = true;
                 self.stop = Negotiation::Asking { latest: tag, answered };
@@ -45,6 +46,7 @@ impl Rti {
 
     /// Somebody who is no federate asks to stop, as soon as that suits everybody.
     pub(super) fn stop_asked_from_outside(&mut self) {
+        self.turn_away();
         if self.stop == Negotiation::Idle {
             let answered = Table::filled(self.members.len(), false);
             self.stop = Negotiation::Asking { latest: Tag::START, answered };
@@ -86,6 +88,7 @@ impl Rti {
     /// A federate has completed the last tag.
     pub(super) fn resigned(&mut self, federate: FederateId) {
         self.ended = true;
+        self.turn_away();
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = Tag::FOREVER;
         }
@@ -98,39 +101,52 @@ impl Rti {
         self.send_all(&Frame::Gone { federate });
         self.advance.end(&self.topology, federate);
         self.traffic.end(&self.topology, federate);
+        self.arrivals.forget(federate);
         self.tell();
         self.decide();
+        self.admit_arrivals();
         self.finish();
     }
 
     /// A federate's link has ended.
     pub(super) fn lost(&mut self, federate: FederateId) {
         if self.members[federate].is_live() {
-            let when = match self.phase {
-                Phase::Joining | Phase::Loading => "before the federation started",
-                Phase::Running => "before its last tag",
-            };
-            let name = self.topology.name(federate);
-            let message = format!("the process of federate {name} ended {when}");
+            let message = self.words_on_lost(federate);
             self.fail(federate, message, LOST);
         }
+    }
+
+    pub(super) fn words_on_lost(&self, federate: FederateId) -> String {
+        let when = match self.phase {
+            Phase::Joining | Phase::Loading => "before the federation started",
+            Phase::Running => "before its last tag",
+        };
+        format!("the process of federate {} ended {when}", self.topology.name(federate))
     }
 
     /// A federate breaks the protocol. That is a defect of ours, or of somebody who plays tricks.
     pub(super) fn broken(&mut self, federate: FederateId, reason: &str) {
         if self.members[federate].is_live() {
-            let name = self.topology.name(federate);
-            let message =
-                format!("federate {name} breaks the protocol of the federation: {reason}");
+            let message = self.words_on_broken(federate, reason);
             self.fail(federate, message, LOST);
         }
     }
 
-    /// A federate cannot go on, so nobody can. Only the first is reported: the others fail because
-    /// they were told to end.
+    pub(super) fn words_on_broken(&self, federate: FederateId, reason: &str) -> String {
+        let name = self.topology.name(federate);
+        format!("federate {name} breaks the protocol of the federation: {reason}")
+    }
+
+    /// A federate cannot go on, so nobody can, unless it is transient. Only the first is reported:
+    /// the others fail because they were told to end.
     pub(super) fn fail(&mut self, federate: FederateId, message: String, code: i32) {
+        if self.topology.is_transient(federate) && !self.failed {
+            self.dropped(federate, message, code);
+            return;
+        }
         self.members[federate] = Member::Gone;
         if !std::mem::replace(&mut self.failed, true) {
+            self.turn_away();
             self.send_all(&Frame::Failed { federate, message: message.clone(), code });
             self.outputs.push_back(RtiOutput::Failed { federate, message, code });
         }

@@ -1,6 +1,6 @@
 //! How a federation comes together: who may join, and when tag zero is.
 
-use hprm_core::{FederateId, PhysicalTime};
+use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
 use crate::{Fault, Frame, HostId, PROTOCOL, Peer, Refusal};
@@ -37,20 +37,40 @@ impl Rti {
             return Err(Fault::UnknownLink);
         };
         if let Some(reason) = refusal {
-            let frame = Frame::Refused { reason };
-            self.outputs.push_back(RtiOutput::Send { link, frame });
-            self.outputs.push_back(RtiOutput::Close { link });
+            self.refuse(link, reason);
             return Ok(());
         }
         self.links.insert(link, federate);
-        self.members[federate] = Member::Live { link, host, listen, ready: None };
         self.outputs.push_back(RtiOutput::Joined { federate, link });
-        if self.members.values().all(Member::is_live) {
+        if self.phase == Phase::Joining {
+            self.members[federate] = Member::Live { link, host, listen, ready: None };
+            self.gather();
+        } else {
+            self.arrivals.add(link, Peer { federate, host, listen });
+        }
+        Ok(())
+    }
+
+    pub(super) fn refuse(&mut self, link: LinkId, reason: Refusal) {
+        self.links.remove(&link);
+        self.refused.insert(link);
+        let frame = Frame::Refused { reason };
+        self.outputs.push_back(RtiOutput::Send { link, frame });
+        self.outputs.push_back(RtiOutput::Close { link });
+    }
+
+    /// Introduces all to one another, once they are there. Transient federates may come later.
+    pub(super) fn gather(&mut self) {
+        if self.phase == Phase::Joining && self.everybody_is_there() {
             self.phase = Phase::Loading;
             let peers = self.peers();
             self.send_all(&Frame::Peers { peers });
         }
-        Ok(())
+    }
+
+    fn everybody_is_there(&self) -> bool {
+        let mut members = self.members.iter();
+        members.all(|(federate, member)| member.is_live() || self.topology.is_transient(federate))
     }
 
     /// Why the sender of a `Hello` may not join. A stranger learns nothing about the program.
@@ -70,13 +90,16 @@ impl Rti {
         if !self.topology.has(federate) {
             return Some(Refusal::UnknownFederate);
         }
+        if self.topology.is_transient(federate) && self.phase != Phase::Joining {
+            return self.late_refusal(federate);
+        }
         if self.failed || self.phase == Phase::Running {
             return Some(Refusal::TooLate);
         }
         (self.members[federate] != Member::Absent).then_some(Refusal::Duplicate)
     }
 
-    fn peers(&self) -> Vec<Peer> {
+    pub(super) fn peers(&self) -> Vec<Peer> {
         let members = self.members.iter();
         members
             .filter_map(|(federate, member)| match member {
@@ -94,19 +117,36 @@ impl Rti {
             Member::Live { ready: ready @ None, .. } => *ready = Some(now),
             _ => return Err(Fault::Unexpected { frame: "Ready" }),
         }
-        let readings = self.members.values().map(|member| match member {
-            Member::Live { ready, .. } => *ready,
+        self.start_together();
+        Ok(())
+    }
+
+    /// Starts the program, once all who are there are ready.
+    pub(super) fn start_together(&mut self) {
+        if self.phase != Phase::Loading || !self.everybody_is_there() {
+            return;
+        }
+        let readings = self.members.values().filter_map(|member| match member {
+            Member::Live { ready, .. } => Some(*ready),
             Member::Absent | Member::Gone => None,
         });
-        // None, if anybody is not ready or has gone.
+        // None, if anybody is not ready.
         let Some(readings) = readings.collect::<Option<Vec<_>>>() else {
-            return Ok(());
+            return;
         };
-        let latest = readings.into_iter().max().unwrap_or(now);
+        let Some(latest) = readings.into_iter().max() else { return };
         let at = latest.plus(self.start_delay);
         self.phase = Phase::Running;
-        self.send_all(&Frame::Start { at });
+        if self.topology.has_transients() {
+            self.start = at;
+        }
+        self.send_all(&Frame::Start { at, first: Tag::START });
         self.outputs.push_back(RtiOutput::Started { at });
-        Ok(())
+        let absent = self.members.iter().filter(|(_, member)| !member.is_live());
+        for (federate, _) in absent {
+            self.advance.end(&self.topology, federate);
+            self.traffic.end(&self.topology, federate);
+        }
+        self.admit_arrivals();
     }
 }

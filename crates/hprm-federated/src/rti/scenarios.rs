@@ -1,12 +1,14 @@
 //! The RTI's decisions as texts: `tests/rti/*.txt`.
 //!
 //! A text has a program as in `fixture`, then a line for each input, and below it, indented, what
-//! the RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A tag is `time.microstep`, or the time alone; `before 10` is the last tag before
-//! 10. The whole text is written anew from its inputs and must come out the same.
+//! the RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A
+//! tag is `time.microstep`, or the time alone; `before 10` is the last tag before 10. `at 10` is the
+//! clock. Of a transient federate that is `not there` at the start, each `joins` makes a new
+//! instance. The whole text is written anew from its inputs and must come out the same.
 
 use std::fmt::Write as _;
 
-use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Tag};
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Table, Tag};
 
 use super::{LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::{federate, program};
@@ -15,6 +17,10 @@ use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
 struct Scenario {
     program: Program,
     rti: Rti,
+    now: PhysicalTime,
+    /// The latest link of each federate, and its former one.
+    links: Table<FederateId, (u32, u32)>,
+    next_link: u32,
 }
 
 impl Scenario {
@@ -22,29 +28,52 @@ impl Scenario {
         let program = program(text);
         let federation = FederationId(1);
         let rti = Rti::new(Topology::new(&program), federation, 0, 0);
-        let mut scenario = Self { program, rti };
-        let federates: Vec<_> = scenario.program.federates.ids().collect();
-        for federate in &federates {
-            let (federate, host, listen) = (*federate, HostId(1), None);
-            let protocol = PROTOCOL;
-            let hello =
-                Frame::Hello { protocol, federation, fingerprint: 0, federate, host, listen };
-            scenario.input(federate, hello);
-        }
+        let links = Table::filled(program.federates.len(), (0, 0));
+        let now = PhysicalTime(0);
+        let mut scenario = Self { program, rti, now, links, next_link: 0 };
+        let there = |name: &str| !text.lines().any(|line| line == format!("not there: {name}"));
+        let federates = scenario.program.federates.iter();
+        let federates = federates.filter(|(_, federate)| there(&federate.name));
+        let federates: Vec<_> = federates.map(|(id, _)| id).collect();
+        federates.iter().for_each(|federate| scenario.hello(*federate));
         for federate in federates {
-            scenario.input(federate, Frame::Ready { now: PhysicalTime(0) });
+            scenario.input(federate, Frame::Ready { now });
         }
         while scenario.rti.poll().is_some() {}
         scenario
     }
 
+    /// Opens a link and asks to join.
+    fn hello(&mut self, federate: FederateId) {
+        let (host, listen, protocol, federation) = (HostId(1), None, PROTOCOL, FederationId(1));
+        self.links[federate] = (self.next_link, self.links[federate].0);
+        self.next_link += 1;
+        let hello = Frame::Hello { protocol, federation, fingerprint: 0, federate, host, listen };
+        self.input(federate, hello);
+    }
+
     fn input(&mut self, from: FederateId, frame: Frame) {
-        let link = LinkId(from.0.into());
-        self.rti.handle(PhysicalTime(0), RtiInput::Frame { link, frame }).unwrap();
+        self.input_on(self.links[from].0, frame);
+    }
+
+    fn input_on(&mut self, link: u32, frame: Frame) {
+        let link = LinkId(link);
+        self.rti.handle(self.now, RtiInput::Frame { link, frame }).unwrap();
+    }
+
+    /// Time passes.
+    fn at(&mut self, time: &str) {
+        self.now = PhysicalTime(time.parse().unwrap());
+        if self.rti.next_wakeup().is_some_and(|at| at <= self.now) {
+            self.rti.handle(self.now, RtiInput::Wake).unwrap();
+        }
     }
 
     fn line(&mut self, line: &str) {
         let words: Vec<_> = line.split_whitespace().collect();
+        if let ["at", time] = words[..] {
+            return self.at(time);
+        }
         let from = federate(&self.program, words[0]);
         let frame = match words[1..] {
             ["next", at] => Frame::NextEventTag { tag: tag(at) },
@@ -65,6 +94,19 @@ impl Scenario {
             ["asks-stop", at] => Frame::StopRequest { tag: tag(at) },
             ["replies", at] => Frame::StopReply { tag: tag(at) },
             ["resigns"] => Frame::Resign,
+            ["leaves"] => Frame::Leave,
+            // The one that was there before.
+            ["old", "leaves"] => return self.input_on(self.links[from].1, Frame::Leave),
+            ["joins"] => return self.hello(from),
+            ["has", "loaded"] => Frame::Loaded,
+            ["is", "ready"] => Frame::Ready { now: self.now },
+            ["meets", whom, "after", at] => {
+                Frame::Met { federate: federate(&self.program, whom), after: tag(at) }
+            }
+            ["crashes"] => {
+                let link = LinkId(self.links[from].0);
+                return self.rti.handle(self.now, RtiInput::Closed { link }).unwrap();
+            }
             _ => panic!("what does {line} mean?"),
         };
         self.input(from, frame);
@@ -89,7 +131,9 @@ impl Scenario {
         while let Some(output) = self.rti.poll() {
             let line = match output {
                 RtiOutput::Send { link, frame } => {
-                    let to = name(FederateId(u16::try_from(link.0).unwrap()));
+                    let mut links = self.links.iter();
+                    let of = |(_, links): &(_, &(u32, u32))| links.0 == link.0 || links.1 == link.0;
+                    let to = name(links.find(of).unwrap().0);
                     let what = match frame {
                         Frame::TagAdvanceGrant { tag } => format!("may process {}", show(tag)),
                         Frame::ProvisionalTagAdvanceGrant {
@@ -109,11 +153,28 @@ impl Scenario {
                         Frame::Gone { federate } => {
                             format!("hears that {} is gone", name(federate))
                         }
+                        Frame::Joining { peer } => {
+                            format!("hears that {} is joining", name(peer.federate))
+                        }
+                        Frame::Joined { federate, first } => {
+                            format!("hears that {} begins at {}", name(federate), show(first))
+                        }
+                        Frame::Depart { tag } => format!("must leave at {}", show(tag)),
+                        Frame::Start { first, .. } => format!("begins at {}", show(first)),
+                        Frame::Refused { reason } => format!("is refused: {reason}"),
+                        Frame::Peers { peers } => {
+                            let peers: Vec<_> = peers.iter().map(|p| name(p.federate)).collect();
+                            format!("hears of {}", peers.join(", "))
+                        }
                         frame => panic!("no words for {frame:?}"),
                     };
                     format!("{to} {what}")
                 }
                 RtiOutput::Finished => "finished".to_owned(),
+                RtiOutput::Joined { .. } | RtiOutput::Close { .. } => continue,
+                RtiOutput::Dropped { federate, message, .. } => {
+                    format!("{} is dropped: {message}", name(federate))
+                }
                 output => panic!("no words for {output:?}"),
             };
             writeln!(text, "  {line}").unwrap();
@@ -161,4 +222,7 @@ macro_rules! scenarios {
     )*};
 }
 
-scenarios! { chain circle diamond cycle resign stop stop_twice stop_late patience }
+scenarios! {
+    chain circle diamond cycle resign stop stop_twice stop_late patience
+    transient transient_swap transient_circle transient_end
+}

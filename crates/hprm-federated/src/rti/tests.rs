@@ -64,10 +64,14 @@ fn everybody_starts_together_after_the_latest_clock() {
         ]
     ));
     assert!(input(&mut rti, 5, Frame::Ready { now: PhysicalTime(30) }).unwrap().is_empty());
-    let at = PhysicalTime(130);
+    let (at, first) = (PhysicalTime(130), Tag::START);
     assert_eq!(
         input(&mut rti, 6, Frame::Ready { now: PhysicalTime(20) }).unwrap(),
-        [sent(5, Frame::Start { at }), sent(6, Frame::Start { at }), RtiOutput::Started { at }]
+        [
+            sent(5, Frame::Start { at, first }),
+            sent(6, Frame::Start { at, first }),
+            RtiOutput::Started { at }
+        ]
     );
 }
 

@@ -59,6 +59,17 @@ impl Traffic {
         Ok(())
     }
 
+    /// A federate knows of another one that joins: what it counts of their channels starts anew.
+    pub(super) fn meet(&mut self, topology: &Topology, one: FederateId, other: FederateId) {
+        for (id, channel) in topology.channels().iter() {
+            if (channel.from, channel.to) == (one, other)
+                || (channel.from, channel.to) == (other, one)
+            {
+                self.update(id, |pair| *pair = Pair::default());
+            }
+        }
+    }
+
     /// A federate has ended: what is sent to it does not matter any more.
     pub(super) fn end(&mut self, topology: &Topology, federate: FederateId) {
         for (id, channel) in topology.channels().iter() {

@@ -10,7 +10,7 @@ const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
 const SIDES: [&str; 4] = ["north", "east", "south", "west"];
 
 /// Known to the language, and not there yet.
-const UNSUPPORTED: [&str; 2] = ["enclave", "transient"];
+const UNSUPPORTED: [&str; 1] = ["enclave"];
 
 /// For other tools and targets.
 const WITHOUT_EFFECT: [&str; 2] = ["property", "sparse"];
@@ -61,6 +61,7 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
         "transient" if place != Place::Instance || !federated => {
             report.add(misplaced(attribute, &name, "an instance"));
         }
+        "transient" => flag(attribute, &name, report),
         name if UNSUPPORTED.contains(&name) => {
             let what = format!("the attribute `@{name}` is");
             report.add(Diagnostic::unsupported(attribute.span, &what, "remove it"));
@@ -85,7 +86,7 @@ fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
         let property = name.replace('_', "-");
         format!("write it as a target property: `target Python {{ {property}: ... }}`")
     } else {
-        let known = DRAWING.into_iter().chain(["maxwait", "absent_after"]);
+        let known = DRAWING.into_iter().chain(["maxwait", "absent_after", "transient"]);
         existing(name, "attributes", known)
     };
     report.add(Diagnostic::error("LF0211", attribute.span, message).hint(hint));
@@ -114,6 +115,15 @@ fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report
     }
 }
 
+/// An attribute that says all by its name.
+fn flag(attribute: &Attribute, name: &str, report: &mut Report) {
+    if !attribute.arguments.is_empty() {
+        let message = format!("`@{name}` takes no argument");
+        let diagnostic = Diagnostic::error("LF0212", attribute.span, message);
+        report.add(diagnostic.hint(format!("write `@{name}`")));
+    }
+}
+
 fn drawing(attribute: &Attribute, name: &str, report: &mut Report) {
     let text = |argument: &Expression| match &argument.kind {
         ExpressionKind::String(text) => Some(text.clone()),
@@ -136,6 +146,11 @@ fn drawing(attribute: &Attribute, name: &str, report: &mut Report) {
                 .hint(format!("write `@{name}({form})`")),
         );
     }
+}
+
+/// Whether the attribute `name` is among `attributes`.
+pub(crate) fn is_there(attributes: &[Attribute], name: &str) -> bool {
+    attributes.iter().any(|attribute| attribute.name.text.eq_ignore_ascii_case(name))
 }
 
 /// The time of the attribute `name`, if it is among `attributes`.

@@ -309,9 +309,11 @@ fn read_frames(
 
 /// Peers are reached the way the RTI is.
 fn listen(options: &FederateOptions) -> Result<Listener, Failure> {
+    // With the number of the process: a transient federate may have a predecessor.
+    let mine = format!("{}-{}", options.federate.0, std::process::id());
     let address = match &options.rti {
-        Address::Abstract(rti) => Address::Abstract(format!("{rti}-{}", options.federate.0)),
-        Address::Path(rti) => Address::Path(format!("{rti}-{}", options.federate.0)),
+        Address::Abstract(rti) => Address::Abstract(format!("{rti}-{mine}")),
+        Address::Path(rti) => Address::Path(format!("{rti}-{mine}")),
         Address::Tcp(_) => Address::Tcp("127.0.0.1:0".to_owned()),
     };
     Listener::bind(&address)

@@ -1,0 +1,91 @@
+//! How a federate gets to know those who join late: transient federates, for the first time or
+//! again.
+//!
+//! The RTI announces who is about to join. The answer is that whatever is sent from now on goes
+//! there too; under decentralized coordination that takes a new direct link, and the end of the old
+//! one, on which something may still be on its way.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use hprm_core::{FederateId, Tag};
+
+use super::{Coordinator, Federate};
+use crate::{Frame, Output, Peer};
+
+/// Who is about to join.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+pub(super) struct Meeting {
+    /// Those whose former link has not ended.
+    returning: BTreeMap<FederateId, Peer>,
+    /// Those to whom a link is being opened.
+    linking: BTreeSet<FederateId>,
+}
+
+impl Meeting {
+    pub(super) fn forget(&mut self, peer: FederateId) {
+        self.returning.remove(&peer);
+        self.linking.remove(&peer);
+    }
+}
+
+impl Federate {
+    /// Takes the list of those who are there. Nothing comes from the others.
+    pub(super) fn meet(&mut self, peers: Vec<Peer>) {
+        let present: BTreeSet<_> = peers.iter().map(|peer| peer.federate).collect();
+        let absent = self.topology.federates().filter(|federate| !present.contains(federate));
+        self.gone = absent.filter(|federate| *federate != self.me).collect();
+        if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+            self.gone.iter().for_each(|peer| machine.closed(*peer));
+        }
+        self.startup.meet(peers);
+    }
+
+    /// Somebody is about to join.
+    pub(super) fn introduce(&mut self, peer: Peer) {
+        let federate = peer.federate;
+        if self.startup.is_linked(federate) {
+            self.meeting.returning.insert(federate, peer);
+            return;
+        }
+        self.startup.add(peer);
+        let downstream = self.topology.downstream(self.me);
+        let sends = downstream.iter().any(|edge| edge.federate == federate);
+        if sends && let Coordinator::Decentralized(_) = self.coordinator {
+            self.meeting.linking.insert(federate);
+            self.open_link(federate);
+        } else {
+            self.welcome(federate);
+        }
+    }
+
+    /// The direct link to somebody is up.
+    pub(super) fn met(&mut self, peer: FederateId) {
+        if self.meeting.linking.remove(&peer) {
+            self.welcome(peer);
+        }
+    }
+
+    /// The direct link to somebody has ended.
+    pub(super) fn left(&mut self, peer: FederateId) {
+        if let Some(peer) = self.meeting.returning.remove(&peer) {
+            self.introduce(peer);
+        }
+    }
+
+    /// From now on, whatever this federate sends goes to that one too.
+    fn welcome(&mut self, federate: FederateId) {
+        self.gone.remove(&federate);
+        if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+            machine.meets(&self.topology, federate);
+        }
+        let after = self.current;
+        self.outputs.push_back(Output::ToRti(Frame::Met { federate, after }));
+    }
+
+    /// Somebody has joined.
+    pub(super) fn joined(&mut self, federate: FederateId, first: Tag) {
+        if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+            machine.joined(&self.topology, federate, first);
+        }
+    }
+}
