@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use hprm::Address;
-use hprm::federated::FederationId;
+use hprm::federated::{FederationId, Patience};
+use hprm_core::Nanos;
 
 /// Run, check and look after deterministic programs for robots.
 #[derive(Parser, Debug)]
@@ -91,6 +92,8 @@ pub(crate) struct Run {
     /// Seconds that federates may take to join.
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
+    #[command(flatten)]
+    pub(crate) hang: Hang,
     /// Write down what every reaction did, in a form that does not depend on how the program was run.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
@@ -99,6 +102,23 @@ pub(crate) struct Run {
     /// What the program finds in sys.argv.
     #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
     pub(crate) arguments: Vec<OsString>,
+}
+
+/// What a federate that does not answer means.
+#[derive(Args, Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Hang {
+    /// Give up if a federate does not answer for that many seconds. Without it, the others wait: it
+    /// may be busy in a long reaction.
+    #[arg(long = "hang-timeout", value_name = "SECONDS", value_parser = seconds)]
+    limit: Option<Duration>,
+}
+
+impl Hang {
+    /// The same, for the RTI.
+    pub(crate) fn patience(self) -> Patience {
+        let nanos = |limit: Duration| Nanos::try_from(limit.as_nanos()).unwrap_or(Nanos::MAX);
+        Patience { limit: self.limit.map(nanos) }
+    }
 }
 
 /// Compare two logical traces, and say where they part.
@@ -202,6 +222,8 @@ pub(crate) struct Rti {
     /// Where to listen: unix:@NAME, unix:/PATH or tcp:127.0.0.1:PORT.
     #[arg(long, value_name = "ADDRESS")]
     pub(crate) listen: Address,
+    #[command(flatten)]
+    pub(crate) hang: Hang,
     #[command(flatten)]
     pub(crate) properties: Properties,
     /// The secret of the federation, 32 hexadecimal digits. Chosen at random if it is not given.

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::federated::FederationId;
+use hprm::federated::{FederationId, Patience};
 use hprm::{Address, Rti, RtiHandle, RtiOptions};
 use hprm_core::Program;
 
@@ -47,6 +47,7 @@ pub(crate) struct Plan {
     pub(crate) arguments: Vec<OsString>,
     pub(crate) properties: Properties,
     pub(crate) join_timeout: Duration,
+    pub(crate) patience: Patience,
     pub(crate) logical_trace: Option<PathBuf>,
 }
 
@@ -62,7 +63,7 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let parts = plan.logical_trace.as_deref().map(Parts::of).transpose()?;
     let federation = random_id()?;
-    let (rti, address) = start_rti(program, federation, events.clone())?;
+    let (rti, address) = start_rti(program, federation, plan.patience, events.clone())?;
 
     if program.federates.values().any(|federate| federate.transient) {
         launcher::write(program, &plan.file)?;
@@ -131,10 +132,12 @@ fn private_address() -> Result<Address, Error> {
 fn start_rti(
     program: &Arc<Program>,
     federation: FederationId,
+    patience: Patience,
     events: SyncSender<Event>,
 ) -> Result<(RtiHandle, Address), Error> {
     let listen = private_address()?;
-    let options = RtiOptions { program: Arc::clone(program), federation, listen };
+    let program = Arc::clone(program);
+    let options = RtiOptions { program, federation, listen, patience };
     let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());
     let run = move || {

@@ -15,7 +15,7 @@ use crate::args::Rti;
 use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::verdict::{LastWords, Verdict};
-use crate::{check, launch, signals};
+use crate::{check, launch, signals, verdict};
 
 /// Coordinates a federation to its end.
 ///
@@ -31,8 +31,13 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     check::show_warnings(&compiled);
     let federation = arguments.federation.map_or_else(launch::random_id, Ok)?;
     let (program, listen) = (Arc::clone(&compiled.program), arguments.listen);
-    let rti = hprm::Rti::bind(&RtiOptions { program, federation, listen })
-        .map_err(|failure| Error::of(&failure))?;
+    let rti = hprm::Rti::bind(&RtiOptions {
+        program,
+        federation,
+        listen,
+        patience: arguments.hang.patience(),
+    })
+    .map_err(|failure| Error::of(&failure))?;
     let interruption = Arc::new(Interruption::default());
     interruption.watch(rti.handle())?;
     message::print_line(&format!("listening at {}", rti.address()));
@@ -126,6 +131,8 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
     match event {
         RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
+        RtiEvent::Silent { federate, silence } => Ok(verdict::on_silent(name(federate), silence)),
+        RtiEvent::Answers { federate, silence } => Ok(verdict::on_answer(name(federate), silence)),
         RtiEvent::Dropped { federate, message, code }
         | RtiEvent::Failed { federate, message, code } => {
             let words = LastWords { message, code };

@@ -37,6 +37,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         arguments: arguments.arguments.clone(),
         properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
+        patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),
     };
     let code = launch::launch(&compiled.program, &plan)?;

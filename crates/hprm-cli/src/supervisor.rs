@@ -14,7 +14,7 @@ use hprm_core::{FederateId, Program, Table};
 
 use crate::message::Error;
 use crate::signals::Signal;
-use crate::verdict::{Ending, LastWords, Verdict};
+use crate::verdict::{self, Ending, LastWords, Verdict};
 
 /// How long to wait for the second witness of a failure.
 const GRACE: Duration = Duration::from_millis(500);
@@ -209,6 +209,18 @@ impl Supervisor {
         match event {
             RtiEvent::Joined(federate) => self.federates[federate].joined = true,
             RtiEvent::Started(_) => self.started = true,
+            RtiEvent::Silent { federate, silence } => {
+                let name = &self.federates[federate].name;
+                let warning = Error::new(verdict::on_silent(name, silence));
+                let hint =
+                    "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
+                self.orders.push_back(Order::Warn(warning.hint(hint)));
+            }
+            RtiEvent::Answers { federate, silence } => {
+                let name = &self.federates[federate].name;
+                let warning = Error::new(verdict::on_answer(name, silence));
+                self.orders.push_back(Order::Warn(warning));
+            }
             RtiEvent::Dropped { federate, message, code } => {
                 self.federates[federate].dropped = Some((LastWords { message, code }, now));
             }

@@ -5,9 +5,12 @@
 //! and when enough has been heard, is decided by the [`supervisor`](crate::supervisor).
 
 use hprm::Failure;
+use hprm_core::Nanos;
 
 use crate::message::{self, Error};
 use crate::signals::Signal;
+
+const SECOND: Nanos = 1_000_000_000;
 
 /// How a process ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -76,6 +79,18 @@ impl Verdict {
         };
         Self { error, code: exit_code(failure.code) }
     }
+}
+
+/// A federate does not answer.
+pub(crate) fn on_silent(name: &str, silence: Nanos) -> String {
+    let seconds = silence / SECOND;
+    format!("federate {name} has not answered for {seconds} s; whoever needs it waits")
+}
+
+/// A federate that did not answer does so again.
+pub(crate) fn on_answer(name: &str, silence: Nanos) -> String {
+    let tenths = silence / (SECOND / 10);
+    format!("federate {name} answers again, after {}.{} s", tenths / 10, tenths % 10)
 }
 
 /// What of a failure's code the system can carry, and nobody takes for success.

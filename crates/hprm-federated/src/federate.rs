@@ -11,9 +11,9 @@ mod starting;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
@@ -30,6 +30,9 @@ enum Coordinator {
     Centralized(Centralized),
     Decentralized(Decentralized),
 }
+
+/// How long the RTI has to explain why a direct link has ended.
+const EXPLANATION: Nanos = 2_000_000_000;
 
 /// What the scheduler is doing, as far as it has said.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -61,6 +64,10 @@ pub struct Federate {
     departs: bool,
     /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
+    /// Federates that have said that nothing follows on their direct links.
+    silent: BTreeSet<FederateId>,
+    /// Federates whose direct links have ended without a word, and until when the RTI may explain it.
+    missing: BTreeMap<FederateId, PhysicalTime>,
     /// Federates that are about to join.
     meeting: Meeting,
     /// This federate has resigned, failed, or been told to end: nothing matters any more.
@@ -111,6 +118,8 @@ impl Federate {
             first: Tag::START,
             departs: false,
             gone: BTreeSet::new(),
+            silent: BTreeSet::new(),
+            missing: BTreeMap::new(),
             meeting: Meeting::default(),
             over: false,
             outputs: VecDeque::from([Output::ToRti(hello)]),
@@ -163,14 +172,17 @@ impl Federate {
     /// When the machine wants an [`Input::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        if self.over || self.startup.start().is_none() {
+        if self.over {
             return None;
         }
-        let next = self.next_step()?;
-        match &self.coordinator {
-            Coordinator::Centralized(machine) => machine.next_wakeup(next),
-            Coordinator::Decentralized(machine) => machine.next_wakeup(next),
-        }
+        let report = match &self.coordinator {
+            _ if self.startup.start().is_none() => None,
+            Coordinator::Centralized(machine) => machine.next_wakeup(self.next_step()?),
+            Coordinator::Decentralized(machine) => {
+                self.next_step().and_then(|next| machine.next_wakeup(next))
+            }
+        };
+        report.into_iter().chain(self.missing.values().copied()).min()
     }
 
     /// Whether a peer runs on the same host: objects may be passed to it by reference.
@@ -226,14 +238,17 @@ impl Federate {
             Input::RtiLost => self.end(End::RtiLost),
             Input::PeerUp(peer) => {
                 self.startup.link(peer);
+                self.missing.remove(&peer);
                 self.get_ready(now);
                 self.met(peer);
             }
             Input::PeerLost(peer) => {
                 self.startup.unlink(peer);
-                // Otherwise the RTI will tell whether it has ended, and how.
                 if self.gone.contains(&peer) {
                     self.closed(peer);
+                } else if !self.silent.contains(&peer) {
+                    // The RTI will tell whether it has ended, and how.
+                    self.missing.insert(peer, now.plus(EXPLANATION));
                 }
                 self.left(peer);
             }
@@ -281,7 +296,7 @@ impl Federate {
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(Frame::Leave),
             Input::Failed { message, code } => self.fail(message, code),
-            Input::Wake => {}
+            Input::Wake => self.miss(now),
         }
         self.report(now);
         Ok(())
@@ -346,6 +361,7 @@ impl Federate {
             }
             Frame::StopGranted { tag } => self.stop_at(tag),
             Frame::Gone { federate } => self.peer_gone(now, federate),
+            Frame::Ping => self.outputs.push_back(Output::ToRti(Frame::Pong)),
             Frame::Failed { federate, message, code } => {
                 self.end(End::Failed { federate, message, code });
             }
@@ -384,7 +400,10 @@ impl Federate {
             Frame::Release { owner, reader, serials } if owner == self.me && reader == from => {
                 self.outputs.push_back(Output::Released { reader, serials });
             }
-            Frame::Resign => self.closed(from),
+            Frame::Resign => {
+                self.silent.insert(from);
+                self.closed(from);
+            }
             _ => return unexpected,
         }
         Ok(())

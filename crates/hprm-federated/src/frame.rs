@@ -290,6 +290,10 @@ pub enum Frame {
         /// The tag.
         tag: Tag,
     },
+    /// RTI to a federate of which it has not heard for a while: are you there?
+    Ping,
+    /// The answer.
+    Pong,
     /// The sender has completed its last tag: nothing follows on this link. On a direct link it may
     /// also have left.
     Resign,
@@ -343,6 +347,8 @@ impl Frame {
             Self::Progress { .. } => "Progress",
             Self::Safe { .. } => "Safe",
             Self::PortAbsent { .. } => "PortAbsent",
+            Self::Ping => "Ping",
+            Self::Pong => "Pong",
             Self::Resign => "Resign",
             Self::Leave => "Leave",
             Self::Gone { .. } => "Gone",

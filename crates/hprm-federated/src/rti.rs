@@ -2,8 +2,8 @@
 //!
 //! This file has the machine's state and sorts what comes in. Joining and starting are in `join`,
 //! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
-//! agreeing on a last tag in `ending`, and federates that join late in `arriving`. The RTI never
-//! looks into a payload.
+//! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not
+//! answer in `watch`. The RTI never looks into a payload.
 
 mod advance;
 mod arriving;
@@ -14,6 +14,7 @@ mod scenarios;
 #[cfg(test)]
 mod tests;
 mod traffic;
+mod watch;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -24,6 +25,8 @@ use self::arriving::Arrivals;
 use self::ending::Negotiation;
 use self::join::Member;
 use self::traffic::Traffic;
+pub use self::watch::Patience;
+use self::watch::Watch;
 use crate::{Fault, FederationId, Frame, Step, Topology};
 
 /// A connection that the driver has accepted; it never uses a number twice.
@@ -86,6 +89,20 @@ pub enum RtiOutput {
         /// The physical time of tag zero.
         at: PhysicalTime,
     },
+    /// A federate has not answered for a while.
+    Silent {
+        /// The federate.
+        federate: FederateId,
+        /// For how long, in nanoseconds.
+        silence: Nanos,
+    },
+    /// One that was reported as silent answers again.
+    Answers {
+        /// The federate.
+        federate: FederateId,
+        /// After how long, in nanoseconds.
+        silence: Nanos,
+    },
     /// A transient federate could not go on; the others do.
     Dropped {
         /// The federate.
@@ -134,6 +151,8 @@ pub struct Rti {
     now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
+    /// None, if it does not matter who is silent.
+    watch: Option<Watch>,
     stop: Negotiation,
     /// Whether a federate has processed the last tag of the program.
     ended: bool,
@@ -165,6 +184,7 @@ impl Rti {
             now: PhysicalTime(0),
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
+            watch: None,
             stop: Negotiation::Idle,
             ended: false,
             failed: false,
@@ -194,6 +214,7 @@ impl Rti {
                 Ok(())
             }
             RtiInput::Wake => {
+                self.look_after(now);
                 self.hurry_arrivals();
                 self.tell();
                 Ok(())
@@ -210,7 +231,11 @@ impl Rti {
                 Some(federate) if self.arrivals.is_link_of(*federate, link) => {
                     self.arrival_frame(*federate, frame)
                 }
-                Some(federate) => self.frame(*federate, frame),
+                Some(federate) => {
+                    let federate = *federate;
+                    self.heard(federate, now);
+                    self.frame(federate, frame)
+                }
             },
         }
     }
@@ -238,7 +263,8 @@ impl Rti {
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
         let grant = self.advance.next_due().map(|tag| tag.due(self.start));
-        grant.into_iter().chain(self.arrivals.next_wakeup()).min()
+        let arrival = self.arrivals.next_wakeup();
+        [grant, arrival, self.next_silence()].into_iter().flatten().min()
     }
 
     /// A frame from a member. Each arm checks before it changes anything.
@@ -250,6 +276,7 @@ impl Rti {
         }
         match frame {
             Frame::Loaded if !running => Ok(()),
+            Frame::Pong if running => Ok(()),
             Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
             Frame::Met { federate, after } if running => {
                 self.met(from, federate, after);

@@ -353,7 +353,8 @@ where
     fn wakeup(&self) -> Option<PhysicalTime> {
         let machine = &self.federation.machine;
         match self.phase {
-            Phase::Joining | Phase::Done => return None,
+            Phase::Joining => return machine.next_wakeup(),
+            Phase::Done => return None,
             Phase::Processing | Phase::Running => {}
         }
         let processing = self.phase == Phase::Processing;

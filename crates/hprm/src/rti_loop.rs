@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
-use hprm_federated::{FederationId, Frame, LinkId, RtiInput, RtiOutput, Topology};
+use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput, Topology};
 
 use crate::bell::Bell;
 use crate::link::{Arrival, Link, Listener, READS};
@@ -30,6 +30,8 @@ pub struct RtiOptions {
     pub federation: FederationId,
     /// Where to listen.
     pub listen: Address,
+    /// When it is a failure that a federate does not answer.
+    pub patience: Patience,
 }
 
 /// What an RTI reports while it runs.
@@ -39,6 +41,20 @@ pub enum RtiEvent {
     Joined(FederateId),
     /// All have joined; the program starts at this time.
     Started(PhysicalTime),
+    /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
+    Silent {
+        /// Who.
+        federate: FederateId,
+        /// For how long.
+        silence: Nanos,
+    },
+    /// A federate that was silent answers again.
+    Answers {
+        /// Who.
+        federate: FederateId,
+        /// After how long.
+        silence: Nanos,
+    },
     /// A transient federate could not go on. The others do.
     Dropped {
         /// Who.
@@ -120,7 +136,8 @@ impl Rti {
                 options.federation,
                 fingerprint,
                 START_DELAY,
-            ),
+            )
+            .watching(options.patience),
             listener: Listener::bind(&options.listen).map_err(failed)?,
             links: BTreeMap::new(),
             next_link: 0,
@@ -258,6 +275,12 @@ impl Rti {
                     report(RtiEvent::Joined(federate));
                 }
                 RtiOutput::Started { at } => report(RtiEvent::Started(at)),
+                RtiOutput::Silent { federate, silence } => {
+                    report(RtiEvent::Silent { federate, silence });
+                }
+                RtiOutput::Answers { federate, silence } => {
+                    report(RtiEvent::Answers { federate, silence });
+                }
                 RtiOutput::Dropped { federate, message, code } => {
                     report(RtiEvent::Dropped { federate, message, code });
                 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use hprm::federated::FederationId;
+use hprm::federated::{FederationId, Patience};
 use hprm::store::{Object, Store, StoreLimits};
 use hprm::{Address, Failure, FederateOptions, Host, Inbox, Rti, RtiEvent, RtiOptions};
 use hprm_core::limits::INLINE_LIMIT;
@@ -112,7 +112,13 @@ fn federation(program: Program, address: &str, react: Arc<React>) -> Federation 
     let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
     let listen: Address = address.replace("UNIQUE", &unique).parse().unwrap();
     let federation = FederationId(7);
-    let rti = Rti::bind(&RtiOptions { program: Arc::clone(&program), federation, listen }).unwrap();
+    let rti = Rti::bind(&RtiOptions {
+        program: Arc::clone(&program),
+        federation,
+        listen,
+        patience: Patience::default(),
+    })
+    .unwrap();
     let address = rti.address().clone();
     let warnings = Arc::new(Mutex::new(Vec::new()));
     let events = Arc::new(Mutex::new(Vec::new()));
@@ -313,7 +319,13 @@ fn a_stranger_who_claims_to_send_much_is_hung_up_on() {
 
     let program = Arc::new(gather(Coordination::Centralized, 1).program);
     let listen = "tcp:127.0.0.1:0".parse().unwrap();
-    let rti = Rti::bind(&RtiOptions { program, federation: FederationId(7), listen }).unwrap();
+    let rti = Rti::bind(&RtiOptions {
+        program,
+        federation: FederationId(7),
+        listen,
+        patience: Patience::default(),
+    })
+    .unwrap();
     let Address::Tcp(address) = rti.address().clone() else { unreachable!("it is TCP") };
     let handle = rti.handle();
     let rti = thread::spawn(move || rti.run(|_| {}));

@@ -38,6 +38,7 @@ impl Federate {
 
     pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId) {
         self.gone.insert(peer);
+        self.missing.remove(&peer);
         self.meeting.forget(peer);
         self.startup.excuse(peer);
         self.get_ready(now);
@@ -46,6 +47,15 @@ impl Federate {
         if !self.startup.is_linked(peer) {
             self.closed(peer);
         }
+    }
+
+    /// Gives up if a direct link has ended, and the RTI does not say that its federate has.
+    pub(super) fn miss(&mut self, now: PhysicalTime) {
+        let Some((peer, _)) = self.missing.iter().find(|(_, until)| **until <= now) else { return };
+        let name = self.topology.name(*peer);
+        let message = format!("the link to federate {name} is broken, although it has not ended");
+        self.fail(message.clone(), 1);
+        self.end(End::Failed { federate: self.me, message, code: 1 });
     }
 
     /// Nothing more comes from a peer.

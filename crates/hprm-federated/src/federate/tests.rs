@@ -219,6 +219,38 @@ fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
 }
 
 #[test]
+fn a_link_that_breaks_must_be_explained() {
+    let from = FederateId(0);
+    let lost = || started("decentralized\na -> b", "b", 2, &[0]);
+    let second = 1_000 * MILLISECOND;
+    let mut machine = lost();
+    input(&mut machine, 0, Input::PeerLost(from));
+    assert_eq!(machine.next_wakeup(), Some(START.plus(2 * second)));
+    input(&mut machine, second, Input::FromRti(Frame::Gone { federate: from }));
+    assert_eq!(machine.next_wakeup(), None);
+    let mut machine = lost();
+    input(&mut machine, 0, Input::FromPeer { from, frame: Frame::Resign });
+    input(&mut machine, 0, Input::PeerLost(from));
+    assert_eq!(machine.next_wakeup(), None);
+    let mut machine = lost();
+    input(&mut machine, 0, Input::PeerLost(from));
+    assert!(input(&mut machine, second, Input::Wake).is_empty());
+    let outputs = input(&mut machine, 2 * second, Input::Wake);
+    let [Output::ToRti(Frame::Failed { message, .. }), Output::Ended { .. }] = outputs.as_slice()
+    else {
+        panic!("{outputs:?}");
+    };
+    assert_eq!(message, "the link to federate a is broken, although it has not ended");
+}
+
+#[test]
+fn a_federate_that_is_asked_answers() {
+    let mut machine = started("a -> b", "b", 2, &[]);
+    let answer = input(&mut machine, 0, Input::FromRti(Frame::Ping));
+    assert_eq!(answer, [Output::ToRti(Frame::Pong)]);
+}
+
+#[test]
 fn a_message_that_precedes_the_start_is_delivered_after_it() {
     let mut machine = new("decentralized\na -> b", "b");
     input(&mut machine, 0, Input::FromRti(peers(2)));

@@ -315,6 +315,7 @@ impl Rti {
         }
         let Peer { host, listen, .. } = peer;
         self.members[federate] = Member::Live { link, host, listen, ready: Some(self.now) };
+        self.heard(federate, self.now);
         self.advance.join(&self.topology, federate, first);
         let at = self.start;
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Start { at, first } });

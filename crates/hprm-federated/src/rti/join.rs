@@ -137,6 +137,7 @@ impl Rti {
         let Some(latest) = readings.into_iter().max() else { return };
         let at = latest.plus(self.start_delay);
         self.phase = Phase::Running;
+        self.heard_all(at);
         if self.topology.has_transients() {
             self.start = at;
         }

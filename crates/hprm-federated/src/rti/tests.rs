@@ -2,7 +2,7 @@
 
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
-use super::{LinkId, Rti, RtiInput, RtiOutput};
+use super::{LinkId, Patience, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
 use crate::{Count, Fault, FederationId, Frame, HostId, PROTOCOL, Refusal, Step, Topology};
 
@@ -202,4 +202,48 @@ fn object_news_find_their_federate_until_it_is_gone() {
     assert_eq!(input(&mut rti, 1, release.clone()).unwrap(), [sent(0, release)]);
     input(&mut rti, 1, Frame::Resign).unwrap();
     assert!(input(&mut rti, 0, segment).unwrap().is_empty());
+}
+
+const SECOND: i64 = 1_000_000_000;
+
+/// What a wake-up at that second leads to.
+fn wake(rti: &mut Rti, second: i64) -> Vec<RtiOutput> {
+    let now = PhysicalTime(110 + second * SECOND);
+    assert!(rti.next_wakeup().is_some_and(|at| at <= now));
+    rti.handle(now, RtiInput::Wake).unwrap();
+    std::iter::from_fn(|| rti.poll()).collect()
+}
+
+#[test]
+fn who_is_silent_is_asked_and_then_reported() {
+    let federate = FederateId(1);
+    let mut rti = running("a -> b").watching(Patience::default());
+    rti.heard_all(PhysicalTime(110));
+    assert_eq!(wake(&mut rti, 1), [sent(0, Frame::Ping), sent(1, Frame::Ping)]);
+    let answer = |rti: &mut Rti, link, second| {
+        let now = PhysicalTime(110 + second * SECOND);
+        let frame = Frame::Pong;
+        rti.handle(now, RtiInput::Frame { link: LinkId(link), frame }).unwrap();
+        rti.poll()
+    };
+    assert_eq!(answer(&mut rti, 0, 1), None);
+    assert_eq!(wake(&mut rti, 2), [sent(0, Frame::Ping)]);
+    assert_eq!(answer(&mut rti, 0, 4), None);
+    assert_eq!(wake(&mut rti, 5)[1], RtiOutput::Silent { federate, silence: 5 * SECOND });
+    let answers = RtiOutput::Answers { federate, silence: 9 * SECOND };
+    assert_eq!(answer(&mut rti, 1, 9), Some(answers));
+}
+
+#[test]
+fn silence_is_a_failure_if_the_user_says_so() {
+    let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
+    rti.heard_all(PhysicalTime(110));
+    wake(&mut rti, 1);
+    rti.heard(FederateId(0), PhysicalTime(110 + 2 * SECOND));
+    let outputs = wake(&mut rti, 3);
+    let message = "federate b has not answered for 3 s";
+    let failed = outputs
+        .iter()
+        .any(|output| matches!(output, RtiOutput::Failed { message: said, .. } if said == message));
+    assert!(failed, "{outputs:?}");
 }
