@@ -218,14 +218,20 @@ impl<V: Clone> Scheduler<V> {
     /// anything, which is possible if the program is kept alive.
     #[must_use]
     pub fn next_tag(&self) -> Tag {
+        self.next_event().min(self.stop)
+    }
+
+    /// The same, but for the last tag of the program, where nothing may happen but its end.
+    #[must_use]
+    pub fn next_event(&self) -> Tag {
         if self.tag == Tag::NEVER {
-            return self.first.min(self.stop);
+            return self.first;
         }
         if self.modes.has_due() {
-            return self.tag.succ().min(self.stop);
+            return self.tag.succ();
         }
         let idle = if self.outlives_its_events() { Tag::FOREVER } else { self.tag.succ() };
-        self.queue.first().unwrap_or(idle).min(self.stop)
+        self.queue.first().unwrap_or(idle)
     }
 
     // Commands of the driver.

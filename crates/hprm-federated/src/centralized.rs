@@ -24,8 +24,8 @@ pub(crate) struct Centralized {
     /// Whether it goes through tags level by level, because a message may come back to it at the
     /// same tag.
     stepwise: bool,
-    /// Whether the RTI wants to know when nothing is left to do.
-    starves: bool,
+    /// The RTI wants to know when nothing is left to do before this tag.
+    rest: Option<Tag>,
     /// How many messages have come.
     received: u64,
     /// How many of them the RTI knows to have come.
@@ -43,7 +43,7 @@ impl Centralized {
             granted: Step::NEVER,
             told: Step::NEVER,
             stepwise: topology.is_stepwise(me),
-            starves: topology.starves(),
+            rest: topology.starves().then(|| topology.timeout()),
             received: 0,
             acknowledged: 0,
             told_at: PhysicalTime(i64::MIN),
@@ -109,7 +109,7 @@ impl Centralized {
         }
         let asks = self.has_upstream && !self.has(certain);
         let news = certain != self.told || self.stepwise && self.acknowledged < self.received;
-        let rests = self.starves && certain == Step::FOREVER;
+        let rests = self.rest.is_some_and(|rest| certain.tag >= rest);
         if !news || !(self.has_downstream || asks || rests) {
             return None;
         }

@@ -38,8 +38,8 @@ struct Incoming {
 enum Reports {
     /// None: nobody waits for ever, and the program does not end by itself.
     None,
-    /// That nothing is left to do.
-    Rest,
+    /// That nothing is left to do before this tag.
+    Rest(Tag),
     /// All.
     All,
 }
@@ -106,7 +106,7 @@ impl Decentralized {
             by_clock: topology.by_clock(me),
             reports: match topology.starves() {
                 _ if topology.is_patient() => Reports::All,
-                true => Reports::Rest,
+                true => Reports::Rest(topology.timeout()),
                 false => Reports::None,
             },
             unreported: BTreeSet::new(),
@@ -298,7 +298,7 @@ impl Decentralized {
         let is_new = next != self.reported || !self.unreported.is_empty();
         match self.reports {
             Reports::None => false,
-            Reports::Rest => is_new && next == Step::FOREVER,
+            Reports::Rest(rest) => is_new && next.tag >= rest,
             Reports::All => is_new,
         }
     }

@@ -132,10 +132,18 @@ impl Federate {
     /// by the clock is the driver's business.
     #[must_use]
     pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
-        if self.stop.refuses(tag) {
+        if self.stop.refuses(tag) || self.may_starve() {
             return Permission::Wait;
         }
         self.allows(if self.is_stepwise() { Step::begin(tag) } else { Step::end(tag) }, now)
+    }
+
+    /// Whether nothing is left to do here, and perhaps nowhere. Then the last tag comes sooner than the
+    /// program's timeout.
+    fn may_starve(&self) -> bool {
+        self.activity == Activity::Idle(Tag::FOREVER)
+            && self.topology.starves()
+            && self.stop != Stop::Decided
     }
 
     /// Whether this federate goes through tags level by level: it asks [`Self::may_pass`] before each

@@ -26,8 +26,8 @@ pub enum Input {
     PeerUp(FederateId),
     /// The program is ready to run.
     Loaded,
-    /// The scheduler's next tag, after whatever may have changed it and never while a tag is being
-    /// processed. It includes the last tag.
+    /// The scheduler's next event, after whatever may have changed it and never while a tag is being
+    /// processed; `FOREVER` if nothing is left to do but to end.
     NextEvent(Tag),
     /// The scheduler processes this tag now.
     Begun(Tag),

@@ -394,9 +394,17 @@ impl Rti {
     fn next(&mut self, from: FederateId, step: Step, received: u64) {
         self.advance.next(&self.topology, from, step, received);
         self.tell();
+        self.end_if_starved();
+    }
+
+    /// Ends the program if no federate has anything left to do.
+    fn end_if_starved(&mut self) {
+        if !self.topology.starves() || self.traffic.lags() {
+            return;
+        }
         let ended = |federate| matches!(self.members[federate], Member::Gone);
-        if self.topology.starves() && !self.traffic.lags() && self.advance.rests(ended) {
-            self.stop_asked_from_outside();
+        if let Some(tag) = self.advance.rest(self.topology.timeout(), ended) {
+            self.ask_to_stop(tag);
         }
     }
 

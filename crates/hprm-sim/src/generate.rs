@@ -41,7 +41,7 @@ fn attempt(rng: &mut Rng, shape: Shape) -> Result<Program, ProgramError> {
     let rests = !shape.physical && rng.percent(25);
     let timeout = TICK * (1 + rng.below(20).cast_signed());
     let properties = Properties {
-        timeout: (!rests).then_some(timeout),
+        timeout: (!rests || rng.percent(30)).then_some(timeout),
         keepalive: !rests,
         coordination: shape.coordination,
         ..Properties::default()

@@ -116,8 +116,8 @@ impl Node {
             if self.is_over() {
                 break;
             }
+            self.input(now, Input::NextEvent(self.scheduler.next_event()))?;
             let tag = self.scheduler.next_tag();
-            self.input(now, Input::NextEvent(tag))?;
             let due = tag.due(start);
             let permission = self.machine.permission(tag, now);
             let until = match permission {

@@ -186,7 +186,7 @@ where
                 self.handle(Input::Depart)?;
             }
             // Before any other input: the machine promises nothing beyond the next event.
-            self.handle(Input::NextEvent(self.scheduler.next_tag()))?;
+            self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         }
         if stop {
             self.handle(Input::RequestStop)?;
@@ -204,8 +204,8 @@ where
 
     /// Runs the next tag if it may be begun. Returns whether it did.
     fn step(&mut self) -> Result<bool, Failure> {
+        self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         let tag = self.scheduler.next_tag();
-        self.handle(Input::NextEvent(tag))?;
         let start = self.scheduler.start_time();
         if tag == Tag::FOREVER
             || tag.due(start) > Clock::now()

@@ -36,7 +36,7 @@ struct Report {
 pub(super) struct Advance {
     earliest: Earliest,
     reports: Table<FederateId, Report>,
-    /// The last tag of the program, once it is agreed.
+    /// The last tag of the program: as it states it, or as it is agreed.
     stop: Tag,
     /// Federates for whom something may have changed since the last news.
     touched: BTreeSet<FederateId>,
@@ -66,9 +66,14 @@ impl Report {
         if own.tag > self.last { Step::begin(self.last) } else { own }
     }
 
-    /// What it wants to process next; `FOREVER` if that is not known.
-    fn wanted(&self) -> Step {
-        let reported = if self.next > Step::NEVER { self.next } else { Step::FOREVER };
+    /// What it wants to process next, the last tag after all others; `FOREVER` if that is not known.
+    fn wanted(&self, stop: Tag) -> Step {
+        let last = self.last.min(stop);
+        let reported = match self.next {
+            Step::NEVER => Step::FOREVER,
+            next if next.tag > last => Step::begin(last),
+            next => next,
+        };
         let next = self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first));
         if self.stepwise { next } else { Step::end(next.tag) }
     }
@@ -80,17 +85,24 @@ impl Advance {
         Self {
             earliest: Earliest::new(topology),
             reports: topology.federates().map(report).collect(),
-            stop: Tag::FOREVER,
+            stop: topology.timeout(),
             touched: BTreeSet::new(),
             due: None,
         }
     }
 
-    /// Whether no federate will do anything more: each has reported so, unless it has `ended`, and no
-    /// message is on its way.
-    pub(super) fn rests(&self, ended: impl Fn(FederateId) -> bool) -> bool {
-        let rests = |report: &Report| report.next == Step::FOREVER && report.in_transit.is_empty();
-        self.reports.iter().all(|(federate, report)| ended(federate) || rests(report))
+    /// The earliest last tag of the program, if no federate will do anything more before its
+    /// `timeout`: each has reported so, unless it has `ended`. If they do nothing even then, they can
+    /// end at once.
+    pub(super) fn rest(&self, timeout: Tag, ended: impl Fn(FederateId) -> bool) -> Option<Tag> {
+        let live = self.reports.iter().filter(|(federate, _)| !ended(*federate));
+        let next = live.map(|(_, report)| {
+            report.in_transit.first().map_or(report.next, |(first, _)| report.next.min(*first))
+        });
+        match next.min().map_or(Tag::FOREVER, |next| next.tag) {
+            Tag::FOREVER => Some(Tag::START),
+            next => (next >= timeout).then_some(Tag::FOREVER),
+        }
     }
 
     /// How far a federate has been told that it may advance.
@@ -200,7 +212,7 @@ impl Advance {
         for federate in std::mem::take(&mut self.touched) {
             let through = self.earliest.arrival(federate).pred();
             let report = &mut self.reports[federate];
-            let wanted = report.wanted();
+            let wanted = report.wanted(self.stop);
             let depends = !topology.upstream(federate).is_empty();
             if !depends || wanted.tag == Tag::FOREVER || wanted <= report.told || wanted > through {
                 continue;

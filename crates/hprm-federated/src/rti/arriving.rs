@@ -234,6 +234,7 @@ impl Rti {
             let tag = self.entry(federate);
             self.advance.depart(&self.topology, federate, tag);
             self.send(federate, Frame::Depart { tag });
+            self.tell();
         }
     }
 

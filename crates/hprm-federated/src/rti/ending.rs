@@ -46,11 +46,17 @@ impl Rti {
 
     /// Somebody who is no federate asks to stop, as soon as that suits everybody.
     pub(super) fn stop_asked_from_outside(&mut self) {
+        self.ask_to_stop(Tag::START);
+    }
+
+    /// Asks everybody to stop, at `tag` at the earliest.
+    pub(super) fn ask_to_stop(&mut self, tag: Tag) {
         self.turn_away();
         if self.stop == Negotiation::Idle {
             let answered = Table::filled(self.members.len(), false);
-            self.stop = Negotiation::Asking { latest: Tag::START, answered };
-            self.send_all(&Frame::StopRequest { tag: Tag::START });
+            let latest = if self.ended { Tag::FOREVER } else { tag };
+            self.stop = Negotiation::Asking { latest, answered };
+            self.send_all(&Frame::StopRequest { tag: latest });
         }
         self.decide();
     }
@@ -104,6 +110,7 @@ impl Rti {
         self.arrivals.forget(federate);
         self.tell();
         self.decide();
+        self.end_if_starved();
         self.admit_arrivals();
         self.finish();
     }
