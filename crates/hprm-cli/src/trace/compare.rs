@@ -30,6 +30,8 @@ pub(crate) struct Comparison {
     pub(crate) left_out: usize,
     /// Values that could not be looked into; of those, only the types were compared.
     pub(crate) opaque: usize,
+    /// Whether a reaction asked the program to stop.
+    pub(crate) stops: bool,
     /// The first tag that was not compared, if the ends differ.
     pub(crate) limit: Option<At>,
     /// Where the traces part, if they do.
@@ -76,7 +78,7 @@ impl Judge {
         A: BufRead + Seek,
         B: BufRead + Seek,
     {
-        if a.header != b.header {
+        if a.header.program != b.header.program {
             let programs = [&a.header, &b.header].map(|header| header.program.as_str());
             return Err(Error::new(format!(
                 "{} is a trace of {}, and {} one of {}",
@@ -98,8 +100,9 @@ impl Judge {
                 return Ok(found);
             }
         }
-        // Nothing but chance, or another deployment, lets equal runs end at different tags.
-        let by_chance = a.header.federated
+        // At which tag federates agree to stop is not decided by the program.
+        let agreed = found.stops && (a.header.federated || b.header.federated);
+        let by_chance = agreed
             || found.left_out > 0
             || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != Ending::Done);
         if a.end.end != b.end.end && (!by_chance || self.physical) {
@@ -128,6 +131,7 @@ impl Judge {
                 return;
             }
             found.equal += 1;
+            found.stops |= entry.stops;
             found.opaque += opaque(entry);
         }
         for entry in b.iter().filter(|entry| others.contains_key(entry.reaction.as_str())) {

@@ -159,6 +159,20 @@ fn an_end_at_another_tag_is_a_difference_if_nobody_stopped_the_run() {
 }
 
 #[test]
+fn federates_that_stop_agree_on_a_tag_by_chance() {
+    let earlier = r#"{"end":[12,0],"outcome":"done"}"#;
+    let differ = |with: &str| {
+        let [a, b] = [DONE, earlier].map(|end| text(&[&entry(with), end]));
+        let mut federated = trace("B", &b);
+        federated.header.federated = true;
+        let found = Judge::default().compare(&mut trace("A", &a), &mut federated).unwrap();
+        found.divergence.is_some()
+    };
+    assert!(differ(""));
+    assert!(!differ(r#","stops":true"#));
+}
+
+#[test]
 fn the_last_tag_of_a_run_that_failed_is_not_compared() {
     let failed = r#"{"end":[10,0],"outcome":"failed","message":"no"}"#;
     let other = r#"{"tag":[10,0],"reaction":"M.b.1"}"#;
