@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test conformance bench bench-rust bench-python fmt lint clean toolchain
+.PHONY: help build demo test check-model conformance bench bench-rust bench-python fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -30,6 +30,9 @@ demo: build ## run the broadcast and gather example, print its table, draw its p
 test: lint build ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
 	$(BIN)/python -m pytest tests/python
+
+check-model: toolchain ## go every way in which small federations can go, for some minutes
+	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2
 
 conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }

@@ -4,22 +4,29 @@
 //! time; what they do is compared with a run of the same program in one scheduler. A seed that
 //! fails is printed, and fails again.
 //!
+//! [`explore`] leaves nothing to chance: it goes every way in which a small federation can go.
+//!
 //! Where to start: [`World`] runs a federation, [`generate`] makes a program, [`reference()`] says
-//! what it must do.
+//! what it must do; [`scenario`] makes a small one for [`explore`].
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
 mod behaviour;
 mod generate;
+mod model;
 mod network;
 mod node;
 mod oracle;
 mod rng;
+mod scenario;
 mod world;
 
 pub use behaviour::{Entry, Log};
 pub use generate::{Shape, generate};
-pub use oracle::{difference, reference};
+pub use model::{Action, Explored, Happening, Setting, Violation, explore};
+pub use network::Place;
+pub use oracle::{difference, reference, reference_until};
 pub use rng::Rng;
+pub use scenario::scenario;
 pub use world::{Outcome, Plan, World};

@@ -9,8 +9,10 @@ use crate::Rng;
 
 /// One end of a link.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub(crate) enum End {
+pub enum Place {
+    /// The RTI.
     Rti,
+    /// A federate.
     Federate(FederateId),
 }
 
@@ -37,7 +39,7 @@ pub(crate) struct Network {
     sequence: u64,
     latency: u64,
     /// When the last thing sent on a link arrives.
-    busy: BTreeMap<(End, End), PhysicalTime>,
+    busy: BTreeMap<(Place, Place), PhysicalTime>,
 }
 
 impl Network {
@@ -51,7 +53,7 @@ impl Network {
     }
 
     /// Sends something that arrives after everything sent before on the same link.
-    pub(crate) fn send(&mut self, now: PhysicalTime, from: End, to: End, event: Event) {
+    pub(crate) fn send(&mut self, now: PhysicalTime, from: Place, to: Place, event: Event) {
         let arrival = now.plus(self.rng.below(self.latency).cast_signed());
         let busy = self.busy.entry((from, to)).or_insert(arrival);
         *busy = (*busy).max(arrival);

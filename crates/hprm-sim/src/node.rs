@@ -5,14 +5,26 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Payload, PhysicalTime, Program, Scheduler, Scope, Tag};
+use hprm_core::{
+    Action, FederateId, Origin, Payload, PhysicalTime, Program, Scheduled, Scheduler, Scope, Tag,
+};
 use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
 
 use crate::Log;
 use crate::behaviour::{run, run_level};
 
-#[derive(Clone, Debug)]
+/// What a federate has come to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Turn {
+    /// A tag is complete.
+    Done,
+    /// It may not go on before that time, or for all it knows never, unless something arrives.
+    Waits(Option<PhysicalTime>),
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Node {
+    me: FederateId,
     pub(crate) machine: Federate,
     scheduler: Scheduler<u64>,
     pub(crate) log: Log,
@@ -47,6 +59,7 @@ impl Node {
         let listen = Some(format!("{}", me.0));
         let machine = Federate::new(me, program, federation, fingerprint, HostId(1), listen);
         Self {
+            me,
             machine,
             scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
             log: Log::new(program),
@@ -66,6 +79,25 @@ impl Node {
 
     pub(crate) fn is_over(&self) -> bool {
         self.finished || self.ended.is_some() || self.crashed
+    }
+
+    /// Whether it has started and may do something.
+    pub(crate) fn is_running(&self) -> bool {
+        self.start.is_some() && !self.is_over()
+    }
+
+    pub(crate) fn program(&self) -> &Arc<Program> {
+        self.scheduler.program()
+    }
+
+    /// Schedules the federate's physical action, as another thread would. Returns for when.
+    pub(crate) fn happen(&mut self, now: PhysicalTime) -> Result<Option<Tag>, Fault> {
+        let scheduled = schedule(&mut self.scheduler, self.me, now);
+        if !self.open {
+            let next = self.scheduler.next_event();
+            self.input(now, Input::NextEvent(next))?;
+        }
+        Ok(scheduled)
     }
 
     pub(crate) fn last_tag(&self) -> Tag {
@@ -105,17 +137,20 @@ impl Node {
 
     /// Processes tags as far as it may. Returns when to look up again.
     pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
-        while let Some(start) = self.start.filter(|_| !self.is_over()) {
-            if self.open && !self.go_on(now)? {
-                let until = match self.machine.may_pass(self.scheduler.next_level(), now) {
-                    Permission::WaitUntil(until) => Some(until),
-                    Permission::Granted | Permission::Wait => None,
-                };
-                return Ok(self.machine.next_wakeup().into_iter().chain(until).min());
+        loop {
+            match self.advance_once(now)? {
+                Turn::Done => {}
+                Turn::Waits(until) => return Ok(until),
             }
-            if self.is_over() {
-                break;
-            }
+        }
+    }
+
+    /// Processes one tag, or the rest of one, as far as it may.
+    pub(crate) fn advance_once(&mut self, now: PhysicalTime) -> Result<Turn, Fault> {
+        let Some(start) = self.start.filter(|_| !self.is_over()) else {
+            return Ok(Turn::Waits(None));
+        };
+        if !self.open {
             self.input(now, Input::NextEvent(self.scheduler.next_event()))?;
             let tag = self.scheduler.next_tag();
             let due = tag.due(start);
@@ -128,13 +163,20 @@ impl Node {
             if until > now {
                 let wakeup = self.machine.next_wakeup();
                 let until = wakeup.map_or(until, |wakeup| wakeup.min(until));
-                return Ok(Some(until).filter(|until| *until < PhysicalTime::FOREVER));
+                return Ok(Turn::Waits(Some(until).filter(|until| *until < PhysicalTime::FOREVER)));
             }
             self.scheduler.begin(tag);
             self.open = true;
             self.input(now, Input::Begun(tag))?;
         }
-        Ok(None)
+        if self.go_on(now)? {
+            return Ok(Turn::Done);
+        }
+        let until = match self.machine.may_pass(self.scheduler.next_level(), now) {
+            Permission::WaitUntil(until) => Some(until),
+            Permission::Granted | Permission::Wait => None,
+        };
+        Ok(Turn::Waits(self.machine.next_wakeup().into_iter().chain(until).min()))
     }
 
     /// Processes the rest of the current tag as far as it may. Returns whether that was all.
@@ -176,6 +218,27 @@ impl Node {
         Ok(())
     }
 }
+
+/// Schedules the physical action of a federate. Returns for when, if it has one and it will happen.
+pub(crate) fn schedule(
+    scheduler: &mut Scheduler<u64>,
+    federate: FederateId,
+    now: PhysicalTime,
+) -> Option<Tag> {
+    let program = Arc::clone(scheduler.program());
+    let is_here = |action: &Action| {
+        let at = program.reactors[action.reactor].federate;
+        action.origin == Origin::Physical && at == Some(federate)
+    };
+    let (action, _) = program.actions.iter().find(|(_, action)| is_here(action))?;
+    match scheduler.schedule(action, 0, Some(EVENT), now) {
+        Scheduled::At(tag) => Some(tag),
+        Scheduled::Dropped | Scheduled::AfterStop | Scheduled::Suspended => None,
+    }
+}
+
+/// What a physical action says; it may be passed on often enough.
+const EVENT: u64 = 0xabc7;
 
 fn value(payload: &Payload) -> u64 {
     let bytes = payload.head.as_slice().try_into().expect("a simulated value has eight bytes");

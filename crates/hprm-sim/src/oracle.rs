@@ -2,23 +2,41 @@
 
 use std::sync::Arc;
 
-use hprm_core::{PhysicalTime, Program, Scheduler, Scope, Tag};
+use hprm_core::{FederateId, PhysicalTime, Program, Scheduler, Scope, Tag};
 
 use crate::behaviour::run;
+use crate::node::schedule;
 use crate::{Entry, Log};
 
 /// What the program does if it runs as one.
 #[must_use]
 pub fn reference(program: &Arc<Program>) -> Log {
+    reference_until(program, Tag::FOREVER, None)
+}
+
+/// The same if it stops at `stop`, and a federate's physical action is scheduled for a tag.
+#[must_use]
+pub fn reference_until(
+    program: &Arc<Program>,
+    stop: Tag,
+    mut event: Option<(FederateId, Tag)>,
+) -> Log {
     let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
     let mut log = Log::new(program);
     let start = PhysicalTime(0);
     scheduler.start(start);
+    if stop < Tag::FOREVER {
+        scheduler.set_stop(stop);
+    }
     loop {
-        let tag = scheduler.next_tag();
-        scheduler.begin(tag);
-        run(&mut scheduler, tag.due(start), &mut log);
-        if scheduler.end(tag.due(start)) {
+        let next = scheduler.next_tag();
+        if let Some((federate, at)) = event.take_if(|(_, at)| *at <= next) {
+            schedule(&mut scheduler, federate, at.due(start));
+            continue;
+        }
+        scheduler.begin(next);
+        run(&mut scheduler, next.due(start), &mut log);
+        if scheduler.end(next.due(start)) {
             return log;
         }
     }

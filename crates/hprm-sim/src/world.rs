@@ -7,7 +7,7 @@ use hprm_federated::{
     Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Topology,
 };
 
-use crate::network::{End, Event, Network};
+use crate::network::{Event, Network, Place};
 use crate::node::Node;
 use crate::{Log, Rng};
 
@@ -140,7 +140,7 @@ impl World {
                 assert!(admitted.is_ok_and(|(peer, _)| peer == from), "{from:?} has a channel");
                 self.turn(now, to, Input::PeerUp(from))?;
                 let up = Event::Federate(from, Input::PeerUp(to));
-                self.network.send(now, End::Federate(to), End::Federate(from), up);
+                self.network.send(now, Place::Federate(to), Place::Federate(from), up);
                 Ok(())
             }
             Event::Crash(federate) => {
@@ -177,31 +177,31 @@ impl World {
 
     /// A federate's process ends, and so do its links.
     fn leave(&mut self, now: PhysicalTime, federate: FederateId) {
-        let from = End::Federate(federate);
+        let from = Place::Federate(federate);
         let closed = RtiInput::Closed { link: LinkId(u32::from(federate.0)) };
-        self.network.send(now, from, End::Rti, Event::Rti(closed));
+        self.network.send(now, from, Place::Rti, Event::Rti(closed));
         for to in self.program.federates.ids().filter(|to| *to != federate) {
             let lost = Event::Federate(to, Input::PeerLost(federate));
-            self.network.send(now, from, End::Federate(to), lost);
+            self.network.send(now, from, Place::Federate(to), lost);
         }
     }
 
     fn carry_out(&mut self, now: PhysicalTime, federate: FederateId) {
-        let from = End::Federate(federate);
+        let from = Place::Federate(federate);
         while let Some(output) = self.nodes[federate].outputs.pop_front() {
             match output {
                 Output::ToRti(frame) => {
                     let link = LinkId(u32::from(federate.0));
                     let event = Event::Rti(RtiInput::Frame { link, frame });
-                    self.network.send(now, from, End::Rti, event);
+                    self.network.send(now, from, Place::Rti, event);
                 }
                 Output::ToPeer { to, frame } => {
                     let event = Event::Federate(to, Input::FromPeer { from: federate, frame });
-                    self.network.send(now, from, End::Federate(to), event);
+                    self.network.send(now, from, Place::Federate(to), event);
                 }
                 Output::Connect { peer, .. } => {
                     let event = Event::Dial { from: federate, to: peer };
-                    self.network.send(now, from, End::Federate(peer), event);
+                    self.network.send(now, from, Place::Federate(peer), event);
                 }
                 _ => {}
             }
@@ -222,6 +222,6 @@ impl World {
     fn announce(&mut self, now: PhysicalTime, link: LinkId, frame: Frame) {
         let to = FederateId(u16::try_from(link.0).expect("a link has its federate's number"));
         let event = Event::Federate(to, Input::FromRti(frame));
-        self.network.send(now, End::Rti, End::Federate(to), event);
+        self.network.send(now, Place::Rti, Place::Federate(to), event);
     }
 }

@@ -1,0 +1,187 @@
+//! Every way in which a small federation can go: breadth first, through all that may happen next.
+//!
+//! In each state any link may deliver the oldest of what is on its way, any federate may do what it
+//! may, physical time may pass until somebody waits for it no longer, and each of a few happenings
+//! may happen. The machines are those that ship; `state` has what surrounds them, `check` what must
+//! be true. A violation comes with the shortest way to it.
+//!
+//! States are compared by a hash of everything that they hold; see `digest`.
+
+mod check;
+mod digest;
+mod state;
+
+use std::collections::{BTreeSet, VecDeque};
+use std::fmt;
+use std::sync::Arc;
+
+use hprm_core::{Nanos, PhysicalTime, Program};
+
+use self::check::Judge;
+use self::state::State;
+pub use self::state::{Action, Happening};
+use crate::node::Turn;
+
+/// How much there was to see.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Explored {
+    /// States, all different.
+    pub states: usize,
+    /// Ways from one to another.
+    pub transitions: usize,
+    /// States after which nothing happens.
+    pub ends: usize,
+    /// The longest of the shortest ways to a state.
+    pub depth: usize,
+    /// The most messages that had come when nothing happened any more.
+    pub messages: usize,
+}
+
+/// Something that must not be, and how it comes to be.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Violation {
+    /// What is wrong.
+    pub what: String,
+    /// What happens until then.
+    pub schedule: Vec<Action>,
+    /// What was seen before it was found.
+    pub explored: Explored,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}, after", self.what)?;
+        self.schedule.iter().try_for_each(|action| writeln!(f, "  {action:?}"))
+    }
+}
+
+/// From where the search begins, and what surrounds the program.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Setting {
+    /// What may happen from outside.
+    pub happenings: Vec<Happening>,
+    /// From the readiness of the last federate to tag zero. If it is negative enough, everything is
+    /// due at once, and only messages are waited for.
+    pub start_delay: Nanos,
+    /// Whether to begin with processes that have just been launched, rather than with a federation
+    /// in which everybody has joined and nobody knows yet when it starts.
+    pub from_launch: bool,
+}
+
+/// Looks at every state that can be reached.
+///
+/// # Errors
+///
+/// If something is wrong in one of them.
+pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
+    let mut state = State::new(program, &setting.happenings, setting.start_delay);
+    if !setting.from_launch {
+        assemble(&mut state);
+    }
+    let mut search = Search {
+        judge: Judge::new(program),
+        known: BTreeSet::from([state.digest()]),
+        origins: vec![None],
+        frontier: VecDeque::from([(0, 0, state)]),
+        explored: Explored { states: 1, ..Explored::default() },
+    };
+    while let Some((origin, depth, state)) = search.frontier.pop_front() {
+        search.explored.depth = depth;
+        search.expand(origin, depth, &state)?;
+    }
+    Ok(search.explored)
+}
+
+/// Lets everybody join, in the order of their numbers.
+fn assemble(state: &mut State) {
+    while !state.is_about_to_start() {
+        let next = state.deliveries().find(|action| !state.is_start(*action));
+        let Some(Action::Deliver(from, to)) = next else {
+            unreachable!("federates join if nothing hinders them");
+        };
+        state.deliver(from, to).expect("federates that join break no rule");
+    }
+}
+
+struct Search {
+    judge: Judge,
+    known: BTreeSet<u128>,
+    /// From which state, and by what, each state was reached first.
+    origins: Vec<Option<(usize, Action)>>,
+    frontier: VecDeque<(usize, usize, State)>,
+    explored: Explored,
+}
+
+impl Search {
+    /// Goes one step from a state, in all ways.
+    fn expand(&mut self, origin: usize, depth: usize, state: &State) -> Result<(), Violation> {
+        let mut actions: Vec<_> = state.deliveries().collect();
+        let mut time: Option<PhysicalTime> = None;
+        for me in state.seats.ids().filter(|me| state.seats[*me].get().node.is_running()) {
+            let mut next = state.clone();
+            let turn = next.advance(me);
+            let still = next.seats[me].digest() == state.seats[me].digest();
+            match turn {
+                Ok(Turn::Waits(until)) if still => {
+                    let until = until.filter(|until| *until > state.now);
+                    time = time.into_iter().chain(until).min();
+                }
+                _ => actions.push(Action::Advance(me)),
+            }
+        }
+        actions.extend(time.map(Action::Time));
+        if actions.is_empty() {
+            self.explored.ends += 1;
+            self.explored.messages = self.explored.messages.max(state.messages());
+            if let Some(what) = self.judge.end(state) {
+                return Err(self.violation(what, origin, None));
+            }
+        }
+        actions.extend(state.events());
+        for action in actions {
+            self.go(origin, depth, state, action)?;
+        }
+        Ok(())
+    }
+
+    fn go(
+        &mut self,
+        origin: usize,
+        depth: usize,
+        state: &State,
+        action: Action,
+    ) -> Result<(), Violation> {
+        self.explored.transitions += 1;
+        let mut next = state.clone();
+        let done = match action {
+            Action::Deliver(from, to) => next.deliver(from, to),
+            Action::Advance(me) => next.advance(me).map(|_| ()),
+            Action::Time(time) => {
+                next.now = time;
+                Ok(())
+            }
+            Action::Happens(happening) => next.happen(happening),
+        };
+        let wrong = done.err().map(|fault| fault.to_string());
+        if let Some(what) = wrong.or_else(|| self.judge.state(&next)) {
+            return Err(self.violation(what, origin, Some(action)));
+        }
+        if self.known.insert(next.digest()) {
+            self.explored.states += 1;
+            self.origins.push(Some((origin, action)));
+            self.frontier.push_back((self.origins.len() - 1, depth + 1, next));
+        }
+        Ok(())
+    }
+
+    fn violation(&self, what: String, origin: usize, action: Option<Action>) -> Violation {
+        let mut schedule: Vec<_> = action.into_iter().collect();
+        let mut at = origin;
+        while let Some((before, action)) = self.origins[at] {
+            schedule.push(action);
+            at = before;
+        }
+        schedule.reverse();
+        Violation { what, schedule, explored: self.explored }
+    }
+}

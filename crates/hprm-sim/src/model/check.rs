@@ -1,0 +1,165 @@
+//! What must be true in every state, and at the end.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+use hprm_core::{Coordination, FederateId, Program, ReactionId, Tag};
+use hprm_federated::{Frame, Input, RtiInput, Step, Topology};
+
+use super::state::State;
+use crate::network::{Event, Place};
+use crate::node::Node;
+use crate::{Log, difference, reference_until};
+
+/// The judge, who remembers what programs must do.
+pub(super) struct Judge {
+    program: Arc<Program>,
+    topology: Topology,
+    references: BTreeMap<Ending, Arc<Log>>,
+}
+
+/// What a run depends on: the last tag, and when whose physical action is scheduled.
+type Ending = (Tag, Option<(FederateId, Tag)>);
+
+impl Judge {
+    pub(super) fn new(program: &Arc<Program>) -> Self {
+        Self {
+            program: Arc::clone(program),
+            topology: Topology::new(program),
+            references: BTreeMap::new(),
+        }
+    }
+
+    /// What is wrong with a state, if anything.
+    pub(super) fn state(&self, state: &State) -> Option<String> {
+        self.topology.federates().find_map(|me| {
+            let seat = state.seats[me].get();
+            if seat.node.is_over() {
+                return None;
+            }
+            self.beyond_grant(state, me).or_else(|| self.overtaken(state, me))
+        })
+    }
+
+    /// Whether a federate has gone beyond what it was granted.
+    fn beyond_grant(&self, state: &State, me: FederateId) -> Option<String> {
+        let seat = state.seats[me].get();
+        let tag = seat.node.last_tag();
+        let waits = self.topology.coordination() == Coordination::Centralized
+            && !self.topology.upstream(me).is_empty();
+        let needed = match self.topology.is_stepwise(me) {
+            true => Step::begin(tag),
+            false => Step::end(tag),
+        };
+        let name = self.topology.name(me);
+        (waits && tag > Tag::NEVER && needed > seat.granted)
+            .then(|| format!("{name} processes {tag}, but was granted {:?}", seat.granted))
+    }
+
+    /// Whether a message is on its way to a federate although it has been told that there is none,
+    /// or will be told so by what arrives before.
+    fn overtaken(&self, state: &State, me: FederateId) -> Option<String> {
+        let mut granted = state.seats[me].get().granted;
+        let here = Place::Federate(me);
+        for event in state.links.get(&(Place::Rti, here)).into_iter().flatten() {
+            let Event::Federate(_, Input::FromRti(frame)) = event else { continue };
+            match frame {
+                Frame::TagAdvanceGrant { tag } => granted = granted.max(Step::end(*tag)),
+                Frame::ProvisionalTagAdvanceGrant { through } | Frame::Safe { through } => {
+                    granted = granted.max(*through);
+                }
+                Frame::StopGranted { tag } => granted = granted.min(Step::end(tag.pred())),
+                frame => {
+                    if let Some(wrong) = self.early(frame, me, granted) {
+                        return Some(wrong);
+                    }
+                }
+            }
+        }
+        let elsewhere = state.links.iter().filter(|((from, _), _)| *from != Place::Rti);
+        elsewhere.flat_map(|(_, events)| frames(events)).find_map(|f| self.early(f, me, granted))
+    }
+
+    /// Whether a frame is a message to that federate, for what it has been granted.
+    fn early(&self, frame: &Frame, me: FederateId, granted: Step) -> Option<String> {
+        let Frame::Message { channel, tag, .. } = frame else { return None };
+        let channel = self.program.channels[*channel];
+        let read = Step { tag: *tag, level: channel.first_reader };
+        let name = self.topology.name(me);
+        (channel.to == me && !channel.physical && read <= granted)
+            .then(|| format!("a message for {read:?} is on its way to {name}, granted {granted:?}"))
+    }
+
+    /// What is wrong with a state after which nothing happens, if anything.
+    pub(super) fn end(&mut self, state: &State) -> Option<String> {
+        let nodes: Vec<_> = state.seats.values().map(|seat| &seat.get().node).collect();
+        if !state.finished {
+            let at: Vec<_> = nodes.iter().map(|node| node.last_tag()).collect();
+            return Some(format!("nothing happens any more, with the federates at {at:?}"));
+        }
+        if let Some(me) = state.seats.ids().find(|me| !state.seats[*me].get().node.is_over()) {
+            return Some(format!("{} waits for ever", self.topology.name(me)));
+        }
+        let tardy: usize = nodes.iter().map(|node| node.tardy).sum();
+        if tardy > 0 {
+            return Some(format!("{tardy} messages were tardy"));
+        }
+        if state.failed.is_some() || !state.left.is_empty() {
+            return self.early_end(state);
+        }
+        let last = nodes.iter().map(|node| node.last_tag()).max().unwrap_or(Tag::NEVER);
+        if let Some(node) = nodes.iter().find(|node| !node.finished || node.last_tag() < last) {
+            return Some(format!("one ends at {last}, another one at {}", node.last_tag()));
+        }
+        let must = self.reference(last, state.event);
+        difference(&self.program, &merged(&self.program, &nodes), &must, Tag::FOREVER)
+    }
+
+    /// What is wrong with an end that not all federates have reached in order.
+    fn early_end(&mut self, state: &State) -> Option<String> {
+        let reachable = state.left.iter().flat_map(|me| self.topology.reachable(*me));
+        let concerned: BTreeSet<_> = reachable.collect();
+        let program = Arc::clone(&self.program);
+        let must = self.reference(Tag::FOREVER, state.event);
+        program.reactions.ids().find_map(|reaction| {
+            let me = home(&program, reaction)?;
+            let (is, must) =
+                (&state.seats[me].get().node.log.entries[reaction], &must.entries[reaction]);
+            let right = if state.failed.is_some() || state.left.contains(&me) {
+                must.starts_with(is) || concerned.contains(&me)
+            } else {
+                is == must || concerned.contains(&me)
+            };
+            let name = program.reaction_name(reaction);
+            (!right).then(|| format!("{name} did {is:?}, but must do {must:?}"))
+        })
+    }
+
+    fn reference(&mut self, stop: Tag, event: Option<(FederateId, Tag)>) -> Arc<Log> {
+        let program = &self.program;
+        let reference = || Arc::new(reference_until(program, stop, event));
+        Arc::clone(self.references.entry((stop, event)).or_insert_with(reference))
+    }
+}
+
+fn frames(events: &VecDeque<Event>) -> impl Iterator<Item = &Frame> {
+    events.iter().filter_map(|event| match event {
+        Event::Rti(RtiInput::Frame { frame, .. })
+        | Event::Federate(_, Input::FromPeer { frame, .. }) => Some(frame),
+        _ => None,
+    })
+}
+
+fn merged(program: &Program, nodes: &[&Node]) -> Log {
+    let mut log = Log::new(program);
+    for node in nodes {
+        for (reaction, entries) in node.log.entries.iter() {
+            log.entries[reaction].extend(entries.iter().cloned());
+        }
+    }
+    log
+}
+
+fn home(program: &Program, reaction: ReactionId) -> Option<FederateId> {
+    program.reactors[program.reactions[reaction].reactor].federate
+}

@@ -1,0 +1,222 @@
+//! Small federations, whichever way they go, do what their program does in one piece.
+//!
+//! Every state is looked at that deliveries in any order, federates that take their time, and
+//! whatever else may happen lead to. `make check-model` prints how many there were, and goes on with
+//! federations that take minutes.
+
+use hprm_core::{FederateId, Nanos};
+use hprm_sim::Happening::{Crash, Disconnect, Event, Leave, Stop};
+use hprm_sim::{Happening, Setting, explore, scenario};
+
+/// Tag zero was so long ago that everything is due at once.
+const PAST: Nanos = -1_000_000_000;
+
+const A: FederateId = FederateId(0);
+const B: FederateId = FederateId(1);
+const C: FederateId = FederateId(2);
+
+const PAIR: &str = "
+    a: every 1 > b
+    b: on a";
+const AFTER: &str = "
+    a: every 1 > b
+    b: on a
+    a > b after 1";
+const CIRCLE: &str = "
+    a: every 1 > b
+    b: on a > a
+    a: on b";
+const DELAYED_CIRCLE: &str = "
+    a: every 1 > b
+    b: on a > a
+    a: on b
+    b > a after 1";
+const CHAIN: &str = "
+    a: every 1 > b
+    b: on a > c
+    c: on b";
+const DELAYED_CHAIN: &str = "
+    a: every 1 > b
+    b: on a > c
+    c: on b
+    b > c after 0";
+const FAN_IN: &str = "
+    a: every 1 > c
+    b: every 1 > c
+    c: on a
+    c: on b";
+const DIAMOND: &str = "
+    a: every 1 > b c
+    b: on a > c
+    c: on a
+    c: on b";
+const CIRCLE_OF_THREE: &str = "
+    a: every 1 > b
+    b: on a > c
+    c: on b > a
+    a: on c";
+/// A clock is read, so time matters: it is reported every ten million nanoseconds.
+const CLOCK: &str = "
+    a: event > b
+    b: on a";
+const CLOCK_AND_TIMER: &str = "
+    a: event > b
+    a: every 5000000 > b
+    b: on a
+    a > b after 5000000";
+const CLOCK_CIRCLE: &str = "
+    a: event > b
+    b: on a > a
+    a: on b";
+const CLOCK_CHAIN: &str = "
+    a: event > b
+    b: on a > c
+    c: on b";
+
+/// A program, its last tag, and what may happen from outside.
+type Case<'a> = (&'a str, &'a str, Nanos, &'a [Happening]);
+
+/// Looks at all of them; each line of the table is one.
+#[expect(clippy::print_stdout, reason = "the table is what whoever asks for it wants to see")]
+fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
+    for (name, text, timeout, happenings) in cases {
+        let program = scenario(&format!("{coordination}\n timeout {timeout}\n{text}"));
+        let happenings = happenings.to_vec();
+        let shown = format!("{happenings:?}").replace("FederateId", "");
+        let setting = Setting { happenings, start_delay, from_launch: false };
+        let seen = explore(&program, &setting)
+            .unwrap_or_else(|wrong| panic!("{coordination}: {name} {shown}: {wrong}"));
+        println!(
+            "{coordination:13} {name:15} until {timeout:8} {shown:28} {:>8} states {:>8} transitions \
+             {:>6} ends",
+            seen.states, seen.transitions, seen.ends
+        );
+        assert!(seen.messages > 0, "{name} exchanges nothing");
+        assert!(seen.ends > 0, "{name} never ends");
+    }
+}
+
+/// Two federates that may be disturbed in every way.
+fn disturbed<'a>(name: &'a str, text: &'a str, timeout: Nanos) -> Vec<Case<'a>> {
+    const DISTURBANCES: [&[Happening]; 9] = [
+        &[Stop(A)],
+        &[Stop(B)],
+        &[Stop(A), Stop(B)],
+        &[Crash(A)],
+        &[Crash(B)],
+        &[Disconnect(A)],
+        &[Disconnect(B)],
+        &[Leave(A)],
+        &[Leave(B)],
+    ];
+    DISTURBANCES.map(|disturbance| (name, text, timeout, disturbance)).to_vec()
+}
+
+#[test]
+fn centralized() {
+    let undisturbed: [Case; 9] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("circle", CIRCLE, 2, &[]),
+        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("chain", CHAIN, 2, &[]),
+        ("delayed chain", DELAYED_CHAIN, 1, &[]),
+        ("fan-in", FAN_IN, 1, &[]),
+        ("diamond", DIAMOND, 1, &[]),
+        ("circle of three", CIRCLE_OF_THREE, 1, &[]),
+    ];
+    let three: [Case; 8] = [
+        ("chain", CHAIN, 1, &[Stop(A), Stop(C)]),
+        ("chain", CHAIN, 1, &[Crash(B)]),
+        ("chain", CHAIN, 1, &[Disconnect(A)]),
+        ("chain", CHAIN, 1, &[Leave(B)]),
+        ("diamond", DIAMOND, 1, &[Stop(B)]),
+        ("fan-in", FAN_IN, 1, &[Leave(A)]),
+        ("circle of three", CIRCLE_OF_THREE, 1, &[Stop(B)]),
+        ("circle of three", CIRCLE_OF_THREE, 1, &[Leave(C)]),
+    ];
+    look("centralized", PAST, &undisturbed);
+    look("centralized", PAST, &disturbed("pair", PAIR, 1));
+    look("centralized", PAST, &disturbed("circle", CIRCLE, 1));
+    look("centralized", PAST, &three);
+}
+
+#[test]
+fn centralized_with_clocks() {
+    let cases: [Case; 5] = [
+        ("clock", CLOCK, 20_000_000, &[Event(A)]),
+        ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
+        ("clock circle", CLOCK_CIRCLE, 10_000_000, &[Event(A)]),
+        ("clock chain", CLOCK_CHAIN, 10_000_000, &[Event(A)]),
+        ("clock", CLOCK, 10_000_000, &[Event(A), Stop(B)]),
+    ];
+    look("centralized", 1_000, &cases);
+}
+
+#[test]
+fn decentralized() {
+    let undisturbed: [Case; 8] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("circle", CIRCLE, 1, &[]),
+        ("delayed circle", DELAYED_CIRCLE, 1, &[]),
+        ("chain", CHAIN, 0, &[]),
+        ("delayed chain", DELAYED_CHAIN, 0, &[]),
+        ("fan-in", FAN_IN, 0, &[]),
+        ("diamond", DIAMOND, 0, &[]),
+    ];
+    look("decentralized", PAST, &undisturbed);
+}
+
+#[test]
+fn decentralized_and_disturbed() {
+    let three: [Case; 2] = [("chain", CHAIN, 0, &[Crash(B)]), ("chain", CHAIN, 0, &[Leave(B)])];
+    look("decentralized", PAST, &disturbed("pair", PAIR, 0));
+    look("decentralized", PAST, &disturbed("circle", CIRCLE, 0));
+    look("decentralized", PAST, &three);
+}
+
+#[test]
+fn decentralized_with_clocks() {
+    let cases: [Case; 3] = [
+        ("clock", CLOCK, 20_000_000, &[Event(A)]),
+        ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
+        ("clock circle", CLOCK_CIRCLE, 10_000_000, &[Event(A)]),
+    ];
+    look("decentralized", 1_000, &cases);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn at_length() {
+    let centralized: [Case; 4] = [
+        ("chain", CHAIN, 2, &[Stop(A), Stop(B), Stop(C)]),
+        ("diamond", DIAMOND, 2, &[Stop(A), Stop(B)]),
+        ("fan-in", FAN_IN, 2, &[Stop(C), Crash(A)]),
+        ("circle of three", CIRCLE_OF_THREE, 2, &[Stop(A), Stop(C)]),
+    ];
+    let decentralized: [Case; 5] = [
+        ("chain", CHAIN, 0, &[Stop(A), Stop(C)]),
+        ("diamond", DIAMOND, 0, &[Stop(B)]),
+        ("fan-in", FAN_IN, 0, &[Stop(C)]),
+        ("circle of three", CIRCLE_OF_THREE, 0, &[]),
+        ("circle", CIRCLE, 1, &[Stop(A), Stop(B)]),
+    ];
+    let clocks: [Case; 1] = [("clock chain", CLOCK_CHAIN, 10_000_000, &[Event(A)])];
+    look("centralized", PAST, &centralized);
+    look("decentralized", PAST, &decentralized);
+    look("decentralized", 1_000, &clocks);
+}
+
+#[test]
+fn joining() {
+    for coordination in ["centralized", "decentralized"] {
+        for happenings in [vec![], vec![Crash(A)], vec![Crash(B)], vec![Stop(A), Stop(B)]] {
+            let program = scenario(&format!("{coordination}\n timeout 0\n{PAIR}"));
+            let setting = Setting { happenings, start_delay: PAST, from_launch: true };
+            let seen = explore(&program, &setting);
+            let seen = seen.unwrap_or_else(|wrong| panic!("{coordination}, joining: {wrong}"));
+            assert!(seen.states > 100 && seen.ends > 0, "{seen:?}");
+        }
+    }
+}
