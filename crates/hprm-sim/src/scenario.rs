@@ -7,6 +7,7 @@
 //! a: every 1 > b c        a reaction of `a` to a timer, and to whom it sends
 //! b: on a > c             a reaction of `b` to what comes from `a`
 //! c: event                a reaction of `c` to a physical action
+//! c: shutdown             a reaction of `c` to the end
 //! b > c after 1           a connection has a delay
 //! b ~> c                  a connection is physical
 //! ```
@@ -105,6 +106,7 @@ impl Maker {
                 let name = format!("t{}", self.timers);
                 Trigger::Timer(self.b.timer(reactor, &name, 0, period))
             }
+            ["shutdown"] => Trigger::Shutdown,
             ["on", from] => Trigger::Port(self.input(from, me)),
             ["event"] => Trigger::Action(self.b.action(reactor, "event", Origin::Physical, 0)),
             _ => panic!("what does {words:?} mean?"),

@@ -50,6 +50,13 @@ const DIAMOND: &str = "
     b: on a > c
     c: on a
     c: on b";
+/// At the last tag `b` may send something before it reads what comes at that tag.
+const LAST_WORDS: &str = "
+    a: every 1 > b
+    b: shutdown > c
+    b: on a
+    c: on b
+    a > b after 0";
 const CIRCLE_OF_THREE: &str = "
     a: every 1 > b
     b: on a > c
@@ -125,7 +132,8 @@ fn centralized() {
         ("diamond", DIAMOND, 1, &[]),
         ("circle of three", CIRCLE_OF_THREE, 1, &[]),
     ];
-    let three: [Case; 8] = [
+    let three: [Case; 9] = [
+        ("last words", LAST_WORDS, 1, &[Stop(A)]),
         ("chain", CHAIN, 1, &[Stop(A), Stop(C)]),
         ("chain", CHAIN, 1, &[Crash(B)]),
         ("chain", CHAIN, 1, &[Disconnect(A)]),

@@ -58,12 +58,15 @@ impl Report {
         }
     }
 
-    /// Nothing happens there before this step, unless further messages arrive.
-    fn own(&self) -> Step {
+    /// Nothing happens there before this step, unless further messages arrive; the program ends at
+    /// `stop`.
+    fn own(&self, stop: Tag) -> Step {
         let reported = self.next.max(Step::begin(self.completed.succ().max(self.first)));
-        let own = self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first));
-        // Whatever else it does, it processes its last tag.
-        if own.tag > self.last { Step::begin(self.last) } else { own }
+        // Whatever else it does, it processes its last tag, and not only from the level on that a
+        // message for that tag is read at: what reacts to the end may come before.
+        let last = self.last.min(stop);
+        let reported = if reported.tag > last { Step::begin(last) } else { reported };
+        self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first))
     }
 
     /// What it wants to process next, the last tag after all others; `FOREVER` if that is not known.
@@ -235,9 +238,7 @@ impl Advance {
     }
 
     fn refresh(&mut self, topology: &Topology, federate: FederateId) {
-        let own = self.reports[federate].own();
-        // Whatever else it does, it processes the last tag.
-        let own = if own.tag > self.stop { Step::begin(self.stop) } else { own };
+        let own = self.reports[federate].own(self.stop);
         self.touched.insert(federate);
         let touched = self.earliest.set(topology, federate, own);
         self.touched.extend(touched);
