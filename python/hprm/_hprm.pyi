@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Any, SupportsIndex, TypedDict, final, overload
 
+from hprm._source import ProgramSource
+
 @final
 class Tag:
     """A point in superdense time; ``time`` is in nanoseconds since the Unix epoch."""
@@ -94,6 +96,12 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     """Run one federate of a program to its end. Return the exit code.
 
     If it was launched, then the one who did that reports warnings and failures.
+    """
+
+def describe_program(path: str) -> ProgramSource:
+    """Describe a program without its instances, to run some of its Python elsewhere.
+
+    Its errors are those of a ``ValueError``.
     """
 
 def die_with_parent(parent: int) -> bool:

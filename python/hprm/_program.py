@@ -1,16 +1,12 @@
 """The Python side of a program: its module, the classes of its reactors, and their instances."""
 
-import copy
-import os
-import sys
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from types import FunctionType, ModuleType
 from typing import Any
 
-import hprm
-from hprm import _compile, _lf, _protobuf
+from hprm import _compile, _lf, _main
 from hprm._classes import ReactorBase
 from hprm._hprm import Api
 from hprm._source import ClassSource, Code, InstanceSource, Parameter, ProgramSource
@@ -24,14 +20,10 @@ class Program:
 
     def __init__(self, source: ProgramSource, api: Api) -> None:
         """Load a program."""
-        _compile.register(source.files)
-        _extend_path(source)
         self._lf = _lf.make_module(api, source)
-        self._module = _make_module(source, self._lf)
-        self._names.update(_protobuf.messages(source.protobufs))
+        self._module = _main.make_module(source)
+        _main.prepare(source, self._lf, self._names)
         self._expressions: dict[Code, Body] = {}
-        for preamble in source.preambles:
-            exec(_compile.statements(preamble), self._names)
         self._classes: dict[int, _Class] = {}
         for used in sorted({instance.cls for instance in source.instances}):
             made = _Class(source.classes[used], self)
@@ -141,30 +133,3 @@ class _Class:
 def load(source: ProgramSource, api: Api) -> Program:
     """Load a program."""
     return Program(source, api)
-
-
-def _make_module(source: ProgramSource, lf: ModuleType) -> ModuleType:
-    """Make the module in which bodies run, with the names that they know without an import."""
-    module = ModuleType("__main__")
-    names = {name: getattr(hprm, name) for name in hprm.__all__}
-    names |= {name: getattr(lf, name) for name in ("get_fed_maxwait", "request_stop", "start")}
-    names |= {"copy": copy, "lf": lf, "os": os, "set_fed_maxwait": lf.set_fed_maxwait, "sys": sys}
-    vars(module).update(
-        names, __file__=os.path.abspath(source.path), __hprm_main__=sys.modules.get("__main__")
-    )
-    # Classes of the program are pickled by the name of their module, which is the same in all
-    # federates.
-    sys.modules["__main__"] = sys.modules[f"__lf_{source.name}__"] = module
-    return module
-
-
-def _extend_path(source: ProgramSource) -> None:
-    """Let the program import what lies beside it, and what it says it uses."""
-    folders = [os.path.dirname(os.path.abspath(source.path))]
-    for name, stated_in in source.uses:
-        path = os.path.join(os.path.dirname(os.path.abspath(stated_in)), name)
-        folders.append(path if os.path.isdir(path) else os.path.dirname(path))
-    for folder in reversed(folders):
-        if folder in sys.path:
-            sys.path.remove(folder)
-        sys.path.insert(0, folder)

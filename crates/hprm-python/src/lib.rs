@@ -42,7 +42,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]
-    use crate::run::{die_with_parent, run_federate, run_program};
+    use crate::run::{describe_program, die_with_parent, run_federate, run_program};
     #[pymodule_export]
     use crate::tag::Tag;
     #[pymodule_export]

@@ -53,7 +53,7 @@ fn bodies(
     compiled: &Compiled,
     runtime: &Arc<Runtime>,
 ) -> PyResult<BTreeMap<ReactionId, Bodies>> {
-    let source = program::describe(py, compiled, runtime.scope())?;
+    let source = program::describe(py, compiled, Some(runtime.scope()))?;
     let api = Bound::new(py, Api(Arc::clone(runtime)))?;
     let loaded = py.import("hprm._program")?.call_method1("load", (source, api))?;
     let mut bodies = BTreeMap::new();

@@ -9,7 +9,8 @@ use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
-/// Describes the share of a program that lies in `scope`, as a `ProgramSource`.
+/// Describes the share of a program that lies in `scope`, as a `ProgramSource`; without a scope there
+/// are no instances.
 ///
 /// # Errors
 ///
@@ -17,7 +18,7 @@ use pyo3::types::{PyDict, PyList, PyTuple};
 pub(crate) fn describe<'py>(
     py: Python<'py>,
     compiled: &Compiled,
-    scope: Scope,
+    scope: Option<Scope>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let describe = Describe { module: py.import("hprm._source")?, compiled };
     let sources = &compiled.sources;
@@ -36,8 +37,11 @@ pub(crate) fn describe<'py>(
     let reactors = compiled.program.reactors.iter();
     let instances = reactors
         .filter(|(id, reactor)| match scope {
-            Scope::Whole => true,
-            Scope::Federate(federate) => *id == ReactorId(0) || reactor.federate == Some(federate),
+            None => false,
+            Some(Scope::Whole) => true,
+            Some(Scope::Federate(federate)) => {
+                *id == ReactorId(0) || reactor.federate == Some(federate)
+            }
         })
         .map(|(id, _)| describe.instance(id))
         .collect::<PyResult<Vec<_>>>()?;

@@ -12,10 +12,12 @@ use hprm::{Disk, Failure, FederateOptions, Inbox};
 use hprm_core::Scope;
 use hprm_lf::Compiled;
 use hprm_store::StoreLimits;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::console::say;
 use crate::load::load;
+use crate::program;
 use crate::value::Value;
 
 /// Runs a program in this process, federated or not, to its end. Returns the exit code.
@@ -79,6 +81,18 @@ pub(crate) fn run_federate(
         Err(failure) if launched && joined => failure.code,
         outcome => exit_code(outcome),
     }
+}
+
+/// Describes a program without its instances, to run some of its Python elsewhere.
+///
+/// # Errors
+///
+/// `ValueError` with what is wrong with the program.
+#[pyfunction]
+pub(crate) fn describe_program<'py>(py: Python<'py>, path: &str) -> PyResult<Bound<'py, PyAny>> {
+    let compiled = compile(path, &[], false);
+    let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.message))?;
+    program::describe(py, &compiled, None)
 }
 
 /// Has the kernel end this process when the one that started it ends. Returns whether that is
