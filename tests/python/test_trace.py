@@ -279,3 +279,22 @@ def test_verify_keeps_traces_where_it_is_told(tmp_path: Path) -> None:
     kept = sorted(file.name for file in (tmp_path / "kept").iterdir())
     assert kept == ["1.trace", "2.trace"]
     assert hprm("diff", tmp_path / "kept/1.trace", tmp_path / "kept/2.trace").returncode == 0
+
+
+def test_a_link_to_a_trace_is_followed(tmp_path: Path) -> None:
+    path = program(tmp_path, FEDERATION.format(more=""))
+    (tmp_path / "traces").mkdir()
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "traces" / "real")
+    assert trace(path, link) == trace(path, tmp_path / "other")
+    assert link.is_symlink() and (tmp_path / "traces" / "real").is_file()
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "Program.lf", "link", "other", "traces",
+    ]  # fmt: skip
+
+
+def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    path = program(tmp_path, FEDERATION.format(more=""))
+    done = hprm("run", "--logical-trace", tmp_path, path)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"error: cannot write the trace {tmp_path}: is a directory\n"

@@ -126,3 +126,35 @@ fn a_trace_that_cannot_be_written_is_an_error() {
     let failure = run(&folder.path().join("no/such/folder.trace"), i64::MAX).unwrap_err();
     assert!(failure.message.contains("cannot write the trace"), "{}", failure.message);
 }
+
+#[test]
+fn what_is_no_plain_file_is_written_to_and_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let [real, link] = ["real", "link"].map(|name| folder.path().join(name));
+    std::fs::write(&real, "what was there before, and longer than a trace\n".repeat(99)).unwrap();
+    std::os::unix::fs::symlink(&real, &link).unwrap();
+    run(&link, i64::MAX).unwrap();
+    assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+    assert_eq!(lines(&real).len(), 5);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left beside it");
+
+    let pipe = folder.path().join("pipe");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || lines(&pipe).len()
+    });
+    run(&pipe, i64::MAX).unwrap();
+    assert_eq!(reader.join().unwrap(), 5);
+    assert!(!std::fs::metadata(&pipe).unwrap().is_file());
+}
+
+#[test]
+fn a_folder_is_refused_before_anything_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let failure = Trace::create(folder.path(), &program()).unwrap_err();
+    let name = folder.path().display();
+    assert_eq!(failure.message, format!("error: cannot write the trace {name}: is a directory"));
+    assert!(!folder.path().with_extension("partial").exists());
+}

@@ -1,16 +1,19 @@
 //! A file that gets its name when it is complete: nobody takes half a trace for a whole one.
+//!
+//! What is there and is no plain file, such as a device, a pipe or a link, is written to instead. It
+//! must never be replaced by a file.
 
-use std::fs::File;
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::line::Line;
 
-/// A trace that is being written, beside its final name.
+/// A trace that is being written, beside its final name unless that is no plain file.
 #[derive(Debug)]
 pub struct Draft {
-    path: PathBuf,
-    partial: PathBuf,
+    /// Its name for now, and the one that it will have.
+    names: Option<[PathBuf; 2]>,
     out: BufWriter<File>,
 }
 
@@ -21,11 +24,30 @@ impl Draft {
     ///
     /// If it cannot be made.
     pub fn create(path: &Path) -> io::Result<Self> {
+        if !Self::replaces(path)? {
+            return Ok(Self { names: None, out: BufWriter::new(open(path)?) });
+        }
         let mut name = path.as_os_str().to_owned();
         name.push(".partial");
         let partial = PathBuf::from(name);
         let out = BufWriter::new(File::create(&partial)?);
-        Ok(Self { path: path.to_owned(), partial, out })
+        Ok(Self { names: Some([partial, path.to_owned()]), out })
+    }
+
+    /// Whether a trace called `path` is a new file, and not written to what is there.
+    ///
+    /// # Errors
+    ///
+    /// If there cannot be a trace of that name.
+    pub fn replaces(path: &Path) -> io::Result<bool> {
+        if fs::metadata(path).is_ok_and(|there| there.is_dir()) {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        match fs::symlink_metadata(path) {
+            Ok(there) => Ok(there.is_file()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
+            Err(error) => Err(error),
+        }
     }
 
     /// Appends a line.
@@ -45,6 +67,21 @@ impl Draft {
     /// If that fails; the file keeps its partial name.
     pub fn publish(mut self) -> io::Result<()> {
         self.out.flush()?;
-        std::fs::rename(&self.partial, &self.path)
+        match &self.names {
+            Some([partial, path]) => fs::rename(partial, path),
+            None => Ok(()),
+        }
     }
+}
+
+/// Opens what is there. What programs have printed to `/dev/stdout` stays.
+fn open(path: &Path) -> io::Result<File> {
+    let stream = ["/dev", "/proc"].iter().any(|folder| path.starts_with(folder));
+    let mut options = OpenOptions::new();
+    if stream {
+        options.append(true);
+    } else {
+        options.write(true).create(true).truncate(true);
+    }
+    options.open(path)
 }
