@@ -21,6 +21,11 @@ def main() -> NoReturn:
     parent = getattr(options, "die_with_parent", None)
     if parent is not None and not _hprm.die_with_parent(parent):
         _leave(1)
+    if options.command == "syntax":
+        from hprm import _syntax
+
+        _syntax.report(options.files)
+        _leave(0)
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     if options.command == "run":
@@ -54,6 +59,8 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a program in this process")
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
+    syntax = commands.add_parser("syntax", help="find mistakes in the Python of programs")
+    syntax.add_argument("files", nargs="+", help="the .lf files")
     federate = commands.add_parser("federate", help="run one federate of a program")
     for command in (run, federate):
         command.add_argument("--logical-trace", metavar="FILE", help="write what reactions do")

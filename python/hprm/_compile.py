@@ -32,6 +32,19 @@ def function(
     return _function(code, name, arguments, _parsed(code).body, namespace)
 
 
+def body(code: Code, name: str, arguments: list[str], namespace: Namespace) -> Callable[..., Any]:
+    """Make a function that runs to its end when it is called, which a generator does not."""
+    tree = _parsed(code)
+    for node in _own_nodes(tree):
+        if isinstance(node, ast.Yield | ast.YieldFrom):
+            text = linecache.getline(code.path, node.lineno)
+            where = (code.path, node.lineno, node.col_offset + 1, text)
+            raise SyntaxError(
+                "`yield` makes a generator of this body, which then never runs", where
+            )
+    return _function(code, name, arguments, tree.body, namespace)
+
+
 def expression(code: Code, namespace: Namespace) -> Callable[..., Any]:
     """Make a function of ``self`` and ``bank_index`` that evaluates an expression."""
     # Parentheses let it span lines, and the newline ends a comment behind it.
@@ -76,6 +89,18 @@ def _parsed(code: Code, original: Code | None = None) -> ast.Module:
 
 def _located_nodes(tree: ast.AST) -> Iterator[Any]:
     return (node for node in ast.walk(tree) if hasattr(node, "lineno"))
+
+
+def _own_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Find what belongs to no function inside."""
+    pending = [tree]
+    while pending:
+        node = pending.pop()
+        yield node
+        inner = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+        pending.extend(
+            child for child in ast.iter_child_nodes(node) if not isinstance(child, inner)
+        )
 
 
 def _compiled(tree: ast.Module, code: Code) -> CodeType:

@@ -98,10 +98,10 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     If it was launched, then the one who did that reports warnings and failures.
     """
 
-def describe_program(path: str) -> ProgramSource:
-    """Describe a program without its instances, to run some of its Python elsewhere.
+def describe_program(path: str, *, instances: bool = False) -> ProgramSource:
+    """Describe a program, to use some of its Python outside of a run.
 
-    Its errors are those of a ``ValueError``.
+    What is wrong with it is the message of a ``ValueError``.
     """
 
 def die_with_parent(parent: int) -> bool:

@@ -48,6 +48,10 @@ class Program:
         variables = [made.source.state[index] for index in state]
         return instance, (partial(self._set_state, variables), None, None)
 
+    def body(self, code: Code, name: str, arguments: list[str]) -> Body:
+        """Compile what a reaction runs."""
+        return _compile.body(code, name, arguments, self._names)
+
     def function(self, code: Code, name: str, arguments: list[str]) -> Body:
         """Compile a function that sees the names of the program."""
         return _compile.function(code, name, arguments, self._names)
@@ -115,14 +119,14 @@ class _Class:
             names[name] = method
 
         def handler(code: Code | None, name: str, arguments: list[str]) -> Body | None:
-            return None if code is None else program.function(code, name, arguments)
+            return None if code is None else program.body(code, name, arguments)
 
         self.reactions: list[Bodies] = []
         for number, reaction in enumerate(source.reactions):
             arguments = ["self", *reaction.arguments]
             self.reactions.append(
                 (
-                    program.function(reaction.body, f"reaction_function_{number}", arguments),
+                    program.body(reaction.body, f"reaction_function_{number}", arguments),
                     handler(reaction.deadline, f"deadline_function_{number}", arguments),
                     handler(reaction.tardy, f"STP_function_{number}", arguments),
                 )

@@ -125,6 +125,72 @@ def test_check_gives_json_to_programs(hprm: Hprm, tmp_path: Path) -> None:
     assert (diagnostic["at"]["file"], diagnostic["at"]["line"]) == ("Wrong.lf", 6)
 
 
+BODIES = """\
+target Python
+import Lib from "Lib.lf"
+preamble {=
+  import os
+  def broken(:
+    pass
+=}
+reactor Child(p = {= 1 + =}) {
+  input i
+  state s = {= [1,
+    2 3] =}
+  method double(n) {= return 2 n =}
+  method steps() {= yield 1 =}
+  reaction(i) {=
+    for n in self.steps():
+      print(n)
+    yield n
+  =} deadline(1 ms) {= break =}
+}
+main reactor {
+  timer t
+  child = new Child(p = {= ] =})
+  lib = new Lib()
+  reaction(t) -> child.i {=
+    double = lambda: (yield)
+    def fine():
+      yield 1
+    # nothing else
+  =}
+  reaction(t) {= \u00e4\u00f6 = 1; return 1 +; =}
+}
+"""
+
+
+def test_check_looks_into_bodies(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Bodies.lf").write_text(BODIES)
+    lib = "target Python\nreactor Lib { reaction(startup) {= if =} }\n"
+    (tmp_path / "Lib.lf").write_text(lib)
+    answer = hprm("check", "--json", "Main.lf", "Bodies.lf")
+    assert (answer.returncode, answer.stderr) == (1, "")
+    mistakes = [json.loads(line) for line in answer.stdout.splitlines()]
+    assert {mistake["code"] for mistake in mistakes} == {"LF0901"}
+    places = [(mistake["at"]["file"], mistake["at"]["line"]) for mistake in mistakes]
+    lines = [5, 8, 11, 12, 17, 18, 22, 30]
+    assert places == [("Bodies.lf", line) for line in lines] + [("Lib.lf", 2)]
+    columns = [mistake["at"]["column"] for mistake in mistakes]
+    assert (columns[4], columns[7]) == (5, 32)
+    assert "never runs" in mistakes[4]["message"]
+    text = hprm("check", "Bodies.lf")
+    assert text.stdout == "1 program checked: 9 errors, no warnings\n"
+    assert " --> Bodies.lf:5:14\n  |\n5 |   def broken(:\n" in text.stderr
+    answer = hprm("check", "--no-bodies", "Bodies.lf")
+    assert (answer.returncode, answer.stderr) == (0, "")
+
+
+def test_check_gives_json_of_files_that_are_no_programs(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Bytes.lf").write_bytes(b"target Python\n\xff")
+    answer = hprm("check", "--json", "Bytes.lf", "Nowhere.lf", "Main.lf")
+    assert (answer.returncode, answer.stderr) == (1, "")
+    found = [json.loads(line) for line in answer.stdout.splitlines()]
+    assert [error["at"]["file"] for error in found] == ["Bytes.lf", "Nowhere.lf"]
+    assert {error["code"] for error in found} == {"LF0101"}
+    assert "line 2 is not UTF-8 text" in found[0]["message"]
+
+
 def test_colour_is_for_terminals(hprm: Hprm, tmp_path: Path) -> None:
     (tmp_path / "Wrong.lf").write_text("target Python\nmain reactor {")
     answer = hprm("check", "Wrong.lf", TERM="xterm-256color")

@@ -605,3 +605,20 @@ def test_interrupting_a_program_ends_it_in_order(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, b"in order\n", b"")
+
+
+def test_a_body_that_would_never_run_is_an_error(run: Any) -> None:
+    outcome = run(
+        """
+        target Python
+        main reactor {
+            reaction(startup) {=
+                print("before")
+                yield 3
+            =}
+        }
+        """
+    )
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("error: `yield` makes a generator of this body")
+    assert "Program.lf:6:9" in outcome.err

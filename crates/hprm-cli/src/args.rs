@@ -189,6 +189,8 @@ pub(crate) struct Verify {
 }
 
 /// Say what is wrong with programs, and run nothing.
+///
+/// The Python in them is compiled too, by one interpreter for all programs.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -203,6 +205,9 @@ pub(crate) struct Check {
     /// Print one JSON object a line to the standard output, instead of text.
     #[arg(long)]
     pub(crate) json: bool,
+    /// Do not look into the Python, which saves the start of an interpreter.
+    #[arg(long)]
+    pub(crate) no_bodies: bool,
 }
 
 /// Coordinate a federation whose federates are started by hand.

@@ -10,6 +10,7 @@ use hprm_lf::{Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
 use crate::args::{Check, Properties};
+use crate::bodies;
 use crate::message::{self, Error};
 use crate::source;
 
@@ -33,38 +34,75 @@ pub(crate) fn show_warnings(compiled: &Compiled) {
     show(&compiled.warnings, &compiled.sources);
 }
 
-/// Checks programs, one after the other.
-///
-/// # Errors
-///
-/// If a file is not a program at all.
-pub(crate) fn check(arguments: &Check) -> Result<ExitCode, Error> {
+/// Checks programs, and shows what was found in the order in which they are named.
+pub(crate) fn check(arguments: &Check) -> ExitCode {
+    let found: Vec<_> =
+        arguments.files.iter().map(|path| (path.as_path(), source::compile(path, &[]))).collect();
+    let well = found.iter().filter(|(_, outcome)| matches!(outcome, Ok(Ok(_))));
+    let well: Vec<_> = well.map(|(path, _)| *path).collect();
+    let bodies = if arguments.no_bodies { Ok(Vec::new()) } else { bodies::mistakes(&well) };
+    let output = Output { json: arguments.json };
     let mut count = Count::default();
-    for path in &arguments.files {
-        match source::compile(path, &[]) {
-            Ok(outcome) => {
-                let (diagnostics, sources) = match &outcome {
-                    Ok(compiled) => (&compiled.warnings, &compiled.sources),
-                    Err(failure) => (&failure.diagnostics, &failure.sources),
-                };
-                count.add(diagnostics);
-                if arguments.json {
-                    print_json(diagnostics, sources);
-                } else {
-                    show(diagnostics, sources);
-                }
-            }
+    for (path, outcome) in found {
+        let (mut diagnostics, sources) = match outcome {
+            Ok(Ok(compiled)) => (compiled.warnings, compiled.sources),
+            Ok(Err(failure)) => (failure.diagnostics, failure.sources),
             // The other files are of interest all the same.
             Err(error) => {
                 count.errors += 1;
-                error.show();
+                output.error(&error, Some(path));
+                continue;
             }
-        }
+        };
+        let mistakes = bodies.iter().flatten().filter(|mistake| mistake.is_of(path));
+        diagnostics.extend(mistakes.filter_map(|mistake| mistake.diagnostic(&sources)));
+        diagnostics.sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
+        count.add(&diagnostics);
+        output.diagnostics(&diagnostics, &sources);
+    }
+    if let Err(error) = &bodies {
+        count.warnings += 1;
+        output.error(error, None);
     }
     if !arguments.json {
         message::print_line(&count.summary(arguments.files.len()));
     }
-    Ok(if count.errors == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    if count.errors == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// How findings are shown.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Output {
+    json: bool,
+}
+
+impl Output {
+    fn diagnostics(self, diagnostics: &[Diagnostic], sources: &Sources) {
+        if self.json {
+            print_json(diagnostics, sources);
+        } else {
+            show(diagnostics, sources);
+        }
+    }
+
+    /// What concerns a file as a whole; or all of them, and then it is a warning.
+    fn error(self, error: &Error, file: Option<&Path>) {
+        match file {
+            _ if self.json => {
+                let file = file.map(|path| json!({ "file": path.display().to_string() }));
+                let (code, severity) =
+                    if file.is_some() { ("LF0101", "error") } else { ("LF0902", "warning") };
+                let mut line = error.as_json();
+                line["code"] = json!(code);
+                line["severity"] = json!(severity);
+                line["at"] = json!(file);
+                line["labels"] = json!([]);
+                message::print_line(&line.to_string());
+            }
+            Some(_) => error.show(),
+            None => error.show_as_warning(),
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

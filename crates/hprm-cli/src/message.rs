@@ -5,6 +5,7 @@
 use std::io::{self, IsTerminal, Write};
 
 use hprm::Failure;
+use serde_json::{Value, json};
 
 /// What went wrong, and what to do about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -39,6 +40,11 @@ impl Error {
     pub(crate) fn show_as_warning(&self) {
         let text = self.text("warning", "\x1b[1;33m", color(&io::stderr()));
         print_error(text.as_bytes());
+    }
+
+    /// For programs: `message`, and `hint` if there is one.
+    pub(crate) fn as_json(&self) -> Value {
+        json!({ "message": self.message.trim_end(), "hint": self.hint })
     }
 
     fn text(&self, label: &str, paint: &str, color: bool) -> String {

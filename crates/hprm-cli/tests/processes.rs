@@ -257,3 +257,34 @@ fn a_federate_that_does_not_exist_is_answered_with_those_that_do() {
     assert_eq!(errors(&output), ["error: Main.lf has no federate c"]);
     assert!(text(&output.stderr).contains("its federates: a, b"));
 }
+
+#[test]
+fn check_says_that_nobody_has_looked_into_the_bodies() {
+    let place = Place::new(PROGRAM, "echo 'No module named hprm' >&2; exit 1");
+    let output = place.run(&["check", "Main.lf"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(text(&output.stdout), "1 program checked: no errors, 1 warning\n");
+    let said = text(&output.stderr);
+    assert!(said.starts_with("warning: the Python of reactions was not looked into: No module"));
+    let output = place.run(&["check", "--json", "Main.lf"]);
+    let line: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&line["code"], &line["severity"]), (&"LF0902".into(), &"warning".into()));
+    assert_eq!(output.stderr, b"");
+    let output = place.run(&["check", "--no-bodies", "Main.lf"]);
+    assert_eq!((output.status.code(), text(&output.stderr).as_str()), (Some(0), ""));
+}
+
+#[test]
+fn check_asks_one_interpreter_about_all_programs() {
+    let answer = r#"{"program":"B.lf","file":"B.lf","line":3,"column":3,"message":"no"}"#;
+    let place = Place::new(PROGRAM, &format!("echo \"$@\" >> asked; echo '{answer}'"));
+    std::fs::copy(place.path("Main.lf"), place.path("B.lf")).unwrap();
+    std::fs::write(place.path("Wrong.lf"), "target Python").unwrap();
+    let output = place.run(&["check", "Main.lf", "B.lf", "Wrong.lf"]);
+    assert_eq!(output.status.code(), Some(1));
+    let asked = std::fs::read_to_string(place.path("asked")).unwrap();
+    assert_eq!(asked, "-m hprm syntax -- Main.lf B.lf\n");
+    let said = text(&output.stderr);
+    assert!(said.starts_with("error[LF0901]: no\n --> B.lf:3:3\n"), "{said}");
+    assert!(said.contains("no main reactor"), "{said}");
+}

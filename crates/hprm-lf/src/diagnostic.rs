@@ -1,8 +1,9 @@
 //! What the front end has to say about a program, as data.
 //!
 //! Codes are stable: `LF00` text, `LF01` files, `LF02` declarations, `LF03` references, `LF04`
-//! values, `LF05` connections, `LF06` target, `LF07` not supported yet, `LF08` federations. How a
-//! diagnostic looks on a terminal is the business of [`render()`](crate::render()).
+//! values, `LF05` connections, `LF06` target, `LF07` not supported yet, `LF08` federations, `LF09`
+//! Python, which others look into. How a diagnostic looks on a terminal is the business of
+//! [`render()`](crate::render()).
 
 use std::collections::BTreeSet;
 

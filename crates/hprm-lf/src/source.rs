@@ -126,6 +126,21 @@ impl Sources {
         Some(FileId(u32::try_from(index).expect("fewer files than u32 counts")))
     }
 
+    /// The empty span at a place that somebody else has found: in the file of that path, at a line and
+    /// a column. None if there is no such file; a place that is beyond its text is at the end.
+    #[must_use]
+    pub fn at(&self, path: &str, position: Position) -> Option<Span> {
+        let file = self.find(path)?;
+        let Source { text, lines, .. } = &self.files[file.index()];
+        let line = position.line.saturating_sub(1) as usize;
+        let start = lines.get(line).copied().unwrap_or(text.len());
+        let end = text[start..].find('\n').map_or(text.len(), |length| start + length);
+        let column = position.column.saturating_sub(1) as usize;
+        let within = text[start..end].char_indices().nth(column);
+        let offset = within.map_or(end, |(offset, _)| start + offset);
+        Some(Span::new(file, offset..offset))
+    }
+
     /// The number of files.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -218,5 +233,18 @@ mod tests {
         let position = sources.position(Span::new(file, at..at + 4));
         assert_eq!((position.line, position.column), (2, 5));
         assert_eq!(sources.slice(Span::new(file, at..at + 4)), "drei");
+    }
+
+    #[test]
+    fn a_place_that_somebody_else_has_found_is_a_span() {
+        let mut sources = Sources::new();
+        sources.add("a.lf", "one\nzwö drei\n".to_owned());
+        let at = |line, column| sources.at("a.lf", Position { line, column });
+        let span = at(2, 5).unwrap();
+        assert_eq!(sources.position(span), Position { line: 2, column: 5 });
+        assert_eq!(span.range(), 9..9);
+        assert_eq!(at(2, 99).unwrap().range(), 13..13, "the end of the line");
+        assert_eq!(at(9, 1).unwrap().range(), 14..14, "the end of the text");
+        assert_eq!(sources.at("b.lf", Position { line: 1, column: 1 }), None);
     }
 }

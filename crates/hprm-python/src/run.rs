@@ -83,16 +83,21 @@ pub(crate) fn run_federate(
     }
 }
 
-/// Describes a program without its instances, to run some of its Python elsewhere.
+/// Describes a program, with or without its instances, to use some of its Python outside of a run.
 ///
 /// # Errors
 ///
 /// `ValueError` with what is wrong with the program.
 #[pyfunction]
-pub(crate) fn describe_program<'py>(py: Python<'py>, path: &str) -> PyResult<Bound<'py, PyAny>> {
+#[pyo3(signature = (path, *, instances = false))]
+pub(crate) fn describe_program<'py>(
+    py: Python<'py>,
+    path: &str,
+    instances: bool,
+) -> PyResult<Bound<'py, PyAny>> {
     let compiled = compile(path, &[], false);
     let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.message))?;
-    program::describe(py, &compiled, None)
+    program::describe(py, &compiled, instances.then_some(Scope::Whole))
 }
 
 /// Has the kernel end this process when the one that started it ends. Returns whether that is

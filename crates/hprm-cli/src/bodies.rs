@@ -1,0 +1,70 @@
+//! Mistakes in the Python of programs, which only Python finds.
+//!
+//! One interpreter looks through all programs, runs nothing of them, and answers in JSON.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+use hprm_lf::{Diagnostic, Position, Severity, Sources};
+use serde::Deserialize;
+
+use crate::message::Error;
+use crate::python;
+
+/// A mistake, as the interpreter tells of it.
+#[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
+pub(crate) struct Mistake {
+    /// The program, as it was named.
+    program: PathBuf,
+    message: String,
+    file: String,
+    line: u32,
+    column: u32,
+}
+
+/// The mistakes in these programs, which have no others.
+///
+/// # Errors
+///
+/// If there is no interpreter, or it does not answer: a warning, for nothing is known to be wrong.
+pub(crate) fn mistakes(programs: &[&Path]) -> Result<Vec<Mistake>, Error> {
+    if programs.is_empty() {
+        return Ok(Vec::new());
+    }
+    let unchecked = |reason: &dyn std::fmt::Display| {
+        Error::new(format!("the Python of reactions was not looked into: {reason}"))
+            .hint("hprm doctor tells what is missing; --no-bodies does without")
+    };
+    let python = python::find().map_err(|_| unchecked(&"there is no python3"))?;
+    let mut command = python::module(&python, "syntax");
+    let answer = command.arg("--").args(programs).stdin(Stdio::null()).output();
+    let answer = answer.map_err(|error| unchecked(&error))?;
+    if !answer.status.success() {
+        let said = String::from_utf8_lossy(&answer.stderr).into_owned();
+        let reason = said.trim_end().lines().next_back().unwrap_or("Python has failed").to_owned();
+        return Err(unchecked(&reason));
+    }
+    let text = String::from_utf8_lossy(&answer.stdout);
+    let parsed = text.lines().map(serde_json::from_str).collect::<Result<_, _>>();
+    parsed.map_err(|error| unchecked(&error))
+}
+
+impl Mistake {
+    /// Whether it is one of the program at `path`.
+    pub(crate) fn is_of(&self, path: &Path) -> bool {
+        self.program == path
+    }
+
+    /// It as a diagnostic; none if the file has changed so much that it is not read any more.
+    pub(crate) fn diagnostic(&self, sources: &Sources) -> Option<Diagnostic> {
+        let span = sources.at(&self.file, Position { line: self.line, column: self.column })?;
+        Some(Diagnostic {
+            code: "LF0901",
+            severity: Severity::Error,
+            message: self.message.clone(),
+            span,
+            labels: Vec::new(),
+            hint: None,
+        })
+    }
+}
