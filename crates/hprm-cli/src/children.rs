@@ -7,12 +7,13 @@ use std::collections::BTreeMap;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 use hprm_core::FederateId;
 use rustix::process::{Pid, kill_process_group};
 
 use crate::follow::Followed;
+use crate::leftovers;
 use crate::message::Error;
 use crate::signals::Signal;
 use crate::supervisor::Event;
@@ -21,6 +22,8 @@ use crate::supervisor::Event;
 #[derive(Debug, Default)]
 pub(crate) struct Children {
     processes: BTreeMap<FederateId, Child>,
+    /// Threads that end what failed federates have left.
+    ending: Vec<JoinHandle<()>>,
 }
 
 impl Children {
@@ -63,11 +66,12 @@ impl Children {
     /// Forgets a process that has ended. What it has started ends too if it did not end `well`.
     pub(crate) fn reap(&mut self, id: FederateId, well: bool) {
         if let Some(mut child) = self.processes.remove(&id) {
-            if !well {
-                signal_group(&child, Signal::KILL);
+            if well {
+                // Its status is known already.
+                let _ = child.wait();
+            } else {
+                self.ending.push(thread::spawn(|| leftovers::end(child)));
             }
-            // Its status is known already.
-            let _ = child.wait();
         }
     }
 }
@@ -75,7 +79,14 @@ impl Children {
 impl Drop for Children {
     fn drop(&mut self) {
         let left: Vec<_> = self.processes.keys().copied().collect();
-        left.into_iter().for_each(|id| self.reap(id, false));
+        for id in left {
+            self.send(Signal::KILL, id);
+            self.reap(id, false);
+        }
+        for ending in self.ending.drain(..) {
+            // It has nothing to tell.
+            let _ = ending.join();
+        }
     }
 }
 

@@ -33,9 +33,6 @@ pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
 /// a line.
 pub(crate) const PROPERTIES: &str = "HPRM_PROPERTIES";
 
-/// The exit code of a federation that the user has stopped.
-const INTERRUPTED: i32 = 130;
-
 /// Events that may wait for the loop, which never takes long. More of them wait where they arise.
 const EVENTS: usize = 64;
 
@@ -81,11 +78,11 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
         // Once nobody listens, the command is about to end.
         children.start((id, &federate.name), command, move |event| drop(events.send(event)))?;
     }
-    let supervisor = Supervisor::new(program, plan.join_timeout);
-    let code = supervise(supervisor, &mut children, &rti, &arrivals);
+    let mut supervisor = Supervisor::new(program, plan.join_timeout);
+    let code = supervise(&mut supervisor, &mut children, &rti, &arrivals);
     rti.abort();
     if let Some(parts) = parts {
-        parts.merge(program, code == INTERRUPTED)?;
+        parts.merge(program, supervisor.is_interrupted())?;
     }
     Ok(code)
 }
@@ -152,7 +149,7 @@ fn start_rti(
 }
 
 fn supervise(
-    mut supervisor: Supervisor,
+    supervisor: &mut Supervisor,
     children: &mut Children,
     rti: &RtiHandle,
     arrivals: &Receiver<Event>,

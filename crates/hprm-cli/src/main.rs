@@ -16,6 +16,7 @@ mod doctor;
 mod follow;
 mod launch;
 mod launcher;
+mod leftovers;
 mod message;
 mod output;
 mod probe;

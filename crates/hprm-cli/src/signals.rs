@@ -5,7 +5,7 @@
 use std::io;
 use std::thread;
 
-use signal_hook::consts::{SIGINT, SIGKILL, SIGPIPE, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGKILL, SIGPIPE, SIGTERM};
 use signal_hook::iterator::Signals;
 
 /// A signal, by its number.
@@ -20,7 +20,6 @@ impl Signal {
     /// What asks a process to end.
     pub(crate) const TERMINATE: Self = Self(SIGTERM);
     /// Ctrl-C.
-    #[cfg(test)]
     pub(crate) const INTERRUPT: Self = Self(SIGINT);
 
     /// The exit code of a process that ended because of it, as shells have it.
@@ -37,14 +36,18 @@ impl Signal {
     }
 }
 
-/// From now on, Ctrl-C and SIGTERM do not end this process but call `report`, until it returns
-/// false.
+/// From now on, Ctrl-C, SIGTERM and the end of the terminal do not end this process but call
+/// `report`, until it returns false.
 ///
 /// # Errors
 ///
 /// If the system refuses.
 pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
+    // Whoever starts this with `nohup` means it to stay.
+    if !is_ignored(SIGHUP) {
+        signals.add_signal(SIGHUP)?;
+    }
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         for signal in signals.forever() {
             if !report(Signal(signal)) {
@@ -55,9 +58,27 @@ pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Res
     Ok(())
 }
 
+fn is_ignored(signal: i32) -> bool {
+    ignores(&std::fs::read_to_string("/proc/self/status").unwrap_or_default(), signal)
+}
+
+/// Whether a process of that status, as the kernel writes it, ignores a signal.
+fn ignores(status: &str, signal: i32) -> bool {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Signal;
+    use super::*;
+
+    #[test]
+    fn what_is_ignored_stands_in_the_status() {
+        let status = "SigBlk:\t0000000000000000\nSigIgn:\t0000000000001001\n";
+        assert!(ignores(status, SIGHUP) && ignores(status, SIGPIPE));
+        assert!(!ignores(status, SIGTERM) && !ignores("", SIGHUP));
+    }
 
     #[test]
     fn signals_have_names_and_exit_codes() {

@@ -95,6 +95,8 @@ pub(crate) struct Supervisor {
     reported: bool,
     /// What the first signal or failure has decided.
     exit_code: Option<i32>,
+    /// Whether a signal has asked this process to stop before anything failed.
+    interrupted: bool,
     /// What the first failure of a transient federate has decided, if nothing else has.
     dropped: Option<i32>,
     orders: VecDeque<Order>,
@@ -121,6 +123,7 @@ impl Supervisor {
             phase: Phase::Watching,
             reported: false,
             exit_code: None,
+            interrupted: false,
             dropped: None,
             orders: VecDeque::new(),
         }
@@ -205,6 +208,11 @@ impl Supervisor {
         self.exit_code.is_none()
     }
 
+    /// Whether a signal has stopped the federation.
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.interrupted
+    }
+
     fn hear(&mut self, now: Duration, event: RtiEvent) {
         match event {
             RtiEvent::Joined(federate) => self.federates[federate].joined = true,
@@ -268,6 +276,7 @@ impl Supervisor {
             return;
         }
         self.exit_code = Some(signal.exit_code());
+        self.interrupted = true;
         if self.started && !self.rti_ended {
             self.orders.push_back(Order::RequestStop);
             self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT };
@@ -330,7 +339,7 @@ impl Supervisor {
         if let Some((failure, at)) = &self.rti_failure {
             return due(*at).then(|| Verdict::on_rti(failure));
         }
-        let suspect = self.first_ending(|federate, how| how != Ending::Code(0) || !federate.joined);
+        let suspect = self.first_ending(|federate, how| !self.is_good(how) || !federate.joined);
         if let Some((federate, at)) = suspect {
             return due(at).then(|| self.blame(federate));
         }
@@ -370,7 +379,7 @@ impl Supervisor {
     /// Whether nobody can contradict any more that all went well.
     fn undisputed(&self, now: Duration) -> bool {
         let good = |federate: &Federate| {
-            let well = matches!(federate.ending, Some((Ending::Code(0), _)));
+            let well = federate.ending.is_some_and(|(how, _)| self.is_good(how));
             match federate.transient {
                 true => federate.dropped.is_none() && (well || federate.told),
                 false => federate.joined && well,
@@ -380,6 +389,13 @@ impl Supervisor {
         let late = last.max().is_none_or(|at| now >= at + GRACE);
         let settled = self.accused.is_none() && self.rti_failure.is_none();
         settled && self.federates.values().all(good) && (self.rti_ended || late)
+    }
+
+    /// Whether a process that ends like that has ended in order. The signal that has stopped this one
+    /// may have reached it too.
+    fn is_good(&self, how: Ending) -> bool {
+        how == Ending::Code(0)
+            || self.interrupted && how == Ending::Code(Signal::INTERRUPT.exit_code())
     }
 
     fn all_joined(&self) -> bool {

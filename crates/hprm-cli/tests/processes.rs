@@ -288,3 +288,42 @@ fn check_asks_one_interpreter_about_all_programs() {
     assert!(said.starts_with("error[LF0901]: no\n --> B.lf:3:3\n"), "{said}");
     assert!(said.contains("no main reactor"), "{said}");
 }
+
+#[test]
+fn what_a_failed_federate_has_started_may_tidy_up() {
+    // What is left of a refuses until it has seen that a is gone.
+    let script = r#"
+        if [ "$NAME" = a ]; then
+            (trap 'while kill -0 '$$' 2>/dev/null && ! grep -q "^State:.Z" /proc/'$$'/status; do :; done
+                   touch tidy; exit' TERM
+             touch ready; while :; do :; done) &
+            while ! [ -e ready ]; do :; done
+            exit 3
+        fi
+        exec sleep 60"#;
+    let place = Place::new(FEDERATION, script);
+    let output = place.run(&["run", "Main.lf"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(place.path("tidy").exists());
+}
+
+#[test]
+fn what_a_failed_federate_has_started_does_not_stay() {
+    let script = r#"
+        [ "$NAME" = b ] && exec sleep 60
+        (trap '' TERM; echo "pid $(exec sh -c 'echo $PPID')"; touch ready; while :; do sleep 1; done) &
+        while ! [ -e ready ]; do :; done
+        exit 3"#;
+    let output = Place::new(FEDERATION, script).run(&["run", "Main.lf"]);
+    assert_eq!(output.status.code(), Some(3));
+    let shown = text(&output.stdout);
+    wait_until_gone(shown.trim().strip_prefix("[a] pid ").expect("it tells its number"));
+}
+
+#[test]
+fn the_end_of_the_terminal_is_an_interrupt() {
+    let (_place, mut child, _output, pids) = waiting("");
+    kill_process(Pid::from_child(&child), Signal::HUP).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(129));
+    pids.iter().for_each(|pid| wait_until_gone(pid));
+}

@@ -288,6 +288,25 @@ fn an_orderly_stop_takes_five_seconds_at_most() {
 }
 
 #[test]
+fn an_interrupt_may_reach_the_federates_too() {
+    let mut stage = Stage::running();
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    let interrupted = Ending::Code(Signal::INTERRUPT.exit_code());
+    stage.exits(A, interrupted);
+    stage.exits(B, interrupted);
+    stage.event(Event::RtiEnded(Ok(())));
+    stage.pass(2_000);
+    assert_eq!((stage.reports.len(), stage.outcome()), (0, Some(130)));
+    assert!(stage.supervisor.is_interrupted());
+    // Without a signal here, it is a failure like any other.
+    let mut stage = Stage::running();
+    stage.exits(A, interrupted);
+    stage.pass(2_000);
+    stage.reported_once("federate a exited with code 130");
+    assert!(!stage.supervisor.is_interrupted());
+}
+
+#[test]
 fn a_failure_while_stopping_is_reported_but_the_interrupt_counts() {
     let mut stage = Stage::running();
     stage.event(Event::Signal(Signal::INTERRUPT));
