@@ -20,12 +20,13 @@ use hprm_core::{
 use hprm_federated::{End, Input, Output, Permission};
 
 use crate::trace::Trace;
+use crate::wire::Network;
 use crate::workers::Workers;
-use crate::{Clock, Failure, Host, Inbox};
+use crate::{Clock, Failure, Host, Inbox, Room};
 pub use membership::FederateOptions;
 
 use membership::Membership;
-use objects::{Changes, Objects};
+use objects::Changes;
 use wires::Event;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
@@ -43,7 +44,40 @@ pub fn run_federate<H: Host>(
 where
     H::Value: Send + Sync + 'static,
 {
-    let mut federation = Membership::join(options, inbox)?;
+    run(options, None, inbox, load)
+}
+
+/// Runs a federate to its end, as [`run_federate`] does, whose federation is in this process: in
+/// `room`, and so is its RTI.
+///
+/// # Errors
+///
+/// As [`run_federate`].
+pub fn run_federate_in<H: Host>(
+    options: &FederateOptions,
+    room: &Room<H::Value>,
+    inbox: &Inbox<H::Value>,
+    load: impl FnOnce() -> Result<H, Failure>,
+) -> Result<(), Failure>
+where
+    H::Value: Send + Sync + 'static,
+{
+    let outcome = run(options, Some(room), inbox, load);
+    room.clear(options.federate);
+    outcome
+}
+
+fn run<H: Host>(
+    options: &FederateOptions,
+    room: Option<&Room<H::Value>>,
+    inbox: &Inbox<H::Value>,
+    load: impl FnOnce() -> Result<H, Failure>,
+) -> Result<(), Failure>
+where
+    H::Value: Send + Sync + 'static,
+{
+    let network = room.map_or(Network::Sockets, Room::network);
+    let mut federation = Membership::join(options, inbox, network)?;
     let scope = Scope::Federate(options.federate);
     let made = load().and_then(|host| {
         let trace = options.trace.as_deref().map(|path| Trace::create(path, &options.program));
@@ -60,6 +94,7 @@ where
         inbox,
         host,
         federation,
+        room: room.cloned(),
         phase: Phase::Joining,
         interrupted: false,
     };
@@ -79,6 +114,8 @@ struct FederateLoop<'a, H: Host> {
     inbox: &'a Inbox<H::Value>,
     host: H,
     federation: Membership,
+    /// Where the values of messages are, if the federation is in this process.
+    room: Option<Room<H::Value>>,
     phase: Phase,
     interrupted: bool,
 }
@@ -269,6 +306,11 @@ where
         if !machine.is_live(to) {
             return Ok(());
         }
+        if let Some(room) = &self.room {
+            let mut payload = room.leave(to, self.host.hand_over(channel, &value)?);
+            payload.physical = physical;
+            return self.handle(Input::Send { channel, tag, payload });
+        }
         let payload = self.host.encode(objects.store(), channel, &value)?;
         let (mut payload, changes) = if machine.shares_memory_with(to) {
             let changes = objects.share(&payload, to)?;
@@ -320,11 +362,11 @@ where
             Output::Discard { payload } => drop(objects.open(&payload)?),
             Output::Deliver { channel, tag, payload } => {
                 let physical = payload.physical;
-                let value = receive(&mut self.host, objects, channel, payload)?;
+                let value = self.receive(channel, payload)?;
                 self.scheduler.deliver(channel, tag, value, physical);
             }
             Output::DeliverPhysical { channel, payload, .. } => {
-                let value = receive(&mut self.host, objects, channel, payload)?;
+                let value = self.receive(channel, payload)?;
                 self.scheduler.deliver_physical(channel, Clock::now(), value);
             }
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
@@ -339,6 +381,16 @@ where
             _ => unreachable!("an output that this loop does not know"),
         }
         Ok(())
+    }
+
+    fn receive(&mut self, channel: ChannelId, payload: Payload) -> Result<H::Value, Failure> {
+        if let Some(room) = &self.room {
+            let me = self.scheduler.program().channels[channel].to;
+            let value = room.take(me, &payload).expect("its sender has left it before the message");
+            return Ok(self.host.take_over(channel, value, Clock::now()));
+        }
+        let opened = self.federation.objects.open(&payload)?;
+        Ok(self.host.receive(channel, payload, opened, Clock::now()))
     }
 
     /// Waits until something may have changed.
@@ -373,16 +425,6 @@ where
         };
         [permitted, machine.next_wakeup()].into_iter().flatten().min()
     }
-}
-
-fn receive<H: Host>(
-    host: &mut H,
-    objects: &mut Objects,
-    channel: ChannelId,
-    payload: Payload,
-) -> Result<H::Value, Failure> {
-    let opened = objects.open(&payload)?;
-    Ok(host.receive(channel, payload, opened, Clock::now()))
 }
 
 fn ended(program: &Program, reason: &End) -> Failure {

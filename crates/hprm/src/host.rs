@@ -96,6 +96,33 @@ pub trait Host {
         arrival: PhysicalTime,
     ) -> Self::Value;
 
+    /// Prepares a value for another federate of this process, which runs in another thread. What is
+    /// returned is not encoded and need not be a copy, but nothing that this federate does from now
+    /// on may be seen in it.
+    ///
+    /// # Errors
+    ///
+    /// If the value cannot be handed over; the program ends.
+    fn hand_over(
+        &mut self,
+        channel: ChannelId,
+        value: &Self::Value,
+    ) -> Result<Self::Value, Failure> {
+        let _ = channel;
+        Ok(value.clone())
+    }
+
+    /// Takes what another federate of this process has handed over. `arrival` is the physical time.
+    fn take_over(
+        &mut self,
+        channel: ChannelId,
+        value: Self::Value,
+        arrival: PhysicalTime,
+    ) -> Self::Value {
+        let _ = (channel, arrival);
+        value
+    }
+
     /// Describes a value for the logical trace. A host that does not say what its values are gets a
     /// trace of what happens, but not of what is in the values.
     fn describe(&mut self, value: &Self::Value) -> Described {

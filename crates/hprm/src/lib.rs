@@ -15,9 +15,11 @@ mod host;
 mod inbox;
 mod link;
 mod local_loop;
+mod room;
 mod rti_loop;
 pub mod trace;
 mod wait;
+mod wire;
 mod workers;
 
 pub use app::{
@@ -26,11 +28,12 @@ pub use app::{
 };
 pub use clock::Clock;
 pub use disk::Disk;
-pub use federate_loop::{FederateOptions, run_federate};
+pub use federate_loop::{FederateOptions, run_federate, run_federate_in};
 pub use host::{Failure, Host, SharedBodies};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError};
 pub use local_loop::{run_whole, run_whole_traced};
+pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 
 pub use hprm_core as core;

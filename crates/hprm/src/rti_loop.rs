@@ -13,8 +13,9 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput, Topology};
 
 use crate::bell::Bell;
-use crate::link::{Arrival, Link, Listener, READS};
+use crate::link::{Arrival, READS};
 use crate::wait::{Interest, wait};
+use crate::wire::{Gate, Network, Wire};
 use crate::{Address, Clock, Failure};
 
 /// Time between the last federate's being ready and the start of the program: enough for the start
@@ -79,8 +80,8 @@ pub enum RtiEvent {
 #[derive(Debug)]
 pub struct Rti {
     machine: hprm_federated::Rti,
-    listener: Listener,
-    links: BTreeMap<LinkId, Link>,
+    listener: Gate,
+    links: BTreeMap<LinkId, Wire>,
     next_link: u32,
     /// Descriptors of segments on their way from owner to reader.
     descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
@@ -125,6 +126,10 @@ impl Rti {
     ///
     /// If the address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
+        Self::bind_on(options, &Network::Sockets)
+    }
+
+    pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
         let topology = Topology::new(&options.program);
         let failed = |error: io::Error| {
             Failure::new(format!("error: the RTI cannot listen at {}: {error}", options.listen))
@@ -138,7 +143,7 @@ impl Rti {
                 START_DELAY,
             )
             .watching(options.patience),
-            listener: Listener::bind(&options.listen).map_err(failed)?,
+            listener: network.listen(&options.listen).map_err(failed)?,
             links: BTreeMap::new(),
             next_link: 0,
             descriptors: BTreeMap::new(),
@@ -198,8 +203,8 @@ impl Rti {
 
     fn accept(&mut self) -> Result<(), Failure> {
         let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
-        while let Some(socket) = self.listener.accept().map_err(failed)? {
-            self.links.insert(LinkId(self.next_link), Link::new(socket));
+        while let Some(link) = self.listener.accept().map_err(failed)? {
+            self.links.insert(LinkId(self.next_link), link);
             self.next_link += 1;
         }
         Ok(())
@@ -304,10 +309,7 @@ impl Rti {
             }
             _ => None,
         };
-        match descriptor {
-            Some(descriptor) => link.queue_with(frame, descriptor),
-            None => link.queue(frame),
-        }
+        link.queue(frame, descriptor);
     }
 
     fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {

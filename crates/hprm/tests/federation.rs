@@ -1,4 +1,4 @@
-//! Federations with real sockets and real memory, but in one process and without Python.
+//! Federations with real sockets and real memory, or in a room, but in one process and without Python.
 //!
 //! Each federate is a thread with its own loop, store and links, exactly as in a process.
 
@@ -11,7 +11,7 @@ use std::thread;
 
 use hprm::federated::{FederationId, Patience};
 use hprm::store::{Object, Store, StoreLimits};
-use hprm::{Address, Failure, FederateOptions, Host, Inbox, Rti, RtiEvent, RtiOptions};
+use hprm::{Address, Failure, FederateOptions, Host, Inbox, Room, Rti, RtiEvent, RtiOptions};
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{
     Body, ChannelId, Coordination, Delay, Direction, Effect, FederateId, Nanos, Part, Payload,
@@ -107,18 +107,27 @@ struct Federation {
 }
 
 fn federation(program: Program, address: &str, react: Arc<React>) -> Federation {
+    federation_in(None, program, address, react)
+}
+
+fn federation_in(
+    room: Option<&Room<Bytes>>,
+    program: Program,
+    address: &str,
+    react: Arc<React>,
+) -> Federation {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let program = Arc::new(program);
     let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
     let listen: Address = address.replace("UNIQUE", &unique).parse().unwrap();
     let federation = FederationId(7);
-    let rti = Rti::bind(&RtiOptions {
+    let options = RtiOptions {
         program: Arc::clone(&program),
         federation,
         listen,
         patience: Patience::default(),
-    })
-    .unwrap();
+    };
+    let rti = room.map_or_else(|| Rti::bind(&options), |room| room.rti(&options)).unwrap();
     let address = rti.address().clone();
     let warnings = Arc::new(Mutex::new(Vec::new()));
     let events = Arc::new(Mutex::new(Vec::new()));
@@ -137,18 +146,18 @@ fn federation(program: Program, address: &str, react: Arc<React>) -> Federation 
                 trace: None,
             };
             let (react, warnings) = (Arc::clone(&react), Arc::clone(&warnings));
+            let room = room.cloned();
             thread::spawn(move || {
                 let inbox = Inbox::new().unwrap();
-                hprm::run_federate(&options, &inbox, || {
+                let load = || {
                     let encoded = BTreeMap::new();
-                    Ok(Closures {
-                        me: federate,
-                        react,
-                        warnings,
-                        encoded,
-                        _not_send: OnceCell::new(),
-                    })
-                })
+                    let _not_send = OnceCell::new();
+                    Ok(Closures { me: federate, react, warnings, encoded, _not_send })
+                };
+                match room {
+                    Some(room) => hprm::run_federate_in(&options, &room, &inbox, load),
+                    None => hprm::run_federate(&options, &inbox, load),
+                }
             })
         })
         .collect();
@@ -210,6 +219,15 @@ fn gather(coordination: Coordination, clients: usize) -> Gather {
 
 /// Runs some rounds of `len` bytes; every round checks every byte.
 fn run_rounds(coordination: Coordination, address: &str, len: usize, rounds: u32) -> Federation {
+    run_rounds_in(None, coordination, address, (len, rounds))
+}
+
+fn run_rounds_in(
+    room: Option<&Room<Bytes>>,
+    coordination: Coordination,
+    address: &str,
+    (len, rounds): (usize, u32),
+) -> Federation {
     const CLIENTS: usize = 3;
     let Gather { program, out, answers, requests, replies, start, round } =
         gather(coordination, CLIENTS);
@@ -240,7 +258,7 @@ fn run_rounds(coordination: Coordination, address: &str, len: usize, rounds: u32
         }
         Ok(())
     };
-    let federation = federation(program, address, Arc::new(react));
+    let federation = federation_in(room, program, address, Arc::new(react));
     assert_eq!(federation.rti, Ok(()));
     assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
     assert_eq!(federation.warnings, [""; 0]);
@@ -269,6 +287,43 @@ fn any_messages_over_tcp() {
     for coordination in BOTH {
         run_rounds(coordination, "tcp:127.0.0.1:0", 64, 50);
         run_rounds(coordination, "tcp:127.0.0.1:0", 1_000_000, 5);
+    }
+}
+
+#[test]
+fn any_messages_in_a_room() {
+    for coordination in BOTH {
+        for size in [(64, 200), (3_000_000, 20)] {
+            run_rounds_in(Some(&Room::new()), coordination, "unix:@room", size);
+        }
+    }
+}
+
+#[test]
+fn in_a_room_the_value_itself_arrives() {
+    for coordination in BOTH {
+        let Gather { program, out, start, requests, .. } = gather(coordination, 2);
+        let sent: Arc<Vec<u8>> = Arc::new(vec![7; 3_000_000]);
+        let (value, arrived) = (Arc::clone(&sent), Arc::new(AtomicU32::new(0)));
+        let count = Arc::clone(&arrived);
+        let react = move |scheduler: &mut Scheduler<Bytes>, id: ReactionId, _: Body| {
+            if id == start {
+                scheduler.set(out, Bytes::Own(Arc::clone(&value)));
+                return Ok(());
+            }
+            let request = requests.iter().find_map(|port| scheduler.port(*port)).unwrap();
+            let Bytes::Own(request) = request else { panic!("it went through a store") };
+            assert!(Arc::ptr_eq(request, &value));
+            if count.fetch_add(1, Ordering::Relaxed) == 1 {
+                scheduler.request_stop();
+            }
+            Ok(())
+        };
+        let room = Room::new();
+        let federation = federation_in(Some(&room), program, "unix:@room", Arc::new(react));
+        assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
+        assert_eq!(arrived.load(Ordering::Relaxed), 2);
+        assert_eq!(Arc::strong_count(&sent), 1, "the room keeps nothing");
     }
 }
 

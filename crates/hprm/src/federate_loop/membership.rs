@@ -12,6 +12,7 @@ use hprm_store::{Store, StoreLimits};
 
 use super::objects::Objects;
 use super::wires::{Event, Wires};
+use crate::wire::Network;
 use crate::{Address, Clock, Failure, Inbox};
 
 /// How long a federate that ends waits until its last frames have arrived.
@@ -47,8 +48,9 @@ impl Membership {
     pub(super) fn join<V: Send + 'static>(
         options: &FederateOptions,
         inbox: &Inbox<V>,
+        network: Network,
     ) -> Result<Self, Failure> {
-        let wires = Wires::connect(options)?;
+        let wires = Wires::connect(options, network)?;
         let machine = Federate::new(
             options.federate,
             &options.program,

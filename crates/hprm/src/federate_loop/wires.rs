@@ -9,8 +9,9 @@ use hprm_core::{Coordination, FederateId, PhysicalTime};
 use hprm_federated::{Frame, HostId};
 
 use super::FederateOptions;
-use crate::link::{Arrival, Link, Listener, READS};
+use crate::link::{Arrival, READS};
 use crate::wait::{Interest, wait};
+use crate::wire::{Gate, Network, Wire};
 use crate::{Address, Clock, Failure, Inbox};
 
 /// What has come from a link.
@@ -24,14 +25,15 @@ pub(super) enum Event {
 
 /// The links of one federate.
 pub(super) struct Wires {
-    rti: Option<Link>,
-    listener: Option<Listener>,
+    network: Network,
+    rti: Option<Wire>,
+    listener: Option<Gate>,
     /// Links that peers opened and have not yet said whose they are.
-    greeting: Vec<Link>,
+    greeting: Vec<Wire>,
     /// Links that this federate opened: its messages go there.
-    outgoing: BTreeMap<FederateId, Link>,
+    outgoing: BTreeMap<FederateId, Wire>,
     /// Links that peers opened: their messages come from there.
-    incoming: BTreeMap<FederateId, Link>,
+    incoming: BTreeMap<FederateId, Wire>,
     host: HostId,
     events: Vec<Event>,
     descriptors: BTreeMap<(FederateId, u32), OwnedFd>,
@@ -39,8 +41,8 @@ pub(super) struct Wires {
 
 impl Wires {
     /// Connects to the RTI, and listens for peers if the coordination needs them.
-    pub(super) fn connect(options: &FederateOptions) -> Result<Self, Failure> {
-        let rti = Link::connect(&options.rti).map_err(|error| {
+    pub(super) fn connect(options: &FederateOptions, network: Network) -> Result<Self, Failure> {
+        let rti = network.connect(&options.rti).map_err(|error| {
             Failure::new(format!(
                 "error: no RTI at {}: {error}\n  hint: start the federation with `hprm run`, or \
                  the RTI with `hprm rti`",
@@ -48,9 +50,10 @@ impl Wires {
             ))
         })?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
-        let listener = decentralized.then(|| listen(options)).transpose()?;
+        let listener = decentralized.then(|| listen(options, &network)).transpose()?;
         Ok(Self {
             host: host_id(rti.is_local()),
+            network,
             rti: Some(rti),
             listener,
             greeting: Vec::new(),
@@ -85,22 +88,22 @@ impl Wires {
             ))
         };
         let address: Address = listen.parse().map_err(|error| unreachable(&error))?;
-        let mut link = Link::connect(&address).map_err(|error| unreachable(&error))?;
-        link.queue(hello);
+        let mut link = self.network.connect(&address).map_err(|error| unreachable(&error))?;
+        link.queue(hello, None);
         self.outgoing.insert(peer, link);
         Ok(())
     }
 
     pub(super) fn tell_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
         if let Some(link) = &mut self.rti {
-            queue(link, frame, descriptor);
+            link.queue(frame, descriptor);
         }
     }
 
     pub(super) fn tell_peer(&mut self, to: FederateId, frame: &Frame, descriptor: Option<OwnedFd>) {
         let link = self.outgoing.get_mut(&to).or_else(|| self.incoming.get_mut(&to));
         if let Some(link) = link {
-            queue(link, frame, descriptor);
+            link.queue(frame, descriptor);
         }
     }
 
@@ -174,11 +177,11 @@ impl Wires {
         wait(&interests, until);
     }
 
-    fn links(&self) -> impl Iterator<Item = &Link> {
+    fn links(&self) -> impl Iterator<Item = &Wire> {
         self.rti.iter().chain(self.outgoing.values()).chain(self.incoming.values())
     }
 
-    fn links_mut(&mut self) -> impl Iterator<Item = &mut Link> {
+    fn links_mut(&mut self) -> impl Iterator<Item = &mut Wire> {
         self.rti.iter_mut().chain(self.outgoing.values_mut()).chain(self.incoming.values_mut())
     }
 
@@ -199,10 +202,10 @@ impl Wires {
 
     fn accept(&mut self) -> Result<(), Failure> {
         let Some(listener) = &self.listener else { return Ok(()) };
-        while let Some(socket) = listener.accept().map_err(|error| {
+        while let Some(link) = listener.accept().map_err(|error| {
             Failure::new(format!("error: cannot accept a connection of a peer: {error}"))
         })? {
-            self.greeting.push(Link::new(socket));
+            self.greeting.push(link);
         }
         Ok(())
     }
@@ -215,7 +218,7 @@ impl Wires {
                 Ok(Some((hello, _))) => {
                     if let Some((from, welcome)) = admit(&hello) {
                         link.trust();
-                        link.queue(&welcome);
+                        link.queue(&welcome, None);
                         self.incoming.insert(from, link);
                         self.events.push(Event::PeerUp(from));
                     }
@@ -249,7 +252,7 @@ impl Wires {
     fn read_peer(
         &mut self,
         peer: FederateId,
-        links: fn(&mut Self) -> &mut BTreeMap<FederateId, Link>,
+        links: fn(&mut Self) -> &mut BTreeMap<FederateId, Wire>,
     ) -> bool {
         let Some(link) = links(self).get_mut(&peer) else { return true };
         let mut frames = Vec::new();
@@ -279,16 +282,9 @@ impl Wires {
     }
 }
 
-fn queue(link: &mut Link, frame: &Frame, descriptor: Option<OwnedFd>) {
-    match descriptor {
-        Some(descriptor) => link.queue_with(frame, descriptor),
-        None => link.queue(frame),
-    }
-}
-
 /// Reads what the socket holds. Returns whether the other end is still open.
 fn read_frames(
-    link: &mut Link,
+    link: &mut Wire,
     frames: &mut Vec<(Frame, Option<OwnedFd>)>,
 ) -> Result<bool, Failure> {
     let broken =
@@ -308,7 +304,7 @@ fn read_frames(
 }
 
 /// Peers are reached the way the RTI is.
-fn listen(options: &FederateOptions) -> Result<Listener, Failure> {
+fn listen(options: &FederateOptions, network: &Network) -> Result<Gate, Failure> {
     // With the number of the process: a transient federate may have a predecessor.
     let mine = format!("{}-{}", options.federate.0, std::process::id());
     let address = match &options.rti {
@@ -316,7 +312,8 @@ fn listen(options: &FederateOptions) -> Result<Listener, Failure> {
         Address::Path(rti) => Address::Path(format!("{rti}-{mine}")),
         Address::Tcp(_) => Address::Tcp("127.0.0.1:0".to_owned()),
     };
-    Listener::bind(&address)
+    network
+        .listen(&address)
         .map_err(|error| Failure::new(format!("error: cannot listen at {address}: {error}")))
 }
 

@@ -1,0 +1,181 @@
+//! Wires: links as the loops use them, whether they lead to another process or to another thread.
+//!
+//! [`Link`] is a socket, [`MemoryLink`] a queue of this process. A [`Network`] is where addresses
+//! mean something, so it makes one or the other.
+
+mod memory;
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
+
+use hprm_federated::Frame;
+use hprm_federated::codec::CodecError;
+
+use crate::Address;
+use crate::link::{Arrival, Link, Listener};
+pub(crate) use memory::Hub;
+use memory::{MemoryGate, MemoryLink};
+
+/// One end of a connection to the RTI or to another federate.
+#[derive(Debug)]
+pub(crate) enum Wire {
+    Socket(Link),
+    Memory(MemoryLink),
+}
+
+/// Where others connect.
+#[derive(Debug)]
+pub(crate) enum Gate {
+    Socket(Listener),
+    Memory(MemoryGate),
+}
+
+/// Where addresses mean something.
+#[derive(Clone, Debug)]
+pub(crate) enum Network {
+    /// On this machine, and beyond.
+    Sockets,
+    /// In this process.
+    Process(Arc<Hub>),
+}
+
+impl Network {
+    /// Connects to an address at which somebody listens.
+    pub(crate) fn connect(&self, address: &Address) -> io::Result<Wire> {
+        match self {
+            Self::Sockets => Link::connect(address).map(Wire::Socket),
+            Self::Process(hub) => hub.connect(address).map(Wire::Memory),
+        }
+    }
+
+    /// Listens at an address.
+    pub(crate) fn listen(&self, address: &Address) -> io::Result<Gate> {
+        match self {
+            Self::Sockets => Listener::bind(address).map(Gate::Socket),
+            Self::Process(hub) => hub.listen(address).map(Gate::Memory),
+        }
+    }
+}
+
+impl Gate {
+    /// Where it listens; a port of zero has become a real one.
+    pub(crate) fn address(&self) -> &Address {
+        match self {
+            Self::Socket(listener) => listener.address(),
+            Self::Memory(gate) => gate.address(),
+        }
+    }
+
+    /// The next connection, if one waits: of somebody who has not said who he is.
+    pub(crate) fn accept(&self) -> io::Result<Option<Wire>> {
+        match self {
+            Self::Socket(listener) => {
+                Ok(listener.accept()?.map(|socket| Wire::Socket(Link::new(socket))))
+            }
+            Self::Memory(gate) => Ok(gate.accept().map(Wire::Memory)),
+        }
+    }
+}
+
+impl AsFd for Gate {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Socket(listener) => listener.as_fd(),
+            Self::Memory(gate) => gate.as_fd(),
+        }
+    }
+}
+
+impl Wire {
+    /// The other end belongs to the federation.
+    pub(crate) fn trust(&mut self) {
+        match self {
+            Self::Socket(link) => link.trust(),
+            // Nobody else is in this process.
+            Self::Memory(_) => {}
+        }
+    }
+
+    /// Whether descriptors can travel over it.
+    pub(crate) fn is_local(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_local(),
+            Self::Memory(_) => true,
+        }
+    }
+
+    /// Appends a frame to what is to be written, with the descriptor that it travels with.
+    pub(crate) fn queue(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
+        match (self, descriptor) {
+            (Self::Socket(link), None) => link.queue(frame),
+            (Self::Socket(link), Some(descriptor)) => link.queue_with(frame, descriptor),
+            (Self::Memory(link), descriptor) => link.queue(frame, descriptor),
+        }
+    }
+
+    /// Whether something is still to be written.
+    pub(crate) fn has_outbound(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.has_outbound(),
+            Self::Memory(link) => link.has_outbound(),
+        }
+    }
+
+    /// Writes as much as the other end takes.
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Socket(link) => link.flush(),
+            Self::Memory(link) => link.flush(),
+        }
+    }
+
+    /// Forgets what was to be written.
+    pub(crate) fn discard(&mut self) {
+        match self {
+            Self::Socket(link) => link.discard(),
+            Self::Memory(link) => link.discard(),
+        }
+    }
+
+    /// Tells the other end that nothing more will come.
+    pub(crate) fn finish(&mut self) {
+        match self {
+            Self::Socket(link) => link.finish(),
+            Self::Memory(link) => link.finish(),
+        }
+    }
+
+    /// Throws away what comes. Returns whether the other end is still open.
+    pub(crate) fn is_open(&mut self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_open(),
+            Self::Memory(link) => link.is_open(),
+        }
+    }
+
+    /// Reads once.
+    pub(crate) fn read(&mut self) -> io::Result<Arrival> {
+        match self {
+            Self::Socket(link) => link.read(),
+            Self::Memory(link) => Ok(link.read()),
+        }
+    }
+
+    /// The next whole frame that has been read, with the descriptor that came with it.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
+        match self {
+            Self::Socket(link) => link.next_frame(),
+            Self::Memory(link) => Ok(link.next_frame()),
+        }
+    }
+}
+
+impl AsFd for Wire {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Socket(link) => link.as_fd(),
+            Self::Memory(link) => link.as_fd(),
+        }
+    }
+}
