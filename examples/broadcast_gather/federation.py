@@ -47,11 +47,13 @@ def run(
     rounds: int | None = None,
     on_progress: Callable[[float], None] = lambda fraction: None,
     timeout_s: float = 120,
+    in_process: bool = False,
 ) -> dict[str, Any]:
     """Runs the program of this coordination to its end and returns its results.
 
-    Without sizes or rounds the program's own apply. The results are those of the server, with
-    those of the clients in a list under ``clients``. ``on_progress`` is told the fraction done.
+    Federates are processes, or threads of one. Without sizes or rounds the program's own apply. The
+    results are those of the server, with those of the clients in a list under ``clients``.
+    ``on_progress`` is told the fraction done.
     """
     with tempfile.TemporaryDirectory(prefix="broadcast-gather-") as directory:
         out = Path(directory) / "server.json"
@@ -61,18 +63,19 @@ def run(
             "BROADCAST_GATHER_SIZES": ",".join(str(size) for size in sizes_mb),
             "BROADCAST_GATHER_ROUNDS": str(rounds) if rounds else "",
         }
-        _run_program(PROGRAMS[coordination], environment, on_progress, timeout_s)
+        words = [*(["--in-process"] if in_process else []), str(PROGRAMS[coordination])]
+        _run_program(words, environment, on_progress, timeout_s)
         return _read_results(coordination, out)
 
 
 def _run_program(
-    program: Path,
+    words: list[str],
     environment: dict[str, str],
     on_progress: Callable[[float], None],
     timeout_s: float,
 ) -> None:
     process = subprocess.Popen(
-        [str(command()), "run", str(program)],
+        [str(command()), "run", *words],
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -95,9 +98,9 @@ def _run_program(
         timer.cancel()
         _stop(process)
     if timed_out.is_set():
-        raise _failure(program, f"did not end within {timeout_s:.0f} s", last_lines)
+        raise _failure(words, f"did not end within {timeout_s:.0f} s", last_lines)
     if code != 0:
-        raise _failure(program, f"ended with exit code {code}", last_lines)
+        raise _failure(words, f"ended with exit code {code}", last_lines)
 
 
 def _follow(process: subprocess.Popen[str], on_progress: Callable[[float], None]) -> list[str]:
@@ -127,8 +130,8 @@ def _stop(process: subprocess.Popen[str]) -> None:
         process.wait()
 
 
-def _failure(program: Path, what: str, last_lines: list[str]) -> FederationError:
-    return FederationError("\n".join([f"hprm run {program.name} {what}", *last_lines]))
+def _failure(words: list[str], what: str, last_lines: list[str]) -> FederationError:
+    return FederationError("\n".join([f"hprm run {' '.join(words)} {what}", *last_lines]))
 
 
 def _read_results(coordination: str, out: Path) -> dict[str, Any]:

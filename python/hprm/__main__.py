@@ -10,7 +10,7 @@ import os
 import sys
 from typing import NoReturn
 
-from hprm import _hprm
+from hprm import _hprm, _threads
 from hprm._lf import FEDERATION_ID
 
 
@@ -18,7 +18,7 @@ def main() -> NoReturn:
     """Run what the command line says, and leave with its exit code."""
     parser = _parser()
     options = parser.parse_args()
-    parent = getattr(options, "die_with_parent", None)
+    parent = options.die_with_parent
     if parent is not None and not _hprm.die_with_parent(parent):
         _leave(1)
     if options.command == "syntax":
@@ -28,7 +28,11 @@ def main() -> NoReturn:
         _leave(0)
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
-    if options.command == "run":
+    if options.command == "run" and options.in_process:
+        code = _hprm.run_in_process(
+            options.file, options.property, logical_traces=options.logical_trace
+        )
+    elif options.command == "run":
         code = _hprm.run_program(
             options.file, options.property, logical_trace=options.logical_trace
         )
@@ -57,6 +61,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m hprm", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="run a program in this process")
+    run.add_argument(
+        "--in-process",
+        action="store_true",
+        help="give each federate a thread; the logical trace is a folder then",
+    )
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     syntax = commands.add_parser("syntax", help="find mistakes in the Python of programs")
@@ -75,10 +84,13 @@ def _parser() -> argparse.ArgumentParser:
     federate.add_argument(
         "--launched", action="store_true", help="a launcher shows warnings and failures"
     )
-    federate.add_argument(
-        "--die-with-parent", type=int, metavar="PID", help="never outlive the caller, which is PID"
-    )
     for command in (run, federate):
+        command.add_argument(
+            "--die-with-parent",
+            type=int,
+            metavar="PID",
+            help="never outlive the caller, which is PID",
+        )
         command.add_argument(
             "--property", action="append", default=[], help="a target property: KEY=VALUE"
         )
@@ -92,6 +104,8 @@ def _leave(code: int) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         # Closed by the program or at the other end: then nobody is listening.
         with contextlib.suppress(OSError, ValueError):
+            if isinstance(stream, _threads.Lines):
+                stream.end()
             stream.flush()
     # The kernel keeps eight bits, and a failure must not become a zero.
     os._exit(code if 0 <= code <= 255 else 1)

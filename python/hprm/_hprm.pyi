@@ -104,6 +104,17 @@ def describe_program(path: str, *, instances: bool = False) -> ProgramSource:
     What is wrong with it is the message of a ``ValueError``.
     """
 
+def run_in_process(
+    path: str, properties: list[str] = ..., *, logical_traces: str | None = None
+) -> int:
+    """Run a federation in this process, a thread for each federate. Return the exit code.
+
+    Each federate writes its share of the logical trace to a file in the folder ``logical_traces``.
+    """
+
+def current_federate() -> int | None:
+    """Return the number of the federate that this thread belongs to, if it shares a process."""
+
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
 

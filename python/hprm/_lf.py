@@ -2,10 +2,10 @@
 
 import itertools
 import os
-import sys
 from types import ModuleType
 from typing import NoReturn
 
+from hprm import _threads
 from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
 from hprm._source import ProgramSource
 
@@ -42,7 +42,7 @@ def make_module(api: Api, source: ProgramSource) -> ModuleType:
         tracepoint_user_value=lambda reactor, handle, value: None,
         store_stats=api.store_stats,
     )
-    sys.modules[lf.__name__] = lf
+    _threads.publish(lf.__name__, lf)
     return lf
 
 

@@ -8,14 +8,18 @@ import copy
 import importlib.machinery
 import os
 import sys
+import threading
 from types import ModuleType
 from typing import Any
 
 import hprm
-from hprm import _compile, _protobuf
+from hprm import _compile, _protobuf, _threads
 from hprm._source import ProgramSource
 
 _PREFIX = "hprm._spawned.program_"
+
+# Federates that share a process load at the same time.
+_EXTENDING = threading.Lock()
 
 
 def make_module(source: ProgramSource) -> ModuleType:
@@ -27,7 +31,7 @@ def make_module(source: ProgramSource) -> ModuleType:
     # Classes of the program are pickled by the name of their module, which is the same in all
     # federates. Processes that multiprocessing starts know it by a name of theirs.
     for name in ("__main__", "__mp_main__", f"__lf_{source.name}__"):
-        sys.modules[name] = module
+        _threads.publish(name, module)
     return module
 
 
@@ -62,7 +66,8 @@ def _extend_path(source: ProgramSource) -> None:
     for name, stated_in in source.uses:
         path = os.path.join(os.path.dirname(os.path.abspath(stated_in)), name)
         folders.append(path if os.path.isdir(path) else os.path.dirname(path))
-    for folder in reversed(folders):
-        if folder in sys.path:
-            sys.path.remove(folder)
-        sys.path.insert(0, folder)
+    with _EXTENDING:
+        for folder in reversed(folders):
+            if folder in sys.path:
+                sys.path.remove(folder)
+            sys.path.insert(0, folder)

@@ -63,6 +63,18 @@ def test_each_client_copies_what_it_sends_and_no_more(
         assert client["store"]["inline_fallbacks"] == 0
 
 
+@pytest.mark.parametrize("program", list(federation.PROGRAMS))
+def test_in_one_process_nothing_is_copied_but_by_the_clients(program: str) -> None:
+    results = federation.run(program, [50], ROUNDS, in_process=True)
+    assert results["equal"] == {"50": True}
+    assert results["sends"] == SENDS
+    assert len(results["latencies_ns"]["50"]) == ROUNDS
+    for federate in [results, *results["clients"]]:
+        assert federate["store"]["bytes_copied"] == 0
+        assert federate["store"]["objects_sealed"] == 0
+        assert federate["store"]["bytes_mapped"] == 0
+
+
 def test_sizes_follow_each_other_in_one_run() -> None:
     shown: list[float] = []
     run = federation.run("decentralized", [1, 5], rounds=2, on_progress=shown.append)

@@ -1,7 +1,7 @@
 """The programs of ``tests/lf`` check themselves: each must end with exit code 0.
 
 A program's comment may say that it ends with another code, and that it means the same when its
-reactors are federates: then it also runs so.
+reactors are federates: then it also runs so, as processes and as threads.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ CORPUS = Path(__file__).parents[1] / "lf"
 PROGRAMS = sorted(
     str(path.relative_to(CORPUS)) for path in CORPUS.rglob("*.lf") if path.parent.name != "lib"
 )
+FEDERATED = [
+    program
+    for program in PROGRAMS
+    if re.search("^federated reactor", (CORPUS / program).read_text(), re.M)
+]
 TWINS = [
     (program, coordination)
     for program in PROGRAMS
@@ -26,8 +31,12 @@ TWINS = [
 ]
 
 
-def run(program: str, folder: Path, *properties: str) -> subprocess.CompletedProcess[str]:
+def run(
+    program: str, folder: Path, *properties: str, in_process: bool = False
+) -> subprocess.CompletedProcess[str]:
     options = [f"--property={stated}" for stated in properties]
+    if in_process:
+        options.append("--in-process")
     return subprocess.run(
         [Path(sys.executable).with_name("hprm"), "run", *options, program],
         cwd=folder,
@@ -45,6 +54,7 @@ def exit_code(program: str) -> int:
 
 def test_there_is_a_corpus_and_some_of_it_is_federated() -> None:
     assert {exit_code(program) for program in PROGRAMS} == {0, 1, 7}
+    assert FEDERATED
     assert {coordination for _, coordination in TWINS} == {"centralized", "decentralized"}
 
 
@@ -62,12 +72,22 @@ def test_workers_make_no_difference(program: str) -> None:
     assert done.returncode == exit_code(program), done.stderr
 
 
+@pytest.mark.parametrize("program", FEDERATED)
+def test_so_is_one_whose_federates_are_threads(program: str) -> None:
+    done = run(program, CORPUS, in_process=True)
+    assert done.returncode == exit_code(program), done.stderr
+
+
+@pytest.mark.parametrize("in_process", [False, True], ids=["processes", "threads"])
 @pytest.mark.parametrize(("program", "coordination"), TWINS)
-def test_so_is_its_federated_twin(program: str, coordination: str, tmp_path: Path) -> None:
+def test_so_is_its_federated_twin(
+    program: str, coordination: str, in_process: bool, tmp_path: Path
+) -> None:
     folder = tmp_path / "lf"
     shutil.copytree(CORPUS, folder)
     text = (folder / program).read_text()
     assert "main reactor" in text
     (folder / program).write_text(text.replace("main reactor", "federated reactor"))
-    done = run(program, folder, "fast=false", f"coordination={coordination}")
+    properties = ["fast=false", f"coordination={coordination}"]
+    done = run(program, folder, *properties, in_process=in_process)
     assert done.returncode == exit_code(program), done.stderr

@@ -114,10 +114,10 @@ class Bench:
     mark: str = field(default_factory=lambda: f"HPRM_TEST_MARK={uuid.uuid4().hex}")
     started: list[subprocess.Popen[str]] = field(default_factory=list)
 
-    def start(self, text: str) -> subprocess.Popen[str]:
+    def start(self, text: str, *options: str) -> subprocess.Popen[str]:
         """Start ``hprm run`` on the text of a program."""
         (self.folder / "Main.lf").write_text(text)
-        return self.call("run", "Main.lf")
+        return self.call("run", *options, "Main.lf")
 
     def call(self, *arguments: str) -> subprocess.Popen[str]:
         """Start the command, in a session of its own as a terminal would."""
@@ -137,9 +137,9 @@ class Bench:
         self.started.append(process)
         return process
 
-    def run(self, text: str) -> Outcome:
+    def run(self, text: str, *options: str) -> Outcome:
         """Run the text of a program to its end."""
-        return finish(self.start(text))
+        return finish(self.start(text, *options))
 
     def pid(self, name: str) -> int:
         """The process that wrote its number into a file, once it has."""
@@ -362,3 +362,96 @@ def test_a_second_interrupt_does_not_wait(bench: Bench, coordination: str) -> No
     assert time.monotonic() - begun < 4, "an orderly stop takes five seconds to give up"
     assert outcome.code == 130
     assert outcome.errors == []
+
+
+# Federates that are threads of one process.
+
+# The process that a person starts is the program itself, or waits for it to have written a trace.
+THREADS = [
+    pytest.param(["--in-process", f"--property=coordination={coordination}", *trace], id=name)
+    for coordination in COORDINATIONS
+    for name, trace in [
+        (coordination, []),
+        (f"{coordination}, traced", ["--logical-trace=Main.trace"]),
+    ]
+]
+
+
+@pytest.mark.parametrize("options", THREADS)
+def test_an_exception_in_a_thread_names_the_line(bench: Bench, options: list[str]) -> None:
+    text = program("centralized", 'raise ValueError("too hot")')
+    outcome = bench.run(text, *options)
+    assert outcome.code == 1
+    line = line_of(text, "raise ValueError")
+    outcome.assert_one_error(
+        "error: federate pong: ", f"Main.lf:{line}", 'raise ValueError("too hot")'
+    )
+    assert not list(bench.folder.glob("Main.trace.parts*"))
+
+
+@pytest.mark.parametrize("options", THREADS)
+def test_a_mistake_is_reported_once_for_all_threads(bench: Bench, options: list[str]) -> None:
+    text = program("centralized", "if = 1")
+    outcome = bench.run(text, *options)
+    assert outcome.code == 1
+    outcome.assert_one_error(f"Main.lf:{line_of(text, 'if = 1')}", "invalid syntax")
+    assert not (bench.folder / "pong.pid").exists()
+
+
+@pytest.mark.parametrize("options", THREADS)
+@pytest.mark.parametrize(("leave", "code"), [("sys.exit(3)", 3), ("sys.exit(300)", 1)])
+def test_an_exit_code_of_a_thread_is_passed_on(
+    bench: Bench, options: list[str], leave: str, code: int
+) -> None:
+    outcome = bench.run(program("centralized", leave), *options)
+    assert outcome.code == code
+    assert "Traceback" not in outcome.err
+    outcome.assert_one_error("error: federate pong exited with code")
+
+
+@pytest.mark.parametrize("options", THREADS)
+def test_an_interrupt_stops_threads_in_order(bench: Bench, options: list[str]) -> None:
+    process = bench.start(program("centralized", "pass"), *options)
+    bench.pid("pong")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (130, "")
+    assert set(outcome.out.splitlines()) == {"[ping] ping stops", "[pong] pong stops"}
+    traced = bench.folder / "Main.trace"
+    assert not traced.exists() or '"outcome":"interrupted"' in traced.read_text()
+
+
+@pytest.mark.parametrize("options", THREADS)
+def test_a_second_interrupt_ends_a_thread_that_does_not(bench: Bench, options: list[str]) -> None:
+    process = bench.start(program("centralized", "while True: pass"), *options)
+    bench.pid("pong")
+
+    def gone() -> bool:
+        process.send_signal(signal.SIGINT)
+        return process.poll() is not None
+
+    until(gone, "the command has ended")
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (130, [])
+
+
+@pytest.mark.parametrize("options", THREADS)
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_threads_do_not_outlive_the_command(
+    bench: Bench, options: list[str], how: signal.Signals
+) -> None:
+    process = bench.start(program("centralized", "pass"), *options)
+    bench.pid("pong")
+    process.send_signal(how)
+    assert finish(process).code in {-how, 128 + how}
+    until(lambda: not bench.left(), "nothing is left")
+
+
+def test_a_thread_that_does_not_end_is_named_and_left_behind(bench: Bench) -> None:
+    text = program("centralized", "while True: pass").replace(
+        "self.count += 1", 'if pathlib.Path("pong.pid").exists(): 1 / 0\n    self.count += 1', 1
+    )
+    outcome = bench.run(text, "--in-process")
+    assert outcome.code == 1
+    assert "warning: did not end by itself: pong" in outcome.err
+    outcome.assert_one_error("error: federate ping: ", "ZeroDivisionError")

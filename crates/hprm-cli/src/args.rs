@@ -75,7 +75,8 @@ impl Properties {
 /// Run a program to its end.
 ///
 /// A main reactor runs in one Python process. A federated reactor runs as one process per federate,
-/// whose output is shown line by line behind its name. Ctrl-C stops in order; a second one at once.
+/// or as one thread per federate, whose output is shown line by line behind its name. Ctrl-C stops in
+/// order; a second one at once.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -83,12 +84,17 @@ Examples:
   hprm run Main.lf --rounds 10              the program finds --rounds 10 in sys.argv
   hprm run --join-timeout 120 Vision.lf     give federates two minutes to load their models
   hprm run --property timeout='5 s' Main.lf stop after five seconds
+  hprm run --in-process Vision.lf           federates share one process, and their arrays
 
 The exit code is 0 if every federate ended well, and else that of the first one that did not.")]
 pub(crate) struct Run {
     /// The program.
     #[arg(value_name = "FILE.lf")]
     pub(crate) file: PathBuf,
+    /// Run the federates as threads of one process. Arrays go from one to the other without a copy,
+    /// and are read-only from then on.
+    #[arg(long)]
+    pub(crate) in_process: bool,
     /// Seconds that federates may take to join.
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
@@ -158,7 +164,7 @@ pub(crate) struct Verdict {
 ///
 /// The runs differ in the seed of Python's hashes, the number of workers and the load of the
 /// machine; those of a federated program also in the coordination, and in whether federates are
-/// processes or share one.
+/// processes, threads of one, or parts of one program.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -309,6 +315,10 @@ mod tests {
         assert_eq!(run.file, PathBuf::from("A.lf"));
         assert_eq!(run.arguments, ["--rounds", "3"]);
         assert_eq!(run.join_timeout, Duration::from_secs(30));
+        assert!(!run.in_process);
+        let words = ["hprm", "run", "--in-process", "A.lf"];
+        let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
+        assert!(run.in_process && run.arguments.is_empty());
     }
 
     #[test]

@@ -26,6 +26,7 @@ mod run;
 mod signals;
 mod source;
 mod supervisor;
+mod threads;
 mod trace;
 mod verdict;
 mod verify;

@@ -8,7 +8,7 @@ use std::process::{Command, ExitCode};
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::Error;
-use crate::{check, python, rti};
+use crate::{check, python, rti, threads};
 
 /// Runs a program to its end.
 ///
@@ -29,6 +29,9 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         command.args(arguments.properties.options());
         command.arg("--").arg(&arguments.file).args(&arguments.arguments);
         return Err(replace(command));
+    }
+    if arguments.in_process {
+        return threads::run(&compiled.program, &python, arguments);
     }
     check::show_warnings(&compiled);
     let plan = Plan {
@@ -75,7 +78,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
 }
 
 /// Becomes another program. Returns only if that fails.
-fn replace(mut command: Command) -> Error {
+pub(crate) fn replace(mut command: Command) -> Error {
     let error = command.exec();
     Error::new(format!("cannot run {}: {error}", command.get_program().display()))
 }

@@ -19,6 +19,8 @@ impl Signal {
     pub(crate) const KILL: Self = Self(SIGKILL);
     /// What asks a process to end.
     pub(crate) const TERMINATE: Self = Self(SIGTERM);
+    /// The terminal is gone.
+    pub(crate) const HANG_UP: Self = Self(SIGHUP);
     /// Ctrl-C.
     pub(crate) const INTERRUPT: Self = Self(SIGINT);
 

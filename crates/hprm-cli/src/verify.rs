@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::json;
 
-use self::variant::Variant;
+use self::variant::{Deployment, Kind, Variant};
 use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash};
 use crate::message::{Error, print_line};
@@ -41,9 +41,10 @@ pub(crate) fn verify(arguments: &Verify) -> Result<ExitCode, Error> {
     };
     check::show_warnings(&compiled);
     let folder = Folder::of(arguments)?;
+    let kind = Kind::of(&compiled.program);
     let runs: Vec<Run> = (1..=arguments.runs)
         .map(|number| Run {
-            variant: Variant::of(number, compiled.program.is_federated()),
+            variant: Variant::of(number, kind),
             trace: folder.path.join(format!("{number}.trace")),
         })
         .collect();
@@ -156,19 +157,23 @@ impl Run {
     }
 
     fn command(&self, arguments: &Verify) -> Result<Command, Error> {
-        let mut command = if self.variant.in_one_process {
+        let whole = self.variant.deployment == Deployment::Whole;
+        let mut command = if whole {
             python::module(&python::find()?, "run")
         } else {
             let own = std::env::current_exe()
                 .map_err(|error| Error::new(format!("cannot find the command hprm: {error}")))?;
             let mut command = Command::new(own);
             command.arg("run");
+            if self.variant.deployment == Deployment::Threads {
+                command.arg("--in-process");
+            }
             command
         };
         command.arg("--logical-trace").arg(&self.trace);
         command.args(arguments.properties.options());
         command.args(self.variant.properties().map(|stated| format!("--property={stated}")));
-        if self.variant.in_one_process {
+        if whole {
             command.arg("--");
         }
         command.arg(&arguments.file).args(&arguments.arguments);

@@ -49,9 +49,7 @@ impl Codec {
         match self {
             Self::Native => serialize::encode(value, Place::store(store, owner)),
             Self::Package(package) => {
-                let bytes = package.bind(py).call_method1(intern!(py, "serialize"), (value,))?;
-                let bytes = py.get_type::<PyBytes>().call1((bytes,))?;
-                serialize::wrap(bytes.cast::<PyBytes>()?.as_bytes(), store, owner)
+                serialize::wrap(bytes(package.bind(py), value)?.as_bytes(), store, owner)
             }
         }
     }
@@ -75,4 +73,18 @@ impl Codec {
             }
         }
     }
+}
+
+/// What a package makes of a value.
+///
+/// # Errors
+///
+/// What it raises.
+pub(crate) fn bytes<'py>(
+    package: &Bound<'py, PyAny>,
+    value: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let py = value.py();
+    let bytes = package.call_method1(intern!(py, "serialize"), (value,))?;
+    Ok(py.get_type::<PyBytes>().call1((bytes,))?.cast_into::<PyBytes>()?)
 }

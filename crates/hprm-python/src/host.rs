@@ -18,6 +18,7 @@ use crate::codec::Codec;
 use crate::failure::failure;
 use crate::interrupt::Interrupt;
 use crate::runtime::{Late, Runtime};
+use crate::thread;
 use crate::value::Value;
 
 /// What a reaction calls, and with what.
@@ -46,6 +47,8 @@ pub(crate) struct PyHost {
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
+    /// Whether other federates run in this process.
+    pub(crate) is_thread: bool,
     /// The loop's scheduler while a reaction runs alone, otherwise one of no use.
     pub(crate) shared: Arc<Scheduler<Value>>,
     /// Empty, but with room for what a reaction asks for.
@@ -76,6 +79,10 @@ impl PyHost {
         turn: (ReactionId, Body),
         effects: &mut Effects<Value>,
     ) -> Result<(), Failure> {
+        if self.is_thread {
+            // Perhaps a worker's thread.
+            thread::belong_to(self.federate);
+        }
         Python::attach(|py| {
             self.call(py, scheduler, turn, effects).map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
@@ -187,6 +194,18 @@ impl Host for PyHost {
         arrival: PhysicalTime,
     ) -> Value {
         Value::arrived(Arc::clone(&self.codecs[channel]), payload, objects, arrival)
+    }
+
+    fn hand_over(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
+        Python::attach(|py| {
+            value.handed_over(py, &self.codecs[channel]).map_err(|error| {
+                failure(py, error, &format!("sending a value on {}", self.channel_name(channel)))
+            })
+        })
+    }
+
+    fn take_over(&mut self, channel: ChannelId, value: Value, arrival: PhysicalTime) -> Value {
+        value.taken_over(Arc::clone(&self.codecs[channel]), arrival)
     }
 
     fn describe(&mut self, value: &Value) -> Described {

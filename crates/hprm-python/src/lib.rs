@@ -21,6 +21,7 @@ mod host;
 mod interrupt;
 mod load;
 mod mode;
+mod parcel;
 mod port;
 mod program;
 mod run;
@@ -28,6 +29,8 @@ mod runtime;
 mod serialize;
 mod tag;
 mod testing;
+mod thread;
+mod threads;
 mod value;
 
 use pyo3::prelude::*;
@@ -47,4 +50,8 @@ mod _hprm {
     use crate::tag::Tag;
     #[pymodule_export]
     use crate::testing::{decode, digest, encode, store_round_trip};
+    #[pymodule_export]
+    use crate::thread::current_federate;
+    #[pymodule_export]
+    use crate::threads::run_in_process;
 }

@@ -20,6 +20,7 @@ use crate::mode::Mode;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
+use crate::thread;
 use crate::value::Value;
 
 /// Loads the share of a program that lies in `scope`: runs its preambles, makes its instances.
@@ -45,7 +46,8 @@ pub(crate) fn load(
     };
     let shared = Arc::new(Scheduler::new(Arc::clone(&compiled.program), scope));
     let effects = Effects::default();
-    Ok(PyHost { runtime, bodies, interrupt, codecs, federate, shared, effects })
+    let is_thread = thread::current_federate().is_some();
+    Ok(PyHost { runtime, bodies, interrupt, codecs, federate, is_thread, shared, effects })
 }
 
 fn bodies(

@@ -141,7 +141,7 @@ fn options(
     })
 }
 
-fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
+pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
         Ok(compiled) => {
@@ -157,11 +157,11 @@ fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Fa
     }
 }
 
-fn inbox() -> Result<Inbox<Value>, Failure> {
+pub(crate) fn inbox() -> Result<Inbox<Value>, Failure> {
     Inbox::new().map_err(|error| Failure::new(format!("error: no descriptor is left: {error}")))
 }
 
-fn exit_code(outcome: Result<(), Failure>) -> i32 {
+pub(crate) fn exit_code(outcome: Result<(), Failure>) -> i32 {
     match outcome {
         Ok(()) => 0,
         Err(Failure { message, code }) => {

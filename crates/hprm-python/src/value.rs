@@ -1,7 +1,8 @@
 //! What ports and actions hold: a Python object, an encoded one, or both.
 //!
 //! An object that stays within the process is passed on as it is. One that arrived is decoded when
-//! somebody reads it; one that leaves is encoded once, however many take it.
+//! somebody reads it; one that leaves is encoded once, however many take it. To another federate of
+//! the process goes a [`Parcel`].
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -12,6 +13,7 @@ use pyo3::sync::PyOnceLock;
 
 use crate::buffer::Part;
 use crate::codec::Codec;
+use crate::parcel::Parcel;
 use crate::serialize::Encoded;
 
 /// A value of the program. Clones share it.
@@ -20,17 +22,35 @@ pub(crate) struct Value(Arc<Shared>);
 
 struct Shared {
     object: PyOnceLock<Py<PyAny>>,
-    arrival: Option<Arrival>,
+    origin: Origin,
     /// The encodings that were made, each with the codec that made it.
     encodings: Mutex<Vec<(Arc<Codec>, Arc<Encoded>)>>,
+    /// The parcels that were made, likewise.
+    parcels: Mutex<Vec<(Arc<Codec>, Arc<Parcel>)>>,
+}
+
+/// Where a value comes from.
+enum Origin {
+    /// This federate.
+    Here,
+    /// Another federate.
+    Elsewhere(Arrival),
+    /// Another federate, which has handed it over; nobody has taken it.
+    UnderWay(Arc<Parcel>),
 }
 
 /// A value as it came from another federate.
 struct Arrival {
     at: PhysicalTime,
     codec: Arc<Codec>,
-    head: Vec<u8>,
-    parts: Vec<Part>,
+    content: Content,
+}
+
+enum Content {
+    /// From another process.
+    Bytes { head: Vec<u8>, parts: Vec<Part> },
+    /// From another thread.
+    Parcel(Arc<Parcel>),
 }
 
 impl Value {
@@ -39,7 +59,7 @@ impl Value {
         let cell = PyOnceLock::new();
         // A new cell is empty, so this cannot fail.
         let _ = cell.set(object.py(), object.clone().unbind());
-        Self(Arc::new(Shared { object: cell, arrival: None, encodings: Mutex::default() }))
+        Self::of(cell, Origin::Here)
     }
 
     /// A value that arrived at `at`; `objects` are those of the payload, in its order.
@@ -54,12 +74,39 @@ impl Value {
             hprm_core::Part::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
             hprm_core::Part::Object(_) => objects.next().map(Part::Object),
         });
-        let arrival = Arrival { at, codec, head: payload.head, parts: parts.collect() };
-        Self(Arc::new(Shared {
-            object: PyOnceLock::new(),
-            arrival: Some(arrival),
-            encodings: Mutex::default(),
-        }))
+        let content = Content::Bytes { head: payload.head, parts: parts.collect() };
+        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content }))
+    }
+
+    /// The value for another federate of this process, as it goes through `codec`: to be taken there.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be encoded and must be.
+    pub(crate) fn handed_over(&self, py: Python<'_>, codec: &Arc<Codec>) -> PyResult<Self> {
+        let known = find(&self.0.parcels, codec).or_else(|| self.as_it_was_taken(py, codec));
+        let parcel = match known {
+            Some(parcel) => parcel,
+            None => {
+                let parcel = Arc::new(Parcel::pack(&self.object(py)?, codec)?);
+                let mut parcels = self.0.parcels.lock().unwrap_or_else(PoisonError::into_inner);
+                parcels.push((Arc::clone(codec), Arc::clone(&parcel)));
+                parcel
+            }
+        };
+        Ok(Self::of(PyOnceLock::new(), Origin::UnderWay(parcel)))
+    }
+
+    /// The value that another federate has handed over, as it arrived here at `at`.
+    pub(crate) fn taken_over(self, codec: Arc<Codec>, at: PhysicalTime) -> Self {
+        let Origin::UnderWay(parcel) = &self.0.origin else { return self };
+        let content = Content::Parcel(Arc::clone(parcel));
+        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content }))
+    }
+
+    fn of(object: PyOnceLock<Py<PyAny>>, origin: Origin) -> Self {
+        let (encodings, parcels) = (Mutex::default(), Mutex::default());
+        Self(Arc::new(Shared { object, origin, encodings, parcels }))
     }
 
     /// The object, decoded if it has not been.
@@ -68,16 +115,20 @@ impl Value {
     ///
     /// If what arrived cannot be decoded.
     pub(crate) fn object<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let object = self.0.object.get_or_try_init(py, || match &self.0.arrival {
-            Some(Arrival { codec, head, parts, .. }) => codec.decode(py, head, parts),
-            None => unreachable!("a value that did not arrive has its object from the start"),
+        let object = self.0.object.get_or_try_init(py, || match &self.0.origin {
+            Origin::Elsewhere(Arrival { codec, content, .. }) => match content {
+                Content::Bytes { head, parts } => codec.decode(py, head, parts),
+                Content::Parcel(parcel) => parcel.open(py, codec),
+            },
+            Origin::Here => unreachable!("a value of this federate has its object from the start"),
+            Origin::UnderWay(_) => unreachable!("a value is taken before it is read"),
         })?;
         Ok(object.bind(py).clone())
     }
 
     /// The physical time at which the value arrived, if it came from another federate.
     pub(crate) fn arrival(&self) -> Option<PhysicalTime> {
-        self.0.arrival.as_ref().map(|arrival| arrival.at)
+        self.came().map(|arrival| arrival.at)
     }
 
     /// The value as `codec` writes it. Its objects stay in `store` as long as a clone of the value.
@@ -95,7 +146,7 @@ impl Value {
         if let Some(payload) = self.as_it_came(py, codec) {
             return Ok(payload);
         }
-        if let Some(encoded) = self.known(codec) {
+        if let Some(encoded) = find(&self.0.encodings, codec) {
             return Ok(encoded.payload.clone());
         }
         let encoded = Arc::new(codec.encode(&self.object(py)?, store, owner)?);
@@ -104,16 +155,28 @@ impl Value {
         Ok(encoded.payload.clone())
     }
 
-    fn known(&self, codec: &Arc<Codec>) -> Option<Arc<Encoded>> {
-        let encodings = self.0.encodings.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = encodings.iter().find(|(with, _)| Arc::ptr_eq(with, codec));
-        known.map(|(_, encoded)| Arc::clone(encoded))
+    fn came(&self) -> Option<&Arrival> {
+        match &self.0.origin {
+            Origin::Elsewhere(arrival) => Some(arrival),
+            Origin::Here | Origin::UnderWay(_) => None,
+        }
+    }
+
+    /// The parcel in which it came, to be passed on.
+    fn as_it_was_taken(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Arc<Parcel>> {
+        let arrival = self.came()?;
+        // Objects may have been changed since.
+        let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
+        match &arrival.content {
+            Content::Parcel(parcel) if untouched => Some(Arc::clone(parcel)),
+            _ => None,
+        }
     }
 
     /// The bytes that arrived, to be passed on. Not with objects: they are their owner's to lend,
     /// and to readers that it knows of.
     fn as_it_came(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Payload> {
-        let arrival = self.0.arrival.as_ref()?;
+        let arrival = self.came()?;
         let inline = |part: &Part| match part {
             Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
             Part::Object(_) => None,
@@ -123,7 +186,14 @@ impl Value {
         if !untouched {
             return None;
         }
-        let parts = arrival.parts.iter().map(inline).collect::<Option<Vec<_>>>()?;
-        Some(Payload { head: arrival.head.clone(), parts, ..Payload::default() })
+        let Content::Bytes { head, parts } = &arrival.content else { return None };
+        let parts = parts.iter().map(inline).collect::<Option<Vec<_>>>()?;
+        Some(Payload { head: head.clone(), parts, ..Payload::default() })
     }
+}
+
+/// What was made for a codec.
+fn find<T>(made: &Mutex<Vec<(Arc<Codec>, Arc<T>)>>, codec: &Arc<Codec>) -> Option<Arc<T>> {
+    let made = made.lock().unwrap_or_else(PoisonError::into_inner);
+    made.iter().find(|(with, _)| Arc::ptr_eq(with, codec)).map(|(_, what)| Arc::clone(what))
 }

@@ -11,6 +11,7 @@ use hprm_core::{ActionId, Nanos, PhysicalTime};
 
 use crate::Clock;
 use crate::bell::Bell;
+use crate::wait::wait_for;
 
 /// An action that a thread outside of the loop has scheduled.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -103,6 +104,12 @@ impl<V> Inbox<V> {
         self.shared.bell.rope()
     }
 
+    /// Waits until somebody rings, or `until` has come: for a thread that has no loop.
+    pub fn sleep(&self, until: Option<PhysicalTime>) {
+        wait_for(self.as_fd(), until);
+        self.shared.bell.silence();
+    }
+
     /// Notes that a loop has waited: a signal handler may have rung, which leaves nothing but a byte.
     pub(crate) fn waited(&self) {
         self.shared.rung.store(true, Ordering::Release);
@@ -148,6 +155,14 @@ impl<V> AsFd for Inbox<V> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_ring_ends_a_sleep_and_a_time_does_too() {
+        let inbox = Inbox::<()>::new().unwrap();
+        inbox.ring();
+        inbox.sleep(None);
+        inbox.sleep(Some(Clock::now()));
+    }
 
     #[test]
     fn a_thread_leaves_events_in_order() {

@@ -41,6 +41,11 @@ impl Parts {
         Ok(Self { path: path.to_owned(), folder })
     }
 
+    /// Where the shares are: each in a file with the name of its federate.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     /// Where a federate writes its share.
     pub(crate) fn share(&self, federate: &str) -> PathBuf {
         self.folder.join(federate)

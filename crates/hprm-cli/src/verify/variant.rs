@@ -5,6 +5,8 @@
 
 use std::fmt;
 
+use hprm_core::Program;
+
 /// A way to run a program.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Variant {
@@ -16,20 +18,56 @@ pub(super) struct Variant {
     /// How many threads keep the machine busy meanwhile.
     pub(super) load: usize,
     coordination: Option<&'static str>,
-    /// Whether all federates share one process.
-    pub(super) in_one_process: bool,
+    pub(super) deployment: Deployment,
+}
+
+/// What a program can be run as.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Kind {
+    /// One process.
+    Whole,
+    /// Processes, threads, or as a whole.
+    Federated,
+    /// Processes only: some come and go.
+    Transient,
+}
+
+impl Kind {
+    /// That of a program.
+    pub(super) fn of(program: &Program) -> Self {
+        match program.federates.values().any(|federate| federate.transient) {
+            true => Self::Transient,
+            false if program.is_federated() => Self::Federated,
+            false => Self::Whole,
+        }
+    }
+}
+
+/// Where the federates of a program run.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Deployment {
+    /// As the command runs the program.
+    Usual,
+    /// As threads of one process.
+    Threads,
+    /// Nowhere: the program is one.
+    Whole,
 }
 
 impl Variant {
     /// The way of a run.
-    pub(super) fn of(number: u32, federated: bool) -> Self {
+    pub(super) fn of(number: u32, kind: Kind) -> Self {
         let index = number - 1;
         let at = |values: &[u32]| values[index as usize % values.len()];
-        let (coordination, in_one_process) = match (federated, index % 3) {
-            (false, _) => (None, false),
-            (true, 0) => (Some("centralized"), false),
-            (true, 1) => (None, true),
-            (true, _) => (Some("decentralized"), false),
+        let (coordination, deployment) = match (kind, index % 5) {
+            (Kind::Whole, _) => (None, Deployment::Usual),
+            (_, 0) => (Some("centralized"), Deployment::Usual),
+            (Kind::Transient, 2 | 4) => (Some("decentralized"), Deployment::Usual),
+            (Kind::Transient, _) => (Some("centralized"), Deployment::Usual),
+            (Kind::Federated, 1) => (None, Deployment::Whole),
+            (Kind::Federated, 2) => (Some("decentralized"), Deployment::Usual),
+            (Kind::Federated, 3) => (Some("centralized"), Deployment::Threads),
+            (Kind::Federated, _) => (Some("decentralized"), Deployment::Threads),
         };
         Self {
             number,
@@ -37,7 +75,7 @@ impl Variant {
             workers: at(&[1, 2, 8]),
             load: at(&[0, 0, 0, 2]) as usize,
             coordination,
-            in_one_process,
+            deployment,
         }
     }
 
@@ -58,9 +96,11 @@ impl fmt::Display for Variant {
         if let Some(coordination) = self.coordination {
             write!(f, ", {coordination}")?;
         }
-        if self.in_one_process {
-            f.write_str(", in one process")?;
-        }
+        f.write_str(match self.deployment {
+            Deployment::Usual => "",
+            Deployment::Threads => ", as threads",
+            Deployment::Whole => ", in one process",
+        })?;
         if self.load > 0 {
             f.write_str(", on a busy machine")?;
         }
@@ -74,20 +114,24 @@ mod tests {
 
     #[test]
     fn the_default_number_of_runs_covers_everything() {
-        let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, true)).collect();
+        let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, Kind::Federated)).collect();
         for workers in [1, 2, 8] {
             assert!(runs.iter().any(|run| run.workers == workers));
         }
         for coordination in [None, Some("centralized"), Some("decentralized")] {
             assert!(runs.iter().any(|run| run.coordination == coordination));
         }
-        assert!(runs.iter().any(|run| run.load > 0) && runs.iter().any(|run| run.in_one_process));
-        assert_eq!(runs[3].to_string(), "hash seed 3, 1 worker, centralized, on a busy machine");
+        assert!(runs.iter().any(|run| run.load > 0));
+        for deployment in [Deployment::Usual, Deployment::Threads, Deployment::Whole] {
+            assert!(runs.iter().any(|run| run.deployment == deployment));
+        }
+        let way = "hash seed 3, 1 worker, centralized, as threads, on a busy machine";
+        assert_eq!(runs[3].to_string(), way);
     }
 
     #[test]
     fn a_program_that_is_not_federated_has_no_coordination() {
-        let run = Variant::of(3, false);
+        let run = Variant::of(3, Kind::Whole);
         assert_eq!(run.properties().collect::<Vec<_>>(), ["workers=8"]);
         assert_eq!(run.to_string(), "hash seed 2, 8 workers");
     }

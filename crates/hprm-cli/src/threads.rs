@@ -1,0 +1,88 @@
+//! Running a federation as threads of one Python process.
+//!
+//! That process looks after itself. This one only has to stay if there is something to do afterwards:
+//! one logical trace is made of what the federates have written. It passes on signals meanwhile.
+
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
+use std::process::{Command, ExitCode, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use hprm_core::Program;
+use rustix::process::{Pid, kill_process};
+
+use crate::args::Run;
+use crate::message::Error;
+use crate::run::replace;
+use crate::signals::{self, Signal};
+use crate::trace::Parts;
+
+/// Has `python` run the federates of a program as its threads.
+///
+/// # Errors
+///
+/// If it cannot be started, or the trace cannot be written.
+pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
+    let mut command = crate::python::module(python, "run");
+    // Federates that have a process each cannot read the terminal either.
+    command.arg("--in-process").stdin(Stdio::null());
+    command.args(arguments.properties.options());
+    let Some(path) = &arguments.logical_trace else {
+        command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+        return Err(replace(command));
+    };
+    let parts = Parts::of(path)?;
+    command.arg("--logical-trace").arg(parts.folder());
+    command.arg("--die-with-parent").arg(std::process::id().to_string());
+    command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+    let status = supervise(command)?;
+    let code = match status.signal() {
+        None => status.code().unwrap_or(1),
+        Some(signal) => {
+            let signal = Signal(signal);
+            if signal != Signal::TERMINATE {
+                let said = format!("the program was killed by signal {}", signal.description());
+                Error::new(said).show();
+            }
+            signal.exit_code()
+        }
+    };
+    let ways = [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE];
+    let interrupted = ways.iter().any(|signal| signal.exit_code() == code);
+    parts.merge(program, interrupted)?;
+    Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// Waits for a process, and passes on the signals that this one gets.
+fn supervise(mut command: Command) -> Result<ExitStatus, Error> {
+    // None as soon as its number may be somebody else's.
+    let child = Arc::new(Mutex::new(None::<Pid>));
+    let receiver = Arc::clone(&child);
+    let pass_on = move |signal: Signal| {
+        let receiver = receiver.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pid) = *receiver {
+            let signal = match signal {
+                Signal::TERMINATE => rustix::process::Signal::TERM,
+                _ => rustix::process::Signal::INT,
+            };
+            // It may be about to end.
+            let _ = kill_process(pid, signal);
+        }
+        true
+    };
+    let what = format!("cannot run {}", command.get_program().display());
+    let failed = |error: std::io::Error| Error::new(format!("{what}: {error}"));
+    signals::watch(pass_on).map_err(failed)?;
+    // A group of its own, so that a Ctrl-C at the terminal does not reach it twice.
+    let mut process = command.process_group(0).spawn().map_err(failed)?;
+    let set = |pid| *child.lock().unwrap_or_else(PoisonError::into_inner) = pid;
+    let pid = Pid::from_child(&process);
+    set(Some(pid));
+    // Without reaping it, so that the number is still its own when signals are no longer passed on.
+    let ended = rustix::process::WaitIdOptions::EXITED | rustix::process::WaitIdOptions::NOWAIT;
+    while rustix::process::waitid(rustix::process::WaitId::Pid(pid), ended)
+        .is_err_and(|error| error == rustix::io::Errno::INTR)
+    {}
+    set(None);
+    process.wait().map_err(failed)
+}

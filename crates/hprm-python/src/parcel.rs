@@ -1,0 +1,194 @@
+//! Values on their way to another federate of the same process.
+//!
+//! What nobody can change is shared. Large arrays are made so; small ones are copied, because a
+//! program that goes on writing to them is none the worse for it. Lists, tuples and dicts of such things
+//! are copied, their members are not. Anything else is encoded as if it went to another process: an
+//! object of a class must not be seen by two federates, each of which has classes of its own. So is
+//! what goes through a serializer that the program names, which may make something else of it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use hprm_core::limits::INLINE_LIMIT;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{
+    PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple,
+};
+
+use crate::buffer::Part;
+use crate::codec::{self, Codec};
+use crate::serialize::{self, Place};
+
+/// Containers within containers beyond this are left to pickle.
+const DEPTH_LIMIT: u32 = 64;
+
+/// A value that no federate can change for another.
+pub(crate) enum Parcel {
+    /// Nobody can change it.
+    Object(Py<PyAny>),
+    /// Containers, which the receiver may change: it gets a copy of this copy.
+    Containers(Py<PyAny>),
+    /// As it travels to another process, but for the store.
+    Encoded {
+        /// The structure.
+        head: Vec<u8>,
+        /// The large buffers.
+        parts: Vec<Part>,
+    },
+}
+
+impl Parcel {
+    /// Packs a value that goes through `codec`.
+    ///
+    /// # Errors
+    ///
+    /// If the value cannot be encoded.
+    pub(crate) fn pack(value: &Bound<'_, PyAny>, codec: &Codec) -> PyResult<Self> {
+        if let Codec::Package(package) = codec {
+            let head = codec::bytes(package.bind(value.py()), value)?.as_bytes().to_vec();
+            return Ok(Self::Encoded { head, parts: Vec::new() });
+        }
+        let mut copying = Copying::new(value.py());
+        match copying.value(value) {
+            Ok(copy) if copying.containers == 0 => return Ok(Self::Object(copy.unbind())),
+            Ok(copy) => return Ok(Self::Containers(copy.unbind())),
+            Err(Stop::Raised(error)) => return Err(error),
+            Err(Stop::Foreign) => {}
+        }
+        let payload = serialize::encode(value, Place::inline())?.payload;
+        let parts = payload.parts.into_iter().filter_map(|part| match part {
+            hprm_core::Part::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
+            hprm_core::Part::Object(_) => None,
+        });
+        Ok(Self::Encoded { head: payload.head, parts: parts.collect() })
+    }
+
+    /// The value, as its receiver may have it.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be decoded.
+    pub(crate) fn open(&self, py: Python<'_>, codec: &Codec) -> PyResult<Py<PyAny>> {
+        match self {
+            Self::Object(object) => Ok(object.clone_ref(py)),
+            Self::Containers(object) => match Copying::new(py).value(object.bind(py)) {
+                Ok(copy) => Ok(copy.unbind()),
+                Err(Stop::Raised(error)) => Err(error),
+                Err(Stop::Foreign) => unreachable!("it has been copied before"),
+            },
+            Self::Encoded { head, parts } => codec.decode(py, head, parts),
+        }
+    }
+}
+
+/// Why copying ends early.
+enum Stop {
+    /// Something in the value is not of the types that are known here.
+    Foreign,
+    /// Python raised.
+    Raised(PyErr),
+}
+
+impl<E: Into<PyErr>> From<E> for Stop {
+    fn from(error: E) -> Self {
+        Self::Raised(error.into())
+    }
+}
+
+/// Copies the containers in a value, and not their members.
+struct Copying<'py> {
+    py: Python<'py>,
+    /// The copies of containers, by the address of the original. What occurs twice is copied once.
+    seen: BTreeMap<usize, Bound<'py, PyAny>>,
+    depth: u32,
+    /// How many copies there are that somebody could change.
+    containers: u32,
+}
+
+impl<'py> Copying<'py> {
+    fn new(py: Python<'py>) -> Self {
+        Self { py, seen: BTreeMap::new(), depth: 0, containers: 0 }
+    }
+
+    fn value(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
+        let immutable = value.is_none()
+            || value.is_exact_instance_of::<PyFloat>()
+            || value.is_exact_instance_of::<PyInt>()
+            || value.is_exact_instance_of::<PyString>()
+            || value.is_exact_instance_of::<PyBool>()
+            || value.is_exact_instance_of::<PyBytes>();
+        if immutable {
+            return Ok(value.clone());
+        }
+        if let Some(copy) = self.seen.get(&address(value)) {
+            return Ok(copy.clone());
+        }
+        self.depth += 1;
+        if self.depth > DEPTH_LIMIT {
+            return Err(Stop::Foreign);
+        }
+        let copy = if let Ok(list) = value.cast_exact::<PyList>() {
+            self.list(list)?
+        } else if let Ok(dict) = value.cast_exact::<PyDict>() {
+            self.dict(dict)?
+        } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+            self.tuple(tuple)?
+        } else if let Ok(bytes) = value.cast_exact::<PyByteArray>() {
+            self.containers += 1;
+            PyByteArray::new(self.py, &bytes.to_vec()).into_any()
+        } else {
+            self.foreign(value)?
+        };
+        self.seen.insert(address(value), copy.clone());
+        self.depth -= 1;
+        Ok(copy)
+    }
+
+    fn list(&mut self, list: &Bound<'py, PyList>) -> Result<Bound<'py, PyAny>, Stop> {
+        self.containers += 1;
+        let copy = PyList::empty(self.py);
+        // Before its members, which may refer to it.
+        self.seen.insert(address(list), copy.clone().into_any());
+        for member in list.iter() {
+            copy.append(self.value(&member)?)?;
+        }
+        Ok(copy.into_any())
+    }
+
+    fn dict(&mut self, dict: &Bound<'py, PyDict>) -> Result<Bound<'py, PyAny>, Stop> {
+        self.containers += 1;
+        let copy = PyDict::new(self.py);
+        self.seen.insert(address(dict), copy.clone().into_any());
+        // A list of its own: the collector may run code meanwhile, and that may change the dict.
+        for item in dict.items().iter() {
+            let (key, member) = item.extract::<(Bound<'py, PyAny>, Bound<'py, PyAny>)>()?;
+            copy.set_item(self.value(&key)?, self.value(&member)?)?;
+        }
+        Ok(copy.into_any())
+    }
+
+    fn tuple(&mut self, tuple: &Bound<'py, PyTuple>) -> Result<Bound<'py, PyAny>, Stop> {
+        let members =
+            tuple.iter().map(|member| self.value(&member)).collect::<Result<Vec<_>, Stop>>()?;
+        if tuple.iter().zip(&members).all(|(member, copy)| member.is(copy)) {
+            return Ok(tuple.clone().into_any());
+        }
+        // A list in it may refer to it, and has made its copy then.
+        if let Some(copy) = self.seen.get(&address(tuple)) {
+            return Ok(copy.clone());
+        }
+        Ok(PyTuple::new(self.py, members)?.into_any())
+    }
+
+    /// Arrays and numbers of NumPy.
+    fn foreign(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
+        let module = self.py.import(intern!(self.py, "hprm._handover"))?;
+        let frozen = module.call_method1(intern!(self.py, "frozen"), (value, INLINE_LIMIT))?;
+        if frozen.is_none() { Err(Stop::Foreign) } else { Ok(frozen) }
+    }
+}
+
+fn address<T>(value: &Bound<'_, T>) -> usize {
+    value.as_ptr() as usize
+}

@@ -1,0 +1,25 @@
+//! Which federate a thread belongs to, where several run in one process.
+//!
+//! Python asks, for what a process has once and each federate expects for itself: the module
+//! `__main__`, and the name in front of a line of output.
+
+use std::cell::Cell;
+
+use hprm_core::FederateId;
+use pyo3::prelude::*;
+
+thread_local! {
+    static FEDERATE: Cell<Option<FederateId>> = const { Cell::new(None) };
+}
+
+/// From now on, this thread runs bodies of `federate`.
+pub(crate) fn belong_to(federate: FederateId) {
+    FEDERATE.set(Some(federate));
+}
+
+/// The number of the federate to which this thread belongs. None of a thread that the program has
+/// started, and where each federate has a process.
+#[pyfunction]
+pub(crate) fn current_federate() -> Option<u16> {
+    FEDERATE.get().map(|federate| federate.0)
+}

@@ -1,0 +1,306 @@
+//! Running a federation in this process: a thread for each federate, and one for the RTI.
+//!
+//! The main thread looks after them: it alone gets Ctrl-C. It reports the first failure, once, and
+//! lets the others end in order; whoever does not is ended with the process.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+
+use hprm::federated::{FederationId, Patience};
+use hprm::{
+    Address, Clock, Failure, FederateOptions, Inbox, Room, RtiEvent, RtiHandle, RtiOptions,
+};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
+use hprm_lf::Compiled;
+use hprm_store::StoreLimits;
+use pyo3::prelude::*;
+
+use crate::console::say;
+use crate::interrupt::Interrupt;
+use crate::load::load;
+use crate::run::{compile, exit_code, inbox};
+use crate::thread::belong_to;
+use crate::value::Value;
+
+/// As much as the main thread has on most systems: Python code recurses.
+const STACK: usize = 8 << 20;
+
+/// How long the others may take to end after a failure.
+const AFTER_FAILURE: Nanos = 2_000_000_000;
+/// How long an orderly stop may take.
+const AFTER_INTERRUPT: Nanos = 5_000_000_000;
+
+const SECOND: Nanos = 1_000_000_000;
+
+/// The exit code of a program that the user has stopped.
+const INTERRUPTED: i32 = 130;
+
+/// Runs a federation in this process to its end. Returns the exit code.
+///
+/// Each of the `properties` is a target property, `KEY=VALUE`, that outdoes the program's. Each
+/// federate writes its share of the logical trace to a file of its name in the folder
+/// `logical_traces`.
+#[pyfunction]
+#[pyo3(signature = (path, properties = vec![], *, logical_traces = None))]
+pub(crate) fn run_in_process(
+    py: Python<'_>,
+    path: &str,
+    properties: Vec<String>,
+    logical_traces: Option<PathBuf>,
+) -> i32 {
+    let outcome = compile(path, &properties, true).and_then(|compiled| {
+        let (compiled, bell) = (Arc::new(compiled), inbox()?);
+        let raised = |error| crate::failure::failure(py, error, "starting the federates");
+        share_streams(py, &compiled).map_err(raised)?;
+        let interrupt = Interrupt::install(py, bell.wakeup()).map_err(raised)?;
+        let code = start(&compiled, &bell, logical_traces.as_deref())
+            .map(|watch| watch.run(py, interrupt.get()));
+        interrupt.get().release(py);
+        code
+    });
+    outcome.unwrap_or_else(|failure| exit_code(Err(failure)))
+}
+
+/// Has what a federate prints start with its name.
+fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
+    let federates = compiled.program.federates.iter();
+    let names: Vec<_> = federates.map(|(id, federate)| (id.0, federate.name.as_str())).collect();
+    py.import("hprm._threads")?.call_method1("begin", (names,))?;
+    Ok(())
+}
+
+/// What the threads have to tell.
+enum Event {
+    Rti(RtiEvent),
+    RtiEnded(Result<(), Failure>),
+    /// A federate has ended, or its thread has panicked.
+    Ended(FederateId, Result<Result<(), Failure>, Box<dyn Any + Send>>),
+}
+
+/// Tells the main thread.
+#[derive(Clone)]
+struct Reporter {
+    events: Sender<Event>,
+    bell: Inbox<Value>,
+}
+
+impl Reporter {
+    fn tell(&self, event: Event) {
+        // Nobody listens once the process is about to end.
+        let _ = self.events.send(event);
+        self.bell.ring();
+    }
+}
+
+fn start(
+    compiled: &Arc<Compiled>,
+    bell: &Inbox<Value>,
+    logical_traces: Option<&Path>,
+) -> Result<Watch, Failure> {
+    let program = &compiled.program;
+    if !program.is_federated() {
+        let message = format!("error: {} is not federated, so it has no federates", program.name);
+        return Err(Failure::new(message));
+    }
+    if let Some(federate) = program.federates.values().find(|federate| federate.transient) {
+        let message = format!(
+            "error: federate {} is transient, and needs a process of its own to come and go\n  \
+             hint: run it without --in-process",
+            federate.name
+        );
+        return Err(Failure::new(message));
+    }
+    let (events, arrivals) = channel();
+    let reporter = Reporter { events, bell: bell.clone() };
+    let room = Room::new();
+    let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
+    let options = RtiOptions {
+        program: Arc::clone(program),
+        // It keeps strangers out, and there are none in this room.
+        federation: FederationId(0),
+        listen: listen.clone(),
+        patience: Patience::default(),
+    };
+    let rti = room.rti(&options)?;
+    let watch = Watch::new(compiled, arrivals, bell.clone(), rti.handle());
+    let reports = reporter.clone();
+    spawn("rti", move || {
+        let outcome = rti.run(|event| reports.tell(Event::Rti(event)));
+        reports.tell(Event::RtiEnded(outcome));
+    })?;
+    for (id, federate) in program.federates.iter() {
+        let options = FederateOptions {
+            program: Arc::clone(program),
+            federate: id,
+            rti: listen.clone(),
+            federation: options.federation,
+            store: StoreLimits::default(),
+            trace: logical_traces.map(|folder| folder.join(&federate.name)),
+        };
+        let (compiled, room, reports) = (Arc::clone(compiled), room.clone(), reporter.clone());
+        spawn(&federate.name, move || {
+            let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &room));
+            reports.tell(Event::Ended(id, catch_unwind(run)));
+        })?;
+    }
+    Ok(watch)
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure> {
+    let builder = thread::Builder::new().name(name.to_owned()).stack_size(STACK);
+    let spawned = builder.spawn(run);
+    spawned.map_err(|error| Failure::new(format!("error: cannot start a thread: {error}")))?;
+    Ok(())
+}
+
+fn run_federate(
+    compiled: &Compiled,
+    options: &FederateOptions,
+    room: &Room<Value>,
+) -> Result<(), Failure> {
+    belong_to(options.federate);
+    let inbox = inbox()?;
+    // All the time: what Python keeps for a thread lives as long as that is known to it. While the
+    // loop waits, the others run.
+    Python::attach(|py| {
+        hprm::run_federate_in(options, room, &inbox, || {
+            load(py, compiled, Scope::Federate(options.federate), &inbox)
+        })
+    })
+}
+
+/// What the main thread knows.
+struct Watch {
+    compiled: Arc<Compiled>,
+    arrivals: Receiver<Event>,
+    bell: Inbox<Value>,
+    rti: RtiHandle,
+    /// The federates that have not ended.
+    running: Vec<FederateId>,
+    started: bool,
+    rti_ended: bool,
+    /// Set by the first failure, or by Ctrl-C.
+    code: Option<i32>,
+    reported: bool,
+    /// When the process ends, whoever has not.
+    until: Option<PhysicalTime>,
+}
+
+impl Watch {
+    fn new(
+        compiled: &Arc<Compiled>,
+        arrivals: Receiver<Event>,
+        bell: Inbox<Value>,
+        rti: RtiHandle,
+    ) -> Self {
+        Self {
+            compiled: Arc::clone(compiled),
+            arrivals,
+            bell,
+            rti,
+            running: compiled.program.federates.ids().collect(),
+            started: false,
+            rti_ended: false,
+            code: None,
+            reported: false,
+            until: None,
+        }
+    }
+
+    /// Waits until all has ended, or must. Returns the exit code.
+    fn run(mut self, py: Python<'_>, interrupt: &Interrupt) -> i32 {
+        loop {
+            while let Ok(event) = self.arrivals.try_recv() {
+                self.hear(event);
+            }
+            if interrupt.take(py) {
+                if self.code.is_some() || !self.started {
+                    return INTERRUPTED;
+                }
+                self.code = Some(INTERRUPTED);
+                self.until = Some(Clock::now().plus(AFTER_INTERRUPT));
+                self.rti.request_stop();
+            }
+            if self.running.is_empty() && self.rti_ended {
+                return self.code.unwrap_or(0);
+            }
+            if self.until.is_some_and(|until| Clock::now() >= until) {
+                let names: Vec<_> = self.running.iter().map(|id| self.name(*id)).collect();
+                if !names.is_empty() {
+                    say(&format!("warning: did not end by itself: {}", names.join(", ")));
+                }
+                return self.code.unwrap_or(1);
+            }
+            let (bell, until) = (&self.bell, self.until);
+            py.detach(|| bell.sleep(until));
+        }
+    }
+
+    fn hear(&mut self, event: Event) {
+        match event {
+            Event::Rti(RtiEvent::Started(_)) => self.started = true,
+            Event::Rti(RtiEvent::Silent { federate, silence }) => {
+                let (name, seconds) = (self.name(federate), silence / SECOND);
+                say(&format!("warning: federate {name} has not answered for {seconds} s"));
+            }
+            Event::Rti(RtiEvent::Answers { federate, .. }) => {
+                say(&format!("warning: federate {} answers again", self.name(federate)));
+            }
+            // None is transient.
+            Event::Rti(RtiEvent::Dropped { federate, message, code })
+            | Event::Rti(RtiEvent::Failed { federate, message, code }) => {
+                self.blame(federate, &message, code);
+            }
+            Event::Rti(RtiEvent::Joined(_)) => {}
+            Event::RtiEnded(outcome) => {
+                self.rti_ended = true;
+                if let Err(failure) = outcome {
+                    self.fail(&failure.message, failure.code);
+                }
+            }
+            Event::Ended(federate, outcome) => {
+                self.running.retain(|running| *running != federate);
+                match outcome {
+                    Ok(Ok(())) => {}
+                    // It has told the RTI, which tells all failures in their order.
+                    Ok(Err(failure)) if !self.rti_ended => {
+                        self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
+                        drop(failure);
+                    }
+                    Ok(Err(failure)) => self.fail(&failure.message, failure.code),
+                    Err(_) => self.blame(federate, "its thread panicked, which is a bug", 1),
+                }
+            }
+        }
+    }
+
+    fn blame(&mut self, federate: FederateId, message: &str, code: i32) {
+        let federate = format!("federate {}", self.name(federate));
+        let said = message.strip_prefix("error: ").unwrap_or(message);
+        let message = match said {
+            "" => format!("error: {federate} exited with code {code}"),
+            said if said.contains(&federate) => format!("error: {said}"),
+            said => format!("error: {federate}: {said}"),
+        };
+        self.fail(&message, code);
+    }
+
+    /// The first failure decides; what it leads to is not told.
+    fn fail(&mut self, message: &str, code: i32) {
+        self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
+        // What the system can carry, and nobody takes for success.
+        self.code.get_or_insert(if (1..=255).contains(&code) { code } else { 1 });
+        if !self.reported && !message.is_empty() {
+            self.reported = true;
+            say(message);
+        }
+    }
+
+    fn name(&self, federate: FederateId) -> &str {
+        &self.compiled.program.federates[federate].name
+    }
+}

@@ -1,0 +1,117 @@
+"""Federates that share a process: what a process has once, for each of them.
+
+All find a module of which each has its own version, such as ``__main__``, under one name. What they
+print is shown line by line behind their names.
+"""
+
+import sys
+import threading
+from types import ModuleType
+from typing import Any
+
+from hprm import _hprm
+
+# The longest line that is kept together, in characters.
+_LONGEST = 1 << 20
+
+_lock = threading.Lock()
+
+
+def begin(federates: list[tuple[int, str]]) -> None:
+    """Show what federates print behind their names, from now on."""
+    names = dict(federates)
+    sys.stdout = Lines(sys.stdout, names)  # type: ignore[assignment]
+    sys.stderr = Lines(sys.stderr, names)  # type: ignore[assignment]
+
+
+def publish(name: str, module: ModuleType) -> None:
+    """Let ``module`` be imported by a name; if there are federates, by that of this thread."""
+    federate = _hprm.current_federate()
+    if federate is None:
+        sys.modules[name] = module
+        return
+    with _lock:
+        shared = sys.modules.get(name)
+        if not isinstance(shared, PerFederate):
+            shared = sys.modules[name] = PerFederate(name)
+        object.__getattribute__(shared, "_modules")[federate] = module
+
+
+class PerFederate(ModuleType):
+    """A module that is another one for each federate.
+
+    A thread that the program has started belongs to none, and sees that of the first.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Make one that nobody has a version of."""
+        super().__init__(name)
+        object.__setattr__(self, "_modules", {})
+
+    def __getattribute__(self, name: str) -> Any:
+        """Look in the version of this thread's federate."""
+        return getattr(_version(self), name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set in the version of this thread's federate."""
+        setattr(_version(self), name, value)
+
+    def __delattr__(self, name: str) -> None:
+        """Delete from the version of this thread's federate."""
+        delattr(_version(self), name)
+
+    def __dir__(self) -> list[str]:
+        """List the version of this thread's federate."""
+        return dir(_version(self))
+
+
+def _version(shared: PerFederate) -> ModuleType:
+    modules: dict[int, ModuleType] = object.__getattribute__(shared, "_modules")
+    federate = _hprm.current_federate()
+    return modules[federate if federate in modules else min(modules)]
+
+
+class Lines:
+    """A stream to which each federate writes whole lines, behind its name."""
+
+    def __init__(self, stream: Any, names: dict[int, str]) -> None:
+        """Write to ``stream`` in the end."""
+        self._stream = stream
+        self._names = names
+        self._partial: dict[int, str] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        """Be like the stream in everything else."""
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write the lines that ``text`` completes."""
+        federate = _hprm.current_federate()
+        if federate is None:
+            written: int = self._stream.write(text)
+            return written
+        with _lock:
+            *lines, rest = (self._partial.pop(federate, "") + text).split("\n")
+            if len(rest) >= _LONGEST:
+                lines.append(rest)
+                rest = ""
+            if rest:
+                self._partial[federate] = rest
+            if lines:
+                prefix = f"[{self._names[federate]}] "
+                self._stream.write("".join(f"{prefix}{line}\n" for line in lines))
+                self._stream.flush()
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write each of them."""
+        for line in lines:
+            self.write(line)
+
+    def end(self) -> None:
+        """Write the lines that have no end."""
+        with _lock:
+            for federate, rest in sorted(self._partial.items()):
+                self._stream.write(f"[{self._names[federate]}] {rest}\n")
+            self._partial.clear()
+            self._stream.flush()

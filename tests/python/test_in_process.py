@@ -1,0 +1,278 @@
+"""Federates as threads of one process: what they share, and what each has for itself."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import runner
+
+COORDINATIONS = ["centralized", "decentralized"]
+
+
+@pytest.fixture(params=COORDINATIONS)
+def threads(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
+    """Runs a program with federates that are threads."""
+    command = [str(Path(sys.executable).with_name("hprm")), "run", "--in-process"]
+    return runner([*command, f"--property=coordination={request.param}"], tmp_path)
+
+
+def pair(value: str, body: str, clause: str = "", preamble: str = "", more: str = "") -> str:
+    """A program in which one federate sends VALUE twice, and another runs BODY with it as VALUE."""
+    return f"""\
+target Python {{ timeout: 10 msec }}
+preamble {{=
+  import numpy as np
+  import sys
+  {preamble}
+=}}
+reactor Source {{
+  output out
+  timer t(0, 10 msec)
+  state kept
+  reaction(t) -> out {{=
+    {more}
+    self.kept = {value}
+    out.set(self.kept)
+  =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{=
+    value = inp.value
+    {body}
+  =}}
+}}
+federated reactor {{
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp {clause}
+}}
+"""
+
+
+def lines(outcome: Any, federate: str = "sink") -> list[str]:
+    """What one federate has printed."""
+    assert outcome.code == 0, outcome.err
+    prefix = f"[{federate}] "
+    said = outcome.out.splitlines()
+    assert all(line.startswith("[") for line in said), said
+    return [line.removeprefix(prefix) for line in said if line.startswith(prefix)]
+
+
+def test_a_large_array_is_the_same_one_and_nobody_can_write_to_it(threads: Any) -> None:
+    text = pair(
+        "self.kept if self.kept is not None else np.arange(1_000_000)",
+        "print(value.ctypes.data, value.flags.writeable, int(value[-1]))",
+        more="print(self.kept.ctypes.data, self.kept.flags.writeable) if lf.tag().time != "
+        "lf.time.start() else None",
+    )
+    outcome = threads(text)
+    [sent] = lines(outcome, "source")
+    address, writeable = sent.split()
+    assert writeable == "False"
+    assert lines(outcome) == [f"{address} False 999999"] * 2
+
+
+def test_writing_to_an_array_that_was_sent_is_an_error_at_its_line(threads: Any) -> None:
+    outcome = threads(
+        pair("np.zeros(100_000)", "pass", more="if self.kept is not None: self.kept += 1")
+    )
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: federate source: reaction Program.source.1 raised")
+    assert "read-only" in outcome.err
+    assert "Program.lf:12" in outcome.err
+
+
+@pytest.mark.parametrize("made", ["self.whole[10:]", "self.whole.reshape(2, -1).T"])
+def test_what_an_array_is_a_view_of_becomes_read_only_too(threads: Any, made: str) -> None:
+    text = pair(
+        made,
+        "print(value.flags.writeable)",
+        more="""if self.whole is not None:
+        print(self.whole.flags.writeable)
+    self.whole = np.zeros(200_000)""",
+    ).replace("state kept", "state kept\n  state whole")
+    outcome = threads(text)
+    assert lines(outcome) == ["False", "False"]
+    assert lines(outcome, "source") == ["False"]
+
+
+def test_an_array_over_foreign_memory_is_copied(threads: Any) -> None:
+    text = pair(
+        "np.frombuffer(self.memory, np.uint8)",
+        "print(value[0], value.flags.writeable)",
+        more="self.memory = bytearray(100_000)",
+    )
+    # After the reaction has ended, so that only a copy keeps what was sent.
+    text = text.replace("-> out {=", "-> out {=\n    if self.memory: self.memory[0] = 9").replace(
+        "  timer t", "  state memory\n  timer t", 1
+    )
+    assert lines(threads(text)) == ["0 False"] * 2
+
+
+def test_a_small_array_is_copied_so_its_owner_may_go_on(threads: Any) -> None:
+    text = pair("self.kept", "print(value.tolist(), value.flags.writeable)")
+    text = text.replace("self.kept = self.kept", "self.kept += 1")
+    text = text.replace("state kept", "state kept = {= np.zeros(2) =}")
+    assert lines(threads(text)) == ["[1.0, 1.0] False", "[2.0, 2.0] False"]
+
+
+def test_containers_are_the_receivers_own_and_their_arrays_are_shared(threads: Any) -> None:
+    text = pair(
+        "{'list': [1], 'tuple': (self.big, [2]), 'bytes': bytearray(b'x')}",
+        "print(value['list'], value['tuple'][1], value['bytes'], value['tuple'][0].ctypes.data)\n"
+        "    value['list'].append(3); value['tuple'][1].clear(); value['bytes'].clear()",
+        more="print(self.big.ctypes.data, self.kept and self.kept['list'])",
+    ).replace("state kept", "state kept\n  state big = {= np.zeros(100_000) =}")
+    outcome = threads(text)
+    first, second = lines(outcome, "source")
+    address = first.split()[0]
+    assert second == f"{address} [1]"
+    assert lines(outcome) == [f"[1] [2] bytearray(b'x') {address}"] * 2
+
+
+CIRCLE = """
+    def circle():
+        twin = []
+        value = [([],), 7, twin, twin]
+        value[0][0].append(value)
+        return value
+"""
+
+
+def test_what_refers_to_itself_arrives_as_it_was(threads: Any) -> None:
+    text = pair(
+        "circle()",
+        "print(value is value[0][0][0], value[2] is value[3], value[1])",
+        preamble="from circle import circle",
+    )
+    assert lines(threads(text, circle_dot_py=CIRCLE)) == ["True True 7"] * 2
+
+
+def test_two_receivers_do_not_see_what_the_other_does(threads: Any) -> None:
+    text = pair("[0]", "value.append(1)\n    print(value)").replace(
+        "source.out -> sink.inp",
+        "other = new Sink()\n  source.out, source.out -> sink.inp, other.inp",
+    )
+    outcome = threads(text)
+    assert lines(outcome) == lines(outcome, "other") == ["[0, 1]"] * 2
+
+
+POINT = """\
+class Point:
+      latest = None
+
+      def __init__(self, x):
+          self.x = x
+          Point.latest = self
+"""
+
+
+def test_an_object_becomes_one_of_the_receivers_class(threads: Any) -> None:
+    body = "print(type(value) is Point, value.x, value is Point.latest, Point.latest)"
+    text = pair("Point(7)", body, preamble=POINT)
+    assert lines(threads(text)) == ["True 7 False None"] * 2
+
+
+def test_a_named_serializer_is_called(threads: Any) -> None:
+    outcome = threads(
+        pair("(1, 2)", "print(value)", clause='serializer "as_json"'),
+        as_json_dot_py="""\
+            import json
+
+            class Serializer:
+                def serialize(self, value):
+                    return json.dumps(value).encode()
+
+                def deserialize(self, data):
+                    return json.loads(data)
+        """,
+    )
+    assert lines(outcome) == ["[1, 2]"] * 2
+
+
+def test_a_value_that_cannot_be_sent_is_named(threads: Any) -> None:
+    outcome = threads(pair("(x for x in [])", "pass"))
+    assert outcome.code == 1
+    assert "sending a value on connection Program.source.out -> Program.sink.inp" in outcome.err
+
+
+def test_each_federate_has_its_own_preamble_and_its_own_lf(threads: Any) -> None:
+    text = pair(
+        "1",
+        "import __main__, LinguaFrancaProgram\n    loaded.append('sink')\n"
+        "    print(loaded, __main__.loaded is loaded, LinguaFrancaProgram.tag() == lf.tag())",
+        preamble="loaded = []",
+        more="loaded.append('source')",
+    )
+    assert lines(threads(text)) == [
+        "['sink'] True True",
+        "['sink', 'sink'] True True",
+    ]
+
+
+def test_a_module_that_is_imported_is_one_for_all(threads: Any) -> None:
+    outcome = threads(
+        pair("1", "print(shared.seen)", preamble="import shared", more="shared.seen.append(1)"),
+        shared_dot_py="seen = []\n",
+    )
+    assert lines(outcome)[-1] == "[1, 1]"
+
+
+def test_workers_belong_to_their_federates(tmp_path: Path) -> None:
+    command = [str(Path(sys.executable).with_name("hprm")), "run", "--in-process", "--workers=3"]
+    body = "print(__import__('__main__').loaded is loaded)"
+    text = pair("1", body, preamble="loaded = []").replace(
+        "sink = new Sink()", "sink = new Several()"
+    )
+    several = "reactor Several {\n  input inp\n  s = new[4] Sink()\n  (inp)+ -> s.inp\n}\n"
+    outcome = runner(command, tmp_path)(text.replace("federated", several + "federated"))
+    assert lines(outcome) == ["True"] * 8
+
+
+def test_output_without_an_end_is_shown(threads: Any) -> None:
+    text = pair("1", "print('a', end=''); print('b', end='')")
+    assert lines(threads(text)) == ["abab"]
+
+
+def test_arguments_reach_the_program(threads: Any) -> None:
+    outcome = threads(pair("1", "print(sys.argv[1:])"), "--rounds", "3")
+    assert lines(outcome) == ["['--rounds', '3']"] * 2
+
+
+def test_a_program_without_federates_runs_as_ever(threads: Any) -> None:
+    outcome = threads("target Python\nmain reactor {\n  reaction(startup) {= print(1) =}\n}\n")
+    assert (outcome.code, outcome.out) == (0, "1\n")
+
+
+def test_what_a_thread_of_the_program_schedules_arrives(threads: Any) -> None:
+    outcome = threads("""\
+        target Python { keepalive: true }
+        preamble {=
+          import threading
+        =}
+        reactor Source {
+          physical action came
+          output out
+          reaction(startup) -> came {=
+            threading.Thread(target=came.schedule, args=(0, "hello")).start()
+          =}
+          reaction(came) -> out {=
+            out.set(came.value)
+            lf.request_stop()
+          =}
+        }
+        reactor Sink {
+          input inp
+          reaction(inp) {= print(inp.value, inp.physical_time_of_arrival > 0) =}
+        }
+        federated reactor {
+          source = new Source()
+          sink = new Sink()
+          source.out -> sink.inp
+        }
+    """)
+    assert lines(outcome) == ["hello True"]
