@@ -49,12 +49,25 @@ def main() -> NoReturn:
             {
                 "rti": options.rti,
                 "federation": options.federation,
+                # A launcher's RTI is there.
+                "connect_timeout": 0.0 if options.launched else options.connect_timeout,
+                "advertise": options.advertise,
+                "tls": _tls(parser, options),
                 "launched": options.launched,
                 "logical_trace": options.logical_trace,
                 "properties": options.property,
             },
         )
     _leave(code)
+
+
+def _tls(
+    parser: argparse.ArgumentParser, options: argparse.Namespace
+) -> tuple[str, str, str] | None:
+    files = (options.tls_cert, options.tls_key, options.tls_ca)
+    if any(files) and not all(files):
+        parser.error("TLS needs all of --tls-cert, --tls-key and --tls-ca")
+    return files if all(files) else None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -81,6 +94,18 @@ def _parser() -> argparse.ArgumentParser:
         default=os.environ.get(FEDERATION_ID),
         help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
     )
+    federate.add_argument(
+        "--connect-timeout",
+        type=float,
+        default=60.0,
+        metavar="SECONDS",
+        help="how long the RTI may take to be there",
+    )
+    federate.add_argument(
+        "--advertise", metavar="HOST[:PORT]", help="by which other machines reach this one"
+    )
+    for name, what in [("cert", "certificate"), ("key", "key"), ("ca", "authorities")]:
+        federate.add_argument(f"--tls-{name}", metavar="FILE", help=f"the {what}, in PEM")
     federate.add_argument(
         "--launched", action="store_true", help="a launcher shows warnings and failures"
     )

@@ -271,8 +271,9 @@ def test_a_federation_is_started_by_hand(tmp_path: Path) -> None:
     ]
 
 
-def test_an_rti_is_not_open_to_the_network(hprm: Hprm) -> None:
-    answer = hprm("rti", "Fed.lf", "--listen", "tcp:0.0.0.0:0")
+def test_an_rti_is_open_to_the_network_only_with_a_secret(hprm: Hprm) -> None:
+    answer = hprm("rti", "Fed.lf", "--listen", "0.0.0.0:0")
     assert answer.returncode == 1
-    assert "authentication is not there yet" in answer.stderr
+    assert "no secret" in answer.stderr
     assert "hint: " in answer.stderr
+    assert "--federation-file" in answer.stderr

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use hprm::Address;
 use hprm::federated::{FederationId, Patience};
+use hprm::{Address, TlsFiles};
 use hprm_core::Nanos;
 
 /// Run, check and look after deterministic programs for robots.
@@ -216,40 +216,95 @@ pub(crate) struct Check {
     pub(crate) no_bodies: bool,
 }
 
-/// Coordinate a federation whose federates are started by hand.
+/// Where the secret of a federation comes from.
+#[derive(Args, Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Secret {
+    /// The secret of the federation, 32 hexadecimal digits. As an option, every user of this machine
+    /// can see it.
+    #[arg(short = 'i', long, visible_alias = "federation-id", value_name = "ID", env = "HPRM_FEDERATION_ID",
+          hide_env_values = true, value_parser = federation)]
+    pub(crate) federation: Option<FederationId>,
+    /// A file with that secret, which nobody else can read; it outdoes the option. The RTI makes the
+    /// file if it is missing.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) federation_file: Option<PathBuf>,
+}
+
+/// Certificates, for TCP connections that are encrypted.
+#[derive(Args, Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Tls {
+    /// The certificate of this process, in PEM: TCP connections have TLS then. Everybody in the
+    /// federation needs one.
+    #[arg(long = "tls-cert", value_name = "FILE", requires_all = ["key", "authority"])]
+    certificate: Option<PathBuf>,
+    /// The key of that certificate.
+    #[arg(long = "tls-key", value_name = "FILE", requires = "certificate")]
+    key: Option<PathBuf>,
+    /// The certificates of those who may have signed the others' certificates.
+    #[arg(long = "tls-ca", value_name = "FILE", requires = "certificate")]
+    authority: Option<PathBuf>,
+}
+
+impl Tls {
+    /// All three files, if they are given.
+    pub(crate) fn files(self) -> Option<TlsFiles> {
+        let Self { certificate, key, authority } = self;
+        Some(TlsFiles { certificate: certificate?, key: key?, authority: authority? })
+    }
+
+    /// The same, as options for another process.
+    pub(crate) fn options(&self) -> Vec<OsString> {
+        let options = [
+            ("--tls-cert", &self.certificate),
+            ("--tls-key", &self.key),
+            ("--tls-ca", &self.authority),
+        ];
+        let stated = options.into_iter().filter_map(|(name, path)| Some((name, path.as_ref()?)));
+        stated.flat_map(|(name, path)| [name.into(), path.into()]).collect()
+    }
+}
+
+/// Coordinate a federation whose federates are started by hand, on this machine or others.
 ///
-/// It prints its address and the id of the federation, which each federate must know, and ends with
-/// the federation.
+/// It prints where it listens, and the id of the federation if it had to choose one, which each
+/// federate must know; and ends with the federation.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example, in three terminals:
-  hprm rti Main.lf --listen unix:@robot --federation 0123456789abcdef0123456789abcdef
-  hprm federate Main.lf camera  --rti unix:@robot --federation 0123456789abcdef0123456789abcdef
-  hprm federate Main.lf planner --rti unix:@robot --federation 0123456789abcdef0123456789abcdef")]
+  hprm rti Main.lf --listen unix:@robot --federation-file secret
+  hprm federate Main.lf camera  --rti unix:@robot --federation-file secret
+  hprm federate Main.lf planner --rti unix:@robot --federation-file secret
+
+Across machines, each with a copy of the program and of the secret:
+  hprm rti Main.lf --listen 0.0.0.0:15045 --federation-file secret
+  hprm federate Main.lf camera --rti robot.local:15045 --federation-file secret")]
 pub(crate) struct Rti {
     /// The program, with a federated reactor.
     #[arg(value_name = "FILE.lf")]
     pub(crate) file: PathBuf,
-    /// Where to listen: unix:@NAME, unix:/PATH or tcp:127.0.0.1:PORT.
-    #[arg(long, value_name = "ADDRESS")]
-    pub(crate) listen: Address,
+    /// Where to listen: HOST:PORT, unix:@NAME or unix:/PATH. May be repeated: federates on this
+    /// machine share memory if they join over a Unix socket.
+    #[arg(long, value_name = "ADDRESS", required = true)]
+    pub(crate) listen: Vec<Address>,
     #[command(flatten)]
     pub(crate) hang: Hang,
     #[command(flatten)]
     pub(crate) properties: Properties,
-    /// The secret of the federation, 32 hexadecimal digits. Chosen at random if it is not given.
-    #[arg(long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
-    pub(crate) federation: Option<FederationId>,
+    #[command(flatten)]
+    pub(crate) secret: Secret,
+    #[command(flatten)]
+    pub(crate) tls: Tls,
 }
 
 /// Run one federate of a program.
+///
+/// If the RTI is not there yet, the federate waits for it.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
+  hprm federate Main.lf camera --rti unix:@robot --federation-file secret
   HPRM_FEDERATION_ID=0123456789abcdef0123456789abcdef \\
-      hprm federate Main.lf camera --rti unix:@robot
-
-The id can be given as an option too, but then every user of the machine can see it.")]
+      hprm federate Main.lf camera --rti robot.local:15045")]
 pub(crate) struct Federate {
     /// The program.
     #[arg(value_name = "FILE.lf")]
@@ -260,11 +315,19 @@ pub(crate) struct Federate {
     /// Where the RTI listens.
     #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
     pub(crate) rti: Address,
+    /// Seconds that the RTI may take to be there.
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
+    pub(crate) connect_timeout: Duration,
+    /// The name or address by which other machines reach this one, if that is not where its
+    /// connection to the RTI begins. Only federates of a decentralized program connect to others.
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub(crate) advertise: Option<String>,
     #[command(flatten)]
     pub(crate) properties: Properties,
-    /// The secret of the federation, which the RTI prints.
-    #[arg(short = 'i', long, value_name = "ID", env = "HPRM_FEDERATION_ID", hide_env_values = true, value_parser = federation)]
-    pub(crate) federation: FederationId,
+    #[command(flatten)]
+    pub(crate) secret: Secret,
+    #[command(flatten)]
+    pub(crate) tls: Tls,
     /// What the program finds in sys.argv.
     #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
     pub(crate) arguments: Vec<OsString>,

@@ -4,7 +4,6 @@
 //! thread starts the processes, because they ask the system to die with the thread that did.
 
 use std::ffi::OsString;
-use std::io::Read;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;
@@ -13,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
-use hprm::{Address, Rti, RtiHandle, RtiOptions};
+use hprm::{Address, Rti, RtiHandle, RtiOptions, Security};
 use hprm_core::Program;
 
 use crate::args::Properties;
@@ -21,6 +20,7 @@ use crate::children::Children;
 use crate::launcher;
 use crate::message::Error;
 use crate::python;
+use crate::secret;
 use crate::signals;
 use crate::supervisor::{Event, Order, Supervisor};
 use crate::trace::Parts;
@@ -46,6 +46,7 @@ pub(crate) struct Plan {
     pub(crate) join_timeout: Duration,
     pub(crate) patience: Patience,
     pub(crate) logical_trace: Option<PathBuf>,
+    pub(crate) security: Security,
 }
 
 /// Runs a federation to its end, and returns the exit code.
@@ -59,8 +60,8 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
     signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let parts = plan.logical_trace.as_deref().map(Parts::of).transpose()?;
-    let federation = random_id()?;
-    let (rti, address) = start_rti(program, federation, plan.patience, events.clone())?;
+    let federation = secret::random()?;
+    let (rti, address) = start_rti(program, federation, plan, events.clone())?;
 
     if program.federates.values().any(|federate| federate.transient) {
         launcher::write(program, &plan.file)?;
@@ -87,15 +88,6 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
     Ok(code)
 }
 
-/// A secret that nobody guesses.
-///
-/// # Errors
-///
-/// If the system has no randomness.
-pub(crate) fn random_id() -> Result<FederationId, Error> {
-    random().map(|bytes| FederationId(u128::from_ne_bytes(bytes)))
-}
-
 impl Plan {
     fn command(&self, name: &str, rti: &Address, share: Option<PathBuf>) -> Command {
         let mut command = python::module(&self.python, "federate");
@@ -112,29 +104,26 @@ impl Plan {
     }
 }
 
-fn random<const N: usize>() -> Result<[u8; N], Error> {
-    let mut bytes = [0; N];
-    std::fs::File::open("/dev/urandom")
-        .and_then(|mut source| source.read_exact(&mut bytes))
-        .map_err(|error| Error::new(format!("cannot read /dev/urandom: {error}")))?;
-    Ok(bytes)
-}
-
 /// Everybody on the machine can see the name of a socket, so it must not tell the secret.
 fn private_address() -> Result<Address, Error> {
-    let name = u64::from_ne_bytes(random()?);
+    let name = u64::from_ne_bytes(secret::random_bytes()?);
     Ok(format!("unix:@hprm-{name:016x}-rti").parse().expect("an abstract name is an address"))
 }
 
 fn start_rti(
     program: &Arc<Program>,
     federation: FederationId,
-    patience: Patience,
+    plan: &Plan,
     events: SyncSender<Event>,
 ) -> Result<(RtiHandle, Address), Error> {
-    let listen = private_address()?;
-    let program = Arc::clone(program);
-    let options = RtiOptions { program, federation, listen, patience };
+    let options = RtiOptions {
+        program: Arc::clone(program),
+        federation,
+        listen: private_address()?,
+        also_listen: Vec::new(),
+        security: plan.security.clone(),
+        patience: plan.patience,
+    };
     let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());
     let run = move || {

@@ -23,6 +23,7 @@ mod probe;
 mod python;
 mod rti;
 mod run;
+mod secret;
 mod signals;
 mod source;
 mod supervisor;

@@ -2,20 +2,19 @@
 //!
 //! It prints what they must know and what becomes of them.
 
-use std::net::IpAddr;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
-use hprm::{Address, RtiEvent, RtiHandle, RtiOptions};
+use hprm::{Address, RtiEvent, RtiHandle, RtiOptions, Security};
 use hprm_core::{FederateId, Program};
 
 use crate::args::Rti;
 use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::verdict::{LastWords, Verdict};
-use crate::{check, launch, signals, verdict};
+use crate::{check, secret, signals, verdict};
 
 /// Coordinates a federation to its end.
 ///
@@ -23,25 +22,38 @@ use crate::{check, launch, signals, verdict};
 ///
 /// If it cannot listen, or the federation fails.
 pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
-    refuse_open_network(&arguments.listen)?;
     let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
     require_federation(&compiled.program, &arguments.file)?;
     check::show_warnings(&compiled);
-    let federation = arguments.federation.map_or_else(launch::random_id, Ok)?;
-    let (program, listen) = (Arc::clone(&compiled.program), arguments.listen);
+    let secret = secret::of_rti(&arguments.secret)?;
+    if secret.is_none() {
+        arguments.listen.iter().try_for_each(refuse_without_secret)?;
+    }
+    let federation = secret.map_or_else(secret::random, Ok)?;
+    let mut listen = arguments.listen.into_iter();
     let rti = hprm::Rti::bind(&RtiOptions {
-        program,
+        program: Arc::clone(&compiled.program),
         federation,
-        listen,
+        listen: listen.next().expect("the option is required"),
+        also_listen: listen.collect(),
+        security: Security {
+            auth: compiled.settings.auth,
+            encrypt: compiled.settings.encrypt,
+            tls: arguments.tls.files(),
+        },
         patience: arguments.hang.patience(),
     })
     .map_err(|failure| Error::of(&failure))?;
     let interruption = Arc::new(Interruption::default());
     interruption.watch(rti.handle())?;
-    message::print_line(&format!("listening at {}", rti.address()));
-    message::print_line(&format!("federation {federation}"));
+    for address in rti.addresses() {
+        message::print_line(&format!("listening at {address}"));
+    }
+    if secret.is_none() {
+        message::print_line(&format!("federation {federation}"));
+    }
 
     let mut failure = None;
     let outcome = rti.run(|event| {
@@ -63,23 +75,15 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     }))
 }
 
-/// Refuses addresses that other machines can reach.
-///
-/// # Errors
-///
-/// If it is one.
-pub(crate) fn refuse_open_network(address: &Address) -> Result<(), Error> {
-    let Address::Tcp(host_and_port) = address else { return Ok(()) };
-    let host = host_and_port.rsplit_once(':').map_or(host_and_port.as_str(), |(host, _)| host);
-    let host = host.trim_start_matches('[').trim_end_matches(']');
-    let loopback = host.parse::<IpAddr>().map_or(host == "localhost", |ip| ip.is_loopback());
-    if loopback {
+/// Refuses addresses that other machines can reach, for a federation whose secret is not known there.
+fn refuse_without_secret(address: &Address) -> Result<(), Error> {
+    if !address.is_open() {
         return Ok(());
     }
     Err(Error::new(format!(
-        "{address} is open to other machines, and authentication is not there yet"
+        "{address} is open to other machines, and this federation has no secret that they share"
     ))
-    .hint("use tcp:127.0.0.1:PORT, or unix:@NAME"))
+    .hint("name a file for it, which is made if it is missing: --federation-file FILE"))
 }
 
 /// Refuses programs without federates.
@@ -150,14 +154,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_this_machine_is_listened_to() {
-        let refused = |text: &str| refuse_open_network(&text.parse().unwrap()).is_err();
-        for text in ["unix:@a", "unix:/run/a", "tcp:127.0.0.1:1", "tcp:[::1]:1", "tcp:localhost:1"]
-        {
-            assert!(!refused(text), "{text}");
-        }
-        for text in ["tcp:0.0.0.0:1", "tcp:[::]:1", "tcp:robot.local:1", "tcp:10.0.0.1:1"] {
-            assert!(refused(text), "{text}");
-        }
+    fn other_machines_need_a_secret() {
+        let refused = |text: &str| refuse_without_secret(&text.parse().unwrap()).is_err();
+        assert!(!refused("unix:@a") && !refused("tcp:127.0.0.1:1"));
+        assert!(refused("0.0.0.0:1") && refused("robot.local:1"));
     }
 }

@@ -5,10 +5,12 @@
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 
+use hprm::Security;
+
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::Error;
-use crate::{check, python, rti, threads};
+use crate::{check, python, rti, secret, threads};
 
 /// Runs a program to its end.
 ///
@@ -42,6 +44,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         join_timeout: arguments.join_timeout,
         patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),
+        security: Security { auth: compiled.settings.auth, ..Security::default() },
     };
     let code = launch::launch(&compiled.program, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
@@ -53,7 +56,6 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
 ///
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
-    rti::refuse_open_network(&arguments.rti)?;
     let mut properties = arguments.properties.clone();
     if let Ok(inherited) = std::env::var(PROPERTIES) {
         properties.inherit(inherited.lines());
@@ -68,12 +70,18 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
         let message = format!("{} has no federate {}", arguments.file.display(), arguments.name);
         return Err(Error::new(message).hint(format!("its federates: {}", names.join(", "))));
     }
+    let secret = secret::of_federate(&arguments.secret)?;
     let python = python::find()?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());
+    command.arg("--connect-timeout").arg(arguments.connect_timeout.as_secs_f64().to_string());
+    if let Some(advertise) = &arguments.advertise {
+        command.arg("--advertise").arg(advertise);
+    }
+    command.args(arguments.tls.options());
     command.args(properties.options());
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
-    command.env(FEDERATION_ID, arguments.federation.to_string());
+    command.env(FEDERATION_ID, secret.to_string());
     Err(replace(command))
 }
 

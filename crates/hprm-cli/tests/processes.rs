@@ -240,12 +240,13 @@ fn without_an_interpreter_there_is_a_hint() {
 }
 
 #[test]
-fn an_rti_needs_a_federation_and_a_private_address() {
+fn an_rti_needs_a_federation_and_a_secret_for_the_network() {
     let place = Place::new(PROGRAM, "");
     let output = place.run(&["rti", "Main.lf", "--listen", "unix:@hprm-test"]);
     assert_eq!(errors(&output), ["error: Main.lf is not a federation"]);
+    let place = Place::new(FEDERATION, "");
     let output = place.run(&["rti", "Main.lf", "--listen", "tcp:0.0.0.0:0"]);
-    assert!(errors(&output)[0].contains("authentication is not there yet"));
+    assert!(errors(&output)[0].contains("this federation has no secret"));
     assert_eq!(output.status.code(), Some(1));
 }
 

@@ -14,7 +14,8 @@ use crate::Step;
 /// The version of the frames and of their meaning; both ends of a link must have the same.
 pub const PROTOCOL: u32 = 3;
 
-/// The secret that the members of a federation share: who knows it belongs to it.
+/// What the members of a federation share, and what tells it from others. To a driver that lets
+/// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct FederationId(pub u128);
 
@@ -116,7 +117,7 @@ pub enum Frame {
     Hello {
         /// [`PROTOCOL`].
         protocol: u32,
-        /// The federation's secret.
+        /// Which federation it means.
         federation: FederationId,
         /// [`Program::fingerprint`](hprm_core::Program::fingerprint).
         fingerprint: u64,
@@ -141,7 +142,7 @@ pub enum Frame {
     PeerHello {
         /// [`PROTOCOL`].
         protocol: u32,
-        /// The federation's secret.
+        /// Which federation it means.
         federation: FederationId,
         /// Who opened it.
         from: FederateId,

@@ -20,6 +20,10 @@ pub struct Settings {
     pub single_threaded: bool,
     /// `tracing`.
     pub tracing: bool,
+    /// `auth`: links within one machine prove the secret of the federation too.
+    pub auth: bool,
+    /// `comm-type: TLS`: links between machines are encrypted.
+    pub encrypt: bool,
 }
 
 /// Known, and without meaning where nothing is generated or compiled; said to be so.
@@ -39,8 +43,7 @@ const IGNORED: [&str; 12] = [
 ];
 
 /// Known, and of consequence: whoever states one must not believe that it is in force.
-const NOT_YET: [&str; 7] = [
-    "auth",
+const NOT_YET: [&str; 6] = [
     "clock-sync",
     "clock-sync-options",
     "comm-type",
@@ -49,7 +52,9 @@ const NOT_YET: [&str; 7] = [
     "trace-plugin",
 ];
 
-const OBEYED: [&str; 11] = [
+const OBEYED: [&str; 13] = [
+    "auth",
+    "comm-type",
     "coordination",
     "fast",
     "files",
@@ -129,6 +134,11 @@ impl Stated {
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
+            "auth" => boolean(value).map(|auth| self.settings.auth = auth),
+            // Another kind of security is not there.
+            "comm-type" if !property_rules::is_sst(value) => {
+                comm_type(value).map(|tls| self.settings.encrypt = tls)
+            }
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);
@@ -249,6 +259,14 @@ fn coordination(value: &Element) -> Read<Coordination> {
         Some("centralized") => Ok(Coordination::Centralized),
         Some("decentralized") => Ok(Coordination::Decentralized),
         _ => Err("`centralized` or `decentralized`"),
+    }
+}
+
+fn comm_type(value: &Element) -> Read<bool> {
+    match word(value).map(str::to_ascii_lowercase).as_deref() {
+        Some("tcp") => Ok(false),
+        Some("tls") => Ok(true),
+        _ => Err("one of `TCP`, `TLS`, `SST`"),
     }
 }
 

@@ -20,8 +20,7 @@ enum Form {
     OneOf(&'static [&'static str]),
 }
 
-const FORMS: [(&str, Form); 19] = [
-    ("auth", Form::Bool),
+const FORMS: [(&str, Form); 18] = [
     ("build", Form::Texts),
     ("build-type", Form::OneOf(&["debug", "minsizerel", "release", "relwithdebinfo", "test"])),
     ("clock-sync", Form::OneOf(&["off", "init", "initial", "on"])),
@@ -76,13 +75,17 @@ pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
 /// Whether the property states what is the case without it.
 pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
     match name {
-        "auth" | "dnet" | "docker" | "no-compile" | "no-source-mapping" | "verify" => {
+        "dnet" | "docker" | "no-compile" | "no-source-mapping" | "verify" => {
             boolean(value) == Some(false)
         }
         "clock-sync" => word(value).as_deref() == Some("off"),
-        "comm-type" => word(value).as_deref() == Some("tcp"),
         _ => false,
     }
+}
+
+/// Whether a `comm-type` is the one that is not there.
+pub(crate) fn is_sst(value: &Element) -> bool {
+    word(value).as_deref() == Some("sst")
 }
 
 /// Says of a property that is known that it has no meaning here, and why.

@@ -292,20 +292,20 @@ main reactor {
 
 #[test]
 fn a_property_that_is_not_obeyed_yet_is_not_passed_over_in_silence() {
-    assert_snapshot!(warnings("{ auth: true, build-type: Debug }
+    assert_snapshot!(warnings("{ sst: {}, build-type: Debug }
 main reactor { reaction(startup) {= pass =} }
 "), @r#"
-    warning[LF0606]: `auth` has no effect yet
+    warning[LF0606]: `sst` has no effect yet
      --> Main.lf:1:17
       |
-    1 | target Python { auth: true, build-type: Debug }
-      |                 ^^^^
+    1 | target Python { sst: {}, build-type: Debug }
+      |                 ^^^
 
     warning[LF0607]: `build-type` has no effect here
-     --> Main.lf:1:29
+     --> Main.lf:1:26
       |
-    1 | target Python { auth: true, build-type: Debug }
-      |                             ^^^^^^^^^^
+    1 | target Python { sst: {}, build-type: Debug }
+      |                          ^^^^^^^^^^
       |
       = help: nothing is generated and nothing compiled
     "#);
@@ -322,6 +322,8 @@ fn properties_from_elsewhere_have_the_last_word() {
     assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
     assert!(compiled.program.properties.deadlines_first && compiled.settings.single_threaded);
     assert_eq!(compiled.program.properties.workers, Some(1));
+    assert!(!compiled.settings.encrypt && compile(&["comm-type=TLS"]).unwrap().settings.encrypt);
+    assert!(!compiled.settings.auth && compile(&["auth=true"]).unwrap().settings.auth);
 
     let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
     assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"

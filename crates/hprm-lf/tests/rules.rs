@@ -160,7 +160,7 @@ const WARNINGS: &[(&str, &str)] = &[
         "reactor A { input i output o } federated reactor { a = new A() @maxwait(0) a.o -> a.i after 0 }",
     ),
     ("LF0602", "target Python { unknown: 1 } main reactor { }"),
-    ("LF0606", "target Python { auth: true } main reactor { }"),
+    ("LF0606", "target Python { sst: {} } main reactor { }"),
     ("LF0607", "target Python { docker: true } main reactor { }"),
     ("LF0607", "target Python { build-type: Debug } main reactor { }"),
     ("LF0607", "target Python { cmake-include: [\"a\", b/c.cmake] } main reactor { }"),

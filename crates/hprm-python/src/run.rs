@@ -6,9 +6,10 @@ use std::fmt::Display;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use hprm::trace::Trace;
-use hprm::{Disk, Failure, FederateOptions, Inbox};
+use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
 use hprm_core::Scope;
 use hprm_lf::Compiled;
 use hprm_store::StoreLimits;
@@ -47,6 +48,15 @@ pub(crate) struct Membership {
     rti: String,
     #[pyo3(item)]
     federation: String,
+    /// Seconds that the RTI may take to be there.
+    #[pyo3(item)]
+    connect_timeout: f64,
+    /// `HOST[:PORT]` by which other machines reach this one.
+    #[pyo3(item)]
+    advertise: Option<String>,
+    /// Certificate, key and authority, if TCP connections are encrypted.
+    #[pyo3(item)]
+    tls: Option<(PathBuf, PathBuf, PathBuf)>,
     /// Whether somebody else shows the warnings, once for all federates, and what the RTI hears of a
     /// failure.
     #[pyo3(item)]
@@ -119,7 +129,8 @@ fn options(
     federate: &str,
     membership: Membership,
 ) -> Result<FederateOptions, Failure> {
-    let Membership { rti, federation, logical_trace, .. } = membership;
+    let Membership { rti, federation, logical_trace, connect_timeout, advertise, tls, .. } =
+        membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
@@ -136,6 +147,19 @@ fn options(
         federate: id,
         rti: rti.parse().map_err(|error| wrong("--rti", &error))?,
         federation: federation.parse().map_err(|error| wrong("--federation", &error))?,
+        security: Security {
+            auth: compiled.settings.auth,
+            encrypt: compiled.settings.encrypt,
+            tls: tls.map(|(certificate, key, authority)| TlsFiles { certificate, key, authority }),
+        },
+        reach: Reach {
+            patience: Duration::try_from_secs_f64(connect_timeout)
+                .map_err(|error| wrong("--connect-timeout", &error))?,
+            advertise,
+            notice: Some(say),
+            // The handlers of signals that have come; that of Ctrl-C raises.
+            interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
+        },
         store: StoreLimits::default(),
         trace: logical_trace,
     })

@@ -12,7 +12,8 @@ use std::thread;
 
 use hprm::federated::{FederationId, Patience};
 use hprm::{
-    Address, Clock, Failure, FederateOptions, Inbox, Room, RtiEvent, RtiHandle, RtiOptions,
+    Address, Clock, Failure, FederateOptions, Inbox, Reach, Room, RtiEvent, RtiHandle, RtiOptions,
+    Security,
 };
 use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
 use hprm_lf::Compiled;
@@ -123,6 +124,8 @@ fn start(
         // It keeps strangers out, and there are none in this room.
         federation: FederationId(0),
         listen: listen.clone(),
+        also_listen: Vec::new(),
+        security: Security::default(),
         patience: Patience::default(),
     };
     let rti = room.rti(&options)?;
@@ -138,6 +141,8 @@ fn start(
             federate: id,
             rti: listen.clone(),
             federation: options.federation,
+            security: Security::default(),
+            reach: Reach::default(),
             store: StoreLimits::default(),
             trace: logical_traces.map(|folder| folder.join(&federate.name)),
         };

@@ -10,6 +10,7 @@
 
 mod membership;
 mod objects;
+mod reach;
 mod wires;
 
 use std::sync::Arc;
@@ -24,6 +25,7 @@ use crate::wire::Network;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Room};
 pub use membership::FederateOptions;
+pub use reach::Reach;
 
 use membership::Membership;
 use objects::Changes;
@@ -301,8 +303,9 @@ where
 
     fn send(&mut self, departure: Departure<H::Value>) -> Result<(), Failure> {
         let Departure { channel, tag, value, physical } = departure;
-        let to = self.scheduler.program().channels[channel].to;
-        let Membership { machine, objects, .. } = &mut self.federation;
+        let route = self.scheduler.program().channels[channel];
+        let to = route.to;
+        let Membership { machine, objects, wires } = &mut self.federation;
         if !machine.is_live(to) {
             return Ok(());
         }
@@ -312,12 +315,13 @@ where
             return self.handle(Input::Send { channel, tag, payload });
         }
         let payload = self.host.encode(objects.store(), channel, &value)?;
-        let (mut payload, changes) = if machine.shares_memory_with(to) {
-            let changes = objects.share(&payload, to)?;
-            (payload, changes)
-        } else {
-            (objects.inline(payload)?, Changes::default())
-        };
+        let (mut payload, changes) =
+            if machine.shares_memory_with(to) && wires.pass_descriptors(to, route.physical) {
+                let changes = objects.share(&payload, to)?;
+                (payload, changes)
+            } else {
+                (objects.inline(payload)?, Changes::default())
+            };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;
         }
@@ -349,7 +353,9 @@ where
                 wires.tell_peer(to, &frame, descriptor);
             }
             Output::Connect { peer, listen } => {
-                let connected = wires.connect_peer(peer, &listen, &machine.peer_hello());
+                let same_host = machine.shares_memory_with(peer);
+                let hello = machine.peer_hello();
+                let connected = wires.connect_peer(peer, &listen, same_host, &hello);
                 // A transient federate may be gone by now, and nobody minds.
                 if !self.scheduler.program().federates[peer].transient {
                     connected?;

@@ -28,10 +28,10 @@ pub use app::{
 };
 pub use clock::Clock;
 pub use disk::Disk;
-pub use federate_loop::{FederateOptions, run_federate, run_federate_in};
+pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
 pub use host::{Failure, Host, SharedBodies};
 pub use inbox::Inbox;
-pub use link::{Address, AddressError};
+pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
 pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};

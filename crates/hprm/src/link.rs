@@ -3,20 +3,38 @@
 //! A link is a Unix stream socket on one machine, and TCP without Nagle's delay otherwise (paper,
 //! section III-C, real-time sockets). Its buffers are allocated once; a message that fits into the
 //! eager limit is read and written without another allocation. It knows frames, not what they mean.
+//! Before the first frame, both ends prove that they belong to the federation (`proof`), unless the
+//! kernel vouches for the other end.
 
 mod address;
+mod keys;
+mod lobby;
+mod proof;
 mod socket;
+mod stream;
+mod tls;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
+use hprm_core::PhysicalTime;
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
 use hprm_federated::codec::{self, CodecError, Decoded};
 
+use crate::Clock;
+use crate::wait::{Interest, wait};
 pub use address::{Address, AddressError};
-pub(crate) use socket::{Listener, Socket};
+pub(crate) use keys::Keys;
+pub use keys::Security;
+pub(crate) use lobby::Lobby;
+pub(crate) use proof::Purpose;
+use proof::{Handshake, Refused, Role};
+pub(crate) use socket::Listener;
+use socket::Socket;
+use stream::Stream;
+pub use tls::TlsFiles;
 
 /// The longest frame that is taken from somebody who has not said who he is, in bytes.
 const STRANGER_LIMIT: usize = 4096;
@@ -28,7 +46,9 @@ pub(crate) const READS: usize = 64;
 /// One end of a connection to the RTI or to another federate.
 #[derive(Debug)]
 pub(crate) struct Link {
-    socket: Socket,
+    stream: Stream,
+    /// What both ends prove to one another, until that is over.
+    handshake: Option<Box<Handshake>>,
     /// Whether the other end is known to belong to the federation.
     trusted: bool,
     inbound: Inbound,
@@ -67,41 +87,82 @@ pub(crate) enum Arrival {
 }
 
 impl Link {
-    /// Connects to a listening address.
-    pub(crate) fn connect(address: &Address) -> io::Result<Self> {
-        let mut link = Self::new(Socket::connect(address)?);
+    /// Connects to a listening address, by `until` at the latest. What is queued leaves once the
+    /// other end has proved itself; [`Self::establish`] waits for that.
+    pub(crate) fn connect(
+        address: &Address,
+        purpose: Purpose,
+        keys: &Keys,
+        until: PhysicalTime,
+    ) -> io::Result<Self> {
+        let socket = Socket::connect(address, until)?;
+        let mut link = Self::new(socket, Role::Opener, purpose, keys)?;
         link.trust();
         Ok(link)
     }
 
     /// A link that somebody has opened, who has not said who he is.
-    pub(crate) fn new(socket: Socket) -> Self {
-        Self {
-            socket,
+    pub(crate) fn accepted(socket: Socket, purpose: Purpose, keys: &Keys) -> io::Result<Self> {
+        Self::new(socket, Role::Acceptor, purpose, keys)
+    }
+
+    fn new(socket: Socket, role: Role, purpose: Purpose, keys: &Keys) -> io::Result<Self> {
+        let handshake = keys.handshake(&socket, role, purpose)?;
+        Ok(Self {
+            stream: keys.stream(socket, role)?,
+            handshake: handshake.map(Box::new),
             trusted: false,
             inbound: Inbound {
-                buffer: vec![0; EAGER_BUFFER],
+                // Whoever has not said who he is costs little.
+                buffer: vec![0; STRANGER_LIMIT],
                 start: 0,
                 end: 0,
                 missing: 0,
                 descriptors: VecDeque::new(),
             },
-            outbound: Outbound {
-                buffer: Vec::with_capacity(EAGER_BUFFER),
-                written: 0,
-                descriptors: BTreeMap::new(),
-            },
-        }
+            outbound: Outbound { buffer: Vec::new(), written: 0, descriptors: BTreeMap::new() },
+        })
     }
 
     /// The other end belongs to the federation.
     pub(crate) fn trust(&mut self) {
         self.trusted = true;
+        self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
+        self.outbound.buffer.reserve(EAGER_BUFFER);
+    }
+
+    /// Whether both ends have proved what they have to.
+    pub(crate) fn is_established(&self) -> bool {
+        self.handshake.is_none()
+    }
+
+    /// Waits until both ends have proved what they have to, until `until` at the latest.
+    pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
+        loop {
+            self.flush()?;
+            if self.is_established() {
+                return Ok(());
+            }
+            match self.read()? {
+                Arrival::Bytes => continue,
+                Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
+                Arrival::Nothing if Clock::now() >= until => {
+                    return Err(io::ErrorKind::TimedOut.into());
+                }
+                Arrival::Nothing => {}
+            }
+            wait(&[Interest { fd: self.as_fd(), write: self.has_outbound() }], Some(until));
+        }
+    }
+
+    /// The address of this end.
+    pub(crate) fn local_address(&self) -> io::Result<std::net::SocketAddr> {
+        self.stream.socket().local_address()
     }
 
     /// Whether descriptors can travel over this link.
     pub(crate) fn is_local(&self) -> bool {
-        self.socket.is_unix()
+        self.stream.socket().is_unix()
     }
 
     /// Appends a frame to what is to be written.
@@ -117,15 +178,29 @@ impl Link {
         codec::encode(frame, &mut self.outbound.buffer);
     }
 
-    /// Whether something is still to be written.
+    /// Whether something is to be written, and may be.
     pub(crate) fn has_outbound(&self) -> bool {
-        self.outbound.written < self.outbound.buffer.len()
+        let more = match &self.handshake {
+            Some(handshake) => !handshake.outbound().is_empty(),
+            None => self.outbound.is_some(),
+        };
+        more || self.stream.has_outbound()
+    }
+
+    /// Whether something has been received of which the socket knows nothing any more.
+    pub(crate) fn has_unread(&self) -> bool {
+        self.stream.has_unread()
     }
 
     /// Writes as much as the socket takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
-        while self.has_outbound() {
-            match self.outbound.write(&self.socket) {
+        self.stream.pump()?;
+        self.flush_handshake()?;
+        if !self.is_established() {
+            return Ok(());
+        }
+        while self.outbound.is_some() {
+            match self.outbound.write(&mut self.stream) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
                 Ok(_) => {}
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
@@ -146,7 +221,7 @@ impl Link {
     /// Tells the other end that nothing more will come.
     pub(crate) fn finish(&mut self) {
         // Fails only if the other end is closed already.
-        let _ = self.socket.finish();
+        let _ = self.stream.finish();
     }
 
     /// Throws away what comes. Returns whether the other end is still open.
@@ -161,22 +236,63 @@ impl Link {
         }
     }
 
+    /// Writes what the handshake has to say, and notices when it is over.
+    fn flush_handshake(&mut self) -> io::Result<()> {
+        let Some(handshake) = &mut self.handshake else { return Ok(()) };
+        while !handshake.outbound().is_empty() {
+            match self.stream.send(handshake.outbound()) {
+                Ok(count) => handshake.sent(count),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        if handshake.is_over() {
+            self.handshake = None;
+        }
+        Ok(())
+    }
+
+    /// Reads what the handshake wants, and nothing beyond. A refusal is an error, which leaves
+    /// before it is returned.
+    fn read_handshake(&mut self) -> io::Result<Arrival> {
+        let Some(handshake) = &mut self.handshake else { return Ok(Arrival::Bytes) };
+        let mut buffer = [0; proof::LONGEST];
+        let wanted = handshake.wanted();
+        if wanted == 0 {
+            // It waits until its last words have left.
+            self.flush_handshake()?;
+            return Ok(if self.is_established() { Arrival::Bytes } else { Arrival::Nothing });
+        }
+        let received = self.stream.receive(&mut buffer[..wanted], &mut self.inbound.descriptors);
+        let arrival = arrival(received)?;
+        let taken = match arrival {
+            Ok(count) => {
+                let binding = self.stream.binding()?;
+                handshake.take(&buffer[..count], || binding)
+            }
+            Err(arrival) => return Ok(arrival),
+        };
+        self.flush_handshake()?;
+        taken.map_err(refused)?;
+        Ok(Arrival::Bytes)
+    }
+
     /// Reads once.
     pub(crate) fn read(&mut self) -> io::Result<Arrival> {
+        if self.handshake.is_some() {
+            return self.read_handshake();
+        }
         self.inbound.make_room();
         let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
-        match self.socket.receive(&mut buffer[*end..], descriptors) {
-            Ok(0) => Ok(Arrival::Closed),
+        let received = self.stream.receive(&mut buffer[*end..], descriptors);
+        Ok(match arrival(received)? {
             Ok(count) => {
                 *end += count;
-                Ok(Arrival::Bytes)
+                Arrival::Bytes
             }
-            Err(error) => match error.kind() {
-                io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Arrival::Nothing),
-                io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe => Ok(Arrival::Closed),
-                _ => Err(error),
-            },
-        }
+            Err(arrival) => arrival,
+        })
     }
 
     /// The next whole frame that has been read, with the descriptor that came with it.
@@ -204,9 +320,26 @@ impl Link {
     }
 }
 
+/// How many bytes have come, or what else a read tells.
+fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
+    match received {
+        Ok(0) => Ok(Err(Arrival::Closed)),
+        Ok(count) => Ok(Ok(count)),
+        Err(error) => match error.kind() {
+            io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Err(Arrival::Nothing)),
+            io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe => Ok(Err(Arrival::Closed)),
+            _ => Err(error),
+        },
+    }
+}
+
+fn refused(refused: Refused) -> io::Error {
+    io::Error::new(io::ErrorKind::PermissionDenied, refused)
+}
+
 impl AsFd for Link {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.socket.as_fd()
+        self.stream.as_fd()
     }
 }
 
@@ -231,14 +364,18 @@ impl Inbound {
 }
 
 impl Outbound {
-    fn write(&mut self, socket: &Socket) -> io::Result<usize> {
+    fn is_some(&self) -> bool {
+        self.written < self.buffer.len()
+    }
+
+    fn write(&mut self, stream: &mut Stream) -> io::Result<usize> {
         // A descriptor goes with the first byte of its frame, so a write starts or ends there.
         let next = self.descriptors.range(self.written + 1..).next();
         let until = next.map_or(self.buffer.len(), |(at, _)| *at);
         let bytes = &self.buffer[self.written..until];
         let count = match self.descriptors.get(&self.written) {
-            Some(descriptor) => socket.send_with(bytes, descriptor.as_fd())?,
-            None => socket.send(bytes)?,
+            Some(descriptor) => stream.send_with(bytes, descriptor.as_fd())?,
+            None => stream.send(bytes)?,
         };
         if count > 0 {
             self.descriptors.remove(&self.written);

@@ -13,10 +13,10 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput, Topology};
 
 use crate::bell::Bell;
-use crate::link::{Arrival, READS};
+use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{Interest, wait};
-use crate::wire::{Gate, Network, Wire};
-use crate::{Address, Clock, Failure};
+use crate::wire::{Network, Wire};
+use crate::{Address, Clock, Failure, Security};
 
 /// Time between the last federate's being ready and the start of the program: enough for the start
 /// time to reach everybody on one machine.
@@ -31,6 +31,11 @@ pub struct RtiOptions {
     pub federation: FederationId,
     /// Where to listen.
     pub listen: Address,
+    /// Where to listen as well: on a Unix socket for this machine, perhaps, where federates share
+    /// memory.
+    pub also_listen: Vec<Address>,
+    /// How its links are protected.
+    pub security: Security,
     /// When it is a failure that a federate does not answer.
     pub patience: Patience,
 }
@@ -80,7 +85,9 @@ pub enum RtiEvent {
 #[derive(Debug)]
 pub struct Rti {
     machine: hprm_federated::Rti,
-    listener: Gate,
+    lobby: Lobby,
+    /// The first address that the lobby listens at.
+    address: Address,
     links: BTreeMap<LinkId, Wire>,
     next_link: u32,
     /// Descriptors of segments on their way from owner to reader.
@@ -124,32 +131,37 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// If the address is taken.
+    /// If an address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
         Self::bind_on(options, &Network::Sockets)
     }
 
     pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
         let topology = Topology::new(&options.program);
-        let failed = |error: io::Error| {
-            Failure::new(format!("error: the RTI cannot listen at {}: {error}", options.listen))
+        let failed = |address: &Address, error: io::Error| {
+            Failure::new(format!("error: the RTI cannot listen at {address}: {error}"))
         };
+        let keys = Keys::new(options.federation, options.security.clone())?;
         let fingerprint = options.program.fingerprint();
+        let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, START_DELAY)
+            .watching(options.patience);
+        let gates = std::iter::once(&options.listen)
+            .chain(&options.also_listen)
+            .map(|address| {
+                keys.suffice_for(address)?;
+                network.listen(address).map_err(|error| failed(address, error))
+            })
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
-            machine: hprm_federated::Rti::new(
-                topology,
-                options.federation,
-                fingerprint,
-                START_DELAY,
-            )
-            .watching(options.patience),
-            listener: network.listen(&options.listen).map_err(failed)?,
+            machine,
+            address: gates[0].address().clone(),
+            lobby: Lobby::new(gates, Purpose::Coordination, keys),
             links: BTreeMap::new(),
             next_link: 0,
             descriptors: BTreeMap::new(),
             closing: Vec::new(),
             control: Arc::new(Control {
-                bell: Bell::new().map_err(failed)?,
+                bell: Bell::new().map_err(|error| failed(&options.listen, error))?,
                 stop: AtomicBool::new(false),
                 abort: AtomicBool::new(false),
             }),
@@ -161,7 +173,12 @@ impl Rti {
     /// Where it listens.
     #[must_use]
     pub fn address(&self) -> &Address {
-        self.listener.address()
+        &self.address
+    }
+
+    /// Everywhere it listens.
+    pub fn addresses(&self) -> impl Iterator<Item = &Address> {
+        self.lobby.addresses()
     }
 
     /// A handle for other threads.
@@ -187,7 +204,7 @@ impl Rti {
             if self.machine.next_wakeup().is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
             }
-            self.accept()?;
+            self.accept(&mut report)?;
             for link in ready.drain(..) {
                 self.read(link);
             }
@@ -201,11 +218,16 @@ impl Rti {
         self.failure.map_or(Ok(()), Err)
     }
 
-    fn accept(&mut self) -> Result<(), Failure> {
+    fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
-        while let Some(link) = self.listener.accept().map_err(failed)? {
-            self.links.insert(LinkId(self.next_link), link);
+        for (link, hello) in self.lobby.admit(Clock::now()).map_err(failed)? {
+            let id = LinkId(self.next_link);
             self.next_link += 1;
+            self.links.insert(id, link);
+            self.frame(id, hello, None);
+            self.apply(report);
+            // More may have come with it.
+            self.read(id);
         }
         Ok(())
     }
@@ -334,17 +356,21 @@ impl Rti {
 
     /// Waits, and returns the links that have something to read.
     fn wait(&self) -> Vec<LinkId> {
-        let mut interests = vec![
-            Interest { fd: self.control.bell.as_fd(), write: false },
-            Interest { fd: self.listener.as_fd(), write: false },
-        ];
+        let mut interests = vec![Interest { fd: self.control.bell.as_fd(), write: false }];
         interests.extend(
             self.links
                 .values()
                 .map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }),
         );
-        let ready = wait(&interests, self.machine.next_wakeup());
+        interests.extend(self.lobby.interests());
+        let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
+        let until = [self.machine.next_wakeup(), self.lobby.next_wakeup(), unread];
+        let ready = wait(&interests, until.into_iter().flatten().min());
         self.control.bell.silence();
-        self.links.keys().zip(&ready[2..]).filter(|(_, ready)| **ready).map(|(id, _)| *id).collect()
+        let links = self.links.iter().zip(&ready[1..]);
+        links
+            .filter(|((_, link), ready)| **ready || link.has_unread())
+            .map(|((id, _), _)| *id)
+            .collect()
     }
 }

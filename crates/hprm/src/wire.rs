@@ -6,14 +6,16 @@
 mod memory;
 
 use std::io;
+use std::net::SocketAddr;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 
+use hprm_core::PhysicalTime;
 use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::Address;
-use crate::link::{Arrival, Link, Listener};
+use crate::link::{Arrival, Keys, Link, Listener, Purpose};
 pub(crate) use memory::Hub;
 use memory::{MemoryGate, MemoryLink};
 
@@ -41,10 +43,16 @@ pub(crate) enum Network {
 }
 
 impl Network {
-    /// Connects to an address at which somebody listens.
-    pub(crate) fn connect(&self, address: &Address) -> io::Result<Wire> {
+    /// Connects to an address at which somebody listens, by `until` at the latest.
+    pub(crate) fn connect(
+        &self,
+        address: &Address,
+        purpose: Purpose,
+        keys: &Keys,
+        until: PhysicalTime,
+    ) -> io::Result<Wire> {
         match self {
-            Self::Sockets => Link::connect(address).map(Wire::Socket),
+            Self::Sockets => Link::connect(address, purpose, keys, until).map(Wire::Socket),
             Self::Process(hub) => hub.connect(address).map(Wire::Memory),
         }
     }
@@ -68,10 +76,12 @@ impl Gate {
     }
 
     /// The next connection, if one waits: of somebody who has not said who he is.
-    pub(crate) fn accept(&self) -> io::Result<Option<Wire>> {
+    pub(crate) fn accept(&self, purpose: Purpose, keys: &Keys) -> io::Result<Option<Wire>> {
         match self {
             Self::Socket(listener) => {
-                Ok(listener.accept()?.map(|socket| Wire::Socket(Link::new(socket))))
+                let socket = listener.accept()?;
+                let link = socket.map(|socket| Link::accepted(socket, purpose, keys));
+                Ok(link.transpose()?.map(Wire::Socket))
             }
             Self::Memory(gate) => Ok(gate.accept().map(Wire::Memory)),
         }
@@ -94,6 +104,38 @@ impl Wire {
             Self::Socket(link) => link.trust(),
             // Nobody else is in this process.
             Self::Memory(_) => {}
+        }
+    }
+
+    /// Whether both ends have proved what they have to.
+    pub(crate) fn is_established(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_established(),
+            Self::Memory(_) => true,
+        }
+    }
+
+    /// Waits until both ends have proved what they have to, until `until` at the latest.
+    pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
+        match self {
+            Self::Socket(link) => link.establish(until),
+            Self::Memory(_) => Ok(()),
+        }
+    }
+
+    /// The address of this end on the network.
+    pub(crate) fn local_address(&self) -> io::Result<SocketAddr> {
+        match self {
+            Self::Socket(link) => link.local_address(),
+            Self::Memory(_) => Err(io::ErrorKind::Unsupported.into()),
+        }
+    }
+
+    /// Whether something has been received of which the system knows nothing any more.
+    pub(crate) fn has_unread(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.has_unread(),
+            Self::Memory(_) => false,
         }
     }
 

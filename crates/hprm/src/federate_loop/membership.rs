@@ -11,9 +11,10 @@ use hprm_federated::{Federate, FederationId, Input, Output};
 use hprm_store::{Store, StoreLimits};
 
 use super::objects::Objects;
+use super::reach::Reach;
 use super::wires::{Event, Wires};
 use crate::wire::Network;
-use crate::{Address, Clock, Failure, Inbox};
+use crate::{Address, Clock, Failure, Inbox, Security};
 
 /// How long a federate that ends waits until its last frames have arrived.
 const FAREWELL: Nanos = 2_000_000_000;
@@ -29,6 +30,10 @@ pub struct FederateOptions {
     pub rti: Address,
     /// The secret of the federation.
     pub federation: FederationId,
+    /// How its links are protected.
+    pub security: Security,
+    /// How long to look for the RTI, and where others find this federate.
+    pub reach: Reach,
     /// How much memory its object store may take.
     pub store: StoreLimits,
     /// Where its share of the logical trace goes, if it is wanted.
@@ -54,10 +59,10 @@ impl Membership {
         let machine = Federate::new(
             options.federate,
             &options.program,
-            options.federation,
+            wires.federation(),
             options.program.fingerprint(),
             wires.host(),
-            wires.listen_address(),
+            wires.advertised(),
         );
         let bell = inbox.clone();
         let wake = Box::new(move || bell.ring());

@@ -6,13 +6,14 @@ use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 
 use hprm_core::{Coordination, FederateId, PhysicalTime};
-use hprm_federated::{Frame, HostId};
+use hprm_federated::{FederationId, Frame, HostId};
 
 use super::FederateOptions;
-use crate::link::{Arrival, READS};
+use super::reach;
+use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{Interest, wait};
-use crate::wire::{Gate, Network, Wire};
-use crate::{Address, Clock, Failure, Inbox};
+use crate::wire::{Network, Wire};
+use crate::{Clock, Failure, Inbox};
 
 /// What has come from a link.
 pub(super) enum Event {
@@ -27,9 +28,10 @@ pub(super) enum Event {
 pub(super) struct Wires {
     network: Network,
     rti: Option<Wire>,
-    listener: Option<Gate>,
-    /// Links that peers opened and have not yet said whose they are.
-    greeting: Vec<Wire>,
+    keys: Keys,
+    /// Where peers open links, if the coordination needs them.
+    lobby: Option<Lobby>,
+    advertised: Option<String>,
     /// Links that this federate opened: its messages go there.
     outgoing: BTreeMap<FederateId, Wire>,
     /// Links that peers opened: their messages come from there.
@@ -42,26 +44,32 @@ pub(super) struct Wires {
 impl Wires {
     /// Connects to the RTI, and listens for peers if the coordination needs them.
     pub(super) fn connect(options: &FederateOptions, network: Network) -> Result<Self, Failure> {
-        let rti = network.connect(&options.rti).map_err(|error| {
-            Failure::new(format!(
-                "error: no RTI at {}: {error}\n  hint: start the federation with `hprm run`, or \
-                 the RTI with `hprm rti`",
-                options.rti
-            ))
-        })?;
+        let keys = Keys::new(options.federation, options.security.clone())?;
+        let rti = reach::rti(options, &keys, &network)?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
-        let listener = decentralized.then(|| listen(options, &network)).transpose()?;
+        let (mut lobby, mut advertised) = (None, None);
+        if decentralized {
+            let (gates, addresses) = reach::listen(options, &rti, &keys, &network)?;
+            lobby = Some(Lobby::new(gates, Purpose::Messages, keys.clone()));
+            advertised = Some(addresses);
+        }
         Ok(Self {
-            host: host_id(rti.is_local()),
+            host: reach::host_id(rti.is_local(), decentralized),
             network,
             rti: Some(rti),
-            listener,
-            greeting: Vec::new(),
+            keys,
+            lobby,
+            advertised,
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
             events: Vec::new(),
             descriptors: BTreeMap::new(),
         })
+    }
+
+    /// What frames call this federation.
+    pub(super) fn federation(&self) -> FederationId {
+        self.keys.name()
     }
 
     /// Which federates share this one's memory: those with the same number.
@@ -70,28 +78,32 @@ impl Wires {
     }
 
     /// Where peers reach this federate.
-    pub(super) fn listen_address(&self) -> Option<String> {
-        self.listener.as_ref().map(|listener| listener.address().to_string())
+    pub(super) fn advertised(&self) -> Option<String> {
+        self.advertised.clone()
     }
 
-    /// Opens the link that carries this federate's messages to `peer`.
+    /// Opens the link that carries this federate's messages to `peer`, which listens at one of
+    /// `addresses`. It does not wait for the other end, which may be doing the same.
     pub(super) fn connect_peer(
         &mut self,
         peer: FederateId,
-        listen: &str,
+        addresses: &str,
+        same_host: bool,
         hello: &Frame,
     ) -> Result<(), Failure> {
-        let unreachable = |error: &dyn std::fmt::Display| {
-            Failure::new(format!(
-                "error: federate {} is not reachable at {listen}: {error}",
-                peer.0
-            ))
-        };
-        let address: Address = listen.parse().map_err(|error| unreachable(&error))?;
-        let mut link = self.network.connect(&address).map_err(|error| unreachable(&error))?;
+        let mut link = reach::peer(peer, addresses, same_host, (&self.keys, &self.network))?;
         link.queue(hello, None);
         self.outgoing.insert(peer, link);
         Ok(())
+    }
+
+    /// Whether descriptors reach a federate on the same host before a message on such a channel.
+    pub(super) fn pass_descriptors(&self, to: FederateId, physical: bool) -> bool {
+        match self.outgoing.get(&to).or_else(|| self.incoming.get(&to)) {
+            // A message on a physical channel takes the other way, and may overtake them.
+            Some(link) => link.is_local() && !physical,
+            None => self.rti.as_ref().is_some_and(Wire::is_local),
+        }
     }
 
     pub(super) fn tell_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
@@ -157,24 +169,21 @@ impl Wires {
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
     ) -> Result<Vec<Event>, Failure> {
         self.read_rti()?;
-        self.accept()?;
-        self.read_greetings(admit);
-        self.read_peers();
+        self.read_greetings(admit)?;
+        self.read_peers()?;
         Ok(std::mem::take(&mut self.events))
     }
 
     /// Waits until a link is ready, the bell rings, or `until` has come.
     pub(super) fn wait<V>(&self, bell: &Inbox<V>, until: Option<PhysicalTime>) {
         let mut interests = vec![Interest { fd: bell.as_fd(), write: false }];
-        interests.extend(
-            self.links()
-                .chain(&self.greeting)
-                .map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }),
-        );
-        interests.extend(
-            self.listener.iter().map(|listener| Interest { fd: listener.as_fd(), write: false }),
-        );
-        wait(&interests, until);
+        let links = self.links();
+        interests
+            .extend(links.map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }));
+        interests.extend(self.lobby.iter().flat_map(Lobby::interests));
+        let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup);
+        let unread = self.links().any(Wire::has_unread).then(Clock::now);
+        wait(&interests, until.into_iter().chain(impatience).chain(unread).min());
     }
 
     fn links(&self) -> impl Iterator<Item = &Wire> {
@@ -200,39 +209,31 @@ impl Wires {
         Ok(())
     }
 
-    fn accept(&mut self) -> Result<(), Failure> {
-        let Some(listener) = &self.listener else { return Ok(()) };
-        while let Some(link) = listener.accept().map_err(|error| {
+    /// A peer's first frame says whose link it is. Whoever cannot say that is not answered.
+    fn read_greetings(
+        &mut self,
+        admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
+    ) -> Result<(), Failure> {
+        let Some(lobby) = &mut self.lobby else { return Ok(()) };
+        let admitted = lobby.admit(Clock::now()).map_err(|error| {
             Failure::new(format!("error: cannot accept a connection of a peer: {error}"))
-        })? {
-            self.greeting.push(link);
+        })?;
+        for (mut link, hello) in admitted {
+            if let Some((from, welcome)) = admit(&hello) {
+                link.trust();
+                link.queue(&welcome, None);
+                self.incoming.insert(from, link);
+                self.events.push(Event::PeerUp(from));
+            }
         }
         Ok(())
     }
 
-    /// A peer's first frame says whose link it is. Whoever cannot say that is not answered.
-    fn read_greetings(&mut self, admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>) {
-        for mut link in std::mem::take(&mut self.greeting) {
-            let open = !matches!(link.read(), Ok(Arrival::Closed) | Err(_));
-            match link.next_frame() {
-                Ok(Some((hello, _))) => {
-                    if let Some((from, welcome)) = admit(&hello) {
-                        link.trust();
-                        link.queue(&welcome, None);
-                        self.incoming.insert(from, link);
-                        self.events.push(Event::PeerUp(from));
-                    }
-                }
-                Ok(None) if open => self.greeting.push(link),
-                _ => {}
-            }
-        }
-    }
-
     /// A peer whose link is broken is as good as gone.
-    fn read_peers(&mut self) {
+    fn read_peers(&mut self) -> Result<(), Failure> {
         let outgoing: Vec<_> = self.outgoing.keys().copied().collect();
         for peer in outgoing {
+            self.check_proof(peer)?;
             if !self.read_peer(peer, |wires| &mut wires.outgoing)
                 // Its messages come over the other link, and there may be more of them.
                 && !self.incoming.contains_key(&peer)
@@ -245,6 +246,17 @@ impl Wires {
             if !self.read_peer(peer, |wires| &mut wires.incoming) {
                 self.events.push(Event::PeerLost(peer));
             }
+        }
+        Ok(())
+    }
+
+    /// Whoever listens where a peer should must prove that it is one.
+    fn check_proof(&mut self, peer: FederateId) -> Result<(), Failure> {
+        match self.outgoing.get_mut(&peer) {
+            Some(link) if !link.is_established() => link.read().map(drop).map_err(|error| {
+                Failure::new(format!("error: the link to federate {}: {error}", peer.0))
+            }),
+            _ => Ok(()),
         }
     }
 
@@ -301,27 +313,4 @@ fn read_frames(
         }
     }
     Ok(true)
-}
-
-/// Peers are reached the way the RTI is.
-fn listen(options: &FederateOptions, network: &Network) -> Result<Gate, Failure> {
-    // With the number of the process: a transient federate may have a predecessor.
-    let mine = format!("{}-{}", options.federate.0, std::process::id());
-    let address = match &options.rti {
-        Address::Abstract(rti) => Address::Abstract(format!("{rti}-{mine}")),
-        Address::Path(rti) => Address::Path(format!("{rti}-{mine}")),
-        Address::Tcp(_) => Address::Tcp("127.0.0.1:0".to_owned()),
-    };
-    network
-        .listen(&address)
-        .map_err(|error| Failure::new(format!("error: cannot listen at {address}: {error}")))
-}
-
-/// The number of this machine since it was booted. A federate whose links carry no descriptors
-/// shares memory with nobody, so its number is its own.
-fn host_id(local: bool) -> HostId {
-    let source = if local { "boot_id" } else { "uuid" };
-    let text = std::fs::read_to_string(format!("/proc/sys/kernel/random/{source}"));
-    let digits: String = text.unwrap_or_default().chars().filter(char::is_ascii_hexdigit).collect();
-    HostId(u128::from_str_radix(&digits, 16).unwrap_or_default())
 }

@@ -3,17 +3,28 @@
 use std::collections::VecDeque;
 use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
-use std::net::{TcpListener, TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr as InternetAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+use std::time::Duration;
 
+use hprm_core::PhysicalTime;
+use rustix::io::Errno;
 use rustix::net::{
-    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
-    SendAncillaryMessage, SendFlags, recvmsg, send, sendmsg, sockopt,
+    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
+    SendAncillaryMessage, SendFlags, SocketFlags, SocketType, recvmsg, send, sendmsg, sockopt,
 };
 
 use super::Address;
+use crate::Clock;
+use crate::wait::{Interest, wait};
+
+/// How soon a TCP connection to a machine that has vanished ends: this long after the last word the
+/// kernel asks, and then as often, at these intervals.
+const SILENCE: Duration = Duration::from_secs(10);
+const QUESTIONS: u32 = 4;
+const QUESTION_INTERVAL: Duration = Duration::from_secs(5);
 
 /// The most descriptors that one read brings.
 const DESCRIPTORS: usize = 8;
@@ -39,7 +50,7 @@ enum Kind {
 }
 
 impl Socket {
-    pub(super) fn connect(address: &Address) -> io::Result<Self> {
+    pub(super) fn connect(address: &Address, until: PhysicalTime) -> io::Result<Self> {
         match address {
             Address::Abstract(_) | Address::Path(_) => {
                 Self::unix(UnixStream::connect_addr(&unix_address(address)?)?)
@@ -47,8 +58,8 @@ impl Socket {
             Address::Tcp(host) => {
                 let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
                 for address in host.to_socket_addrs()? {
-                    match TcpStream::connect(address) {
-                        Ok(stream) => return Self::tcp(stream),
+                    match connect_tcp(address, until).and_then(Self::tcp) {
+                        Ok(socket) => return Ok(socket),
                         Err(error) => last = error,
                     }
                 }
@@ -73,7 +84,17 @@ impl Socket {
     fn tcp(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
+        sockopt::set_socket_keepalive(&stream, true)?;
+        sockopt::set_tcp_keepidle(&stream, SILENCE)?;
+        sockopt::set_tcp_keepintvl(&stream, QUESTION_INTERVAL)?;
+        sockopt::set_tcp_keepcnt(&stream, QUESTIONS)?;
         Ok(Self { fd: stream.into(), unix: false })
+    }
+
+    /// The address of this end, if it is TCP.
+    pub(super) fn local_address(&self) -> io::Result<InternetAddr> {
+        let address = rustix::net::getsockname(&self.fd)?;
+        InternetAddr::try_from(address).map_err(|_| io::ErrorKind::Unsupported.into())
     }
 
     pub(super) fn is_unix(&self) -> bool {
@@ -189,6 +210,27 @@ impl AsFd for Listener {
             Kind::Tcp(listener) => listener.as_fd(),
         }
     }
+}
+
+/// Connects without blocking anywhere but in [`wait`].
+fn connect_tcp(address: InternetAddr, until: PhysicalTime) -> io::Result<TcpStream> {
+    let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = rustix::net::socket_with(family, SocketType::STREAM, flags, None)?;
+    match rustix::net::connect(&socket, &address) {
+        Ok(()) => {}
+        Err(Errno::INPROGRESS) => {
+            // A signal ends a wait early.
+            while !wait(&[Interest { fd: socket.as_fd(), write: true }], Some(until))[0] {
+                if Clock::now() >= until {
+                    return Err(io::ErrorKind::TimedOut.into());
+                }
+            }
+            sockopt::socket_error(&socket)??;
+        }
+        Err(error) => return Err(error.into()),
+    }
+    Ok(socket.into())
 }
 
 fn unix_address(address: &Address) -> io::Result<SocketAddr> {

@@ -1,0 +1,263 @@
+//! Finding one another: a federate the RTI, and under decentralized coordination its peers.
+//!
+//! This is about addresses and patience. What travels over the links that result is in `wires`.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::os::unix::fs::MetadataExt;
+use std::time::Duration;
+
+use hprm_core::{FederateId, Nanos};
+use hprm_federated::HostId;
+
+use super::FederateOptions;
+use crate::link::{Keys, Purpose};
+use crate::wait::wait;
+use crate::wire::{Gate, Network, Wire};
+use crate::{Address, Clock, Failure};
+
+/// How long one attempt to connect may take.
+const ATTEMPT: Nanos = 5_000_000_000;
+
+/// How long a peer that listens may take to answer.
+const PEER_PATIENCE: Nanos = 20_000_000_000;
+
+/// Between two attempts; it doubles from the first to the last of these.
+const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
+
+/// How often a link may break while it is being opened, before that is no accident.
+const BREAKS: u32 = 5;
+
+/// How long to look for the RTI, and where others find this federate.
+#[derive(Clone, Debug)]
+pub struct Reach {
+    /// How long to try to reach the RTI, which may be started later.
+    pub patience: Duration,
+    /// `HOST` or `HOST:PORT` under which other machines reach this federate, if that is not where
+    /// its connection to the RTI begins.
+    pub advertise: Option<String>,
+    /// Hears that the RTI is not there yet, once.
+    pub notice: Option<fn(&str)>,
+    /// Whether the user wants no more of it.
+    pub interrupted: Option<fn() -> bool>,
+}
+
+impl Default for Reach {
+    fn default() -> Self {
+        Self { patience: Duration::from_secs(60), advertise: None, notice: None, interrupted: None }
+    }
+}
+
+/// Connects to the RTI. If it is not there yet, waits for it.
+pub(super) fn rti(
+    options: &FederateOptions,
+    keys: &Keys,
+    network: &Network,
+) -> Result<Wire, Failure> {
+    keys.suffice_for(&options.rti)?;
+    let reach = &options.reach;
+    let patience = Nanos::try_from(reach.patience.as_nanos()).unwrap_or(Nanos::MAX);
+    let give_up = Clock::now().plus(patience);
+    let (mut pause, longest) = PAUSES;
+    let mut breaks = 0;
+    let mut told = false;
+    loop {
+        let until = Clock::now().plus(ATTEMPT);
+        let link = network.connect(&options.rti, Purpose::Coordination, keys, until);
+        let error = match link.and_then(|mut link| link.establish(until).map(|()| link)) {
+            Ok(link) => return Ok(link),
+            Err(error) => error,
+        };
+        if reach.interrupted.is_some_and(|interrupted| interrupted()) {
+            return Err(Failure::interrupted());
+        }
+        breaks += u32::from(error.kind() == io::ErrorKind::ConnectionReset);
+        if breaks > BREAKS || Clock::now() >= give_up || !passes(&error) {
+            return Err(no_rti(&options.rti, &error));
+        }
+        if let Some(notice) = reach.notice.filter(|_| !std::mem::replace(&mut told, true)) {
+            notice(&format!("waiting for the RTI at {}: {error}", options.rti));
+        }
+        wait(&[], Some(Clock::now().plus(pause).min(give_up)));
+        pause = (2 * pause).min(longest);
+    }
+}
+
+/// Whether it may go better next time.
+fn passes(error: &io::Error) -> bool {
+    use io::ErrorKind;
+    !matches!(
+        error.kind(),
+        ErrorKind::PermissionDenied | ErrorKind::InvalidData | ErrorKind::InvalidInput
+    )
+}
+
+fn no_rti(address: &Address, error: &io::Error) -> Failure {
+    let hint = match error.kind() {
+        io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidData => {
+            return refused(address, error);
+        }
+        io::ErrorKind::ConnectionReset => {
+            "whoever listens there closes links at once: is it the RTI, of the same version of \
+             hprm, and are `auth` and TLS the same everywhere?"
+        }
+        _ if address.is_open() => {
+            "start the RTI with `hprm rti`, and see whether a firewall is between the machines"
+        }
+        _ => "start the federation with `hprm run`, or the RTI with `hprm rti`",
+    };
+    Failure::new(format!("error: no RTI at {address}: {error}\n  hint: {hint}"))
+}
+
+fn refused(address: &Address, error: &io::Error) -> Failure {
+    Failure::new(format!("error: the RTI at {address}: {error}"))
+}
+
+/// Connects to a peer, over a Unix socket if it runs on the same host.
+pub(super) fn peer(
+    peer: FederateId,
+    addresses: &str,
+    same_host: bool,
+    (keys, network): (&Keys, &Network),
+) -> Result<Wire, Failure> {
+    let unreachable = |error: &dyn std::fmt::Display| {
+        Failure::new(format!("error: federate {} is not reachable at {addresses}: {error}", peer.0))
+    };
+    let mut parsed = Vec::new();
+    for text in addresses.split_whitespace() {
+        parsed.push(text.parse::<Address>().map_err(|error| unreachable(&error))?);
+    }
+    let Some(address) = parsed
+        .iter()
+        .find(|address| address.is_unix() == same_host)
+        .or_else(|| parsed.iter().find(|address| !address.is_unix()))
+    else {
+        return Err(unreachable(
+            &"from another machine\n  hint: start it with `hprm federate --advertise HOST`",
+        ));
+    };
+    let until = Clock::now().plus(PEER_PATIENCE);
+    let link = network.connect(address, Purpose::Messages, keys, until);
+    link.map_err(|error| unreachable(&error))
+}
+
+/// Listens for peers. Returns also where they find this federate, as they read it.
+pub(super) fn listen(
+    options: &FederateOptions,
+    rti: &Wire,
+    keys: &Keys,
+    network: &Network,
+) -> Result<(Vec<Gate>, String), Failure> {
+    let mut gates = Vec::new();
+    let mut addresses: Vec<String> = Vec::new();
+    // With the number of the process: a transient federate may have a predecessor.
+    let mine = format!("{}-{}", options.federate.0, std::process::id());
+    let unix = match &options.rti {
+        Address::Abstract(rti) => Address::Abstract(format!("{rti}-{mine}")),
+        Address::Path(rti) => Address::Path(format!("{rti}-{mine}")),
+        // For peers on the same host, which share memory.
+        Address::Tcp(_) => Address::Abstract(format!("hprm-{}", uuid())),
+    };
+    gates.push(bind(network, &unix)?);
+    addresses.push(unix.to_string());
+    if let Some(advertise) = &options.reach.advertise {
+        let (host, port) = host_and_port(advertise)?;
+        let any = if host.starts_with('[') { "[::]" } else { "0.0.0.0" };
+        let any = Address::Tcp(format!("{any}:{port}"));
+        keys.suffice_for(&any)?;
+        let gate = bind(network, &any)?;
+        addresses.push(format!("tcp:{host}:{}", port_of(gate.address())));
+        gates.push(gate);
+    } else if !rti.is_local() {
+        let here = rti.local_address().map_err(|error| cannot_listen(&options.rti, &error))?;
+        let gate = bind(network, &Address::Tcp(SocketAddr::new(here.ip(), 0).to_string()))?;
+        addresses.push(gate.address().to_string());
+        gates.push(gate);
+    }
+    Ok((gates, addresses.join(" ")))
+}
+
+fn bind(network: &Network, address: &Address) -> Result<Gate, Failure> {
+    network.listen(address).map_err(|error| cannot_listen(address, &error))
+}
+
+fn cannot_listen(address: &Address, error: &io::Error) -> Failure {
+    Failure::new(format!("error: cannot listen at {address}: {error}"))
+}
+
+/// `HOST`, `HOST:PORT`, or an address of IPv6 with or without brackets.
+fn host_and_port(advertise: &str) -> Result<(String, u16), Failure> {
+    if let Ok(IpAddr::V6(ip)) = advertise.parse() {
+        return Ok((format!("[{ip}]"), 0));
+    }
+    if advertise.starts_with('[') && advertise.ends_with(']') {
+        return Ok((advertise.to_owned(), 0));
+    }
+    match advertise.rsplit_once(':') {
+        None if !advertise.is_empty() => Ok((advertise.to_owned(), 0)),
+        Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => {
+            Ok((host.to_owned(), port.parse().unwrap_or_default()))
+        }
+        _ => Err(Failure::new(format!(
+            "error: cannot be reached at '{advertise}': write HOST or HOST:PORT"
+        ))),
+    }
+}
+
+fn port_of(address: &Address) -> &str {
+    match address {
+        Address::Tcp(text) => text.rsplit_once(':').map_or("0", |(_, port)| port),
+        Address::Abstract(_) | Address::Path(_) => "0",
+    }
+}
+
+/// Which federates share memory: those with the same number. The links of those that have joined
+/// over Unix sockets carry descriptors; of those that have joined over TCP only links among
+/// themselves do, for which they must be in one network namespace and belong to one user.
+pub(super) fn host_id(local: bool, decentralized: bool) -> HostId {
+    let read = |name| std::fs::read_to_string(format!("/proc/sys/kernel/random/{name}"));
+    let number = |text: String| {
+        let digits: String = text.chars().filter(char::is_ascii_hexdigit).collect();
+        u128::from_str_radix(&digits, 16).unwrap_or_default()
+    };
+    let boot = read("boot_id").map(number).unwrap_or_default();
+    match (local, decentralized, std::fs::metadata("/proc/self/ns/net")) {
+        (true, _, _) => HostId(boot),
+        (false, true, Ok(namespace)) => {
+            let user = rustix::process::geteuid().as_raw();
+            HostId(boot ^ u128::from(namespace.ino()) << 64 ^ u128::from(user) << 32 ^ 1)
+        }
+        (false, _, _) => HostId(read("uuid").map(number).unwrap_or_default()),
+    }
+}
+
+fn uuid() -> String {
+    let text = std::fs::read_to_string("/proc/sys/kernel/random/uuid").unwrap_or_default();
+    text.trim().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_host_may_have_a_port() {
+        let read = |text: &str| host_and_port(text).unwrap();
+        assert_eq!(read("robot.local"), ("robot.local".to_owned(), 0));
+        assert_eq!(read("10.0.0.1:7000"), ("10.0.0.1".to_owned(), 7000));
+        assert_eq!(read("fe80::1"), ("[fe80::1]".to_owned(), 0));
+        assert_eq!(read("[fe80::1]"), ("[fe80::1]".to_owned(), 0));
+        assert_eq!(read("[fe80::1]:7000"), ("[fe80::1]".to_owned(), 7000));
+        for text in ["", ":1", "a:b"] {
+            assert!(host_and_port(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn federates_know_with_whom_they_share_memory() {
+        assert_eq!(host_id(true, false), host_id(true, true));
+        assert_eq!(host_id(false, true), host_id(false, true));
+        assert_ne!(host_id(false, false), host_id(false, false));
+        assert_ne!(host_id(true, true), host_id(false, true));
+    }
+}

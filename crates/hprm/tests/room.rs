@@ -1,0 +1,50 @@
+//! Federations of threads: values change hands as they are.
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use hprm::Room;
+use hprm_core::{Body, ReactionId, Scheduler};
+
+use common::{BOTH, Bytes, Gather, React, federation_in, gather, rounds_of, well};
+
+#[test]
+fn any_messages_in_a_room() {
+    for coordination in BOTH {
+        for (len, rounds) in [(64, 200), (3_000_000, 20)] {
+            let (program, react) = rounds_of(coordination, len, rounds);
+            well(federation_in(&Room::new(), program, &react));
+        }
+    }
+}
+
+#[test]
+fn in_a_room_the_value_itself_arrives() {
+    for coordination in BOTH {
+        let Gather { program, out, start, requests, .. } = gather(coordination, 2);
+        let sent: Arc<Vec<u8>> = Arc::new(vec![7; 3_000_000]);
+        let (value, arrived) = (Arc::clone(&sent), Arc::new(AtomicU32::new(0)));
+        let count = Arc::clone(&arrived);
+        let react = move |scheduler: &mut Scheduler<Bytes>, id: ReactionId, _: Body| {
+            if id == start {
+                scheduler.set(out, Bytes::Own(Arc::clone(&value)));
+                return Ok(());
+            }
+            let request = requests.iter().find_map(|port| scheduler.port(*port)).unwrap();
+            let Bytes::Own(request) = request else { panic!("it went through a store") };
+            assert!(Arc::ptr_eq(request, &value));
+            if count.fetch_add(1, Ordering::Relaxed) == 1 {
+                scheduler.request_stop();
+            }
+            Ok(())
+        };
+        let (room, react): (_, Arc<React>) = (Room::new(), Arc::new(react));
+        let federation = federation_in(&room, program, &react);
+        assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
+        assert_eq!(arrived.load(Ordering::Relaxed), 2);
+        drop(react);
+        assert_eq!(Arc::strong_count(&sent), 1, "the room keeps nothing");
+    }
+}
