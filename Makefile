@@ -17,10 +17,10 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test check-model conformance bench bench-rust bench-python fmt lint clean toolchain
+.PHONY: help build demo test check-model conformance bench bench-rust bench-python bench-in-process fmt lint clean toolchain
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
 
@@ -47,6 +47,9 @@ bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, sid
 
 bench-python: build ## measure the scheduler with Python bodies
 	@$(BIN)/python bench/python_bodies.py
+
+bench-in-process: build ## compare federates as threads with federates as processes
+	@$(BIN)/python bench/in_process.py
 
 fmt: $(VENV)/.requirements ## format the Rust and the Python code
 	cargo fmt --all

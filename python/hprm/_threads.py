@@ -78,7 +78,8 @@ class Lines:
         """Write to ``stream`` in the end."""
         self._stream = stream
         self._names = names
-        self._partial: dict[int, str] = {}
+        # By federate, and by its thread: it may have several workers.
+        self._partial: dict[tuple[int, int], str] = {}
 
     def __getattr__(self, name: str) -> Any:
         """Be like the stream in everything else."""
@@ -90,13 +91,14 @@ class Lines:
         if federate is None:
             written: int = self._stream.write(text)
             return written
+        writer = federate, threading.get_ident()
         with _lock:
-            *lines, rest = (self._partial.pop(federate, "") + text).split("\n")
+            *lines, rest = (self._partial.pop(writer, "") + text).split("\n")
             if len(rest) >= _LONGEST:
                 lines.append(rest)
                 rest = ""
             if rest:
-                self._partial[federate] = rest
+                self._partial[writer] = rest
             if lines:
                 prefix = f"[{self._names[federate]}] "
                 self._stream.write("".join(f"{prefix}{line}\n" for line in lines))
@@ -111,7 +113,7 @@ class Lines:
     def end(self) -> None:
         """Write the lines that have no end."""
         with _lock:
-            for federate, rest in sorted(self._partial.items()):
+            for (federate, _), rest in sorted(self._partial.items()):
                 self._stream.write(f"[{self._names[federate]}] {rest}\n")
             self._partial.clear()
             self._stream.flush()

@@ -67,9 +67,10 @@ class Result:
 class Runner:
     """Runs programs in a copy of their package, so that none writes into the checkout."""
 
-    def __init__(self, checkout: Path, hprm: Path, timeout: float) -> None:
-        """Prepare to run programs of a checkout with a command ``hprm``."""
+    def __init__(self, checkout: Path, hprm: Path, timeout: float, options: list[str]) -> None:
+        """Prepare to run programs of a checkout with a command ``hprm run`` and its options."""
         self._hprm = hprm
+        self._options = options
         self._timeout = timeout
         self._scratch = tempfile.TemporaryDirectory(prefix="hprm-conformance-")
         self._root = Path(self._scratch.name, "Python")
@@ -102,7 +103,7 @@ class Runner:
 
     def run_one(self, job: Job) -> Result:
         """Run one program to its end, or until its time is up."""
-        command = [str(self._hprm), "run"]
+        command = [str(self._hprm), "run", *self._options]
         if job.single_threaded:
             command += ["--property", "single-threaded=true"]
         command.append(str(Path("src", job.program.path)))

@@ -40,6 +40,7 @@ def main(words: list[str] | None = None) -> int:
     if not programs:
         print("error: no program fits --only, --folder and --federated", file=sys.stderr)
         return 2
+    words = ["--in-process"] if options.in_process else []
     jobs, skipped = plan(programs, options.single_threaded)
     results: list[Result] = []
     progress = report.Progress(len(jobs))
@@ -48,7 +49,7 @@ def main(words: list[str] | None = None) -> int:
         results.append(result)
         progress.show(result)
 
-    with Runner(options.checkout, hprm, options.timeout) as runner:
+    with Runner(options.checkout, hprm, options.timeout, words) as runner:
         try:
             runner.run(jobs, options.jobs, done)
         finally:
@@ -113,6 +114,9 @@ def parser() -> argparse.ArgumentParser:
         "--federated",
         action=argparse.BooleanOptionalAction,
         help="only federated programs, or none",
+    )
+    parser.add_argument(
+        "--in-process", action="store_true", help="run federates as threads of one process"
     )
     return parser
 

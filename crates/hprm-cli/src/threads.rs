@@ -40,7 +40,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         None => status.code().unwrap_or(1),
         Some(signal) => {
             let signal = Signal(signal);
-            if signal != Signal::TERMINATE {
+            if signal != Signal::TERMINATE && signal.exit_code() != INTERRUPTED {
                 let said = format!("the program was killed by signal {}", signal.description());
                 Error::new(said).show();
             }

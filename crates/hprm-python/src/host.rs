@@ -216,11 +216,13 @@ impl Host for PyHost {
     }
 
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
-        Python::attach(|py| py.detach(wait))
+        // The loop of a thread holds the interpreter's lock only while it runs a body.
+        if self.is_thread { wait() } else { Python::attach(|py| py.detach(wait)) }
     }
 
     fn interrupted(&mut self) -> bool {
-        Python::attach(|py| self.interrupt.get().take(py))
+        // Signals come to the main thread only.
+        !self.is_thread && Python::attach(|py| self.interrupt.get().take(py))
     }
 
     fn take_maxwait(&mut self) -> Option<Nanos> {
@@ -232,7 +234,10 @@ impl Host for PyHost {
     }
 
     fn warn(&mut self, message: &str) {
-        crate::console::say(&format!("warning: {message}"));
+        // A launcher of processes puts their names in front of what they say.
+        let name = || &self.runtime.program().federates[self.federate].name;
+        let prefix = if self.is_thread { format!("[{}] ", name()) } else { String::new() };
+        crate::console::say(&format!("{prefix}warning: {message}"));
     }
 }
 

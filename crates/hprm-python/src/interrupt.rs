@@ -17,6 +17,8 @@ pub(crate) struct Interrupt {
     asked: AtomicBool,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
+    /// Whether the program has ended, so that nothing is left to be broken into.
+    over: AtomicBool,
 }
 
 impl Interrupt {
@@ -56,6 +58,11 @@ impl Interrupt {
         }
     }
 
+    /// From now on, signals change nothing.
+    pub(crate) fn end(&self) {
+        self.over.store(true, Ordering::Relaxed);
+    }
+
     /// Whether the user has asked the program to stop since this was last called.
     pub(crate) fn take(&self, py: Python<'_>) -> bool {
         // Runs the handlers of signals that have come, and raises what they raise.
@@ -67,6 +74,9 @@ impl Interrupt {
 #[pymethods]
 impl Interrupt {
     fn __call__(&self, _number: &Bound<'_, PyAny>, _frame: &Bound<'_, PyAny>) -> PyResult<()> {
+        if self.over.load(Ordering::Relaxed) {
+            return Ok(());
+        }
         if self.asked.swap(true, Ordering::Relaxed) {
             return Err(PyKeyboardInterrupt::new_err(()));
         }

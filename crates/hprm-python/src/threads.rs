@@ -60,6 +60,7 @@ pub(crate) fn run_in_process(
         let interrupt = Interrupt::install(py, bell.wakeup()).map_err(raised)?;
         let code = start(&compiled, &bell, logical_traces.as_deref())
             .map(|watch| watch.run(py, interrupt.get()));
+        interrupt.get().end();
         interrupt.get().release(py);
         code
     });
@@ -169,11 +170,14 @@ fn run_federate(
 ) -> Result<(), Failure> {
     belong_to(options.federate);
     let inbox = inbox()?;
-    // All the time: what Python keeps for a thread lives as long as that is known to it. While the
-    // loop waits, the others run.
+    // Known to the interpreter all the time, so that it keeps what is the thread's, but with its lock
+    // only where there is Python code to run: the loop itself keeps nobody from running theirs.
     Python::attach(|py| {
-        hprm::run_federate_in(options, room, &inbox, || {
-            load(py, compiled, Scope::Federate(options.federate), &inbox)
+        py.detach(|| {
+            hprm::run_federate_in(options, room, &inbox, || {
+                let scope = Scope::Federate(options.federate);
+                Python::attach(|py| load(py, compiled, scope, &inbox))
+            })
         })
     })
 }
@@ -191,6 +195,8 @@ struct Watch {
     /// Set by the first failure, or by Ctrl-C.
     code: Option<i32>,
     reported: bool,
+    /// The first federate that has failed, of which the RTI may not know.
+    suspect: Option<(FederateId, Failure)>,
     /// When the process ends, whoever has not.
     until: Option<PhysicalTime>,
 }
@@ -212,6 +218,7 @@ impl Watch {
             rti_ended: false,
             code: None,
             reported: false,
+            suspect: None,
             until: None,
         }
     }
@@ -231,9 +238,11 @@ impl Watch {
                 self.rti.request_stop();
             }
             if self.running.is_empty() && self.rti_ended {
+                self.accuse();
                 return self.code.unwrap_or(0);
             }
             if self.until.is_some_and(|until| Clock::now() >= until) {
+                self.accuse();
                 let names: Vec<_> = self.running.iter().map(|id| self.name(*id)).collect();
                 if !names.is_empty() {
                     say(&format!("warning: did not end by itself: {}", names.join(", ")));
@@ -271,15 +280,21 @@ impl Watch {
                 self.running.retain(|running| *running != federate);
                 match outcome {
                     Ok(Ok(())) => {}
-                    // It has told the RTI, which tells all failures in their order.
-                    Ok(Err(failure)) if !self.rti_ended => {
+                    // The RTI, which knows who was first, has been told or soon notices.
+                    Ok(Err(failure)) => {
                         self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
-                        drop(failure);
+                        self.suspect.get_or_insert((federate, failure));
                     }
-                    Ok(Err(failure)) => self.fail(&failure.message, failure.code),
                     Err(_) => self.blame(federate, "its thread panicked, which is a bug", 1),
                 }
             }
+        }
+    }
+
+    /// A federate that has failed is to blame if nobody else is.
+    fn accuse(&mut self) {
+        if let Some((federate, failure)) = self.suspect.take().filter(|_| self.code.is_none()) {
+            self.blame(federate, &failure.message, failure.code);
         }
     }
 

@@ -54,7 +54,7 @@ struct Lane<T> {
 struct LaneState<T> {
     items: VecDeque<T>,
     closed: bool,
-    /// Whether the descriptor can be read. Both change under the lock, so it never says so in vain.
+    /// Whether the descriptor can be read, or is about to be.
     rung: bool,
 }
 
@@ -191,7 +191,7 @@ impl<T> Lane<T> {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
         state.items.extend(items);
-        self.ring(&mut state);
+        self.ring(state);
         Ok(())
     }
 
@@ -207,36 +207,39 @@ impl<T> Lane<T> {
     /// Moves everything to the end of `taken`.
     fn take_all(&self, taken: &mut VecDeque<T>) -> Arrival {
         let mut state = self.state();
-        if state.items.is_empty() {
-            // A closed lane goes on ringing until its reader has let go of it.
-            return if state.closed { Arrival::Closed } else { Arrival::Nothing };
-        }
+        let empty = state.items.is_empty();
         taken.append(&mut state.items);
+        // A closed lane goes on ringing until its reader has let go of it.
         if !state.closed {
             self.silence(&mut state);
         }
-        Arrival::Bytes
+        match (empty, state.closed) {
+            (false, _) => Arrival::Bytes,
+            (true, false) => Arrival::Nothing,
+            (true, true) => Arrival::Closed,
+        }
     }
 
     fn close(&self) {
         let mut state = self.state();
         state.closed = true;
-        self.ring(&mut state);
+        self.ring(state);
     }
 
-    fn ring(&self, state: &mut LaneState<T>) {
-        if !state.rung {
-            state.rung = true;
+    /// Rings once the lock is free: whoever wakes up takes it at once.
+    fn ring(&self, mut state: MutexGuard<'_, LaneState<T>>) {
+        let silent = !std::mem::replace(&mut state.rung, true);
+        drop(state);
+        if silent {
             // Fails only if the number is at its limit, and then it can be read.
             let _ = rustix::io::write(&self.signal, &1_u64.to_ne_bytes());
         }
     }
 
     fn silence(&self, state: &mut LaneState<T>) {
-        if state.rung {
+        // It fails if the ring is still to come: then somebody has to silence it later.
+        if state.rung && rustix::io::read(&self.signal, &mut [0; 8]).is_ok() {
             state.rung = false;
-            // Fails only if nobody has rung.
-            let _ = rustix::io::read(&self.signal, &mut [0; 8]);
         }
     }
 
