@@ -20,12 +20,12 @@ def main() -> NoReturn:
     options = parser.parse_args()
     parent = options.die_with_parent
     if parent is not None and not _hprm.die_with_parent(parent):
-        _leave(1)
+        leave(1)
     if options.command == "syntax":
         from hprm import _syntax
 
         _syntax.report(options.files)
-        _leave(0)
+        leave(0)
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     if options.command == "run" and options.in_process:
@@ -58,7 +58,7 @@ def main() -> NoReturn:
                 "properties": options.property,
             },
         )
-    _leave(code)
+    leave(code)
 
 
 def _tls(
@@ -123,7 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _leave(code: int) -> NoReturn:
+def leave(code: int) -> NoReturn:
     """End the process, whatever threads the program has left."""
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):

@@ -344,6 +344,94 @@ def test_an_interrupt_lets_a_reaction_finish(bench: Bench, coordination: str | N
     assert outcome.out.splitlines()[-1].endswith(" stops")
 
 
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_other_signals_stop_in_order_too(
+    bench: Bench, coordination: str | None, number: signal.Signals
+) -> None:
+    (bench.folder / "Main.lf").write_text(program(coordination, "pass"))
+    process = bench.call("run", "--logical-trace", "trace", "Main.lf")
+    bench.pid("main" if coordination is None else "pong")
+    process.send_signal(number)
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (128 + number, "")
+    assert len(outcome.out.splitlines()) == (1 if coordination is None else 2)
+    assert '"outcome":"interrupted"' in (bench.folder / "trace").read_text().splitlines()[-1]
+    assert {file.name for file in bench.folder.iterdir()} <= {
+        "Main.lf", "trace", "main.pid", "pong.pid",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+def test_a_signal_that_comes_twice_at_once_is_one(bench: Bench, coordination: str | None) -> None:
+    body = 'while not pathlib.Path("go").exists(): pass\n        print("finished")'
+    process = bench.start(program(coordination, body))
+    bench.pid("main" if coordination is None else "pong")
+    # To the process and to its group, as timeout(1) does.
+    process.send_signal(signal.SIGTERM)
+    os.killpg(process.pid, signal.SIGTERM)
+    (bench.folder / "go").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (143, "")
+    assert "finished" in outcome.out and outcome.out.endswith(" stops\n")
+
+
+def test_a_second_signal_breaks_into_a_body(bench: Bench) -> None:
+    process = bench.start(program(None, "while True: pass"))
+    bench.pid("main")
+
+    def gone() -> bool:
+        process.send_signal(signal.SIGTERM)
+        return process.poll() is not None
+
+    until(gone, "the program has ended")
+    # The third one may have come before the second one had its effect.
+    assert finish(process).code in (128 + signal.SIGTERM, -signal.SIGTERM)
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_an_interrupt_of_all_processes_is_one(bench: Bench, coordination: str) -> None:
+    process = bench.start(program(coordination, "pass"))
+    bench.pid("pong")
+    for pid in bench.left():
+        os.kill(pid, signal.SIGINT)
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (130, "")
+
+
+# Processes that bodies fork.
+
+FORK = """\
+child = os.fork()
+        if child == 0:
+            CHILD
+        else:
+            print("waited", os.waitpid(child, 0)[1])
+            lf.request_stop()"""
+
+
+@pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
+@pytest.mark.parametrize(
+    ("child", "status"),
+    [
+        ("pass", 0),
+        ("sys.exit(3)", 3 << 8),
+        ("raise ValueError", 1 << 8),
+        ("signal.raise_signal(signal.SIGTERM); sys.exit(0)", signal.SIGTERM),
+    ],
+)
+def test_a_forked_process_does_not_speak_for_the_federate(
+    bench: Bench, coordination: str | None, child: str, status: int
+) -> None:
+    text = program(coordination, FORK.replace("CHILD", child))
+    outcome = bench.run(text.replace("import os,", "import signal, os,"))
+    prefix, ends = ("", 1) if coordination is None else ("[pong] ", 2)
+    assert outcome.code == 0, outcome.err
+    assert f"{prefix}waited {status}" in outcome.out.splitlines()
+    assert outcome.out.count(" stops\n") == ends
+    assert ("ValueError" in outcome.err) == ("ValueError" in child)
+
+
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_second_interrupt_does_not_wait(bench: Bench, coordination: str) -> None:
     text = program(coordination, "while True: pass")
@@ -362,6 +450,29 @@ def test_a_second_interrupt_does_not_wait(bench: Bench, coordination: str) -> No
     assert time.monotonic() - begun < 4, "an orderly stop takes five seconds to give up"
     assert outcome.code == 130
     assert outcome.errors == []
+
+
+SEMAPHORE = """
+import multiprocessing
+semaphores = []
+def make_semaphore():
+    semaphores.append(multiprocessing.get_context("spawn").Semaphore())
+    pathlib.Path("made").touch()
+"""
+
+
+def test_semaphores_do_not_outlive_a_federation(bench: Bench) -> None:
+    text = program("centralized", "make_semaphore()")
+    text = text.replace("import os,", f"{SEMAPHORE}\nimport os,")
+    before = set(os.listdir("/dev/shm"))
+    process = bench.start(text)
+    until((bench.folder / "made").exists, "there is a semaphore")
+    made = set(os.listdir("/dev/shm")) - before
+    for pid in bench.left():
+        if b"federate" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            os.kill(pid, signal.SIGTERM)
+    assert finish(process).code == 1
+    assert made and not made & set(os.listdir("/dev/shm"))
 
 
 # Federates that are threads of one process.

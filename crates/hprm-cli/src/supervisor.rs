@@ -20,6 +20,8 @@ use crate::verdict::{self, Ending, LastWords, Verdict};
 const GRACE: Duration = Duration::from_millis(500);
 /// How long the others may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
+/// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
+const TOGETHER: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
 const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
 /// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
@@ -95,8 +97,8 @@ pub(crate) struct Supervisor {
     reported: bool,
     /// What the first signal or failure has decided.
     exit_code: Option<i32>,
-    /// Whether a signal has asked this process to stop before anything failed.
-    interrupted: bool,
+    /// When a signal has asked this process to stop, if that was before anything failed.
+    interrupted: Option<Duration>,
     /// What the first failure of a transient federate has decided, if nothing else has.
     dropped: Option<i32>,
     orders: VecDeque<Order>,
@@ -123,7 +125,7 @@ impl Supervisor {
             phase: Phase::Watching,
             reported: false,
             exit_code: None,
-            interrupted: false,
+            interrupted: None,
             dropped: None,
             orders: VecDeque::new(),
         }
@@ -210,7 +212,7 @@ impl Supervisor {
 
     /// Whether a signal has stopped the federation.
     pub(crate) fn is_interrupted(&self) -> bool {
-        self.interrupted
+        self.interrupted.is_some()
     }
 
     fn hear(&mut self, now: Duration, event: RtiEvent) {
@@ -268,6 +270,9 @@ impl Supervisor {
 
     /// The first time, all is to end in order; the second time, at once.
     fn interrupt(&mut self, now: Duration, signal: Signal) {
+        if self.interrupted.is_some_and(|at| now < at + TOGETHER) {
+            return;
+        }
         if self.exit_code.is_some() {
             // A pipe stays broken, and every federate that writes to it says so.
             if signal != Signal::BROKEN_PIPE {
@@ -276,7 +281,7 @@ impl Supervisor {
             return;
         }
         self.exit_code = Some(signal.exit_code());
-        self.interrupted = true;
+        self.interrupted = Some(now);
         if self.started && !self.rti_ended {
             self.orders.push_back(Order::RequestStop);
             self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT };
@@ -395,7 +400,7 @@ impl Supervisor {
     /// may have reached it too.
     fn is_good(&self, how: Ending) -> bool {
         how == Ending::Code(0)
-            || self.interrupted && how == Ending::Code(Signal::INTERRUPT.exit_code())
+            || self.is_interrupted() && how == Ending::Code(Signal::INTERRUPT.exit_code())
     }
 
     fn all_joined(&self) -> bool {

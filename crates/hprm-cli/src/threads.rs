@@ -63,6 +63,7 @@ fn supervise(mut command: Command) -> Result<ExitStatus, Error> {
         if let Some(pid) = *receiver {
             let signal = match signal {
                 Signal::TERMINATE => rustix::process::Signal::TERM,
+                Signal::HANG_UP => rustix::process::Signal::HUP,
                 _ => rustix::process::Signal::INT,
             };
             // It may be about to end.

@@ -84,10 +84,14 @@ impl PyHost {
             thread::belong_to(self.federate);
         }
         Python::attach(|py| {
-            self.call(py, scheduler, turn, effects).map_err(|error| {
+            let outcome = self.call(py, scheduler, turn, effects).map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, &format!("reaction {name}"))
-            })
+            });
+            if self.interrupt.get().is_forked() {
+                leave(py, outcome);
+            }
+            outcome
         })
     }
 
@@ -105,6 +109,20 @@ impl PyHost {
         let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
         format!("connection {from} -> {to}")
     }
+}
+
+/// Ends a process that a body has forked and that has come back from the body. Only the first one is
+/// part of the program, and speaks to the other federates.
+fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> ! {
+    let code = outcome.err().map_or(0, |Failure { message, code }| {
+        if !message.is_empty() {
+            crate::console::say(&message);
+        }
+        code
+    });
+    let left = py.import("hprm.__main__").and_then(|main| main.call_method1("leave", (code,)));
+    // That does not return, unless the package is broken.
+    std::process::exit(left.map_or(1, |_| code));
 }
 
 impl Drop for PyHost {

@@ -1,24 +1,42 @@
-//! Ctrl-C: the first one asks the program to stop in order, the second one breaks into it.
+//! Signals: the first one asks the program to stop in order, the second one breaks into it.
 
 use std::os::fd::{AsRawFd, BorrowedFd};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
+use std::time::{Duration, Instant};
 
-use pyo3::exceptions::PyKeyboardInterrupt;
+use hprm_core::Scope;
+use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// The handler of the signal, as Python calls it.
+// Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
+const SIGINT: i32 = 2;
+const SIGTERM: i32 = 15;
+const SIGHUP: i32 = 1;
+/// The exit code of a process that a signal has ended is higher than its number by this.
+const SIGNALLED: i32 = 128;
+
+/// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
+const TOGETHER: Duration = Duration::from_millis(100);
+
+/// The handler of the signals, as Python calls it.
 #[pyclass(frozen, module = "hprm._hprm")]
 #[derive(Default)]
 pub(crate) struct Interrupt {
     /// Whether the interpreter writes to a descriptor of ours when a signal comes.
     wakes: AtomicBool,
-    asked: AtomicBool,
+    /// The first signal that came, or zero.
+    asked: AtomicI32,
+    /// When it came.
+    since: OnceLock<Instant>,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
     /// Whether the program has ended, so that nothing is left to be broken into.
     over: AtomicBool,
+    /// Whether this is a process that a body has forked.
+    forked: AtomicBool,
 }
 
 impl Interrupt {
@@ -26,24 +44,44 @@ impl Interrupt {
     /// one that gets signals. A signal that comes just before the loop waits wakes it by a byte to
     /// `wakeup`.
     ///
+    /// Of a program in one process it handles all signals that ask for the end. A federate leaves
+    /// those to its launcher, which stops all of them together.
+    ///
     /// # Errors
     ///
     /// What Python raises.
-    pub(crate) fn install(py: Python<'_>, wakeup: BorrowedFd<'_>) -> PyResult<Py<Self>> {
+    pub(crate) fn install(
+        py: Python<'_>,
+        scope: Scope,
+        wakeup: BorrowedFd<'_>,
+    ) -> PyResult<Py<Self>> {
         let handler = Py::new(py, Self::default())?;
+        let forked = PyDict::new(py);
+        forked.set_item(intern!(py, "after_in_child"), handler.getattr(py, "_forked")?)?;
+        py.import(intern!(py, "os"))?.call_method("register_at_fork", (), Some(&forked))?;
         let signal = py.import(intern!(py, "signal"))?;
-        let number = signal.getattr(intern!(py, "SIGINT"))?;
-        let current = signal.call_method1(intern!(py, "getsignal"), (&number,))?;
         let threading = py.import(intern!(py, "threading"))?;
         let this = threading.call_method0(intern!(py, "current_thread"))?;
         let main = threading.call_method0(intern!(py, "main_thread"))?;
-        if current.is(signal.getattr(intern!(py, "default_int_handler"))?) && this.is(&main) {
-            signal.call_method1(intern!(py, "signal"), (&number, &handler))?;
+        if !this.is(&main) {
+            return Ok(handler);
+        }
+        let mut handled = vec![(SIGINT, "default_int_handler")];
+        if scope == Scope::Whole {
+            handled.extend([(SIGTERM, "SIG_DFL"), (SIGHUP, "SIG_DFL")]);
+        }
+        for (number, default) in handled {
+            let current = signal.call_method1(intern!(py, "getsignal"), (number,))?;
+            if current.eq(signal.getattr(default)?)? {
+                signal.call_method1(intern!(py, "signal"), (number, &handler))?;
+                handler.get().wakes.store(true, Ordering::Relaxed);
+            }
+        }
+        if handler.get().wakes.load(Ordering::Relaxed) {
             let quiet = PyDict::new(py);
             quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
             let wakeup = (wakeup.as_raw_fd(),);
             signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
-            handler.get().wakes.store(true, Ordering::Relaxed);
         }
         Ok(handler)
     }
@@ -69,18 +107,58 @@ impl Interrupt {
         let raised = py.check_signals().is_err();
         self.pending.swap(false, Ordering::Relaxed) || raised
     }
+
+    /// The exit code of a program that a signal has stopped, if one has.
+    pub(crate) fn exit_code(&self) -> Option<i32> {
+        Some(self.asked.load(Ordering::Relaxed)).filter(|it| *it != 0).map(|it| SIGNALLED + it)
+    }
+
+    /// Whether this is a process that a body has forked.
+    pub(crate) fn is_forked(&self) -> bool {
+        self.forked.load(Ordering::Relaxed)
+    }
 }
 
 #[pymethods]
 impl Interrupt {
-    fn __call__(&self, _number: &Bound<'_, PyAny>, _frame: &Bound<'_, PyAny>) -> PyResult<()> {
-        if self.over.load(Ordering::Relaxed) {
+    fn __call__(slf: &Bound<'_, Self>, number: i32, _frame: &Bound<'_, PyAny>) -> PyResult<()> {
+        let this = slf.get();
+        if this.over.load(Ordering::Relaxed) {
             return Ok(());
         }
-        if self.asked.swap(true, Ordering::Relaxed) {
+        let since = this.since.get_or_init(Instant::now);
+        if this.asked.load(Ordering::Relaxed) == 0 {
+            this.asked.store(number, Ordering::Relaxed);
+            this.pending.store(true, Ordering::Relaxed);
+            return Ok(());
+        }
+        if since.elapsed() < TOGETHER {
+            return Ok(());
+        }
+        if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
         }
-        self.pending.store(true, Ordering::Relaxed);
+        // A third one waits for nobody.
+        Self::restore(slf, number)?;
+        Err(PySystemExit::new_err(SIGNALLED + number))
+    }
+
+    /// In a process that a body has forked: it is to obey its parent like any other.
+    fn _forked(slf: &Bound<'_, Self>) -> PyResult<()> {
+        slf.get().forked.store(true, Ordering::Relaxed);
+        [SIGTERM, SIGHUP].into_iter().try_for_each(|number| Self::restore(slf, number))
+    }
+}
+
+impl Interrupt {
+    /// Has a signal end the process, as it does by default, if this is its handler.
+    fn restore(slf: &Bound<'_, Self>, number: i32) -> PyResult<()> {
+        let py = slf.py();
+        let signal = py.import(intern!(py, "signal"))?;
+        if signal.call_method1(intern!(py, "getsignal"), (number,))?.is(slf) {
+            let default = signal.getattr(intern!(py, "SIG_DFL"))?;
+            signal.call_method1(intern!(py, "signal"), (number, default))?;
+        }
         Ok(())
     }
 }

@@ -39,7 +39,7 @@ pub(crate) fn load(
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
     // Last, so that Ctrl-C breaks into a preamble at once.
-    let interrupt = Interrupt::install(py, inbox.wakeup()).map_err(loading)?;
+    let interrupt = Interrupt::install(py, scope, inbox.wakeup()).map_err(loading)?;
     let federate = match scope {
         Scope::Whole => FederateId(0),
         Scope::Federate(federate) => federate,

@@ -37,7 +37,11 @@ pub(crate) fn run_program(
         let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
         let trace =
             logical_trace.map(|path| Trace::create(&path, &compiled.program)).transpose()?;
-        hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace)
+        let outcome = hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace);
+        outcome.map_err(|failure| match host.interrupt.get().exit_code() {
+            Some(code) if failure.is_interrupted() => Failure { code, ..failure },
+            _ => failure,
+        })
     }))
 }
 

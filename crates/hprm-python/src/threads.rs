@@ -57,7 +57,7 @@ pub(crate) fn run_in_process(
         let (compiled, bell) = (Arc::new(compiled), inbox()?);
         let raised = |error| crate::failure::failure(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
-        let interrupt = Interrupt::install(py, bell.wakeup()).map_err(raised)?;
+        let interrupt = Interrupt::install(py, Scope::Whole, bell.wakeup()).map_err(raised)?;
         let code = start(&compiled, &bell, logical_traces.as_deref())
             .map(|watch| watch.run(py, interrupt.get()));
         interrupt.get().end();
@@ -230,10 +230,11 @@ impl Watch {
                 self.hear(event);
             }
             if interrupt.take(py) {
+                let code = interrupt.exit_code().unwrap_or(INTERRUPTED);
                 if self.code.is_some() || !self.started {
-                    return INTERRUPTED;
+                    return code;
                 }
-                self.code = Some(INTERRUPTED);
+                self.code = Some(code);
                 self.until = Some(Clock::now().plus(AFTER_INTERRUPT));
                 self.rti.request_stop();
             }

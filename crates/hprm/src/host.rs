@@ -38,7 +38,9 @@ impl Failure {
         Self { message: String::new(), code: INTERRUPTED }
     }
 
-    pub(crate) fn is_interrupted(&self) -> bool {
+    /// Whether the user has stopped the program, which has ended in order.
+    #[must_use]
+    pub fn is_interrupted(&self) -> bool {
         self.code == INTERRUPTED && self.message.is_empty()
     }
 }

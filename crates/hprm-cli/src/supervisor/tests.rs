@@ -264,6 +264,10 @@ fn a_second_interrupt_kills() {
     let mut stage = Stage::running();
     stage.event(Event::Signal(Signal::INTERRUPT));
     stage.exits(A, Ending::Code(0));
+    // The same one, by another way.
+    stage.event(Event::Signal(Signal::INTERRUPT));
+    assert_eq!((stage.stops, stage.sent.len()), (1, 0));
+    stage.pass(100);
     stage.event(Event::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
     stage.exits(B, Ending::Signal(Signal::KILL));
