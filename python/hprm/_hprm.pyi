@@ -98,10 +98,10 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     If it was launched, then the one who did that reports warnings and failures.
     """
 
-def describe_program(path: str, *, instances: bool = False) -> ProgramSource:
-    """Describe a program, to use some of its Python outside of a run.
+def describe_program(path: str, *, all: bool = False) -> ProgramSource:
+    """Describe a program without its instances, to use some of its Python outside of a run.
 
-    What is wrong with it is the message of a ``ValueError``.
+    Or ``all`` that is in a file, which need not have a main reactor then. What is wrong with it is the message of a ``ValueError``.
     """
 
 def run_in_process(

@@ -18,7 +18,7 @@ def report(paths: list[str]) -> None:
     # Programs may share files.
     known: dict[Code, SyntaxError | None] = {}
     for path in paths:
-        source = _hprm.describe_program(path, instances=True)
+        source = _hprm.describe_program(path, all=True)
         _compile.register(source.files)
         for code, check in _pieces(source):
             if code not in known:

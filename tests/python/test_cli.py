@@ -181,6 +181,19 @@ def test_check_looks_into_bodies(hprm: Hprm, tmp_path: Path) -> None:
     assert (answer.returncode, answer.stderr) == (0, "")
 
 
+def test_check_takes_files_to_import(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Lib.lf").write_text("target Python\nreactor Lib { reaction(startup) {= if =} }\n")
+    answer = hprm("check", "Lib.lf")
+    assert answer.returncode == 1
+    assert answer.stdout == "1 program checked: 1 error, no warnings\n"
+    assert " --> Lib.lf:2:" in answer.stderr
+    (tmp_path / "Lib.lf").write_text(
+        "target Python\nreactor Lib { reaction(startup) {= pass =} }\n"
+    )
+    assert hprm("check", "Lib.lf").stdout == "1 program checked: no errors, no warnings\n"
+    assert hprm("run", "Lib.lf").returncode == 1
+
+
 def test_check_gives_json_of_files_that_are_no_programs(hprm: Hprm, tmp_path: Path) -> None:
     (tmp_path / "Bytes.lf").write_bytes(b"target Python\n\xff")
     answer = hprm("check", "--json", "Bytes.lf", "Nowhere.lf", "Main.lf")

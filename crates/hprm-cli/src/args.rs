@@ -49,7 +49,7 @@ pub(crate) struct Properties {
     stated: Vec<String>,
     /// How many reactions of one process may run at the same time, if they do not depend on one
     /// another; 0 is as many as there are processors. The same as --property workers=N.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
     workers: Option<u32>,
 }
 
@@ -196,7 +196,8 @@ pub(crate) struct Verify {
 
 /// Say what is wrong with programs, and run nothing.
 ///
-/// The Python in them is compiled too, by one interpreter for all programs.
+/// Files that others import can be checked too. The Python in them is compiled, by one interpreter for
+/// all files, and not run.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -407,11 +408,14 @@ mod tests {
             &["hprm", "run"],
             &["hprm", "check"],
             &["hprm", "dance"],
+            &["hprm", "run", "--workers", "-1", "A.lf"],
+            &["hprm", "run", "--workers", "1001", "A.lf"],
             &["hprm", "rti", "A.lf", "--listen", "carrier-pigeon"],
             &["hprm", "federate", "A.lf", "a", "--rti", "unix:@x", "--federation", "12"],
         ] {
             let error = parsed(words).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{words:?}");
+            assert!(!error.to_string().contains("tip:"), "{error}");
         }
     }
 }

@@ -37,7 +37,7 @@ pub(crate) fn show_warnings(compiled: &Compiled) {
 /// Checks programs, and shows what was found in the order in which they are named.
 pub(crate) fn check(arguments: &Check) -> ExitCode {
     let found: Vec<_> =
-        arguments.files.iter().map(|path| (path.as_path(), source::compile(path, &[]))).collect();
+        arguments.files.iter().map(|path| (path.as_path(), source::check(path))).collect();
     let well = found.iter().filter(|(_, outcome)| matches!(outcome, Ok(Ok(_))));
     let well: Vec<_> = well.map(|(path, _)| *path).collect();
     let bodies = if arguments.no_bodies { Ok(Vec::new()) } else { bodies::mistakes(&well) };

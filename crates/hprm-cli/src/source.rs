@@ -18,6 +18,23 @@ pub(crate) fn compile(
     path: &Path,
     properties: &[String],
 ) -> Result<Result<Compiled, Failure>, Error> {
+    let (name, mut disk) = read(path)?;
+    Ok(hprm_lf::compile_with(name, properties, &mut disk))
+}
+
+/// Looks through the file at `path`, which may also be one that others import.
+///
+/// # Errors
+///
+/// As [`compile`].
+pub(crate) fn check(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
+    let (name, mut disk) = read(path)?;
+    Ok(hprm_lf::check(name, &mut disk))
+}
+
+/// Reads a file before anything else, so that a wrong path is one plain error, not a diagnostic in a
+/// file that does not exist.
+fn read(path: &Path) -> Result<(&str, Disk), Error> {
     let name = path.to_str().ok_or_else(|| {
         Error::new(format!("the name of {} is not UTF-8 text", path.display()))
             .hint("give the file another name")
@@ -26,11 +43,9 @@ pub(crate) fn compile(
         return Err(Error::new(format!("{name} is not a Lingua Franca program"))
             .hint("programs are files whose name ends in .lf"));
     }
-    // Read before anything else, so that a wrong path is one plain error, not a diagnostic in a
-    // file that does not exist.
     let mut disk = Disk::from_environment();
     disk.read_ahead(name).map_err(|reason| unreadable(name, &reason))?;
-    Ok(hprm_lf::compile_with(name, properties, &mut disk))
+    Ok((name, disk))
 }
 
 fn unreadable(name: &str, reason: &str) -> Error {

@@ -45,11 +45,37 @@ pub fn compile_with(
     properties: &[String],
     loader: &mut dyn SourceLoader,
 ) -> Result<Compiled, Failure> {
+    all_stages(path, properties, loader, Purpose::Run)
+}
+
+/// Finds what is wrong in a file, which need not have a main reactor; without one, the program is
+/// empty. The classes are not only those that have instances, but all that have been looked at.
+///
+/// # Errors
+///
+/// Everything that is wrong with the file and what it needs of others.
+pub fn check(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Failure> {
+    all_stages(path, &[], loader, Purpose::Check)
+}
+
+/// What a program is compiled for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Purpose {
+    Run,
+    Check,
+}
+
+fn all_stages(
+    path: &str,
+    properties: &[String],
+    loader: &mut dyn SourceLoader,
+    purpose: Purpose,
+) -> Result<Compiled, Failure> {
     let mut report = Report::default();
     let mut library = Library::load(path, loader, &mut report);
     let overrides = overrides::parse(properties, &mut library.sources, &mut report);
     let stated = Stated::read(&library, &overrides, &mut report);
-    match stages(&library, stated, &mut report) {
+    match stages(&library, stated, purpose, &mut report) {
         Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
         _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
     }
@@ -58,20 +84,28 @@ pub fn compile_with(
 struct Parts {
     lowered: Lowered,
     stated: Stated,
-    main: ClassId,
+    main: Option<ClassId>,
 }
 
-fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<Parts> {
+fn stages(
+    library: &Library,
+    mut stated: Stated,
+    purpose: Purpose,
+    report: &mut Report,
+) -> Option<Parts> {
     if report.has_errors() {
         return None;
     }
-    let main = check::main_class(library, report)?;
+    let main = match purpose {
+        Purpose::Check if check::is_for_import(library) => None,
+        _ => Some(check::main_class(library, report)?),
+    };
     let known = report.errors();
     let models = models(library, report);
     if report.errors() == known {
         check::check(library, &models, report);
     }
-    let federated = library.reactor(main).kind == ReactorKind::Federated;
+    let federated = main.is_some_and(|main| is_federated(library, main));
     property_rules::contradictions(library, federated, report);
     stated.settle(federated, has_physical_action(&models), report);
     if report.has_errors() {
@@ -79,8 +113,19 @@ fn stages(library: &Library, mut stated: Stated, report: &mut Report) -> Option<
     }
     // What is wrong here is no reason to keep quiet about instances.
     check::constants::check(&models, report);
-    let lowered = lower::lower(library, &models, main, stated.properties.clone(), report)?;
+    let properties = stated.properties.clone();
+    let mut lowered = match main {
+        Some(main) => lower::lower(library, &models, main, properties, report)?,
+        None => lower::nothing(properties),
+    };
+    if purpose == Purpose::Check {
+        lower::add_classes(library, &models, &mut lowered);
+    }
     Some(Parts { lowered, stated, main })
+}
+
+fn is_federated(library: &Library, main: ClassId) -> bool {
+    library.reactor(main).kind == ReactorKind::Federated
 }
 
 fn has_physical_action(models: &Models<'_>) -> bool {
@@ -128,12 +173,12 @@ fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>
 
 fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     let Parts { lowered, stated, main } = parts;
-    let decl = library.reactor(main);
-    let federated = decl.kind == ReactorKind::Federated;
-    let rti_host = decl.host.as_ref().map(|host| host.text.clone());
+    let federated = main.is_some_and(|main| is_federated(&library, main));
+    let host = main.and_then(|main| library.reactor(main).host.as_ref());
+    let rti_host = host.map(|host| host.text.clone());
     let bodies = library.order.iter().flat_map(|file| &library.model(*file).preambles);
     let preambles = bodies.map(|body| code::dedent(&library.sources, body.inner)).collect();
-    let Lowered { program, classes, instances, bodies } = lowered;
+    let Lowered { program, classes, instances, bodies, .. } = lowered;
     Compiled {
         program,
         federated,

@@ -21,7 +21,7 @@ pub struct Compiled {
     pub federated: bool,
     /// All files that were read, for tracebacks.
     pub sources: Sources,
-    /// The reactors that have instances.
+    /// The reactors that have instances; after [`check`](crate::check()), also others.
     pub classes: Vec<Class>,
     /// By reactor instance.
     pub instances: Table<ReactorId, Instance>,

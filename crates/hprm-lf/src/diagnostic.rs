@@ -104,6 +104,11 @@ impl Report {
         self.errors
     }
 
+    /// Whether one of that code is kept.
+    pub(crate) fn has(&self, code: &str) -> bool {
+        self.diagnostics.iter().any(|diagnostic| diagnostic.code == code)
+    }
+
     pub(crate) fn has_errors(&self) -> bool {
         self.errors > 0
     }
@@ -143,7 +148,10 @@ pub(crate) fn existing<'a>(
     candidates: impl IntoIterator<Item = &'a str> + Clone,
 ) -> String {
     did_you_mean(name, candidates.clone()).unwrap_or_else(|| {
-        let all: Vec<_> = candidates.into_iter().map(|name| format!("`{name}`")).collect();
+        // A name that is declared twice, by mistake, is one name.
+        let mut seen = BTreeSet::new();
+        let each = candidates.into_iter().filter(|name| seen.insert(*name));
+        let all: Vec<_> = each.map(|name| format!("`{name}`")).collect();
         if all.is_empty() { format!("{what}: there are none") } else { list(what, &all) }
     })
 }
@@ -192,5 +200,6 @@ mod tests {
             "ports: `inp`, `updated_parameters`, `out`"
         );
         assert_eq!(existing("x", "ports", []), "ports: there are none");
+        assert_eq!(existing("x", "ports", ["b", "a", "b"]), "ports: `b`, `a`");
     }
 }

@@ -5,12 +5,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ast::{Name, ReactorKind};
+use crate::ast::{Name, Reactor, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::library::{ClassId, Library};
 
 /// The most classes that one class may inherit from, on all ways together.
 const MOST: usize = 100;
+
+/// How many names are looked up to find the first class with too many.
+const MOST_LOOKUPS: usize = 1_000_000;
 
 /// The classes whose members make up `class`.
 pub(crate) struct Lineage {
@@ -32,27 +35,17 @@ pub(crate) fn lineage(library: &Library, class: ClassId, report: &mut Report) ->
             continue;
         };
         way.push((below, next + 1));
-        let found = if next < MOST && entered.len() <= MOST {
-            superclass(library, below, name)
-        } else {
-            let message = format!("a reactor inherits from at most {MOST} others");
-            Err(Box::new(Diagnostic::error("LF0406", name.span, message)))
-        };
-        match found {
+        if next >= MOST || entered.len() > MOST {
+            report_excess(library, class, report);
+            return Lineage { classes: vec![class], incomplete: true };
+        }
+        match superclass(library, below, name) {
             Err(diagnostic) => {
                 report.add(*diagnostic);
                 lineage.incomplete = true;
-                if next >= MOST || entered.len() > MOST {
-                    lineage.classes.push(class);
-                    return lineage;
-                }
             }
             Ok(found) if way.iter().any(|(open, _)| *open == found) => {
-                let message = format!("`{}` inherits from itself", name.text);
-                report.add(
-                    Diagnostic::error("LF0216", name.span, message)
-                        .hint("remove one `extends` of the circle"),
-                );
+                report.add(circle(library, &way, found));
                 lineage.incomplete = true;
             }
             Ok(found) => {
@@ -63,6 +56,61 @@ pub(crate) fn lineage(library: &Library, class: ClassId, report: &mut Report) ->
         }
     }
     lineage
+}
+
+/// The error of a circle on the way down to `again`, from where it leads on to the end of the way. It
+/// is the same one from wherever in the circle one comes.
+fn circle(library: &Library, way: &[(ClassId, usize)], again: ClassId) -> Diagnostic {
+    let start = way.iter().position(|(open, _)| *open == again).unwrap_or_default();
+    let (first, next) = way[start..].iter().min().copied().unwrap_or((again, 1));
+    let reactor = library.reactor(first);
+    let name = |reactor: &Reactor| reactor.name.as_ref().map_or("main", |it| &it.text).to_owned();
+    // The entry counts the `extends` that it has taken already.
+    let span = reactor.extends.get(next - 1).map_or(reactor.header, |name| name.span);
+    Diagnostic::error("LF0216", span, format!("`{}` inherits from itself", name(reactor)))
+        .hint("remove one `extends` of the circle")
+}
+
+/// Reports the first class that inherits from too many: the one above `class`, or itself, whose own
+/// superclasses do not. All others follow from it.
+fn report_excess(library: &Library, class: ClassId, report: &mut Report) {
+    if report.has("LF0406") {
+        return;
+    }
+    let mut first = class;
+    let mut above: Vec<ClassId> = superclasses(library, first).collect();
+    let mut lookups = MOST_LOOKUPS;
+    while let Some(next) = above.pop() {
+        if exceeds(library, next, &mut lookups) {
+            first = next;
+            above = superclasses(library, first).collect();
+        }
+    }
+    let reactor = library.reactor(first);
+    let span = reactor.extends.first().map_or(reactor.header, |name| name.span);
+    let message = format!("a reactor inherits from at most {MOST} others");
+    report.add(Diagnostic::error("LF0406", span, message));
+}
+
+/// Whether a class inherits from too many others, as far as some `lookups` tell.
+fn exceeds(library: &Library, class: ClassId, lookups: &mut usize) -> bool {
+    let mut entered = BTreeSet::from([class]);
+    let mut pending = vec![class];
+    while let Some(below) = pending.pop() {
+        let count = library.reactor(below).extends.len();
+        let Some(left) = lookups.checked_sub(count.max(1)) else { return false };
+        *lookups = left;
+        if entered.len() > MOST + 1 || count > MOST {
+            return true;
+        }
+        pending.extend(superclasses(library, below).filter(|above| entered.insert(*above)));
+    }
+    false
+}
+
+fn superclasses(library: &Library, class: ClassId) -> impl Iterator<Item = ClassId> {
+    let file = library.file_of(class);
+    library.reactor(class).extends.iter().filter_map(move |name| library.find(file, &name.text))
 }
 
 /// The class that `class` extends under `name`.

@@ -45,7 +45,7 @@ mod value;
 mod wiring;
 
 pub use code::Code;
-pub use compile::{compile, compile_with};
+pub use compile::{check, compile, compile_with};
 pub use compiled::{
     Access, Argument, Class, Compiled, ContainedPort, Failure, Instance, Method, ParameterDecl,
     Ports, ReactionBody, ReactionCode, Runs, StateDecl,

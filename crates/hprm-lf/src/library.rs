@@ -29,6 +29,8 @@ pub(crate) struct Library {
     size: usize,
     /// By file.
     models: Vec<Model>,
+    /// Files that were not understood as a whole, which has been reported.
+    broken: BTreeSet<FileId>,
     /// By file and import, the file that is imported.
     imported: Vec<Vec<Option<FileId>>>,
     /// By file: what a name means there.
@@ -96,7 +98,11 @@ impl Library {
         self.size += text.len();
         let file = self.sources.add(path, text);
         self.imported.push(Vec::new());
+        let known = report.errors();
         self.models.push(parser::parse(file, self.sources.text(file), report));
+        if report.errors() > known {
+            self.broken.insert(file);
+        }
         file
     }
 
@@ -136,10 +142,9 @@ impl Library {
         let path = sibling(self.sources.path(file), &name.text);
         self.load_file(&path, loader, report).map_err(|reason| {
             let message = format!("cannot read `{path}`: {reason}");
-            Box::new(
-                Diagnostic::error("LF0101", name.span, message)
-                    .hint("the path is relative to the file that imports"),
-            )
+            let missing = reason.to_ascii_lowercase().starts_with("no such file");
+            let hint = missing.then(|| "the path is relative to the file that imports".to_owned());
+            Box::new(Diagnostic::error("LF0101", name.span, message).maybe_hint(hint))
         })
     }
 
@@ -259,7 +264,7 @@ impl Library {
             for ImportedReactor { name, alias } in &import.reactors {
                 match exports.get(name.text.as_str()) {
                     Some(class) => declare(alias.as_ref().unwrap_or(name), *class, report),
-                    None if report.is_full() => {}
+                    None if report.is_full() || self.broken.contains(&from) => {}
                     None => report.add(self.no_export(from, name, exports)),
                 }
             }

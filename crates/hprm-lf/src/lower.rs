@@ -26,6 +26,8 @@ pub(crate) struct Lowered {
     pub(crate) classes: Vec<Class>,
     pub(crate) instances: Table<ReactorId, Instance>,
     pub(crate) bodies: Table<ReactionId, ReactionCode>,
+    /// Which the classes are.
+    used: Vec<ClassId>,
 }
 
 /// The program with main reactor `main`; none if an error was reported.
@@ -49,7 +51,7 @@ pub(crate) fn lower<'a>(
     if report.has_errors() {
         return None;
     }
-    let Tree { nodes, instances, builder, classes, .. } = tree;
+    let Tree { nodes, instances, builder, classes: used, .. } = tree;
     origins.reactors = nodes.iter().map(|node| node.model.declared.decl.header).collect();
     let program = match builder.build() {
         Ok(program) => Arc::new(program),
@@ -58,13 +60,29 @@ pub(crate) fn lower<'a>(
             return None;
         }
     };
-    let emit = |id: &ClassId| {
-        let decl = library.reactor(*id);
-        let name = decl.name.as_ref().map_or_else(|| name.clone(), |name| name.text.clone());
-        Some(class::emit(library, *id, models[id.0].as_ref()?, name))
-    };
-    let classes = classes.iter().filter_map(emit).collect();
-    Some(Lowered { program, classes, instances, bodies })
+    let mut lowered = Lowered { program, classes: Vec::new(), instances, bodies, used };
+    lowered.classes =
+        lowered.used.iter().filter_map(|id| emit(library, models, *id, &name)).collect();
+    Some(lowered)
+}
+
+/// The program of a file that has none.
+pub(crate) fn nothing(properties: Properties) -> Lowered {
+    let program = ProgramBuilder::new("", properties).build().expect("nothing is in it");
+    let (instances, bodies) = (Table::new(), Table::new());
+    Lowered { program: Arc::new(program), classes: vec![], instances, bodies, used: vec![] }
+}
+
+/// Adds the classes that have no instances.
+pub(crate) fn add_classes(library: &Library, models: &Models<'_>, lowered: &mut Lowered) {
+    let idle = library.classes().filter(|id| !lowered.used.contains(id));
+    lowered.classes.extend(idle.filter_map(|id| emit(library, models, id, "")));
+}
+
+/// A class for Python; none if nobody has looked at it. A main reactor may have no name but `unnamed`.
+fn emit(library: &Library, models: &Models<'_>, id: ClassId, unnamed: &str) -> Option<Class> {
+    let name = library.reactor(id).name.as_ref().map_or(unnamed, |name| &name.text);
+    Some(class::emit(library, id, models[id.0].as_ref()?, name.to_owned()))
 }
 
 fn reactions(

@@ -227,6 +227,7 @@ fn time(value: &Element) -> Read<Nanos> {
         ElementKind::Value(expression) => match expression.kind {
             ExpressionKind::Time(nanos) if nanos >= 0 => Ok(nanos),
             ExpressionKind::Integer(0) => Ok(0),
+            ExpressionKind::Time(_) => Err("a time that is not negative"),
             _ => Err("a time, such as `10 s`"),
         },
         _ => Err("a time, such as `10 s`"),
@@ -286,6 +287,9 @@ fn scheduler(value: &Element) -> Read<bool> {
     }
 }
 
+/// The most workers; each is a thread, and more of them than processors gain little.
+const MOST_WORKERS: u32 = 1_000;
+
 fn workers(value: &Element) -> Read<u32> {
     match &value.kind {
         ElementKind::Value(expression) => match expression.kind {
@@ -294,7 +298,8 @@ fn workers(value: &Element) -> Read<u32> {
         },
         _ => None,
     }
-    .ok_or("a whole number, not negative")
+    .filter(|number| *number <= MOST_WORKERS)
+    .ok_or("a whole number from 0 to 1000")
 }
 
 fn tracing(value: &Element) -> Read<bool> {

@@ -329,6 +329,20 @@ fn targets() {
       |
       = help: start it with `target Python`
     "#);
+    let text = "target Python { timeout: -1 s, workers: 1001 }\nmain reactor { }";
+    assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
+    error[LF0603]: `timeout` must be a time that is not negative
+     --> Main.lf:1:26
+      |
+    1 | target Python { timeout: -1 s, workers: 1001 }
+      |                          ^^^^
+
+    error[LF0603]: `workers` must be a whole number from 0 to 1000
+     --> Main.lf:1:41
+      |
+    1 | target Python { timeout: -1 s, workers: 1001 }
+      |                                         ^^^^
+    "#);
     let text = "target Python { timeout: 3, fast: yes, coordination: none }\nmain reactor { }";
     assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
     error[LF0603]: `timeout` must be a time, such as `10 s`

@@ -189,3 +189,56 @@ reactor B { a = new A() }",
     let compiled = common::compile_files(&files).unwrap_or_else(|failure| panic!("{failure}"));
     assert_eq!(compiled.program.reactors.len(), 3);
 }
+
+#[test]
+fn a_file_that_is_not_understood_is_reported_where_it_is_wrong() {
+    let main = "target Python\nimport A from \"a.lf\"\nmain reactor { a = new A() }";
+    let files = [("Main.lf", main), ("a.lf", "target Python\nreactor A { input }")];
+    assert_snapshot!(errors_in(&files), @r#"
+    error[LF0003]: expected the name of a port, found `}`
+     --> a.lf:2:19
+      |
+    2 | reactor A { input }
+      |                   ^
+    "#);
+}
+
+#[test]
+fn only_a_missing_file_is_a_question_of_the_path() {
+    let main = "target Python\nimport A from \"a.lf\"\nmain reactor { a = new A() }";
+    let failed = |reason: &str| {
+        let mut loader = |path: &str| match path {
+            "Main.lf" => Ok(main.to_owned()),
+            _ => Err(reason.to_owned()),
+        };
+        let mut failure = compile("Main.lf", &mut loader).unwrap_err();
+        let first = failure.diagnostics.remove(0);
+        (failure.diagnostics.len(), first.hint)
+    };
+    assert_eq!(failed("Is a directory"), (0, None));
+    let hint = "the path is relative to the file that imports";
+    assert_eq!(failed("No such file or directory"), (0, Some(hint.to_owned())));
+}
+
+#[test]
+fn a_file_to_import_is_well_by_itself() {
+    let text =
+        "target Python reactor A(p = 3) { input i reaction(i) {= pass =} } reactor B extends A { }";
+    let check = |text: &str| hprm_lf::check("a.lf", &mut |_: &str| Ok(text.to_owned()));
+    let checked = check(text).unwrap();
+    assert!(checked.program.reactors.len() == 1 && checked.instances.len() == 0);
+    let names: Vec<_> = checked.classes.iter().map(|class| class.name.as_str()).collect();
+    assert_eq!(names, ["A", "B"]);
+    assert!(compile("a.lf", &mut |_: &str| Ok(text.to_owned())).is_err());
+    // What is wrong in it is found, and so is a file with nothing to import.
+    for (text, code) in [
+        ("target Python reactor A { reaction(nothing) {= =} }", "LF0303"),
+        ("target Python", "LF0206"),
+    ] {
+        assert_eq!(check(text).unwrap_err().diagnostics[0].code, code);
+    }
+    // With a main reactor, those without an instance come last.
+    let program = check(&format!("{text} main reactor {{ b = new B() }}")).unwrap();
+    let names: Vec<_> = program.classes.iter().map(|class| class.name.as_str()).collect();
+    assert_eq!(names, ["a", "B", "A"]);
+}

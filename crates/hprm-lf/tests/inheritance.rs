@@ -130,18 +130,10 @@ reactor C extends Missing { }
 reactor D extends Program { reaction(nothing) {= pass =} }
 main reactor Program extends D { }
 "), @r#"
-    error[LF0216]: `B` inherits from itself
+    error[LF0216]: `A` inherits from itself
      --> Main.lf:2:19
       |
     2 | reactor A extends B { }
-      |                   ^
-      |
-      = help: remove one `extends` of the circle
-
-    error[LF0216]: `A` inherits from itself
-     --> Main.lf:3:19
-      |
-    3 | reactor B extends A { }
       |                   ^
       |
       = help: remove one `extends` of the circle
@@ -262,10 +254,37 @@ main reactor { b = new B() }
 }
 
 #[test]
+fn a_circle_is_reported_once_however_many_are_in_it_or_below() {
+    assert_snapshot!(errors("
+reactor D extends C { }
+reactor C extends B { }
+reactor A extends C { }
+reactor B extends A { }
+main reactor { d = new D() }
+"), @r#"
+    error[LF0216]: `C` inherits from itself
+     --> Main.lf:3:19
+      |
+    3 | reactor C extends B { }
+      |                   ^
+      |
+      = help: remove one `extends` of the circle
+    "#);
+}
+
+#[test]
 fn a_long_line_of_ancestors_is_refused() {
     let storey = |i: usize| format!("reactor A{} extends A{i} {{ }}\n", i + 1);
     let storeys: String = (0..2_000).map(storey).collect();
     let text = format!("target Python reactor A0 {{ }} {storeys} main reactor {{ }}");
     let failure = compile_files(&[("Main.lf", &text)]).expect_err("too long");
-    assert_eq!(failure.diagnostics[0].code, "LF0406");
+    let [diagnostic] = failure.diagnostics.as_slice() else { panic!("{failure}") };
+    assert_eq!(diagnostic.code, "LF0406");
+    let line = failure.sources.position(diagnostic.span).line;
+    assert_eq!(line, 101, "A101 is the first one with more than a hundred ancestors");
+    // A class that does so in one go, and in a circle.
+    let many = "A, ".repeat(200);
+    let text = format!("target Python reactor A extends {many} A {{ }} main reactor {{ }}");
+    let failure = compile_files(&[("Main.lf", &text)]).expect_err("too many");
+    assert!(failure.diagnostics.iter().any(|diagnostic| diagnostic.code == "LF0406"));
 }

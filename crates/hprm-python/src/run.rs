@@ -97,20 +97,26 @@ pub(crate) fn run_federate(
     }
 }
 
-/// Describes a program, with or without its instances, to use some of its Python outside of a run.
+/// Describes a program without its instances, to use some of its Python outside of a run; or `all` that
+/// is in a file, which need not have a main reactor then.
 ///
 /// # Errors
 ///
 /// `ValueError` with what is wrong with the program.
 #[pyfunction]
-#[pyo3(signature = (path, *, instances = false))]
+#[pyo3(signature = (path, *, all = false))]
 pub(crate) fn describe_program<'py>(
     py: Python<'py>,
     path: &str,
-    instances: bool,
+    all: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let compiled = compile(path, &[], false);
-    let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.message))?;
+    let mut disk = Disk::from_environment();
+    let compiled = match all {
+        true => hprm_lf::check(path, &mut disk),
+        false => hprm_lf::compile(path, &mut disk),
+    };
+    let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.to_string()))?;
+    let instances = all && compiled.instances.len() > 0;
     program::describe(py, &compiled, instances.then_some(Scope::Whole))
 }
 

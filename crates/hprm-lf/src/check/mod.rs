@@ -47,6 +47,12 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
     unused_imports(library, report);
 }
 
+/// Whether the main file has reactors, but only such as others can import.
+pub(crate) fn is_for_import(library: &Library) -> bool {
+    let reactors = &library.model(Library::MAIN).reactors;
+    !reactors.is_empty() && reactors.iter().all(|reactor| reactor.kind == ReactorKind::Plain)
+}
+
 /// The main reactor, of which there must be one.
 pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<ClassId> {
     let mains: Vec<ClassId> = library
