@@ -66,8 +66,9 @@ pub struct Federate {
     gone: BTreeSet<FederateId>,
     /// Federates that have said that nothing follows on their direct links.
     silent: BTreeSet<FederateId>,
-    /// Federates whose direct links have ended without a word, and until when the RTI may explain it.
-    missing: BTreeMap<FederateId, PhysicalTime>,
+    /// Federates whose direct links have ended without a word or cannot be opened, and why not; and
+    /// until when the RTI may explain it.
+    missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
     /// Federates that are about to join.
     meeting: Meeting,
     /// This federate has resigned, failed, or been told to end: nothing matters any more.
@@ -190,7 +191,7 @@ impl Federate {
                 self.next_step().and_then(|next| machine.next_wakeup(next))
             }
         };
-        report.into_iter().chain(self.missing.values().copied()).min()
+        report.into_iter().chain(self.missing.values().map(|(until, _)| *until)).min()
     }
 
     /// Whether a peer runs on the same host: objects may be passed to it by reference.
@@ -256,9 +257,15 @@ impl Federate {
                     self.closed(peer);
                 } else if !self.silent.contains(&peer) {
                     // The RTI will tell whether it has ended, and how.
-                    self.missing.insert(peer, now.plus(EXPLANATION));
+                    self.missing.insert(peer, (now.plus(EXPLANATION), None));
                 }
                 self.left(peer);
+            }
+            Input::Unreachable { peer, reason } => {
+                // It may have ended just now; the RTI will tell. A transient one may be gone.
+                if self.is_live(peer) && !self.topology.is_transient(peer) {
+                    self.missing.insert(peer, (now.plus(EXPLANATION), Some(reason)));
+                }
             }
             Input::Loaded => {
                 self.startup.loaded();

@@ -22,6 +22,13 @@ pub enum Input {
     },
     /// A direct link has ended.
     PeerLost(FederateId),
+    /// A direct link cannot be opened.
+    Unreachable {
+        /// Who should be at its other end.
+        peer: FederateId,
+        /// Why, for people.
+        reason: String,
+    },
     /// A direct link is established, by either side.
     PeerUp(FederateId),
     /// The program is ready to run.

@@ -356,9 +356,8 @@ where
                 let same_host = machine.shares_memory_with(peer);
                 let hello = machine.peer_hello();
                 let connected = wires.connect_peer(peer, &listen, same_host, &hello);
-                // A transient federate may be gone by now, and nobody minds.
-                if !self.scheduler.program().federates[peer].transient {
-                    connected?;
+                if let Err(reason) = connected {
+                    self.handle(Input::Unreachable { peer, reason })?;
                 }
             }
             Output::Start { at, first } => {

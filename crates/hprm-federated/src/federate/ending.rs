@@ -49,11 +49,15 @@ impl Federate {
         }
     }
 
-    /// Gives up if a direct link has ended, and the RTI does not say that its federate has.
+    /// Gives up if a direct link is missing, and the RTI does not say that its federate has ended.
     pub(super) fn miss(&mut self, now: PhysicalTime) {
-        let Some((peer, _)) = self.missing.iter().find(|(_, until)| **until <= now) else { return };
+        let due = |(_, (until, _)): &(_, &(PhysicalTime, _))| *until <= now;
+        let Some((peer, (_, reason))) = self.missing.iter().find(due) else { return };
         let name = self.topology.name(*peer);
-        let message = format!("the link to federate {name} is broken, although it has not ended");
+        let message = match reason {
+            None => format!("the link to federate {name} is broken, although it has not ended"),
+            Some(reason) => format!("federate {name} has not ended, but is not reachable {reason}"),
+        };
         self.fail(message.clone(), 1);
         self.end(End::Failed { federate: self.me, message, code: 1 });
     }

@@ -244,6 +244,31 @@ fn a_link_that_breaks_must_be_explained() {
 }
 
 #[test]
+fn a_link_that_cannot_be_opened_must_be_explained() {
+    let peer = FederateId(1);
+    let second = 1_000 * MILLISECOND;
+    let unreachable = || {
+        let mut machine = new("decentralized\na -> b", "a");
+        input(&mut machine, 0, Input::FromRti(peers(2)));
+        let reason = "at x: refused".to_owned();
+        assert!(input(&mut machine, 0, Input::Unreachable { peer, reason }).is_empty());
+        machine
+    };
+    let mut machine = unreachable();
+    assert_eq!(machine.next_wakeup(), Some(START.plus(2 * second)));
+    let failed = Frame::Failed { federate: peer, message: "killed".to_owned(), code: 1 };
+    let outputs = input(&mut machine, second, Input::FromRti(failed));
+    let reason = End::Failed { federate: peer, message: "killed".to_owned(), code: 1 };
+    assert_eq!(outputs, [Output::Ended { reason }]);
+    let outputs = input(&mut unreachable(), 2 * second, Input::Wake);
+    let [Output::ToRti(Frame::Failed { message, .. }), Output::Ended { .. }] = outputs.as_slice()
+    else {
+        panic!("{outputs:?}");
+    };
+    assert_eq!(message, "federate b has not ended, but is not reachable at x: refused");
+}
+
+#[test]
 fn a_federate_that_is_asked_answers() {
     let mut machine = started("a -> b", "b", 2, &[]);
     let answer = input(&mut machine, 0, Input::FromRti(Frame::Ping));

@@ -7,7 +7,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
-use hprm_core::{FederateId, Nanos};
+use hprm_core::Nanos;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
@@ -114,15 +114,17 @@ fn refused(address: &Address, error: &io::Error) -> Failure {
 }
 
 /// Connects to a peer, over a Unix socket if it runs on the same host.
+///
+/// # Errors
+///
+/// Where it cannot be reached, and why.
 pub(super) fn peer(
-    peer: FederateId,
     addresses: &str,
     same_host: bool,
-    (keys, network): (&Keys, &Network),
-) -> Result<Wire, Failure> {
-    let unreachable = |error: &dyn std::fmt::Display| {
-        Failure::new(format!("error: federate {} is not reachable at {addresses}: {error}", peer.0))
-    };
+    keys: &Keys,
+    network: &Network,
+) -> Result<Wire, String> {
+    let unreachable = |error: &dyn std::fmt::Display| format!("at {addresses}: {error}");
     let mut parsed = Vec::new();
     for text in addresses.split_whitespace() {
         parsed.push(text.parse::<Address>().map_err(|error| unreachable(&error))?);

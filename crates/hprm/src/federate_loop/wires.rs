@@ -84,14 +84,18 @@ impl Wires {
 
     /// Opens the link that carries this federate's messages to `peer`, which listens at one of
     /// `addresses`. It does not wait for the other end, which may be doing the same.
+    ///
+    /// # Errors
+    ///
+    /// Where it cannot be reached, and why.
     pub(super) fn connect_peer(
         &mut self,
         peer: FederateId,
         addresses: &str,
         same_host: bool,
         hello: &Frame,
-    ) -> Result<(), Failure> {
-        let mut link = reach::peer(peer, addresses, same_host, (&self.keys, &self.network))?;
+    ) -> Result<(), String> {
+        let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
         link.queue(hello, None);
         self.outgoing.insert(peer, link);
         Ok(())
