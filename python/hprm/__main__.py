@@ -18,7 +18,7 @@ def main() -> NoReturn:
     """Run what the command line says, and leave with its exit code."""
     parser = _parser()
     options = parser.parse_args()
-    parent = options.die_with_parent
+    parent = getattr(options, "die_with_parent", None)
     if parent is not None and not _hprm.die_with_parent(parent):
         leave(1)
     if options.command == "syntax":

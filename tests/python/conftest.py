@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from processes import Bench, stores, until
 
 
 @dataclass(frozen=True)
@@ -55,3 +58,21 @@ def run(tmp_path: Path) -> Run:
 def launch(tmp_path: Path) -> Run:
     """Runs a program by the command, which gives each federate a process."""
     return runner([str(Path(sys.executable).with_name("hprm")), "run"], tmp_path)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    """A place to run programs in, which nothing may survive."""
+    shared = set(os.listdir("/dev/shm"))
+    held = stores()
+    bench = Bench(tmp_path)
+    yield bench
+    try:
+        until(lambda: not bench.left(), "no process is left")
+        until(lambda: set(os.listdir("/dev/shm")) <= shared, "no shared memory is left")
+        until(lambda: stores() <= held, "no object store is left")
+    finally:
+        for pid in bench.left():
+            os.kill(pid, signal.SIGKILL)
+        for process in bench.started:
+            process.communicate()

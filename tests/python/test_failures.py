@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
-import shutil
 import signal
-import subprocess
-import sys
 import time
-import uuid
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from processes import Bench, finish, until
 
-DEADLINE_S = 30.0
 COORDINATIONS = ["centralized", "decentralized"]
 
 MAIN = """\
@@ -84,136 +77,6 @@ def program(coordination: str | None, body: str) -> str:
 def line_of(text: str, part: str) -> int:
     """The line on which a part of a text stands, from 1."""
     return text[: text.index(part)].count("\n") + 1
-
-
-@dataclass
-class Outcome:
-    """How the command ended, and what it wrote."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def errors(self) -> list[str]:
-        """The messages that are errors, of the command or of a federate."""
-        return [line for line in self.err.splitlines() if re.match(r"(\[\w+\] )?error", line)]
-
-    def assert_one_error(self, *parts: str) -> None:
-        """There is exactly one error, and these are in what was written."""
-        assert len(self.errors) == 1, self.err
-        for part in parts:
-            assert part in self.err, self.err
-
-
-@dataclass
-class Bench:
-    """A folder, and the processes that are started in it."""
-
-    folder: Path
-    mark: str = field(default_factory=lambda: f"HPRM_TEST_MARK={uuid.uuid4().hex}")
-    started: list[subprocess.Popen[str]] = field(default_factory=list)
-
-    def start(self, text: str, *options: str) -> subprocess.Popen[str]:
-        """Start ``hprm run`` on the text of a program."""
-        (self.folder / "Main.lf").write_text(text)
-        return self.call("run", *options, "Main.lf")
-
-    def call(self, *arguments: str) -> subprocess.Popen[str]:
-        """Start the command, in a session of its own as a terminal would."""
-        command = shutil.which("hprm", path=str(Path(sys.executable).parent))
-        assert command is not None, "make build puts hprm beside python"
-        name, value = self.mark.split("=")
-        process = subprocess.Popen(
-            [command, *arguments],
-            cwd=self.folder,
-            env=os.environ | {name: value},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self.started.append(process)
-        return process
-
-    def run(self, text: str, *options: str) -> Outcome:
-        """Run the text of a program to its end."""
-        return finish(self.start(text, *options))
-
-    def pid(self, name: str) -> int:
-        """The process that wrote its number into a file, once it has."""
-        file = self.folder / f"{name}.pid"
-        until(lambda: file.exists() and file.read_text().endswith("\n"), f"{name} is in the middle")
-        return int(file.read_text())
-
-    def left(self) -> set[int]:
-        """The processes that this test has brought about and that still run."""
-        return {pid for pid in processes() if self.mark in environment(pid)}
-
-
-def finish(process: subprocess.Popen[str]) -> Outcome:
-    """How a process ends."""
-    out, err = process.communicate(timeout=DEADLINE_S)
-    return Outcome(process.returncode, out, err)
-
-
-def until(condition: Callable[[], bool], what: str) -> None:
-    """Wait until a condition holds, and fail if it never does."""
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.005)
-
-
-def processes() -> list[int]:
-    """All processes of this machine, but for this one."""
-    return [int(p.name) for p in Path("/proc").iterdir() if p.name.isdigit() if p.name != _SELF]
-
-
-_SELF = str(os.getpid())
-
-
-def environment(pid: int) -> set[str]:
-    """The environment of a process; empty once it has ended, even if nobody has reaped it."""
-    try:
-        text = Path(f"/proc/{pid}/environ").read_bytes()
-    except OSError:
-        return set()
-    return set(text.decode(errors="replace").split("\0"))
-
-
-def stores() -> set[int]:
-    """The processes that hold or map memory of an object store."""
-    return {pid for pid in processes() if _holds_store(pid)}
-
-
-def _holds_store(pid: int) -> bool:
-    try:
-        if "memfd:hprm" in Path(f"/proc/{pid}/maps").read_text(errors="replace"):
-            return True
-        links = [os.readlink(fd) for fd in Path(f"/proc/{pid}/fd").iterdir()]
-    except OSError:
-        return False
-    return any("memfd:hprm" in link for link in links)
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    """A place to run programs in, which nothing may survive."""
-    shared = set(os.listdir("/dev/shm"))
-    held = stores()
-    bench = Bench(tmp_path)
-    yield bench
-    try:
-        until(lambda: not bench.left(), "no process is left")
-        until(lambda: set(os.listdir("/dev/shm")) <= shared, "no shared memory is left")
-        until(lambda: stores() <= held, "no object store is left")
-    finally:
-        for pid in bench.left():
-            os.kill(pid, signal.SIGKILL)
-        for process in bench.started:
-            process.communicate()
 
 
 # Programs that are wrong: nothing starts.

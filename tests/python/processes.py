@@ -1,0 +1,185 @@
+"""Real processes in tests: starting them, waiting for what they do, seeing that none is left."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+DEADLINE_S = 30.0
+
+
+@dataclass
+class Outcome:
+    """How the command ended, and what it wrote."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def errors(self) -> list[str]:
+        """The messages that are errors, of the command or of a federate."""
+        return [line for line in self.err.splitlines() if re.match(r"(\[\w+\] )?error", line)]
+
+    def assert_one_error(self, *parts: str) -> None:
+        """There is exactly one error, and these are in what was written."""
+        assert len(self.errors) == 1, self.err
+        for part in parts:
+            assert part in self.err, self.err
+
+
+@dataclass
+class Bench:
+    """A folder, and the processes that are started in it."""
+
+    folder: Path
+    mark: str = field(default_factory=lambda: f"HPRM_TEST_MARK={uuid.uuid4().hex}")
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def start(self, text: str, *options: str) -> subprocess.Popen[str]:
+        """Start ``hprm run`` on the text of a program."""
+        (self.folder / "Main.lf").write_text(text)
+        return self.call("run", *options, "Main.lf")
+
+    def call(
+        self, *arguments: str, environment: dict[str, str] | None = None
+    ) -> subprocess.Popen[str]:
+        """Start the command."""
+        command = shutil.which("hprm", path=str(Path(sys.executable).parent))
+        assert command is not None, "make build puts hprm beside python"
+        return self._spawn([command, *arguments], environment or {})
+
+    def python(
+        self, *arguments: str, environment: dict[str, str] | None = None
+    ) -> subprocess.Popen[str]:
+        """Start this interpreter, as ``python -m hprm`` for example."""
+        return self._spawn([sys.executable, *arguments], environment or {})
+
+    def _spawn(self, command: list[str], environment: dict[str, str]) -> subprocess.Popen[str]:
+        """Start a process in a session of its own, as a terminal would."""
+        name, value = self.mark.split("=")
+        process = subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=os.environ | {name: value} | environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.started.append(process)
+        return process
+
+    def federation(self) -> Federation:
+        """A federation whose members are to be started by hand."""
+        return Federation(self, f"unix:@hprm-test-{uuid.uuid4().hex}", uuid.uuid4().hex)
+
+    def by_hand(self, text: str, *federates: str, options: Sequence[str] = ()) -> Federation:
+        """Start an RTI for the text of a program, and federates, each as a process of its own."""
+        (self.folder / "Main.lf").write_text(text)
+        federation = self.federation()
+        federation.start("rti", *options)
+        for name in federates:
+            federation.start(name)
+        return federation
+
+    def run(self, text: str, *options: str) -> Outcome:
+        """Run the text of a program to its end."""
+        return finish(self.start(text, *options))
+
+    def pid(self, name: str) -> int:
+        """The process that wrote its number into a file, once it has."""
+        file = self.folder / f"{name}.pid"
+        until(lambda: file.exists() and file.read_text().endswith("\n"), f"{name} is in the middle")
+        return int(file.read_text())
+
+    def left(self) -> set[int]:
+        """The processes that this test has brought about and that still run."""
+        return {pid for pid in processes() if self.mark in environment(pid)}
+
+
+@dataclass
+class Federation:
+    """An RTI, and federates that were started by hand."""
+
+    bench: Bench
+    address: str
+    id: str
+    members: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
+
+    def start(self, name: str, *options: str) -> None:
+        """Start the RTI, which is called `rti`, or a federate, which needs it."""
+        if name == "rti":
+            command = ["rti", "Main.lf", "--listen", self.address, *options]
+        else:
+            command = ["federate", "Main.lf", name, "--rti", self.address, *options]
+        environment = {"HPRM_FEDERATION_ID": self.id}
+        self.members[name] = self.bench.call(*command, environment=environment)
+        if name == "rti":
+            until(lambda: listens(self.address), "the RTI listens")
+
+    def finish(self, *names: str) -> dict[str, Outcome]:
+        """How the members end, or those that are named."""
+        return {name: finish(self.members[name]) for name in names or self.members}
+
+
+def listens(address: str) -> bool:
+    """Whether somebody listens at an abstract address, unix:@NAME."""
+    name = address.removeprefix("unix:")
+    sockets = Path("/proc/net/unix").read_text().splitlines()
+    return any(line.split()[-1] == name for line in sockets)
+
+
+def finish(process: subprocess.Popen[str]) -> Outcome:
+    """How a process ends."""
+    out, err = process.communicate(timeout=DEADLINE_S)
+    return Outcome(process.returncode, out, err)
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    """Wait until a condition holds, and fail if it never does."""
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain until {what}"
+        time.sleep(0.005)
+
+
+def processes() -> list[int]:
+    """All processes of this machine, but for this one."""
+    return [int(p.name) for p in Path("/proc").iterdir() if p.name.isdigit() if p.name != _SELF]
+
+
+_SELF = str(os.getpid())
+
+
+def environment(pid: int) -> set[str]:
+    """The environment of a process; empty once it has ended, even if nobody has reaped it."""
+    try:
+        text = Path(f"/proc/{pid}/environ").read_bytes()
+    except OSError:
+        return set()
+    return set(text.decode(errors="replace").split("\0"))
+
+
+def stores() -> set[int]:
+    """The processes that hold or map memory of an object store."""
+    return {pid for pid in processes() if _holds_store(pid)}
+
+
+def _holds_store(pid: int) -> bool:
+    try:
+        if "memfd:hprm" in Path(f"/proc/{pid}/maps").read_text(errors="replace"):
+            return True
+        links = [os.readlink(fd) for fd in Path(f"/proc/{pid}/fd").iterdir()]
+    except OSError:
+        return False
+    return any("memfd:hprm" in link for link in links)

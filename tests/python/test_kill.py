@@ -1,0 +1,206 @@
+"""``kill -9`` of every member of a federation, at every moment of its life.
+
+Whoever is killed, the others end soon, say so once and clearly, and leave nothing behind: the
+fixture ``bench`` looks for processes and shared memory, the tests for files. The moments are
+reached by what the processes do, never by waiting for a while.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+
+import pytest
+from processes import Bench, Federation, Outcome, finish, until
+
+COORDINATIONS = ["centralized", "decentralized"]
+FEDERATES = ["sender", "receiver", "bystander"]
+MOMENTS = ["start", "steady", "stop"]
+
+ENDS_WITHIN_S = 5.0
+"""How soon the others end, by docs/failures.md."""
+
+ORPHANS_END_WITHIN_S = 1.0
+"""How soon federates end if the command that has started them is killed."""
+
+# Every federate leaves the file NAME.MOMENT when it gets there, with its process number, and stays
+# there while there is a file hold.NAME.MOMENT.
+PROGRAM = """\
+target Python { coordination: COORDINATION }
+preamble {=
+import os, pathlib, time
+import numpy as np
+def reach(name, moment):
+    draft = pathlib.Path(f"draft.{name}")
+    draft.write_text(f"{os.getpid()}\\n")
+    draft.rename(f"{name}.{moment}")
+    while pathlib.Path(f"hold.{name}.{moment}").exists():
+        time.sleep(0.002)
+=}
+reactor Sender {
+  preamble {= reach("sender", "start") =}
+  output out
+  timer t(0, 10 msec)
+  state count = 0
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(np.full(20_000, self.count))
+    if self.count == 4: reach("sender", "steady")
+    if self.count >= 3 and pathlib.Path("stop").exists(): request_stop()
+  =}
+  reaction(shutdown) {= reach("sender", "stop") =}
+}
+reactor Receiver {
+  preamble {= reach("receiver", "start") =}
+  input inp
+  reaction(inp) {=
+    if inp.value[0] == 3: reach("receiver", "steady")
+  =}
+  reaction(shutdown) {= reach("receiver", "stop") =}
+}
+reactor Bystander {
+  preamble {= reach("bystander", "start") =}
+  timer t(0, 10 msec)
+  state count = 0
+  reaction(t) {=
+    self.count += 1
+    if self.count == 3: reach("bystander", "steady")
+  =}
+  reaction(shutdown) {= reach("bystander", "stop") =}
+}
+federated reactor {
+  sender = new Sender()
+  receiver = new Receiver()
+  bystander = new Bystander()
+  sender.out -> receiver.inp
+}
+"""
+
+
+class Stage:
+    """Holds members of a federation at a moment of their lives, and lets them go."""
+
+    def __init__(self, bench: Bench, moment: str, held: list[str]) -> None:
+        """Prepare: nothing has been started yet."""
+        self._folder = bench.folder
+        self._moment = moment
+        self._holds = [self._folder / f"hold.{name}.{moment}" for name in held]
+        for hold in self._holds:
+            hold.touch()
+        if moment == "stop":
+            (self._folder / "stop").touch()
+
+    def pid(self, name: str) -> int:
+        """The process of a federate, once it has reached the moment."""
+        reached = self._folder / f"{name}.{self._moment}"
+        until(reached.exists, f"{name} is at {self._moment}")
+        return int(reached.read_text())
+
+    def await_held(self) -> None:
+        """Wait until everybody who is to be held has reached the moment."""
+        for hold in self._holds:
+            self.pid(hold.name.split(".")[1])
+
+    def release(self) -> None:
+        """Let go whoever is held."""
+        for hold in self._holds:
+            hold.unlink()
+
+    def strange_files(self) -> set[str]:
+        """What lies about that neither the test nor the program has put there."""
+        ours = {"Main.lf", "stop"} | {hold.name for hold in self._holds}
+        ours |= {f"{name}.{moment}" for name in FEDERATES for moment in MOMENTS}
+        return {path.name for path in self._folder.iterdir()} - ours
+
+
+def program(coordination: str) -> str:
+    """The text of the program."""
+    return PROGRAM.replace("COORDINATION", coordination)
+
+
+def ends(federation: Federation, *names: str) -> dict[str, Outcome]:
+    """How these members end, which they must do in time."""
+    begun = time.monotonic()
+    outcomes = federation.finish(*names)
+    assert time.monotonic() - begun < ENDS_WITHIN_S
+    for outcome in outcomes.values():
+        assert "Traceback" not in outcome.err and "panicked" not in outcome.err, outcome.err
+    return outcomes
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("victim", FEDERATES)
+def test_a_federate_is_killed(bench: Bench, coordination: str, moment: str, victim: str) -> None:
+    stage = Stage(bench, moment, [victim])
+    federation = bench.by_hand(program(coordination), *FEDERATES)
+    assert stage.pid(victim) == federation.members[victim].pid
+    os.kill(stage.pid(victim), signal.SIGKILL)
+    outcomes = ends(federation, *(name for name in ["rti", *FEDERATES] if name != victim))
+    rti = outcomes.pop("rti")
+    assert rti.code == 1
+    rti.assert_one_error(f"error: the process of federate {victim} ended before")
+    for outcome in outcomes.values():
+        # One that has reached its last tag before has done its part.
+        assert outcome.code == 1 or (moment == "stop" and outcome.code == 0), outcome
+        assert len(outcome.errors) <= 1, outcome.err
+        assert outcome.errors == [] or victim in outcome.err, outcome.err
+    assert stage.strange_files() == set()
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_the_rti_is_killed(bench: Bench, coordination: str, moment: str) -> None:
+    # The receiver cannot reach its last tag before the sender has.
+    stage = Stage(bench, moment, ["sender"] if moment == "stop" else FEDERATES)
+    federation = bench.by_hand(program(coordination), *FEDERATES)
+    stage.await_held()
+    federation.members["rti"].kill()
+    federation.finish("rti")
+    stage.release()
+    for name, outcome in ends(federation, *FEDERATES).items():
+        if moment == "stop" and name != "receiver" and outcome.code == 0:
+            # It has reached its last tag and needs nobody any more.
+            assert outcome.err == ""
+            continue
+        assert outcome.code == 1
+        outcome.assert_one_error("error: federation Main: the link to the RTI is lost")
+    assert stage.strange_files() == set()
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("victim", FEDERATES)
+def test_a_federate_of_the_command_is_killed(
+    bench: Bench, coordination: str, moment: str, victim: str
+) -> None:
+    stage = Stage(bench, moment, [victim])
+    process = bench.start(program(coordination), "--logical-trace", "trace")
+    os.kill(stage.pid(victim), signal.SIGKILL)
+    begun = time.monotonic()
+    outcome = finish(process)
+    assert time.monotonic() - begun < ENDS_WITHIN_S
+    assert outcome.code == 1
+    outcome.assert_one_error(f"error: federate {victim} was killed by signal 9 (SIGKILL)")
+    # The trace tells how far the federation came, and that it failed.
+    assert stage.strange_files() == {"trace"}
+    last = json.loads((bench.folder / "trace").read_text().splitlines()[-1])
+    assert last["outcome"] == "failed"
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_the_command_is_killed(bench: Bench, coordination: str, moment: str) -> None:
+    # Nobody is held when it dies, but for what they do: children of the dead obey the kernel.
+    stage = Stage(bench, moment, ["sender"] if moment == "stop" else FEDERATES)
+    process = bench.start(program(coordination))
+    stage.await_held()
+    process.kill()
+    begun = time.monotonic()
+    until(lambda: not bench.left(), "the federates have ended")
+    assert time.monotonic() - begun < ORPHANS_END_WITHIN_S
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (-signal.SIGKILL, "")
+    assert stage.strange_files() == set()
