@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test check-model conformance bench bench-rust bench-python bench-in-process fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model conformance bench bench-rust bench-python bench-in-process fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -33,6 +33,9 @@ test: lint build ## check format and lints, then run all Rust and Python tests
 
 check-model: toolchain ## go every way in which small federations can go, for some minutes
 	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2
+
+acceptance: build ## the long form of some tests: pauses, orders of starting, a hundred equal runs
+	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py
 
 conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
