@@ -13,7 +13,7 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
@@ -30,9 +30,6 @@ enum Coordinator {
     Centralized(Centralized),
     Decentralized(Decentralized),
 }
-
-/// How long the RTI has to explain why a direct link has ended.
-const EXPLANATION: Nanos = 2_000_000_000;
 
 /// What the scheduler is doing, as far as it has said.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -251,22 +248,8 @@ impl Federate {
                 self.get_ready(now);
                 self.met(peer);
             }
-            Input::PeerLost(peer) => {
-                self.startup.unlink(peer);
-                if self.gone.contains(&peer) {
-                    self.closed(peer);
-                } else if !self.silent.contains(&peer) {
-                    // The RTI will tell whether it has ended, and how.
-                    self.missing.insert(peer, (now.plus(EXPLANATION), None));
-                }
-                self.left(peer);
-            }
-            Input::Unreachable { peer, reason } => {
-                // It may have ended just now; the RTI will tell. A transient one may be gone.
-                if self.is_live(peer) && !self.topology.is_transient(peer) {
-                    self.missing.insert(peer, (now.plus(EXPLANATION), Some(reason)));
-                }
-            }
+            Input::PeerLost(peer) => self.peer_lost(now, peer),
+            Input::Unreachable { peer, reason } => self.unreachable(now, peer, reason),
             Input::Loaded => {
                 self.startup.loaded();
                 self.outputs.push_back(Output::ToRti(Frame::Loaded));

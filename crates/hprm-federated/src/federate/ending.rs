@@ -1,10 +1,13 @@
 //! How a federate ends, in order or not, and what it makes of the ends of others.
 
-use hprm_core::{FederateId, PhysicalTime, Tag};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::stop::Stop;
 use crate::{End, Frame, Output};
+
+/// How long the RTI has to explain why there is no direct link.
+const EXPLANATION: Nanos = 2_000_000_000;
 
 /// The longest text of a failure, in bytes; the rest is cut off.
 const MESSAGE: usize = 64 * 1024;
@@ -46,6 +49,25 @@ impl Federate {
         // What it sent on a direct link may still be on its way.
         if !self.startup.is_linked(peer) {
             self.closed(peer);
+        }
+    }
+
+    /// A direct link has ended. The RTI will tell whether its federate has, and how.
+    pub(super) fn peer_lost(&mut self, now: PhysicalTime, peer: FederateId) {
+        self.startup.unlink(peer);
+        if self.gone.contains(&peer) {
+            self.closed(peer);
+        } else if !self.silent.contains(&peer) {
+            self.missing.insert(peer, (now.plus(EXPLANATION), None));
+        }
+        self.left(peer);
+    }
+
+    /// A direct link cannot be opened. Its federate may have ended just now, which the RTI will tell;
+    /// a transient one may be gone, and nobody minds.
+    pub(super) fn unreachable(&mut self, now: PhysicalTime, peer: FederateId, reason: String) {
+        if self.is_live(peer) && !self.topology.is_transient(peer) {
+            self.missing.insert(peer, (now.plus(EXPLANATION), Some(reason)));
         }
     }
 
