@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model conformance bench bench-rust bench-python bench-in-process fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model conformance bench bench-ordering bench-rust bench-python bench-in-process fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -41,8 +41,12 @@ conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
 	$(BIN)/python tests/conformance/run.py "$(LF)" --single-threaded
 
-bench: build ## compare with pickle over Unix sockets, side by side
+bench: build ## compare with pickle over Unix sockets, side by side; then bench-ordering
 	@$(BIN)/python bench/gather_vs_pickle.py
+	@$(BIN)/python bench/ordering.py
+
+bench-ordering: build ## count messages out of order on a loaded machine, with tags and without
+	@$(BIN)/python bench/ordering.py
 
 # Boomerang needs features that its compiler's version still calls unstable.
 bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, side by side
