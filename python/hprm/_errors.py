@@ -3,11 +3,15 @@
 import os
 import traceback
 
-_PACKAGE = os.path.dirname(__file__) + os.sep
+# Whose frames tell nobody anything: our own, and those of an import that did not go well.
+_OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.")
 
 
-def describe(error: BaseException, what: str) -> tuple[int, str]:
-    """Return the exit code and the message, which is empty if there is nothing to say."""
+def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str]:
+    """Return the exit code and the message, which is empty if there is nothing to say.
+
+    It is about ``place`` if none of the program's lines is on the way to the error.
+    """
     match error:
         case SystemExit(code=None):
             return 0, ""
@@ -24,9 +28,16 @@ def describe(error: BaseException, what: str) -> tuple[int, str]:
     name = type(error).__name__
     reason = str(error).partition("\n")[0]
     title = f"error: {what} raised {name}" + (f": {reason}" if reason else "")
-    frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")] or trace.stack
-    place = f"\n  --> {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
-    return 1, f"{title}{place}\n{''.join(trace.format()).rstrip()}"
+    frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")]
+    frames = frames or ([] if place else list(trace.stack))
+    if frames:
+        place = f"{frames[-1].filename}:{frames[-1].lineno}"
+    lines = [title] + ([f"  --> {place}"] if place else [])
+    text = "".join(trace.format()).rstrip()
+    # Without a frame, it is often only what the title has said.
+    if text not in (name, f"{name}: {reason}"):
+        lines.append(text)
+    return 1, "\n".join(lines)
 
 
 def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> None:
@@ -34,7 +45,7 @@ def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> Non
     if id(trace) in seen:
         return
     seen.add(id(trace))
-    user = [frame for frame in trace.stack if not frame.filename.startswith(_PACKAGE)]
+    user = [frame for frame in trace.stack if not frame.filename.startswith(_OWN)]
     trace.stack = traceback.StackSummary.from_list(user)
     group = getattr(trace, "exceptions", None) or []
     for other in (trace.__cause__, trace.__context__, *group):

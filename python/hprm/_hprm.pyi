@@ -101,7 +101,8 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
 def describe_program(path: str, *, all: bool = False) -> ProgramSource:
     """Describe a program without its instances, to use some of its Python outside of a run.
 
-    Or ``all`` that is in a file, which need not have a main reactor then. What is wrong with it is the message of a ``ValueError``.
+    Or ``all`` that is in a file, which need not have a main reactor then. What is wrong with it
+    is the message of a ``ValueError``.
     """
 
 def run_in_process(

@@ -207,3 +207,29 @@ def test_threads_reach_physical_actions_only(run: Any) -> None:
     lines = outcome.out.splitlines()
     assert "logical action log can be scheduled only inside a reaction" in lines[0]
     assert lines[1:] == ["0", "1", "2"]
+
+
+def test_an_action_is_not_scheduled_in_the_past(run: Any) -> None:
+    outcome = run(
+        """
+        target Python
+        main reactor {
+          logical action a
+          timer t(0, 1 ms)
+          reaction(startup) -> a {=
+            for _ in range(3):
+              a.schedule(-5)
+            try:
+              a.schedule(2**70)
+            except OverflowError as error:
+              print(error)
+          =}
+          reaction(a) {= print("scheduled", lf.tag().microstep); lf.request_stop() =}
+        }
+        """
+    )
+    assert outcome.code == 0
+    assert "scheduled 1" in outcome.out
+    assert "a time has at most 9223372036854775807 nanoseconds" in outcome.out
+    assert outcome.err.count("RuntimeWarning: a.schedule(-5): the past cannot be changed") == 1
+    assert "Program.lf:8: " in outcome.err

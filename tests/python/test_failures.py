@@ -177,6 +177,23 @@ def test_federates_do_not_outlive_the_command(bench: Bench, coordination: str) -
     assert finish(process).code == -signal.SIGKILL
 
 
+def test_a_value_that_cannot_be_sent_names_the_reaction(bench: Bench) -> None:
+    text = program("centralized", "pass").replace("out.set(self.count)", "out.set(lambda: 1)")
+    outcome = bench.run(text)
+    reason = "AttributeError: Can't "
+    outcome.assert_one_error(f" --> Main.lf:{line_of(text, 'reaction(t) -> out')}\n", reason)
+    assert outcome.err.count(reason) == 1 and "Traceback" not in outcome.err
+
+
+def test_a_serializer_that_does_not_exist_names_the_connection(bench: Bench) -> None:
+    text = program("centralized", "pass")
+    text = text.replace("-> pong.inp", '-> pong.inp serializer "nowhere"')
+    outcome = bench.run(text)
+    place = f" --> Main.lf:{line_of(text, 'ping.out ->')}\n"
+    outcome.assert_one_error("No module named 'nowhere'\n", place, "  hint: a serializer is")
+    assert "Traceback" not in outcome.err and "importlib" not in outcome.err
+
+
 # Being interrupted.
 
 

@@ -178,7 +178,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     let rti_host = host.map(|host| host.text.clone());
     let bodies = library.order.iter().flat_map(|file| &library.model(*file).preambles);
     let preambles = bodies.map(|body| code::dedent(&library.sources, body.inner)).collect();
-    let Lowered { program, classes, instances, bodies, .. } = lowered;
+    let Lowered { program, classes, instances, bodies, connections, .. } = lowered;
     Compiled {
         program,
         federated,
@@ -186,6 +186,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         classes,
         instances,
         bodies,
+        connections,
         preambles,
         files: stated.files,
         protobufs: stated.protobufs,

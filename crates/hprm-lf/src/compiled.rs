@@ -9,7 +9,7 @@ use crate::code::Code;
 use crate::diagnostic::Diagnostic;
 use crate::properties::Settings;
 use crate::render::render_all;
-use crate::source::{FileId, Sources};
+use crate::source::{FileId, Sources, Span};
 use crate::value::Value;
 
 /// A compiled program.
@@ -27,6 +27,8 @@ pub struct Compiled {
     pub instances: Table<ReactorId, Instance>,
     /// By reaction instance.
     pub bodies: Table<ReactionId, ReactionCode>,
+    /// By connection: where it is written.
+    pub connections: Vec<Span>,
     /// File-level preambles in the order in which they run: what a file imports comes before it.
     pub preambles: Vec<Code>,
     /// The target property `files` of all files, each with the file that states it.

@@ -26,6 +26,8 @@ pub(crate) struct Lowered {
     pub(crate) classes: Vec<Class>,
     pub(crate) instances: Table<ReactorId, Instance>,
     pub(crate) bodies: Table<ReactionId, ReactionCode>,
+    /// By connection.
+    pub(crate) connections: Vec<Span>,
     /// Which the classes are.
     used: Vec<ClassId>,
 }
@@ -60,7 +62,9 @@ pub(crate) fn lower<'a>(
             return None;
         }
     };
-    let mut lowered = Lowered { program, classes: Vec::new(), instances, bodies, used };
+    let connections = origins.connections;
+    let mut lowered =
+        Lowered { program, classes: Vec::new(), instances, bodies, connections, used };
     lowered.classes =
         lowered.used.iter().filter_map(|id| emit(library, models, *id, &name)).collect();
     Some(lowered)
@@ -70,7 +74,8 @@ pub(crate) fn lower<'a>(
 pub(crate) fn nothing(properties: Properties) -> Lowered {
     let program = ProgramBuilder::new("", properties).build().expect("nothing is in it");
     let (instances, bodies) = (Table::new(), Table::new());
-    Lowered { program: Arc::new(program), classes: vec![], instances, bodies, used: vec![] }
+    let (classes, connections, used) = (Vec::new(), Vec::new(), Vec::new());
+    Lowered { program: Arc::new(program), classes, instances, bodies, connections, used }
 }
 
 /// Adds the classes that have no instances.

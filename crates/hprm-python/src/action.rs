@@ -1,9 +1,12 @@
 //! The class `action_capsule_t`: an action, as an argument of a reaction.
 
+use std::ffi::CString;
 use std::sync::Arc;
 
 use hprm_core::ActionId;
-use pyo3::exceptions::{PyAttributeError, PyTypeError, PyValueError};
+use pyo3::exceptions::{
+    PyAttributeError, PyOverflowError, PyRuntimeWarning, PyTypeError, PyValueError,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyFloat;
 
@@ -54,8 +57,17 @@ impl Action {
         offset: Option<&Bound<'_, PyAny>>,
         value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let offset = offset.map_or(Ok(0), nanos)?;
-        self.runtime.schedule(self.action, offset, value.map(Value::new))
+        let nanos = offset.map_or(Ok(0), nanos)?;
+        if let Some(offset) = offset.filter(|_| nanos < 0) {
+            let name = &self.runtime.program().actions[self.action].name;
+            let message = format!(
+                "{name}.schedule({nanos}): the past cannot be changed, so this is {name}.schedule(0)"
+            );
+            // It names the line, once.
+            let category = offset.py().get_type::<PyRuntimeWarning>();
+            PyErr::warn(offset.py(), &category, &CString::new(message)?, 1)?;
+        }
+        self.runtime.schedule(self.action, nanos, value.map(Value::new))
     }
 
     fn __repr__(&self) -> String {
@@ -76,6 +88,11 @@ pub(crate) fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
                 let kind = kind(offset);
                 PyTypeError::new_err(format!(
                     "a time must be a number of nanoseconds, such as MSEC(10), and this is a {kind}"
+                ))
+            } else if error.is_instance_of::<PyOverflowError>(offset.py()) {
+                PyOverflowError::new_err(format!(
+                    "a time has at most {} nanoseconds, which is 292 years, and this is {offset}",
+                    i64::MAX
                 ))
             } else {
                 error

@@ -7,10 +7,15 @@ use pyo3::prelude::*;
 ///
 /// `sys.exit` is a choice and has nothing to say; Ctrl-C neither.
 pub(crate) fn failure(py: Python<'_>, error: PyErr, what: &str) -> Failure {
+    failure_at(py, error, what, "")
+}
+
+/// As [`failure`], about the `place` of the program `what` stems from, if the error names no other.
+pub(crate) fn failure_at(py: Python<'_>, error: PyErr, what: &str, place: &str) -> Failure {
     let error = error.into_value(py).into_bound(py);
     let described = py
         .import("hprm._errors")
-        .and_then(|errors| errors.call_method1("describe", (&error, what)))
+        .and_then(|errors| errors.call_method1("describe", (&error, what, place)))
         .and_then(|described| described.extract::<(i32, String)>());
     match described {
         Ok((code, message)) => Failure { message, code },

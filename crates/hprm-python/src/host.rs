@@ -7,15 +7,15 @@ use std::sync::Arc;
 use hprm::trace::Described;
 use hprm::{Failure, Host, SharedBodies};
 use hprm_core::{
-    Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, ReactionId, Scheduler,
-    Table, Turn,
+    Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
+    Scheduler, Table, Turn,
 };
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
-use crate::failure::failure;
+use crate::failure::{failure, failure_at};
 use crate::interrupt::Interrupt;
 use crate::runtime::{Late, Runtime};
 use crate::thread;
@@ -45,6 +45,8 @@ pub(crate) struct PyHost {
     pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
     pub(crate) interrupt: Py<Interrupt>,
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
+    /// Of ports whose values are sent from here: where they are set.
+    pub(crate) origins: BTreeMap<PortId, String>,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
     /// Whether other federates run in this process.
@@ -197,7 +199,11 @@ impl Host for PyHost {
     ) -> Result<Payload, Failure> {
         let payload = Python::attach(|py| {
             value.encoded(py, &self.codecs[channel], store, self.federate).map_err(|error| {
-                failure(py, error, &format!("sending a value on {}", self.channel_name(channel)))
+                let what = format!("sending a value on {}", self.channel_name(channel));
+                let program = self.runtime.program();
+                let from = program.connections[program.channels[channel].connection].from;
+                let origin = self.origins.get(&from).map_or("", String::as_str);
+                failure_at(py, error, &what, origin)
             })
         });
         self.runtime.note(store.stats());

@@ -1,11 +1,13 @@
 //! Making the host of a compiled program: its instances, its bodies with their arguments, its codecs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use hprm::{Failure, Inbox};
-use hprm_core::{Effects, FederateId, ReactionId, Scheduler, Scope, Table, Trigger};
-use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
+use hprm_core::{
+    ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
+};
+use hprm_lf::{Argument, Compiled, ContainedPort, Ports, ReactionCode, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -13,7 +15,7 @@ use pyo3::types::{PyDict, PyTuple};
 use crate::action::Action;
 use crate::api::Api;
 use crate::codec::Codec;
-use crate::failure::failure;
+use crate::failure::{failure, failure_at};
 use crate::host::{self, Bodies, PyHost};
 use crate::interrupt::Interrupt;
 use crate::mode::Mode;
@@ -47,7 +49,8 @@ pub(crate) fn load(
     let shared = Arc::new(Scheduler::new(Arc::clone(&compiled.program), scope));
     let effects = Effects::default();
     let is_thread = thread::current_federate().is_some();
-    Ok(PyHost { runtime, bodies, interrupt, codecs, federate, is_thread, shared, effects })
+    let origins = origins(compiled, scope);
+    Ok(PyHost { runtime, bodies, interrupt, codecs, origins, federate, is_thread, shared, effects })
 }
 
 fn bodies(
@@ -192,7 +195,10 @@ fn codecs(
                         [connection.from, connection.to].map(|port| program.port_name(port));
                     let name = name.unwrap_or("native");
                     let what = format!("loading the serializer \"{name}\" of {from} -> {to}");
-                    failure(py, error, &what)
+                    let place = connection_place(compiled, channel.connection);
+                    let mut failure = failure_at(py, error, &what, &place);
+                    failure.message.push_str(SERIALIZERS);
+                    failure
                 })?;
                 Arc::clone(known.entry(name).or_insert(Arc::new(codec)))
             }
@@ -200,4 +206,41 @@ fn codecs(
         codecs.push(codec);
     }
     Ok(codecs)
+}
+
+/// What a serializer is, for whoever names one that is not there.
+const SERIALIZERS: &str = "\n  hint: a serializer is a Python module with a class `Serializer`, beside \
+                           the program or installed";
+
+/// Where a connection is written.
+fn connection_place(compiled: &Compiled, connection: ConnectionId) -> String {
+    let span = compiled.connections.get(connection.index());
+    span.map_or_else(String::new, |span| {
+        let line = compiled.sources.position(*span).line;
+        format!("{}:{line}", compiled.sources.path(span.file))
+    })
+}
+
+/// Where the values of the ports come from that are sent from here: the reactions that set them.
+fn origins(compiled: &Compiled, scope: Scope) -> BTreeMap<PortId, String> {
+    let program = &compiled.program;
+    let sent = program.channels.values().filter(|channel| Scope::Federate(channel.from) == scope);
+    let sent: BTreeSet<_> =
+        sent.map(|channel| program.connections[channel.connection].from).collect();
+    let mut origins = BTreeMap::new();
+    for (id, reaction) in program.reactions.iter() {
+        let ReactionCode { class, runs: Runs::Reaction(index), .. } = &compiled.bodies[id] else {
+            continue;
+        };
+        let body = &compiled.classes[*class].reactions[*index];
+        for effect in &reaction.effects {
+            if let Effect::Port(port) = effect
+                && sent.contains(port)
+            {
+                let place = format!("{}:{}", compiled.sources.path(body.file), body.line);
+                origins.entry(*port).or_insert(place);
+            }
+        }
+    }
+    origins
 }
