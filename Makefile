@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model conformance bench bench-ordering bench-rust bench-python bench-in-process fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-ordering bench-rust bench-python bench-in-process fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -36,6 +36,10 @@ check-model: toolchain ## go every way in which small federations can go, for so
 
 acceptance: build ## the long form of some tests: pauses, orders of starting, a hundred equal runs
 	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py
+
+FIRST ?= 0
+sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed
+	cargo run --quiet --release -p hprm-cli -- sim --seed $(FIRST) --seeds 1000000
 
 conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }

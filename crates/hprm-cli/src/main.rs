@@ -25,6 +25,7 @@ mod rti;
 mod run;
 mod secret;
 mod signals;
+mod sim;
 mod source;
 mod supervisor;
 mod threads;
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
         Command::Verify(verify) => verify::verify(&verify),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
+        Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
     };
     outcome.unwrap_or_else(|error| {

@@ -20,13 +20,15 @@ mod node;
 mod oracle;
 mod rng;
 mod scenario;
+mod trial;
 mod world;
 
 pub use behaviour::{Entry, Log};
 pub use generate::{Shape, generate};
 pub use model::{Action, Explored, Happening, Setting, Violation, explore};
-pub use network::Place;
+pub use network::{Latency, Partition, Place};
 pub use oracle::{difference, reference, reference_until};
 pub use rng::Rng;
 pub use scenario::scenario;
-pub use world::{Outcome, Plan, World};
+pub use trial::{Trial, Verdict};
+pub use world::{Outcome, Plan, Skew, World};

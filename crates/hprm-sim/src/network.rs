@@ -1,9 +1,9 @@
-//! Links with random latencies that keep the order of what is sent, and nothing else.
+//! Links with random latencies that keep the order of what is sent, and may break.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{FederateId, PhysicalTime};
-use hprm_federated::{Input, RtiInput};
+use hprm_core::{FederateId, Nanos, PhysicalTime};
+use hprm_federated::{Input, LinkId, RtiInput};
 
 use crate::Rng;
 
@@ -29,6 +29,32 @@ pub(crate) enum Event {
     Wake(FederateId),
     /// A federate's process is killed.
     Crash(FederateId),
+    /// The link between a federate and the RTI breaks.
+    Cut(FederateId),
+    /// A federate's physical action is scheduled.
+    Happen(FederateId),
+}
+
+/// How long things take on their way.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Latency {
+    /// The least.
+    pub least: u64,
+    /// How much more it may be.
+    pub jitter: u64,
+    /// In how many cases of a hundred it is fifty times as much: something was sent again.
+    pub spikes: u64,
+}
+
+/// Somebody is cut off for a while. What is sent then arrives later: links are reliable.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Partition {
+    /// Who.
+    pub who: FederateId,
+    /// From when.
+    pub from: PhysicalTime,
+    /// Until when.
+    pub until: PhysicalTime,
 }
 
 /// What will happen, by time, and by the order in which it was caused.
@@ -37,14 +63,25 @@ pub(crate) struct Network {
     rng: Rng,
     pending: BTreeMap<(PhysicalTime, u64), Event>,
     sequence: u64,
-    latency: u64,
+    latency: Latency,
+    partition: Option<Partition>,
     /// When the last thing sent on a link arrives.
     busy: BTreeMap<(Place, Place), PhysicalTime>,
+    /// The federates whose links to the RTI have broken.
+    broken: BTreeSet<FederateId>,
 }
 
 impl Network {
-    pub(crate) fn new(rng: Rng, latency: u64) -> Self {
-        Self { rng, pending: BTreeMap::new(), sequence: 0, latency, busy: BTreeMap::new() }
+    pub(crate) fn new(rng: Rng, latency: Latency, partition: Option<Partition>) -> Self {
+        Self {
+            rng,
+            pending: BTreeMap::new(),
+            sequence: 0,
+            latency,
+            partition,
+            busy: BTreeMap::new(),
+            broken: BTreeSet::new(),
+        }
     }
 
     pub(crate) fn at(&mut self, time: PhysicalTime, event: Event) {
@@ -52,13 +89,58 @@ impl Network {
         self.sequence += 1;
     }
 
-    /// Sends something that arrives after everything sent before on the same link.
+    /// Sends something that arrives after everything sent before on the same link, if that has not
+    /// broken.
     pub(crate) fn send(&mut self, now: PhysicalTime, from: Place, to: Place, event: Event) {
-        let arrival = now.plus(self.rng.below(self.latency).cast_signed());
+        if self.is_broken(from, to) {
+            return;
+        }
+        let arrival = now.plus(self.delay());
+        let arrival = match self.partition {
+            Some(Partition { who, from: cut, until })
+                if [from, to].contains(&Place::Federate(who))
+                    && arrival >= cut
+                    && arrival < until =>
+            {
+                until
+            }
+            _ => arrival,
+        };
         let busy = self.busy.entry((from, to)).or_insert(arrival);
         *busy = (*busy).max(arrival);
         let arrival = *busy;
         self.at(arrival, event);
+    }
+
+    /// Breaks the link between a federate and the RTI: what is on its way is lost, and both ends
+    /// learn of it.
+    pub(crate) fn cut(&mut self, now: PhysicalTime, who: FederateId) {
+        self.broken.insert(who);
+        let link = LinkId(u32::from(who.0));
+        self.pending.retain(|_, event| match event {
+            Event::Rti(RtiInput::Frame { link: on, .. }) => *on != link,
+            Event::Federate(to, Input::FromRti(_)) => *to != who,
+            _ => true,
+        });
+        let (early, late) = (now.plus(self.delay()), now.plus(self.delay()));
+        self.at(early, Event::Rti(RtiInput::Closed { link }));
+        self.at(late, Event::Federate(who, Input::RtiLost));
+    }
+
+    fn is_broken(&self, from: Place, to: Place) -> bool {
+        match (from, to) {
+            (Place::Federate(who), Place::Rti) | (Place::Rti, Place::Federate(who)) => {
+                self.broken.contains(&who)
+            }
+            _ => false,
+        }
+    }
+
+    fn delay(&mut self) -> Nanos {
+        let Latency { least, jitter, spikes } = self.latency;
+        let usual = least + self.rng.below(jitter);
+        let factor = if self.rng.percent(spikes) { 50 } else { 1 };
+        usual.saturating_mul(factor).cast_signed()
     }
 
     pub(crate) fn next(&mut self) -> Option<(PhysicalTime, Event)> {

@@ -100,6 +100,11 @@ impl Node {
         Ok(scheduled)
     }
 
+    /// The last tag of the program, as far as this federate knows.
+    pub(crate) fn stop_tag(&self) -> Tag {
+        self.scheduler.stop_tag()
+    }
+
     pub(crate) fn last_tag(&self) -> Tag {
         self.scheduler.tag()
     }

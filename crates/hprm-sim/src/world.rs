@@ -1,5 +1,6 @@
 //! A federation in virtual time: the RTI, the federates, and what is on its way between them.
 
+use std::fmt;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Program, Table, Tag};
@@ -7,19 +8,68 @@ use hprm_federated::{
     Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Topology,
 };
 
-use crate::network::{Event, Network, Place};
+use crate::network::{Event, Latency, Network, Partition, Place};
 use crate::node::Node;
 use crate::{Log, Rng};
 
 /// What is to happen besides the program.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Plan {
-    /// The greatest latency of a link.
-    pub latency: u64,
+    /// How long things take on their way.
+    pub latency: Latency,
+    /// Somebody who is cut off for a while.
+    pub partition: Option<Partition>,
+    /// How each federate's clock deviates from true time; those that are not here do not.
+    pub clocks: Vec<Skew>,
     /// A federate that asks to stop once it has processed that tag or a later one.
     pub stop: Option<(FederateId, Tag)>,
     /// A federate that is killed at that time.
     pub crash: Option<(FederateId, PhysicalTime)>,
+    /// A federate whose link to the RTI breaks at that time.
+    pub cut: Option<(FederateId, PhysicalTime)>,
+    /// When which federate's physical action is scheduled from outside.
+    pub events: Vec<(FederateId, PhysicalTime)>,
+}
+
+/// How a clock deviates.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Skew {
+    /// By how much it is fast at time zero.
+    pub offset: Nanos,
+    /// How much it gains in a million.
+    pub drift: Nanos,
+}
+
+impl Skew {
+    /// What the clock says at a true time.
+    fn local(self, time: PhysicalTime) -> PhysicalTime {
+        let gained = i128::from(time.0) * i128::from(self.drift) / 1_000_000;
+        let gained = Nanos::try_from(gained).unwrap_or(Nanos::MAX);
+        PhysicalTime(time.0.saturating_add(self.offset).saturating_add(gained))
+    }
+
+    /// The first time at which it says that much or more.
+    fn global(self, reading: PhysicalTime) -> PhysicalTime {
+        let elapsed = i128::from(reading.0) - i128::from(self.offset);
+        let time = elapsed * 1_000_000 / i128::from(1_000_000 + self.drift);
+        let mut time = PhysicalTime(Nanos::try_from(time).unwrap_or(Nanos::MAX).saturating_sub(2));
+        while self.local(time) < reading {
+            time = time.plus(1);
+        }
+        time
+    }
+}
+
+/// Something that happens, as a person reads it.
+struct Shown {
+    now: PhysicalTime,
+    event: Event,
+}
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:>9} {:?}", self.now.0, self.event)
+    }
 }
 
 /// What has become of a federation.
@@ -35,6 +85,10 @@ pub struct Outcome {
     pub lost: usize,
     /// Whom the RTI reported as failed.
     pub failed: Option<FederateId>,
+    /// The last tag of the program, as far as any federate knew it.
+    pub stop: Tag,
+    /// How many things happened.
+    pub events: usize,
 }
 
 /// See the module.
@@ -44,8 +98,11 @@ pub struct World {
     rti: Rti,
     nodes: Table<FederateId, Node>,
     network: Network,
+    clocks: Table<FederateId, Skew>,
+    joined: Table<FederateId, bool>,
     failed: Option<FederateId>,
     finished: bool,
+    events: usize,
 }
 
 /// More than any of the small programs takes.
@@ -62,13 +119,17 @@ impl World {
         let topology = Topology::new(program);
         let stop = |me| plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
         let node = |me| Node::new(me, program, federation, stop(me));
+        let clock = |me: FederateId| plan.clocks.get(me.index()).copied().unwrap_or_default();
         let mut world = Self {
             program: Arc::clone(program),
             nodes: program.federates.ids().map(node).collect(),
             rti: Rti::new(topology, federation, program.fingerprint(), START_DELAY),
-            network: Network::new(Rng::new(rng.draw()), plan.latency),
+            network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
+            clocks: program.federates.ids().map(clock).collect(),
+            joined: Table::filled(program.federates.len(), false),
             failed: None,
             finished: false,
+            events: 0,
         };
         for federate in program.federates.ids() {
             world.nodes[federate].drain(PhysicalTime(0));
@@ -79,6 +140,12 @@ impl World {
         if let Some((federate, at)) = plan.crash {
             world.network.at(at, Event::Crash(federate));
         }
+        if let Some((federate, at)) = plan.cut {
+            world.network.at(at, Event::Cut(federate));
+        }
+        for (federate, at) in plan.events {
+            world.network.at(at, Event::Happen(federate));
+        }
         world
     }
 
@@ -87,12 +154,26 @@ impl World {
     /// # Errors
     ///
     /// If a machine finds fault with another, or the federation comes to rest before its end.
-    pub fn run(mut self) -> Result<Outcome, String> {
-        for _ in 0..STEPS {
+    pub fn run(self) -> Result<Outcome, String> {
+        self.run_watched(|_| {})
+    }
+
+    /// The same, and says each thing before it happens.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run`].
+    pub fn run_watched(
+        mut self,
+        mut watch: impl FnMut(&dyn fmt::Display),
+    ) -> Result<Outcome, String> {
+        while self.events < STEPS {
             let Some((now, event)) = self.network.next() else {
                 return self.outcome();
             };
-            let shown = format!("{now:?} {event:?}");
+            self.events += 1;
+            let shown = Shown { now, event: event.clone() };
+            watch(&shown);
             self.step(now, event).map_err(|fault| format!("{fault}, at {shown}"))?;
         }
         Err("it goes on for ever".to_owned())
@@ -113,7 +194,9 @@ impl World {
         let tardy = self.nodes.values().map(|node| node.tardy).sum();
         let lost = self.nodes.values().map(|node| node.sent).sum::<usize>()
             - self.nodes.values().map(|node| node.received).sum::<usize>();
-        Ok(Outcome { log, last, tardy, lost, failed: self.failed })
+        let stop = self.nodes.values().map(Node::stop_tag).min().unwrap_or(Tag::FOREVER);
+        let (failed, events) = (self.failed, self.events);
+        Ok(Outcome { log, last, tardy, lost, failed, stop, events })
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {
@@ -150,17 +233,40 @@ impl World {
                 }
                 Ok(())
             }
+            Event::Cut(federate) => {
+                // Who has not joined is not missed; how long to wait for it is the driver's business.
+                if self.joined[federate] && !self.nodes[federate].is_over() {
+                    self.network.cut(now, federate);
+                }
+                Ok(())
+            }
+            Event::Happen(federate) => {
+                if self.nodes[federate].is_running() {
+                    let local = self.clocks[federate].local(now);
+                    self.nodes[federate].happen(local)?;
+                    self.advance(now, federate)?;
+                }
+                Ok(())
+            }
         }
     }
 
     /// One turn of a federate's loop.
     fn turn(&mut self, now: PhysicalTime, federate: FederateId, input: Input) -> Result<(), Fault> {
+        let local = self.clocks[federate].local(now);
         let node = &mut self.nodes[federate];
         if node.is_over() {
             return Ok(());
         }
-        node.input(now, input)?;
-        let wake = node.advance(now)?;
+        node.input(local, input)?;
+        self.advance(now, federate)
+    }
+
+    /// A federate does what it may.
+    fn advance(&mut self, now: PhysicalTime, federate: FederateId) -> Result<(), Fault> {
+        let clock = self.clocks[federate];
+        let node = &mut self.nodes[federate];
+        let wake = node.advance(clock.local(now))?.map(|wake| clock.global(wake).max(now));
         if let Some(at) = wake
             && node.wake.is_none_or(|known| at < known)
         {
@@ -212,6 +318,7 @@ impl World {
         while let Some(output) = self.rti.poll() {
             match output {
                 RtiOutput::Send { link, frame } => self.announce(now, link, frame),
+                RtiOutput::Joined { federate, .. } => self.joined[federate] = true,
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),
                 RtiOutput::Finished => self.finished = true,
                 _ => {}

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 use hprm_federated::Topology;
-use hprm_sim::{Outcome, Plan, Rng, Shape, World, difference, generate, reference};
+use hprm_sim::{Latency, Outcome, Plan, Rng, Shape, World, difference, generate, reference};
 
 const CENTRALIZED: Shape =
     Shape { coordination: Coordination::Centralized, maxwait: 0, physical: false, circles: false };
@@ -26,8 +26,9 @@ fn world(
     (program, outcome)
 }
 
-fn latency(rng: &mut Rng) -> u64 {
-    LATENCIES[usize::try_from(rng.below(4)).unwrap()]
+fn latency(rng: &mut Rng) -> Latency {
+    let jitter = LATENCIES[usize::try_from(rng.below(4)).unwrap()];
+    Latency { jitter, ..Latency::default() }
 }
 
 fn equals_reference(seed: u64, shape: Shape) {
@@ -152,6 +153,7 @@ fn a_crash_ends_the_federation_and_is_reported_once() {
 
 #[test]
 fn a_seed_replays_exactly() {
-    let run = || world(7, CENTRALIZED, |_, _| Plan { latency: 5_000, ..Plan::default() }).1;
+    let run =
+        || world(7, CENTRALIZED, |rng, _| Plan { latency: latency(rng), ..Plan::default() }).1;
     assert_eq!(run(), run());
 }

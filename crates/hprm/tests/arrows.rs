@@ -13,12 +13,12 @@ const ARROWS: [(&str, &[&str]); 8] = [
     ("hprm", &["hprm-core", "hprm-federated", "hprm-store", "hprm-lf"]),
     ("hprm-sim", &["hprm-core", "hprm-federated", "hprm-store"]),
     ("hprm-python", &["hprm", "hprm-core", "hprm-lf", "hprm-store"]),
-    ("hprm-cli", &["hprm", "hprm-core", "hprm-lf"]),
+    ("hprm-cli", &["hprm", "hprm-core", "hprm-lf", "hprm-sim"]),
 ];
 
 /// What a pure crate must not name: whatever touches the world.
 const WORLDLY: [&str; 5] = ["rustix", "socket2", "libc", "tokio", "mio"];
-const PURE: [&str; 3] = ["hprm-core", "hprm-federated", "hprm-lf"];
+const PURE: [&str; 4] = ["hprm-core", "hprm-federated", "hprm-lf", "hprm-sim"];
 
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata");

@@ -168,7 +168,7 @@ impl State {
                 self.send(Place::Federate(to), Place::Federate(from), up);
                 Ok(())
             }
-            Event::Wake(_) | Event::Crash(_) => Ok(()),
+            Event::Wake(_) | Event::Crash(_) | Event::Cut(_) | Event::Happen(_) => Ok(()),
         }
     }
 

@@ -1,0 +1,286 @@
+//! A federation drawn from a seed, with whatever befalls it, and the verdict on what it did.
+//!
+//! The program, the network, the clocks and the faults all come from one number. `generate` draws
+//! the program; this file draws the rest, and says what must be true at the end.
+
+use std::any::Any;
+use std::fmt::{self, Write};
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Arc;
+
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_federated::Topology;
+
+use crate::{
+    Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, World, difference, generate,
+    reference_until,
+};
+
+/// How long things may take on their way; a program lasts 20,000 at most.
+const JITTERS: [u64; 5] = [1, 300, 5_000, 50_000, 200_000];
+
+/// How long federates wait that do not wait for ever.
+const MAXWAITS: [Nanos; 4] = [0, 500, 2_000, 20_000];
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    seed: u64,
+    shape: Shape,
+    plan: Plan,
+    program: Arc<Program>,
+    rng: Rng,
+}
+
+/// What became of a trial in which nothing was wrong.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Verdict {
+    /// How many things happened.
+    pub events: usize,
+    /// How many reactions were executed.
+    pub executions: usize,
+    /// How many messages came too late for their tag, or after the end of their receiver.
+    pub tardy: usize,
+    /// Whether the federation failed, as it must if somebody dies.
+    pub failed: bool,
+    /// Whether what it did was compared with what the program must do.
+    pub compared: bool,
+}
+
+impl Trial {
+    /// The trial of that seed.
+    #[must_use]
+    pub fn draw(seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let coordination = match rng.percent(50) {
+            true => Coordination::Centralized,
+            false => Coordination::Decentralized,
+        };
+        let impatient = coordination == Coordination::Decentralized && rng.percent(30);
+        let shape = Shape {
+            coordination,
+            maxwait: if impatient { pick(&mut rng, &MAXWAITS) } else { Nanos::MAX },
+            physical: rng.percent(25),
+            circles: rng.percent(50),
+        };
+        let program = Arc::new(generate(&mut rng, shape));
+        let plan = plan(&mut rng, shape, &program);
+        Self { seed, shape, plan, program, rng }
+    }
+
+    /// Runs it.
+    ///
+    /// # Errors
+    ///
+    /// If something is wrong with what it did: what.
+    pub fn run(&self) -> Result<Verdict, String> {
+        // A machine that panics would otherwise not tell which seed made it.
+        let run = || World::new(&self.program, self.rng.clone(), self.plan.clone()).run();
+        let outcome = panic::catch_unwind(AssertUnwindSafe(run));
+        self.judge(outcome.unwrap_or_else(|cause| Err(words(cause.as_ref()))))
+    }
+
+    /// Runs it, and tells all that happens on the way, a line each, and the verdict.
+    #[must_use]
+    pub fn tell(&self) -> String {
+        let mut text = self.to_string();
+        let world = World::new(&self.program, self.rng.clone(), self.plan.clone());
+        let watch = |shown: &dyn fmt::Display| {
+            let _ = writeln!(text, "{shown}");
+        };
+        let outcome = panic::catch_unwind(AssertUnwindSafe(|| world.run_watched(watch)));
+        let outcome = outcome.unwrap_or_else(|cause| Err(words(cause.as_ref())));
+        match self.judge(outcome) {
+            Ok(verdict) => text + &format!("{verdict}\n"),
+            Err(wrong) => text + &format!("WRONG: {wrong}\n"),
+        }
+    }
+
+    fn judge(&self, outcome: Result<Outcome, String>) -> Result<Verdict, String> {
+        let outcome = outcome?;
+        let patient = self.shape.maxwait == Nanos::MAX;
+        let tardy = outcome.tardy + outcome.lost;
+        if patient && outcome.tardy > 0 {
+            return Err(format!("{} messages were tardy, but everybody waits", outcome.tardy));
+        }
+        // Who does not wait may have missed a message that its sender did not live to send.
+        let certain = patient || outcome.failed.is_none();
+        let compared = !self.shape.physical && tardy == 0 && certain;
+        match outcome.failed {
+            Some(victim) => self.failed(victim, &outcome, compared)?,
+            None => self.ended(&outcome, compared, patient)?,
+        }
+        let entries = outcome.log.entries.values();
+        Ok(Verdict {
+            events: outcome.events,
+            executions: entries.map(Vec::len).sum(),
+            tardy,
+            failed: outcome.failed.is_some(),
+            compared,
+        })
+    }
+
+    /// What must be true if a federate has failed.
+    fn failed(&self, victim: FederateId, outcome: &Outcome, compared: bool) -> Result<(), String> {
+        let victims = [self.plan.crash, self.plan.cut].map(|fault| fault.map(|(victim, _)| victim));
+        if !victims.contains(&Some(victim)) {
+            return Err(format!("{} is reported, but nothing befell it", self.name(victim)));
+        }
+        let must = reference_until(&self.program, outcome.stop, None);
+        if compared && let Some(wrong) = excess(&self.program, &outcome.log, &must, outcome.stop) {
+            return Err(wrong);
+        }
+        Ok(())
+    }
+
+    /// What must be true if all have come to their end.
+    fn ended(&self, outcome: &Outcome, compared: bool, patient: bool) -> Result<(), String> {
+        let last = outcome.last[FederateId(0)];
+        if let Some((me, other)) = outcome.last.iter().find(|(_, tag)| **tag != last) {
+            return Err(format!("{} ends at {other}, the first one at {last}", self.name(me)));
+        }
+        if patient && outcome.lost > 0 && self.plan.stop.is_none() {
+            return Err(format!("{} messages did not come", outcome.lost));
+        }
+        let must = compared.then(|| reference_until(&self.program, last, None));
+        let wrong =
+            must.and_then(|must| difference(&self.program, &outcome.log, &must, Tag::FOREVER));
+        wrong.map_or(Ok(()), Err)
+    }
+
+    fn name(&self, federate: FederateId) -> &str {
+        &self.program.federates[federate].name
+    }
+}
+
+/// What a machine said when it panicked.
+fn words(cause: &(dyn Any + Send)) -> String {
+    let words = cause.downcast_ref::<String>().map(String::as_str);
+    let words = words.or_else(|| cause.downcast_ref::<&str>().copied());
+    format!("a machine panicked: {}", words.unwrap_or("it does not say why"))
+}
+
+/// The first execution, by reaction, before `end` that the program does not have there.
+fn excess(program: &Program, is: &Log, must: &Log, end: Tag) -> Option<String> {
+    let cut = |id, log: &Log| -> Vec<_> {
+        log.entries[id].iter().filter(|entry| entry.tag < end).cloned().collect()
+    };
+    program.reactions.ids().find_map(|id| {
+        let (is, must) = (cut(id, is), cut(id, must));
+        let at = (0..is.len()).find(|at| is.get(*at) != must.get(*at))?;
+        let name = program.reaction_name(id);
+        Some(format!("execution {at} of {name}: {:?}, but must be {:?}", is[at], must.get(at)))
+    })
+}
+
+fn plan(rng: &mut Rng, shape: Shape, program: &Program) -> Plan {
+    let count = program.federates.len() as u64;
+    let who = |rng: &mut Rng| FederateId(u16::try_from(rng.below(count)).unwrap_or(0));
+    let time = |rng: &mut Rng| PhysicalTime(rng.below(60_000).cast_signed());
+    let least = if rng.percent(30) { rng.below(2_000) } else { 0 };
+    let jitter = pick(rng, &JITTERS);
+    let spikes = if rng.percent(20) { 3 } else { 0 };
+    let mut plan = Plan { latency: Latency { least, jitter, spikes }, ..Plan::default() };
+    if rng.percent(15) {
+        let (who, from) = (who(rng), time(rng));
+        let until = from.plus(rng.below(100_000).cast_signed());
+        plan.partition = Some(Partition { who, from, until });
+    }
+    if rng.percent(40) {
+        let skew = |_| Skew {
+            offset: rng.below(20_000).cast_signed() - 10_000,
+            drift: rng.below(2_000).cast_signed() - 1_000,
+        };
+        plan.clocks = (0..count).map(skew).collect();
+    }
+    if rng.percent(25) {
+        plan.stop = Some((who(rng), Tag::new(rng.below(8_000).cast_signed(), 0)));
+    }
+    if rng.percent(10) {
+        plan.crash = Some((who(rng), time(rng)));
+    } else if rng.percent(10) {
+        plan.cut = Some((who(rng), time(rng)));
+    }
+    if shape.physical {
+        plan.events = (0..rng.below(4)).map(|_| (who(rng), time(rng))).collect();
+    }
+    plan
+}
+
+fn pick<T: Copy>(rng: &mut Rng, among: &[T]) -> T {
+    among[usize::try_from(rng.below(among.len() as u64)).unwrap_or(0)]
+}
+
+impl fmt::Display for Trial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { seed, shape, plan, program, .. } = self;
+        let coordination = match shape.coordination {
+            Coordination::Centralized => "centralized",
+            Coordination::Decentralized => "decentralized",
+        };
+        writeln!(f, "seed {seed}: {coordination}, {} federates", program.federates.len())?;
+        if shape.maxwait < Nanos::MAX {
+            writeln!(f, "  each waits {} ns for its inputs", shape.maxwait)?;
+        }
+        if let Some(timeout) = program.properties.timeout {
+            writeln!(f, "  it ends at {timeout} ns")?;
+        }
+        for cycle in Topology::new(program).zero_delay_cycles() {
+            let names: Vec<_> = cycle.iter().map(|me| self.name(*me)).collect();
+            writeln!(f, "  a circle without a delay: {}", names.join(", "))?;
+        }
+        for channel in program.channels.values() {
+            let arrow = if channel.physical { "~>" } else { "->" };
+            let (from, to) = (self.name(channel.from), self.name(channel.to));
+            writeln!(f, "  {from} {arrow} {to}, delay {:?}", channel.delay)?;
+        }
+        self.write_plan(f, plan)
+    }
+}
+
+impl Trial {
+    fn write_plan(&self, f: &mut fmt::Formatter<'_>, plan: &Plan) -> fmt::Result {
+        let Latency { least, jitter, spikes } = plan.latency;
+        writeln!(
+            f,
+            "  latency from {least} ns to {} ns, {spikes} % fifty times",
+            least + jitter.saturating_sub(1)
+        )?;
+        for (me, Skew { offset, drift }) in self.program.federates.ids().zip(&plan.clocks) {
+            writeln!(f, "  the clock of {}: {offset:+} ns, {drift:+} ppm", self.name(me))?;
+        }
+        if let Some(Partition { who, from, until }) = plan.partition {
+            writeln!(f, "  {} is cut off from {} to {}", self.name(who), from.0, until.0)?;
+        }
+        if let Some((who, tag)) = plan.stop {
+            writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;
+        }
+        if let Some((who, at)) = plan.crash {
+            writeln!(f, "  {} is killed at {}", self.name(who), at.0)?;
+        }
+        if let Some((who, at)) = plan.cut {
+            writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(who), at.0)?;
+        }
+        for (who, at) in &plan.events {
+            writeln!(f, "  something physical happens at {} at {}", self.name(*who), at.0)?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { events, executions, tardy, .. } = self;
+        write!(f, "  {events} events, {executions} reactions")?;
+        if *tardy > 0 {
+            write!(f, ", {tardy} messages tardy or lost")?;
+        }
+        let comparison = match (self.compared, self.failed) {
+            (true, false) => "equal to the program in one scheduler",
+            (true, true) => "ended as it must, with what the program does so far",
+            (false, true) => "ended as it must",
+            (false, false) => "all ended at one tag",
+        };
+        write!(f, ": {comparison}")
+    }
+}
