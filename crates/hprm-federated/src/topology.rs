@@ -219,7 +219,8 @@ impl Topology {
     /// Groups of federates that send to one another in a circle without any delay.
     #[must_use]
     pub fn zero_delay_cycles(&self) -> Vec<Vec<FederateId>> {
-        let mut grouped = Table::filled(self.names.len(), false);
+        // Most are not in a circle, and to find that out takes no search.
+        let mut grouped = self.outside_circles();
         let mut cycles = Vec::new();
         for federate in self.names.ids() {
             if grouped[federate] {
@@ -237,6 +238,35 @@ impl Topology {
             }
         }
         cycles
+    }
+
+    /// Federates that cannot be in a circle without delay: to whom, or from whom, nothing leads
+    /// without one but from, or to, others of them.
+    fn outside_circles(&self) -> Table<FederateId, bool> {
+        let mut outside = Table::filled(self.names.len(), false);
+        for (before, after) in
+            [(&self.upstream, &self.downstream), (&self.downstream, &self.upstream)]
+        {
+            let is_open = |edge: &&Edge, outside: &Table<FederateId, bool>| {
+                edge.delay == Delay::None && !outside[edge.federate]
+            };
+            let mut open: Table<FederateId, usize> = before
+                .values()
+                .map(|edges| edges.iter().filter(|edge| is_open(edge, &outside)).count())
+                .collect();
+            let ends = self.names.ids().filter(|f| open[*f] == 0 && !outside[*f]);
+            let mut pending: Vec<_> = ends.collect();
+            while let Some(federate) = pending.pop() {
+                outside[federate] = true;
+                for edge in after[federate].iter().filter(|edge| is_open(edge, &outside)) {
+                    open[edge.federate] -= 1;
+                    if open[edge.federate] == 0 {
+                        pending.push(edge.federate);
+                    }
+                }
+            }
+        }
+        outside
     }
 
     /// Whom one or more of the edges that count lead to from `federate`.
@@ -290,6 +320,18 @@ mod tests {
         assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
         let stepwise: Vec<_> = topology.federates().map(|f| topology.is_stepwise(f)).collect();
         assert_eq!(stepwise, [false, true, true, true, false]);
+    }
+
+    #[test]
+    fn circles_are_found_between_chains() {
+        let text = "x -> a\na -> b\nb -> a\nb -> y\ny -> c\nc -> d\nd -> c\nd -> z\nz -> x after 1";
+        let topology = Topology::new(&program(text));
+        let found: Vec<Vec<_>> = topology
+            .zero_delay_cycles()
+            .iter()
+            .map(|cycle| cycle.iter().map(|federate| topology.name(*federate)).collect())
+            .collect();
+        assert_eq!(found, [["a", "b"], ["c", "d"]]);
     }
 
     #[test]
