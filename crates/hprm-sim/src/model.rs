@@ -50,7 +50,7 @@ pub struct Violation {
 
 impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}, after", self.what)?;
+        writeln!(f, "{}, in state {}, after", self.what, self.explored.states)?;
         self.schedule.iter().try_for_each(|action| writeln!(f, "  {action:?}"))
     }
 }

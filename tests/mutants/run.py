@@ -1,0 +1,151 @@
+"""Whether simulation and model checking find the faults of which we can think.
+
+A mutant is a text in this folder: what is wrong with it, a file, the lines that are replaced, and
+those that replace them. Each is put into a copy of the pure crates, so the code that ships has no
+hooks for this; then the tests of `crates/hprm-sim` run, which must fail. A mutant whose old lines
+are not there exactly once, or that does not compile, is an error: it has to follow the code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
+HUNTS = ("seeds", "model")
+"""The tests that look for faults, the quickest first."""
+
+PATIENCE = 600.0
+"""Seconds after which a mutant that is still being looked at counts as one that never ends."""
+
+
+class Unusable(Exception):
+    """A mutant that does not fit the code any more."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A fault, and how to make it."""
+
+    name: str
+    what: str
+    file: str
+    old: str
+    new: str
+
+    @classmethod
+    def read(cls, path: Path) -> Mutant:
+        """The mutant in a file."""
+        what, file, *lines = path.read_text().splitlines()
+        old = "\n".join(line[1:] for line in lines if line.startswith("-"))
+        new = "\n".join(line[1:] for line in lines if line.startswith("+"))
+        if not what.startswith("# ") or not old:
+            raise Unusable(f"{path.name} does not say what is wrong, or what is replaced")
+        return cls(path.stem, what[2:], file, old, new)
+
+    def apply(self, text: str) -> str:
+        """The text of the file with the fault in it."""
+        found = text.count(self.old)
+        if found != 1:
+            raise Unusable(f"{self.name}: what it replaces is {found} times in {self.file}")
+        return text.replace(self.old, self.new)
+
+
+class Copy:
+    """A copy of the pure crates, in which one file at a time is another."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "source"
+        self.target = folder / "target"
+        shutil.rmtree(self.folder, ignore_errors=True)
+        for crate in CRATES:
+            shutil.copytree(ROOT / "crates" / crate, self.folder / "crates" / crate)
+        manifest = (ROOT / "Cargo.toml").read_text()
+        # Many builds and short runs: optimizing more takes longer than it saves.
+        manifest = manifest.replace("opt-level = 3", "opt-level = 1")
+        (self.folder / "Cargo.toml").write_text(manifest)
+        shutil.copy(ROOT / "Cargo.lock", self.folder)
+
+    def hunt(self, mutant: Mutant, hunts: tuple[str, ...]) -> str | None:
+        """What finds the mutant, and after how much; none, if nothing does."""
+        path = self.folder / mutant.file
+        original = path.read_text()
+        path.write_text(mutant.apply(original))
+        try:
+            return next(filter(None, (self.run(mutant, hunt) for hunt in hunts)), None)
+        finally:
+            path.write_text(original)
+
+    def run(self, mutant: Mutant, hunt: str) -> str | None:
+        """What a test finds. It ends at the first fault."""
+        built = self.cargo("--no-run", "--test", hunt)
+        if built.returncode != 0:
+            raise Unusable(f"{mutant.name} does not compile:\n{built.stderr}")
+        try:
+            ran = self.cargo("--test", hunt, timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            return f"{hunt}: it goes on for ever"
+        if ran.returncode == 0:
+            return None
+        match = re.search(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after", ran.stdout)
+        if not match:
+            return f"{hunt}: " + " ".join(ran.stdout.split()[-12:])
+        seed, wrong, told, states = match.groups()
+        found = f"seed {seed}" if seed else f"state {states}"
+        return f"{found:<12} {shortened(wrong or told)}"
+
+    def cargo(self, *words: str, timeout: float | None = None) -> subprocess.CompletedProcess[str]:
+        """Runs the tests of the simulation in the copy."""
+        command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
+        environment = os.environ | {"CARGO_TARGET_DIR": str(self.target), "RUST_BACKTRACE": "0"}
+        return subprocess.run(
+            command,
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+        )
+
+
+def shortened(text: str) -> str:
+    """A text that fits into a table."""
+    return text if len(text) <= 70 else text[:67] + "..."
+
+
+def main() -> int:
+    """Look at all mutants, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="only these mutants")
+    parser.add_argument("--hunt", choices=HUNTS, help="only this test; else the model if need be")
+    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "mutants")
+    options = parser.parse_args()
+    paths = sorted(Path(__file__).parent.glob("*.txt"))
+    alive = 0
+    try:
+        mutants = [Mutant.read(path) for path in paths]
+        chosen = [mutant for mutant in mutants if mutant.name in (options.names or [mutant.name])]
+        copy = Copy(options.folder)
+        for mutant in chosen:
+            begun = time.monotonic()
+            found = copy.hunt(mutant, (options.hunt,) if options.hunt else HUNTS)
+            alive += found is None
+            seconds = time.monotonic() - begun
+            print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
+    except Unusable as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{len(chosen)} mutants, {alive} not found")
+    return 1 if alive or not chosen else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
