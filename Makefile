@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-ordering bench-rust bench-python bench-in-process fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-ordering bench-rust bench-python bench-in-process mutants bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -30,6 +30,10 @@ demo: build ## run the broadcast and gather example, print its table, draw its p
 test: lint build ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
 	$(BIN)/python -m pytest tests/python
+	$(BIN)/python tests/mutants/run.py
+
+mutants: $(VENV)/.requirements ## put faults into copies of the coordination; simulation must find all of them
+	$(BIN)/python tests/mutants/run.py
 
 check-model: toolchain ## go every way in which small federations can go, for some minutes
 	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2
@@ -61,6 +65,8 @@ bench-python: build ## measure the scheduler with Python bodies
 
 bench-in-process: build ## compare federates as threads with federates as processes
 	@$(BIN)/python bench/in_process.py
+bench-grants: toolchain ## measure what a grant costs, with up to a thousand federates
+	cargo bench --quiet -p hprm-sim --bench grants
 
 fmt: $(VENV)/.requirements ## format the Rust and the Python code
 	cargo fmt --all

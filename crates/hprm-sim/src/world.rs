@@ -103,6 +103,8 @@ pub struct World {
     failed: Option<FederateId>,
     finished: bool,
     events: usize,
+    /// What the RTI was told, if that is of interest.
+    tape: Option<Vec<RtiInput>>,
 }
 
 /// More than any of the small programs takes.
@@ -130,6 +132,7 @@ impl World {
             failed: None,
             finished: false,
             events: 0,
+            tape: None,
         };
         for federate in program.federates.ids() {
             world.nodes[federate].drain(PhysicalTime(0));
@@ -147,6 +150,21 @@ impl World {
             world.network.at(at, Event::Happen(federate));
         }
         world
+    }
+
+    /// Runs it, and returns a new RTI and all that it is told in this run.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run`].
+    pub fn record(mut self) -> Result<(Rti, Vec<RtiInput>), String> {
+        let rti = self.rti.clone();
+        self.tape = Some(Vec::new());
+        while let Some((now, event)) = self.network.next() {
+            self.step(now, event).map_err(|fault| fault.to_string())?;
+        }
+        let tape = self.tape.take().unwrap_or_default();
+        self.outcome().map(|_| (rti, tape))
     }
 
     /// Runs until nothing more happens.
@@ -202,6 +220,9 @@ impl World {
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {
         match event {
             Event::Rti(input) => {
+                if let Some(tape) = &mut self.tape {
+                    tape.push(input.clone());
+                }
                 self.rti.handle(now, input)?;
                 self.carry_out_rti(now);
                 Ok(())
