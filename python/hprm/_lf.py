@@ -5,7 +5,7 @@ import os
 from types import ModuleType
 from typing import NoReturn
 
-from hprm import _threads
+from hprm import _hprm, _threads
 from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
 from hprm._source import ProgramSource
 
@@ -79,6 +79,8 @@ def _federation_id(api: Api) -> str:
     """Get the secret that lets another process join this federation."""
     if api.federate() is None:
         raise RuntimeError("only a federate has a federation id, and this program runs as a whole")
+    if _hprm.current_federate() is not None:
+        raise RuntimeError("federates that are threads form a federation that nobody can join")
     return os.environ[FEDERATION_ID]
 
 

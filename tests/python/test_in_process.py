@@ -248,6 +248,19 @@ def test_a_program_without_federates_runs_as_ever(threads: Any) -> None:
     assert (outcome.code, outcome.out) == (0, "1\n")
 
 
+def test_transient_federates_are_refused(threads: Any) -> None:
+    outcome = threads(pair("1", "pass").replace("  sink = new", "  @transient\n  sink = new"))
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: federate sink is transient")
+    assert "hint: run the program without --in-process" in outcome.err
+
+
+def test_nobody_can_join_threads(threads: Any) -> None:
+    outcome = threads(pair("1", "lf.get_federation_id()"))
+    assert outcome.code == 1
+    assert "federates that are threads form a federation that nobody can join" in outcome.err
+
+
 def test_what_a_thread_of_the_program_schedules_arrives(threads: Any) -> None:
     outcome = threads("""\
         target Python { keepalive: true }

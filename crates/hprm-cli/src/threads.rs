@@ -36,18 +36,18 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     command.arg("--die-with-parent").arg(std::process::id().to_string());
     command.arg("--").arg(&arguments.file).args(&arguments.arguments);
     let status = supervise(command)?;
+    let ways = [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE];
     let code = match status.signal() {
         None => status.code().unwrap_or(1),
         Some(signal) => {
             let signal = Signal(signal);
-            if signal != Signal::TERMINATE && signal.exit_code() != INTERRUPTED {
+            if !ways.contains(&signal) {
                 let said = format!("the program was killed by signal {}", signal.description());
                 Error::new(said).show();
             }
             signal.exit_code()
         }
     };
-    let ways = [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE];
     let interrupted = ways.iter().any(|signal| signal.exit_code() == code);
     parts.merge(program, interrupted)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
