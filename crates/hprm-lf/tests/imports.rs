@@ -226,7 +226,7 @@ fn a_file_to_import_is_well_by_itself() {
         "target Python reactor A(p = 3) { input i reaction(i) {= pass =} } reactor B extends A { }";
     let check = |text: &str| hprm_lf::check("a.lf", &mut |_: &str| Ok(text.to_owned()));
     let checked = check(text).unwrap();
-    assert!(checked.program.reactors.len() == 1 && checked.instances.len() == 0);
+    assert!(checked.program.reactors.len() == 1 && checked.instances.is_empty());
     let names: Vec<_> = checked.classes.iter().map(|class| class.name.as_str()).collect();
     assert_eq!(names, ["A", "B"]);
     assert!(compile("a.lf", &mut |_: &str| Ok(text.to_owned())).is_err());

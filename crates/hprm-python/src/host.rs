@@ -115,6 +115,7 @@ impl PyHost {
 
 /// Ends a process that a body has forked and that has come back from the body. Only the first one is
 /// part of the program, and speaks to the other federates.
+#[expect(clippy::exit, reason = "the loops of this process are copies that must not go on")]
 fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> ! {
     let code = outcome.err().map_or(0, |Failure { message, code }| {
         if !message.is_empty() {

@@ -116,7 +116,7 @@ pub(crate) fn describe_program<'py>(
         false => hprm_lf::compile(path, &mut disk),
     };
     let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.to_string()))?;
-    let instances = all && compiled.instances.len() > 0;
+    let instances = all && !compiled.instances.is_empty();
     program::describe(py, &compiled, instances.then_some(Scope::Whole))
 }
 

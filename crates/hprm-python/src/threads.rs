@@ -111,7 +111,7 @@ fn start(
     if let Some(federate) = program.federates.values().find(|federate| federate.transient) {
         let message = format!(
             "error: federate {} is transient, and needs a process of its own to come and go\n  \
-             hint: run it without --in-process",
+             hint: run the program without --in-process",
             federate.name
         );
         return Err(Failure::new(message));
