@@ -12,6 +12,7 @@
 
 mod agenda;
 mod builder;
+mod clock_sync;
 mod id;
 mod level;
 mod lists;
@@ -28,6 +29,7 @@ mod wiring;
 pub mod limits;
 
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
+pub use clock_sync::{ClockSyncMode, ClockSyncOptions};
 pub use id::{
     ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, ReactionId, ReactorId, Table,
     TimerId,

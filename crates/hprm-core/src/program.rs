@@ -8,8 +8,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionId, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos, PortId, ReactionId, ReactorId,
-    Spacing, Table, TimerId, Transition,
+    ActionId, ClockSyncOptions, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos, PortId,
+    ReactionId, ReactorId, Spacing, Table, TimerId, Transition,
 };
 
 /// How federates agree on when a tag is safe to process.
@@ -38,6 +38,8 @@ pub struct Properties {
     pub workers: Option<u32>,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
+    /// How the federates' clocks are compared.
+    pub clock_sync: ClockSyncOptions,
 }
 
 /// A reactor instance.

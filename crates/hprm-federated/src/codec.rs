@@ -314,6 +314,11 @@ mod tests {
                 message,
                 code,
             }),
+            1 => any::<[i64; 3]>().prop_map(|[asked, received, sent]| Frame::ClockReply {
+                asked: PhysicalTime(asked),
+                received: PhysicalTime(received),
+                sent: PhysicalTime(sent),
+            }),
             1 => Just(Frame::Resign),
             1 => Just(Frame::Refused { reason: Refusal::TooLate }),
         ]

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 3;
+pub const PROTOCOL: u32 = 4;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -314,6 +314,20 @@ pub enum Frame {
         /// The exit code of its process.
         code: i32,
     },
+    /// Federate to RTI, at any time: what does your clock show?
+    ClockRequest {
+        /// What this one's shows.
+        asked: PhysicalTime,
+    },
+    /// The answer.
+    ClockReply {
+        /// As in the question.
+        asked: PhysicalTime,
+        /// What the RTI's clock showed when the question came.
+        received: PhysicalTime,
+        /// And when this left.
+        sent: PhysicalTime,
+    },
 }
 
 impl Frame {
@@ -354,6 +368,8 @@ impl Frame {
             Self::Leave => "Leave",
             Self::Gone { .. } => "Gone",
             Self::Failed { .. } => "Failed",
+            Self::ClockRequest { .. } => "ClockRequest",
+            Self::ClockReply { .. } => "ClockReply",
         }
     }
 }

@@ -14,6 +14,7 @@
 #![forbid(unsafe_code)]
 
 mod centralized;
+mod clock_sync;
 mod decentralized;
 mod earliest;
 mod fault;
@@ -23,6 +24,7 @@ mod fixture;
 mod frame;
 mod input;
 mod rti;
+mod slewed;
 mod startup;
 mod step;
 mod stop;
@@ -30,10 +32,12 @@ mod topology;
 
 pub mod codec;
 
+pub use clock_sync::{ClockSync, Correction, DRIFT, Estimate};
 pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 pub use input::{End, Input, Output, Permission};
 pub use rti::{LinkId, Patience, Rti, RtiInput, RtiOutput};
+pub use slewed::SlewedClock;
 pub use step::{Edge, Step};
 pub use topology::Topology;

@@ -225,6 +225,13 @@ impl Rti {
                 }
                 Ok(())
             }
+            RtiInput::Frame { link, frame: Frame::ClockRequest { asked } }
+                if self.links.contains_key(&link) =>
+            {
+                let frame = Frame::ClockReply { asked, received: now, sent: now };
+                self.outputs.push_back(RtiOutput::Send { link, frame });
+                Ok(())
+            }
             RtiInput::Frame { link, frame } => match self.links.get(&link) {
                 None if self.refused.contains(&link) => Ok(()),
                 None => self.hello(link, frame),

@@ -17,6 +17,7 @@
 mod ast;
 mod check;
 mod class;
+mod clock_property;
 mod code;
 mod compile;
 mod compiled;

@@ -6,6 +6,7 @@
 use hprm_core::{Coordination, Nanos, Properties};
 
 use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
+use crate::clock_property;
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::library::Library;
 use crate::property_rules;
@@ -43,17 +44,12 @@ const IGNORED: [&str; 12] = [
 ];
 
 /// Known, and of consequence: whoever states one must not believe that it is in force.
-const NOT_YET: [&str; 6] = [
+const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
+
+const OBEYED: [&str; 15] = [
+    "auth",
     "clock-sync",
     "clock-sync-options",
-    "comm-type",
-    "coordination-options",
-    "sst",
-    "trace-plugin",
-];
-
-const OBEYED: [&str; 13] = [
-    "auth",
     "comm-type",
     "coordination",
     "fast",
@@ -135,6 +131,12 @@ impl Stated {
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
             "auth" => boolean(value).map(|auth| self.settings.auth = auth),
+            "clock-sync" => {
+                clock_property::mode(value).map(|mode| self.properties.clock_sync.mode = mode)
+            }
+            "clock-sync-options" => {
+                clock_property::options(value, &mut self.properties.clock_sync, report)
+            }
             // Another kind of security is not there.
             "comm-type" if !property_rules::is_sst(value) => {
                 comm_type(value).map(|tls| self.settings.encrypt = tls)
@@ -142,6 +144,10 @@ impl Stated {
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);
+                Ok(())
+            }
+            "comm-type" => {
+                not_yet(property, report);
                 Ok(())
             }
             name if NOT_YET.contains(&name) => {

@@ -20,14 +20,11 @@ enum Form {
     OneOf(&'static [&'static str]),
 }
 
-const FORMS: [(&str, Form); 18] = [
+const FORMS: [(&str, Form); 15] = [
     ("build", Form::Texts),
     ("build-type", Form::OneOf(&["debug", "minsizerel", "release", "relwithdebinfo", "test"])),
-    ("clock-sync", Form::OneOf(&["off", "init", "initial", "on"])),
-    ("clock-sync-options", Form::Dictionary),
     ("cmake-args", Form::Dictionary),
     ("cmake-include", Form::Texts),
-    ("comm-type", Form::OneOf(&["tcp", "tls", "sst"])),
     ("compile-definitions", Form::Dictionary),
     ("coordination-options", Form::Dictionary),
     ("dnet", Form::Bool),
@@ -78,7 +75,6 @@ pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
         "dnet" | "docker" | "no-compile" | "no-source-mapping" | "verify" => {
             boolean(value) == Some(false)
         }
-        "clock-sync" => word(value).as_deref() == Some("off"),
         _ => false,
     }
 }

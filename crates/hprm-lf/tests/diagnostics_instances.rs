@@ -3,6 +3,7 @@
 mod common;
 
 use common::{errors, warnings};
+use hprm_core::{ClockSyncMode, ClockSyncOptions};
 use insta::assert_snapshot;
 
 #[test]
@@ -340,6 +341,56 @@ fn properties_from_elsewhere_have_the_last_word() {
       | ^^^^
       |
       = help: write it as KEY=VALUE, such as `timeout=10 s`
+    ");
+}
+
+#[test]
+fn clock_sync_options_are_read_and_checked() {
+    let read = |options: &str| {
+        let text = format!("target Python {{ {options} }}\nfederated reactor {{}}\n");
+        let compiled = hprm_lf::compile_with("Main.lf", &[], &mut |_: &str| Ok(text.clone()));
+        compiled.unwrap().program.properties.clock_sync
+    };
+    let standard = ClockSyncOptions::default();
+    assert_eq!(read(""), standard);
+    assert_eq!(read("clock-sync: off").mode, ClockSyncMode::Off);
+    assert_eq!(read("clock-sync: initial").mode, ClockSyncMode::Init);
+    assert_eq!(
+        read(
+            "clock-sync: on, clock-sync-options: { local-federates-on: true, test-offset: -2 ms, \
+              period: 10 ms, trials: 3, attenuation: 4, collect-stats: false }"
+        ),
+        ClockSyncOptions {
+            mode: ClockSyncMode::On,
+            local_federates: true,
+            test_offset: -2_000_000,
+            period: 10_000_000,
+            trials: 3,
+            attenuation: 4,
+        }
+    );
+    assert_snapshot!(errors("{ clock-sync-options: { period: 0, trails: 3, attenuation: 0 } }
+main reactor {}
+"), @r"
+    error[LF0603]: `period` must be a time, such as `5 ms`
+     --> Main.lf:2:33
+      |
+    2 | { clock-sync-options: { period: 0, trails: 3, attenuation: 0 } }
+      |                                 ^
+
+    error[LF0603]: `clock-sync-options` has no `trails`
+     --> Main.lf:2:36
+      |
+    2 | { clock-sync-options: { period: 0, trails: 3, attenuation: 0 } }
+      |                                    ^^^^^^
+      |
+      = help: did you mean `trials`?
+
+    error[LF0603]: `attenuation` must be a whole number, at least 1
+     --> Main.lf:2:60
+      |
+    2 | { clock-sync-options: { period: 0, trails: 3, attenuation: 0 } }
+      |                                                            ^
     ");
 }
 

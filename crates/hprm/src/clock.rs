@@ -1,11 +1,16 @@
 //! The physical clock of this process. The only place that reads one.
+//!
+//! In a federate on another host than the RTI it is led to the RTI's time. How far the two are apart
+//! is found out in `hprm_federated::ClockSync`.
 
-use std::sync::LazyLock;
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{LazyLock, PoisonError, RwLock};
 
-use hprm_core::PhysicalTime;
+use hprm_core::{Nanos, PhysicalTime};
+use hprm_federated::{Correction, SlewedClock};
 use rustix::time::{ClockId, clock_gettime};
 
-/// Reads physical time; never goes back (handbook, "physical time").
+/// Reads physical time; never goes back while a program runs (handbook, "physical time").
 ///
 /// It is the monotonic clock, moved to the Unix epoch once: somebody who sets the clock of the
 /// machine does not stop a program or make it run ahead.
@@ -15,11 +20,58 @@ pub struct Clock;
 /// From the monotonic clock to the Unix epoch, in nanoseconds.
 static OFFSET: LazyLock<i64> = LazyLock::new(|| read(ClockId::Realtime) - read(ClockId::Monotonic));
 
+/// How wrong the local clock is made, for tests.
+static DISTURBANCE: AtomicI64 = AtomicI64::new(0);
+
+/// Whether [`FEDERATION`] is anything but the local clock.
+static IS_CORRECTED: AtomicBool = AtomicBool::new(false);
+
+/// The federation's time, as a function of the local one.
+static FEDERATION: RwLock<SlewedClock> = RwLock::new(SlewedClock::new());
+
 impl Clock {
-    /// The time now.
+    /// The time now, in the federation.
     #[must_use]
     pub fn now() -> PhysicalTime {
-        PhysicalTime(*OFFSET + read(ClockId::Monotonic))
+        if !IS_CORRECTED.load(Ordering::Acquire) {
+            return Self::local();
+        }
+        // The local clock is read under the lock, so that readings are in the order of corrections.
+        let clock = FEDERATION.read().unwrap_or_else(PoisonError::into_inner);
+        clock.at(Self::local())
+    }
+
+    /// The time now by the clock of this machine, which nobody corrects: for how long something may
+    /// take.
+    pub(crate) fn local() -> PhysicalTime {
+        let local = *OFFSET + read(ClockId::Monotonic);
+        PhysicalTime(local + DISTURBANCE.load(Ordering::Relaxed))
+    }
+
+    /// How long it takes until `at`.
+    pub(crate) fn until(at: PhysicalTime) -> Nanos {
+        if !IS_CORRECTED.load(Ordering::Acquire) {
+            return at.since(Self::local());
+        }
+        let clock = FEDERATION.read().unwrap_or_else(PoisonError::into_inner);
+        clock.local(at).since(Self::local())
+    }
+
+    /// What the clock will show, as far as is known, when the local one shows `local`.
+    pub(crate) fn at(local: PhysicalTime) -> PhysicalTime {
+        FEDERATION.read().unwrap_or_else(PoisonError::into_inner).at(local)
+    }
+
+    /// Follows another clock from now on.
+    pub(crate) fn correct(correction: Correction) {
+        let mut clock = FEDERATION.write().unwrap_or_else(PoisonError::into_inner);
+        clock.correct(Self::local(), correction);
+        IS_CORRECTED.store(true, Ordering::Release);
+    }
+
+    /// Makes the local clock wrong: what it is worth to compare clocks shows on one machine, too.
+    pub(crate) fn disturb(by: Nanos) {
+        DISTURBANCE.store(by, Ordering::Relaxed);
     }
 }
 
@@ -30,15 +82,22 @@ fn read(clock: ClockId) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use hprm_federated::Correction;
+
     use super::Clock;
 
     #[test]
-    fn never_goes_back() {
+    fn never_goes_back_however_it_is_corrected() {
         let mut before = Clock::now();
-        for _ in 0..1_000 {
+        for round in 0..1_000 {
             let now = Clock::now();
             assert!(now >= before);
             before = now;
+            let offset = if round % 2 == 0 { 1_000_000 } else { -1_000_000 };
+            Clock::correct(Correction::Steer { offset, drift: 0, within: 1_000_000 });
         }
+        let soon = Clock::now().plus(1_000_000_000);
+        // It runs a twentieth too fast or too slow at most.
+        assert!(Clock::until(soon) <= 1_060_000_000);
     }
 }

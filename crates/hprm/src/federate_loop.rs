@@ -11,6 +11,7 @@
 mod membership;
 mod objects;
 mod reach;
+mod time;
 mod wires;
 
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use std::sync::Arc;
 use hprm_core::{
     ChannelId, Payload, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
 };
-use hprm_federated::{End, Input, Output, Permission};
+use hprm_federated::{End, Frame, Input, Output, Permission};
 
 use crate::trace::Trace;
 use crate::wire::Network;
@@ -98,6 +99,7 @@ where
         federation,
         room: room.cloned(),
         phase: Phase::Joining,
+        loaded: false,
         interrupted: false,
     };
     if options.trace.is_some() {
@@ -119,6 +121,8 @@ struct FederateLoop<'a, H: Host> {
     /// Where the values of messages are, if the federation is in this process.
     room: Option<Room<H::Value>>,
     phase: Phase,
+    /// Whether the machine knows that this federate could start.
+    loaded: bool,
     interrupted: bool,
 }
 
@@ -139,13 +143,14 @@ where
     H::Value: Send + Sync,
 {
     fn run(&mut self) -> Result<(), Failure> {
-        self.handle(Input::Loaded)?;
         while self.phase != Phase::Done {
+            self.compare_clocks();
             // Before the inbox: whatever is scheduled from now on has a later time, so what the
             // machine promises the others by this reading stays true.
             self.now = Clock::now();
             self.read_inbox()?;
             self.read_links()?;
+            self.get_ready()?;
             self.give_back()?;
             self.handle(Input::Wake)?;
             let moved = match self.phase {
@@ -195,6 +200,12 @@ where
     fn read_links(&mut self) -> Result<(), Failure> {
         for event in self.federation.read()? {
             let input = match event {
+                Event::FromRti(frame @ Frame::ClockReply { .. }) => {
+                    if self.federation.time.answered(&frame) {
+                        self.now = Clock::now();
+                    }
+                    continue;
+                }
                 Event::FromRti(frame) => Input::FromRti(frame),
                 Event::FromPeer { from, frame } => Input::FromPeer { from, frame },
                 Event::RtiLost => Input::RtiLost,
@@ -204,6 +215,20 @@ where
             self.handle(input)?;
         }
         Ok(())
+    }
+
+    fn compare_clocks(&mut self) {
+        let Membership { time, wires, .. } = &mut self.federation;
+        time.ask(wires);
+    }
+
+    /// Says once that this federate could start: what it says is by a clock that is right.
+    fn get_ready(&mut self) -> Result<(), Failure> {
+        if self.loaded || !self.federation.time.is_settled() {
+            return Ok(());
+        }
+        self.loaded = true;
+        self.handle(Input::Loaded)
     }
 
     fn read_inbox(&mut self) -> Result<(), Failure> {
@@ -217,7 +242,9 @@ where
         }
         if matches!(self.phase, Phase::Running | Phase::Processing) {
             for request in self.inbox.take_requests() {
-                self.scheduler.schedule(request.action, request.extra, request.value, request.at);
+                // Its time may have been read from a clock that was still ahead.
+                let at = request.at.min(Clock::now());
+                self.scheduler.schedule(request.action, request.extra, request.value, at);
             }
         }
         if self.phase == Phase::Running {
@@ -305,7 +332,7 @@ where
         let Departure { channel, tag, value, physical } = departure;
         let route = self.scheduler.program().channels[channel];
         let to = route.to;
-        let Membership { machine, objects, wires } = &mut self.federation;
+        let Membership { machine, objects, wires, .. } = &mut self.federation;
         if !machine.is_live(to) {
             return Ok(());
         }
@@ -408,9 +435,11 @@ where
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
-        let machine = &self.federation.machine;
+        let Membership { machine, time, .. } = &self.federation;
         match self.phase {
-            Phase::Joining => return machine.next_wakeup(),
+            Phase::Joining => {
+                return machine.next_wakeup().into_iter().chain(time.next_wakeup()).min();
+            }
             Phase::Done => return None,
             Phase::Processing | Phase::Running => {}
         }
@@ -428,7 +457,7 @@ where
             Permission::WaitUntil(time) => Some(due.max(time)),
             Permission::Wait => None,
         };
-        [permitted, machine.next_wakeup()].into_iter().flatten().min()
+        [permitted, machine.next_wakeup(), time.next_wakeup()].into_iter().flatten().min()
     }
 }
 

@@ -155,6 +155,15 @@ impl Link {
         }
     }
 
+    /// Whether both ends are on one host.
+    pub(crate) fn is_within_host(&self) -> bool {
+        let socket = self.stream.socket();
+        let same = |other: std::net::SocketAddr| {
+            socket.local_address().is_ok_and(|here| here.ip() == other.ip())
+        };
+        socket.is_unix() || socket.peer_address().is_ok_and(same)
+    }
+
     /// The address of this end.
     pub(crate) fn local_address(&self) -> io::Result<std::net::SocketAddr> {
         self.stream.socket().local_address()

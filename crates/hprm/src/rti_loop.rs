@@ -22,6 +22,9 @@ use crate::{Address, Clock, Failure, Security};
 /// time to reach everybody on one machine.
 const START_DELAY: Nanos = 10_000_000;
 
+/// The same, if federates may be on other machines.
+const START_DELAY_ACROSS: Nanos = 250_000_000;
+
 /// What to coordinate, and where.
 #[derive(Clone, Debug)]
 pub struct RtiOptions {
@@ -143,7 +146,9 @@ impl Rti {
         };
         let keys = Keys::new(options.federation, options.security.clone())?;
         let fingerprint = options.program.fingerprint();
-        let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, START_DELAY)
+        let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
+        let delay = if addresses.any(Address::is_open) { START_DELAY_ACROSS } else { START_DELAY };
+        let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.patience);
         let gates = std::iter::once(&options.listen)
             .chain(&options.also_listen)
@@ -220,7 +225,7 @@ impl Rti {
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
-        for (link, hello) in self.lobby.admit(Clock::now()).map_err(failed)? {
+        for (link, hello) in self.lobby.admit(Clock::local()).map_err(failed)? {
             let id = LinkId(self.next_link);
             self.next_link += 1;
             self.links.insert(id, link);
@@ -364,7 +369,8 @@ impl Rti {
         );
         interests.extend(self.lobby.interests());
         let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
-        let until = [self.machine.next_wakeup(), self.lobby.next_wakeup(), unread];
+        let impatience = self.lobby.next_wakeup().map(Clock::at);
+        let until = [self.machine.next_wakeup(), impatience, unread];
         let ready = wait(&interests, until.into_iter().flatten().min());
         self.control.bell.silence();
         let links = self.links.iter().zip(&ready[1..]);

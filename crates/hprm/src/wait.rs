@@ -40,7 +40,7 @@ pub(crate) fn wait_for(fd: BorrowedFd<'_>, until: Option<PhysicalTime>) {
 /// Returns whether `fds` tell what happened; not after a signal.
 fn poll_until(fds: &mut [PollFd<'_>], until: Option<PhysicalTime>) -> bool {
     let timeout = until.filter(|until| *until != PhysicalTime::FOREVER).map(|until| {
-        let nanos = until.since(Clock::now()).max(0);
+        let nanos = Clock::until(until).max(0);
         Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 }
     });
     match poll(fds, timeout.as_ref()) {

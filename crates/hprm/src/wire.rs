@@ -131,6 +131,14 @@ impl Wire {
         }
     }
 
+    /// Whether the other end is on this machine, as far as its address tells.
+    pub(crate) fn is_within_host(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_within_host(),
+            Self::Memory(_) => true,
+        }
+    }
+
     /// Whether something has been received of which the system knows nothing any more.
     pub(crate) fn has_unread(&self) -> bool {
         match self {

@@ -51,6 +51,18 @@ fn running(text: &str) -> Rti {
 }
 
 #[test]
+fn a_member_may_ask_for_the_time_at_any_time_and_a_stranger_may_not() {
+    let mut rti = rti("a -> b");
+    let question = Frame::ClockRequest { asked: PhysicalTime(3) };
+    assert_eq!(input(&mut rti, 5, question.clone()), Err(Fault::UnknownLink));
+    input(&mut rti, 5, hello(0)).unwrap();
+    let now = PhysicalTime(77);
+    rti.handle(now, RtiInput::Frame { link: LinkId(5), frame: question }).unwrap();
+    let answer = Frame::ClockReply { asked: PhysicalTime(3), received: now, sent: now };
+    assert_eq!(std::iter::from_fn(|| rti.poll()).last(), Some(sent(5, answer)));
+}
+
+#[test]
 fn everybody_starts_together_after_the_latest_clock() {
     let mut rti = rti("a -> b");
     assert_eq!(input(&mut rti, 5, hello(0)).unwrap().len(), 1);

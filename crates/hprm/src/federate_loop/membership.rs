@@ -12,6 +12,7 @@ use hprm_store::{Store, StoreLimits};
 
 use super::objects::Objects;
 use super::reach::Reach;
+use super::time::Time;
 use super::wires::{Event, Wires};
 use crate::wire::Network;
 use crate::{Address, Clock, Failure, Inbox, Security};
@@ -45,6 +46,7 @@ pub(super) struct Membership {
     pub(super) machine: Federate,
     pub(super) wires: Wires,
     pub(super) objects: Objects,
+    pub(super) time: Time,
 }
 
 impl Membership {
@@ -67,7 +69,8 @@ impl Membership {
         let bell = inbox.clone();
         let wake = Box::new(move || bell.ring());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
-        let mut membership = Self { machine, wires, objects };
+        let time = Time::new(&options.program, &wires);
+        let mut membership = Self { machine, wires, objects, time };
         // The greeting leaves before the program is loaded.
         membership.tell_rti();
         membership.wires.flush();

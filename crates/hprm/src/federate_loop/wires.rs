@@ -67,6 +67,11 @@ impl Wires {
         })
     }
 
+    /// Whether the RTI runs on this host.
+    pub(super) fn is_beside_rti(&self) -> bool {
+        self.rti.as_ref().is_some_and(Wire::is_within_host)
+    }
+
     /// What frames call this federation.
     pub(super) fn federation(&self) -> FederationId {
         self.keys.name()
@@ -185,7 +190,7 @@ impl Wires {
         interests
             .extend(links.map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }));
         interests.extend(self.lobby.iter().flat_map(Lobby::interests));
-        let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup);
+        let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup).map(Clock::at);
         let unread = self.links().any(Wire::has_unread).then(Clock::now);
         wait(&interests, until.into_iter().chain(impatience).chain(unread).min());
     }
@@ -219,7 +224,7 @@ impl Wires {
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
     ) -> Result<(), Failure> {
         let Some(lobby) = &mut self.lobby else { return Ok(()) };
-        let admitted = lobby.admit(Clock::now()).map_err(|error| {
+        let admitted = lobby.admit(Clock::local()).map_err(|error| {
             Failure::new(format!("error: cannot accept a connection of a peer: {error}"))
         })?;
         for (mut link, hello) in admitted {

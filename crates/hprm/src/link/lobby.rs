@@ -40,7 +40,8 @@ impl Lobby {
         self.gates.iter().map(Gate::address)
     }
 
-    /// The links whose first frame has come, with that frame.
+    /// The links whose first frame has come, with that frame. It is `now` by the local clock, which
+    /// nobody sets.
     pub(crate) fn admit(&mut self, now: PhysicalTime) -> io::Result<Vec<(Wire, Frame)>> {
         self.accept(now.plus(PATIENCE))?;
         let mut admitted = Vec::new();
@@ -77,7 +78,7 @@ impl Lobby {
         )
     }
 
-    /// When somebody has taken too long.
+    /// When somebody has taken too long, by the local clock.
     pub(crate) fn next_wakeup(&self) -> Option<PhysicalTime> {
         self.strangers.iter().map(|(_, until)| *until).min()
     }

@@ -91,6 +91,12 @@ impl Socket {
         Ok(Self { fd: stream.into(), unix: false })
     }
 
+    /// The address of the other end, if it is TCP.
+    pub(super) fn peer_address(&self) -> io::Result<InternetAddr> {
+        let address = rustix::net::getpeername(&self.fd)?.ok_or(io::ErrorKind::NotConnected)?;
+        InternetAddr::try_from(address).map_err(|_| io::ErrorKind::Unsupported.into())
+    }
+
     /// The address of this end, if it is TCP.
     pub(super) fn local_address(&self) -> io::Result<InternetAddr> {
         let address = rustix::net::getsockname(&self.fd)?;

@@ -1,0 +1,57 @@
+//! Having the same time as the RTI, as far as the program wants that.
+//!
+//! `hprm_federated::ClockSync` knows what to ask and what answers mean; here are the link and the
+//! clock.
+
+use hprm_core::{ClockSyncMode, PhysicalTime, Program};
+use hprm_federated::{ClockSync, Correction, Frame};
+
+use super::wires::Wires;
+use crate::Clock;
+
+/// Compares clocks, if there is a reason to.
+pub(super) struct Time {
+    sync: ClockSync,
+}
+
+impl Time {
+    /// Prepares for it. On the RTI's host clocks are the same.
+    pub(super) fn new(program: &Program, wires: &Wires) -> Self {
+        let mut options = program.properties.clock_sync;
+        if wires.is_beside_rti() && !options.local_federates {
+            options.mode = ClockSyncMode::Off;
+        }
+        if options.mode != ClockSyncMode::Off && options.test_offset != 0 {
+            Clock::disturb(options.test_offset);
+        }
+        Self { sync: ClockSync::new(options, Clock::local()) }
+    }
+
+    /// Whether the program may start.
+    pub(super) fn is_settled(&self) -> bool {
+        self.sync.is_settled()
+    }
+
+    /// Asks for the time if it is time for that.
+    pub(super) fn ask(&mut self, wires: &mut Wires) {
+        if let Some(question) = self.sync.ask(Clock::local()) {
+            wires.tell_rti(&question, None);
+        }
+    }
+
+    /// Takes an answer. Returns whether the clock has been set to another time: what has been read
+    /// from it before is worth nothing then.
+    pub(super) fn answered(&mut self, answer: &Frame) -> bool {
+        let Frame::ClockReply { asked, received, sent } = *answer else { return false };
+        let correction = self.sync.answered(Clock::local(), asked, received, sent);
+        if let Some(correction) = correction {
+            Clock::correct(correction);
+        }
+        matches!(correction, Some(Correction::Step { .. }))
+    }
+
+    /// When to ask next.
+    pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        self.sync.next_wakeup().map(Clock::at)
+    }
+}
