@@ -249,14 +249,15 @@ def test_output_need_not_be_text(hprm: Hprm, tmp_path: Path) -> None:
     assert done.stdout.endswith(b"\xff\xfe no end\n")
 
 
-def test_a_federation_is_started_by_hand(tmp_path: Path) -> None:
-    (tmp_path / "Fed.lf").write_text(FEDERATION)
+def by_hand(folder: Path, text: str) -> list[subprocess.Popen[str]]:
+    """Start the RTI of a federation, its sink and its source."""
+    (folder / "Fed.lf").write_text(text)
     address = f"unix:@hprm-test-{uuid.uuid4().hex}"
 
     def start(*arguments: str, **environment: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [command(), *arguments],
-            cwd=tmp_path,
+            cwd=folder,
             env=os.environ | environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -268,10 +269,46 @@ def test_a_federation_is_started_by_hand(tmp_path: Path) -> None:
     assert rti.stdout.readline() == f"listening at {address}\n"
     word, federation = rti.stdout.readline().split()
     assert (word, len(federation)) == ("federation", 32)
-    federates = [
+    return [rti] + [
         start("federate", "Fed.lf", name, "--rti", address, HPRM_FEDERATION_ID=federation)
         for name in ["sink", "source"]
     ]
+
+
+ENDLESS = """\
+target Python
+reactor Source {
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {= out.set(1) =}
+}
+reactor Sink {
+  input inp
+  reaction(inp) {= print("here", flush=True) =}
+}
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}
+"""
+
+
+def test_whoever_ends_because_of_another_says_so(tmp_path: Path) -> None:
+    rti, sink, source = by_hand(tmp_path, ENDLESS)
+    assert sink.stdout is not None
+    assert sink.stdout.readline() == "here\n"
+    source.kill()
+    _, err = sink.communicate(timeout=60)
+    reason = "error: the process of federate source ended before its last tag"
+    assert (sink.returncode, err) == (1, f"{reason}, so all end\n")
+    _, err = rti.communicate(timeout=60)
+    assert (rti.returncode, err) == (1, f"{reason}\n")
+    source.communicate(timeout=60)
+
+
+def test_a_federation_is_started_by_hand(tmp_path: Path) -> None:
+    rti, *federates = by_hand(tmp_path, FEDERATION)
     outcomes = [(*process.communicate(timeout=60), process.returncode) for process in federates]
     numbers = "".join(f"{count}\n" for count in range(1, 7))
     assert outcomes == [(numbers, "noted\n" * 6, 0), ("", "", 0)]

@@ -44,6 +44,8 @@ pub(crate) struct PyHost {
     /// The reactions that run here.
     pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
     pub(crate) interrupt: Py<Interrupt>,
+    /// Whether somebody else tells the user of failures elsewhere.
+    pub(crate) launched: bool,
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
     /// Of ports whose values are sent from here: where they are set.
     pub(crate) origins: BTreeMap<PortId, String>,
@@ -256,6 +258,20 @@ impl Host for PyHost {
 
     fn take_departure(&mut self) -> bool {
         self.runtime.take_departure()
+    }
+
+    fn abandoned(&mut self, federate: &str, message: &str, code: i32) {
+        if self.launched {
+            return;
+        }
+        let reason = message.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        crate::console::say(&match reason {
+            "" => format!("error: federate {federate} has left with exit code {code}, so all end"),
+            _ if reason.contains(&format!("federate {federate}")) => {
+                format!("error: {reason}, so all end")
+            }
+            _ => format!("error: federate {federate} has failed, so all end: {reason}"),
+        });
     }
 
     fn warn(&mut self, message: &str) {

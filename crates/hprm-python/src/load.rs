@@ -50,7 +50,20 @@ pub(crate) fn load(
     let effects = Effects::default();
     let is_thread = thread::current_federate().is_some();
     let origins = origins(compiled, scope);
-    Ok(PyHost { runtime, bodies, interrupt, codecs, origins, federate, is_thread, shared, effects })
+    // Whoever runs the threads reports for all of them.
+    let launched = is_thread;
+    Ok(PyHost {
+        runtime,
+        bodies,
+        interrupt,
+        launched,
+        codecs,
+        origins,
+        federate,
+        is_thread,
+        shared,
+        effects,
+    })
 }
 
 fn bodies(

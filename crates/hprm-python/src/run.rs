@@ -88,7 +88,9 @@ pub(crate) fn run_federate(
         let scope = Scope::Federate(options.federate);
         hprm::run_federate(&options, &inbox, || {
             joined = true;
-            load(py, &compiled, scope, &inbox)
+            let mut host = load(py, &compiled, scope, &inbox)?;
+            host.launched = launched;
+            Ok(host)
         })
     });
     match outcome {

@@ -409,7 +409,13 @@ where
             Output::Released { reader, serials } => objects.released(reader, &serials),
             Output::ReaderGone(federate) => objects.store().reader_lost(federate),
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
-            Output::Ended { reason } => return Err(ended(self.scheduler.program(), &reason)),
+            Output::Ended { reason } => {
+                if let End::Failed { federate, message, code } = &reason {
+                    let name = &self.scheduler.program().federates[*federate].name;
+                    self.host.abandoned(name, message, *code);
+                }
+                return Err(ended(self.scheduler.program(), &reason));
+            }
             _ => unreachable!("an output that this loop does not know"),
         }
         Ok(())
@@ -463,7 +469,7 @@ where
 
 fn ended(program: &Program, reason: &End) -> Failure {
     let message = match reason {
-        // Whoever failed has said so.
+        // The host has heard of it, and whoever failed may have said so too.
         End::Failed { .. } => String::new(),
         End::Refused(refusal) => format!("error: the RTI refuses this federate: {refusal}"),
         _ => format!("error: federation {}: {reason}", program.name),

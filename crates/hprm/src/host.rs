@@ -154,6 +154,10 @@ pub trait Host {
         false
     }
 
+    /// Another federate has failed, and so this one ends too. Its `message` is empty if it has chosen
+    /// to leave with that exit code. Whoever has launched both may tell the user already.
+    fn abandoned(&mut self, _federate: &str, _message: &str, _code: i32) {}
+
     /// Reports something that the user should know and that does not end the program: a tardy
     /// input that its reaction does not handle.
     fn warn(&mut self, message: &str);
