@@ -14,7 +14,7 @@ use rustix::process::{Pid, kill_process_group};
 
 use crate::follow::Followed;
 use crate::leftovers;
-use crate::message::Error;
+use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::supervisor::Event;
 
@@ -49,7 +49,10 @@ impl Children {
         self.processes.insert(id, child);
         let followed = followed.map_err(unstarted)?;
         let follow = move || {
-            let how = followed.follow(|| report(Event::Signal(Signal::BROKEN_PIPE)));
+            let how = followed.follow(|error| match error.kind() {
+                io::ErrorKind::BrokenPipe => report(Event::Signal(Signal::BROKEN_PIPE)),
+                _ => report(Event::Unwritable(message::unwritable(error))),
+            });
             report(Event::Exited { federate: id, how });
         };
         thread::Builder::new().name(name.to_owned()).spawn(follow).map_err(unstarted)?;

@@ -6,7 +6,7 @@ use hprm::trace::Digest;
 use serde_json::{Value, json};
 
 use crate::args;
-use crate::message::{Error, print_line};
+use crate::message::{self, Error, print_line};
 use crate::trace::{Comparison, Judge, Reader, digest, moment, sentence, share};
 
 /// The exit code for traces that differ.
@@ -18,13 +18,26 @@ pub(crate) const DIVERGENCE: u8 = 3;
 ///
 /// If one cannot be read, or they are of different programs.
 pub(crate) fn diff(arguments: &args::Diff) -> Result<ExitCode, Error> {
+    message::or_json(arguments.verdict.json, compare(arguments))
+}
+
+fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
     let judge = Judge { physical: arguments.verdict.physical };
     let (mut a, mut b) = (Reader::open(&arguments.a)?, Reader::open(&arguments.b)?);
     let comparison = judge.compare(&mut a, &mut b)?;
     let names = [a.name.as_str(), b.name.as_str()];
+    let ends = [(&a.name, &a.end, a.whole), (&b.name, &b.end, b.whole)];
+    let cut = ends.into_iter().filter(|(_, _, whole)| !whole);
+    let cut: Vec<_> = cut.map(|(name, end, _)| (name.as_str(), moment(end.end))).collect();
     if arguments.verdict.json {
-        print_line(&as_json(&comparison, names).to_string());
+        let mut verdict = as_json(&comparison, names);
+        verdict["cut"] = cut.iter().map(|(name, _)| json!(name)).collect();
+        print_line(&verdict.to_string());
     } else {
+        for (name, end) in cut {
+            let what = format!("{name} breaks off at {end}: what came then is not compared");
+            Error::new(what).show_as_warning();
+        }
         print_line(&match &comparison.divergence {
             Some(divergence) => sentence(divergence, names),
             None => format!("equal: {}", share(&comparison)),

@@ -27,8 +27,8 @@ pub(crate) struct Followed {
     /// Readable once the process has ended.
     end: OwnedFd,
     streams: [Stream; 2],
-    /// Whether the standard output of this command can no longer be written to.
-    broken: bool,
+    /// Why the standard output of this command can no longer be written to.
+    broken: Option<io::Error>,
 }
 
 /// Where a line goes.
@@ -65,12 +65,12 @@ impl Followed {
         let streams =
             [stream(output.into(), Target::Output)?, stream(error.into(), Target::Error)?];
         let end = pidfd_open(pid, PidfdFlags::empty())?;
-        Ok(Self { pid, end, streams, broken: false })
+        Ok(Self { pid, end, streams, broken: None })
     }
 
     /// Forwards everything until the process ends, and returns how it did. It still has to be
     /// reaped. Calls `broken` once if the output goes nowhere.
-    pub(crate) fn follow(mut self, broken: impl FnOnce()) -> Ending {
+    pub(crate) fn follow(mut self, broken: impl FnOnce(&io::Error)) -> Ending {
         let mut broken = Some(broken);
         let mut buffer = vec![0; CHUNK];
         loop {
@@ -79,10 +79,10 @@ impl Followed {
             for stream in &mut self.streams {
                 while stream.forward(&mut buffer, &mut self.broken) && ended {}
             }
-            if self.broken
+            if let Some(error) = &self.broken
                 && let Some(broken) = broken.take()
             {
-                broken();
+                broken(error);
             }
             if ended {
                 break;
@@ -125,7 +125,7 @@ impl Followed {
 
 impl Stream {
     /// Forwards one chunk. Returns whether there may be more at once.
-    fn forward(&mut self, buffer: &mut [u8], broken: &mut bool) -> bool {
+    fn forward(&mut self, buffer: &mut [u8], broken: &mut Option<io::Error>) -> bool {
         let Some(pipe) = &self.pipe else { return false };
         match read(pipe.as_fd(), buffer) {
             Ok(0) => {
@@ -146,20 +146,20 @@ impl Stream {
         }
     }
 
-    fn finish(&mut self, broken: &mut bool) {
+    fn finish(&mut self, broken: &mut Option<io::Error>) {
         let rest = self.lines.end();
         self.target.write(&rest, broken);
     }
 }
 
 impl Target {
-    fn write(self, lines: &[u8], broken: &mut bool) {
+    fn write(self, lines: &[u8], broken: &mut Option<io::Error>) {
         if lines.is_empty() {
             return;
         }
         match self {
-            Self::Output if *broken => {}
-            Self::Output => *broken = message::print(lines).is_err(),
+            Self::Output if broken.is_some() => {}
+            Self::Output => *broken = message::print(lines).err(),
             Self::Error => message::print_error(lines),
         }
     }

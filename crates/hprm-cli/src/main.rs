@@ -50,8 +50,12 @@ fn main() -> ExitCode {
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
     };
-    outcome.unwrap_or_else(|error| {
-        error.show();
-        ExitCode::FAILURE
-    })
+    match outcome {
+        Ok(_) if message::is_unwritten() => ExitCode::FAILURE,
+        Ok(code) => code,
+        Err(error) => {
+            error.show();
+            ExitCode::FAILURE
+        }
+    }
 }

@@ -2,7 +2,9 @@
 //!
 //! Diagnostics of programs look different; they come from the renderer of the front end.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::Failure;
 use serde_json::{Value, json};
@@ -59,6 +61,21 @@ impl Error {
     }
 }
 
+/// For commands that print one JSON object: it has the key `error` if there is nothing else to print.
+///
+/// # Errors
+///
+/// As `outcome`, if text is wanted.
+pub(crate) fn or_json(json: bool, outcome: Result<ExitCode, Error>) -> Result<ExitCode, Error> {
+    match outcome {
+        Err(error) if json => {
+            print_line(&json!({ "error": error.as_json() }).to_string());
+            Ok(ExitCode::FAILURE)
+        }
+        outcome => outcome,
+    }
+}
+
 /// A message without a label of its own.
 pub(crate) fn plain(message: &str) -> &str {
     message.strip_prefix("error: ").unwrap_or(message).trim()
@@ -82,9 +99,29 @@ pub(crate) fn print(bytes: &[u8]) -> io::Result<()> {
     out.flush()
 }
 
+/// Whether something could not be written that somebody waits for.
+static UNWRITTEN: AtomicBool = AtomicBool::new(false);
+
 /// Writes a line to the standard output; if nobody reads it any more, it is for nobody.
 pub(crate) fn print_line(line: &str) {
-    let _ = print(format!("{line}\n").as_bytes());
+    if let Err(error) = print(format!("{line}\n").as_bytes())
+        && error.kind() != ErrorKind::BrokenPipe
+        && !UNWRITTEN.swap(true, Ordering::Relaxed)
+    {
+        unwritable(&error).show();
+    }
+}
+
+/// Whether [`print_line`] has failed, and has said so.
+pub(crate) fn is_unwritten() -> bool {
+    UNWRITTEN.load(Ordering::Relaxed)
+}
+
+/// That the standard output takes nothing any more.
+pub(crate) fn unwritable(error: &io::Error) -> Error {
+    let reason = error.to_string();
+    let reason = reason.split(" (os error").next().unwrap_or_default();
+    Error::new(format!("cannot write to the standard output: {reason}"))
 }
 
 /// Writes to the standard error, where there is nobody left to tell if that fails.

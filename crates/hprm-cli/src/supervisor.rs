@@ -36,6 +36,8 @@ pub(crate) enum Event {
     Rti(RtiEvent),
     /// The RTI has come to its end.
     RtiEnded(Result<(), Failure>),
+    /// What federates write cannot be forwarded.
+    Unwritable(Error),
     /// Somebody asks this process to stop.
     Signal(Signal),
 }
@@ -142,6 +144,10 @@ impl Supervisor {
                 self.rti_ended = true;
                 self.rti_failure = outcome.err().map(|failure| (failure, now));
             }
+            Event::Unwritable(error) if self.exit_code.is_none() => {
+                self.fail(now, Verdict { error, code: 1 });
+            }
+            Event::Unwritable(_) => {}
             Event::Signal(signal) => self.interrupt(now, signal),
         }
         self.tick(now);

@@ -20,7 +20,7 @@ use serde_json::json;
 use self::variant::{Deployment, Kind, Variant};
 use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash};
-use crate::message::{Error, print_line};
+use crate::message::{self, Error, print_line};
 use crate::trace::{Comparison, Judge, Reader, sentence};
 use crate::{check, python};
 
@@ -36,8 +36,14 @@ const SAID: usize = 4_000;
 ///
 /// If it cannot be run, or a run fails.
 pub(crate) fn verify(arguments: &Verify) -> Result<ExitCode, Error> {
+    message::or_json(arguments.verdict.json, run_all(arguments))
+}
+
+fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
     let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
-        return Ok(ExitCode::FAILURE);
+        let name = arguments.file.display();
+        let wrong = Error::new(format!("{name} has errors, which hprm check names"));
+        return if arguments.verdict.json { Err(wrong) } else { Ok(ExitCode::FAILURE) };
     };
     check::show_warnings(&compiled);
     let folder = Folder::of(arguments)?;

@@ -328,3 +328,55 @@ fn the_end_of_the_terminal_is_an_interrupt() {
     assert_eq!(child.wait().unwrap().code(), Some(129));
     pids.iter().for_each(|pid| wait_until_gone(pid));
 }
+
+#[test]
+fn output_that_cannot_be_written_is_an_error() {
+    for (program, script, words) in
+        [(PROGRAM, "", "check"), (FEDERATION, "echo hello; exec sleep 60", "run")]
+    {
+        let place = Place::new(program, script);
+        let mut command = place.command(&[words, "Main.lf"]);
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        command.stdin(Stdio::null()).stdout(full).stderr(Stdio::piped());
+        let output = command.spawn().unwrap().wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let expected = "error: cannot write to the standard output: No space left on device";
+        assert_eq!(errors(&output), [expected]);
+    }
+}
+
+#[test]
+fn errors_are_json_too_where_that_is_wanted() {
+    let place = Place::new(PROGRAM, "exec sleep 60");
+    std::fs::write(place.path("Wrong.lf"), "target Python").unwrap();
+    for (words, expected) in [
+        (&["verify", "--json", "--timeout", "0.000001", "Main.lf"][..], "did not end"),
+        (&["verify", "--json", "Wrong.lf"], "Wrong.lf has errors"),
+        (&["diff", "--json", "nowhere", "nowhere"], "cannot read the trace nowhere"),
+    ] {
+        let output = place.run(words);
+        assert_eq!(output.status.code(), Some(1));
+        let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let message = answer["error"]["message"].as_str().unwrap();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn a_trace_that_breaks_off_is_compared_with_a_warning() {
+    let place = Place::new(PROGRAM, "");
+    let header = "{\"hprm_logical_trace\":1,\"program\":\"M\",\"federated\":false}\n";
+    let entries = "{\"tag\":[0,0],\"reaction\":\"M.1\"}\n{\"tag\":[5,0],\"reaction\":\"M.1\"}\n";
+    let end = "{\"end\":[5,0],\"outcome\":\"done\"}\n";
+    std::fs::write(place.path("whole"), format!("{header}{entries}{end}")).unwrap();
+    std::fs::write(place.path("cut"), format!("{header}{entries}{}", &end[..9])).unwrap();
+    let output = place.run(&["diff", "whole", "cut"]);
+    assert_eq!(output.status.code(), Some(0));
+    let warning = "warning: cut breaks off at (5 ns, 0): what came then is not compared\n";
+    assert_eq!(text(&output.stderr), warning);
+    let output = place.run(&["diff", "--json", "cut", "whole"]);
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answer["cut"], serde_json::json!(["cut"]));
+    assert_eq!(place.run(&["diff", "whole", "whole"]).stderr, b"");
+}

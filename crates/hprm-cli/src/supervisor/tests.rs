@@ -357,6 +357,20 @@ fn a_broken_pipe_is_not_a_second_interrupt() {
 }
 
 #[test]
+fn output_that_cannot_be_written_is_one_failure() {
+    let mut stage = Stage::running();
+    for _ in 0..2 {
+        stage.event(Event::Unwritable(Error::new("the disk is full")));
+    }
+    stage.reported_once("the disk is full");
+    stage.pass(2_000);
+    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1));
+}
+
+#[test]
 fn the_end_of_the_rti_explains_the_end_of_the_others() {
     let mut stage = Stage::running();
     let failure = Failure { message: "error: no descriptor left".to_owned(), code: 1 };

@@ -21,6 +21,8 @@ pub(crate) struct Reader<R> {
     pub(crate) header: Header,
     /// How the run ended.
     pub(crate) end: End,
+    /// Whether that stands in the file; else the trace breaks off.
+    pub(crate) whole: bool,
     source: R,
     line: usize,
     /// The first entry of the next tag.
@@ -55,16 +57,18 @@ impl<R: BufRead + Seek> Reader<R> {
     ///
     /// If it does not begin like a trace.
     pub(crate) fn new(name: &str, mut source: R) -> Result<Self, Error> {
-        let end = tail(&mut source)
+        let (end, whole) = tail(&mut source)
             .map_err(|error| Error::new(format!("cannot read the trace {name}: {error}")))?;
         let header = Header { hprm_logical_trace: 0, program: String::new(), federated: false };
-        let mut reader = Self { name: name.to_owned(), header, end, source, line: 0, next: None };
+        let name = name.to_owned();
+        let mut reader = Self { name, header, end, whole, source, line: 0, next: None };
         match reader.read()? {
             Some(Line::Header(header)) if header.hprm_logical_trace == VERSION => {
                 reader.header = header;
             }
             Some(Line::Header(Header { hprm_logical_trace: version, .. })) => {
-                let what = format!("{name} is a trace of version {version}, not {VERSION}");
+                let what =
+                    format!("{} is a trace of version {version}, not {VERSION}", reader.name);
                 return Err(Error::new(what).hint("record it again with this version of hprm"));
             }
             _ => return Err(reader.bad()),
@@ -123,8 +127,8 @@ impl<R: BufRead + Seek> Reader<R> {
     }
 }
 
-/// How the run ended, as far as the last complete line tells.
-fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<End> {
+/// How the run ended, as far as the last complete line tells, and whether it tells that at all.
+fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<(End, bool)> {
     let len = source.seek(SeekFrom::End(0))?;
     source.seek(SeekFrom::Start(len.saturating_sub(TAIL)))?;
     let mut bytes = Vec::new();
@@ -133,17 +137,12 @@ fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<End> {
     let complete = bytes.iter().rposition(|byte| *byte == b'\n').map_or(&[][..], |at| &bytes[..at]);
     let last = complete.rsplit(|byte| *byte == b'\n').next().unwrap_or_default();
     let end = match serde_json::from_slice(last) {
-        Ok(Line::End(end)) => return Ok(end),
+        Ok(Line::End(end)) => return Ok((end, true)),
         Ok(Line::Entry(entry)) => entry.tag,
         Ok(Line::Header(_)) | Err(_) => (0, 0),
     };
-    Ok(End {
-        end,
-        outcome: Ending::Failed,
-        message: Some("the trace breaks off: its process has not ended in order".to_owned()),
-        physical: false,
-        tardy: 0,
-    })
+    let message = Some("the trace breaks off: its process has not ended in order".to_owned());
+    Ok((End { end, outcome: Ending::Failed, message, physical: false, tardy: 0 }, false))
 }
 
 #[cfg(test)]
@@ -193,6 +192,7 @@ pub(super) mod tests {
         let line = "{\"tag\":[5,0],\"reaction\":\"M.1\"}\n";
         for cut in 1..=line.len() {
             let reader = trace("a", &format!("{line}{}", &line[..cut - 1]));
+            assert!(!reader.whole);
             assert_eq!((reader.end.end, reader.end.outcome), ((5, 0), Ending::Failed));
         }
         assert_eq!(trace("a", "").end.end, (0, 0));
