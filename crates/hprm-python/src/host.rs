@@ -92,10 +92,10 @@ impl PyHost {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, &format!("reaction {name}"))
             });
-            if self.interrupt.get().is_forked() {
-                leave(py, outcome);
+            match self.interrupt.get().is_forked() {
+                true => Err(leave(py, outcome)),
+                false => outcome,
             }
-            outcome
         })
     }
 
@@ -117,8 +117,7 @@ impl PyHost {
 
 /// Ends a process that a body has forked and that has come back from the body. Only the first one is
 /// part of the program, and speaks to the other federates.
-#[expect(clippy::exit, reason = "the loops of this process are copies that must not go on")]
-fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> ! {
+fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> Failure {
     let code = outcome.err().map_or(0, |Failure { message, code }| {
         if !message.is_empty() {
             crate::console::say(&message);
@@ -127,7 +126,9 @@ fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> ! {
     });
     let left = py.import("hprm.__main__").and_then(|main| main.call_method1("leave", (code,)));
     // That does not return, unless the package is broken.
-    std::process::exit(left.map_or(1, |_| code));
+    left.err().map_or(Failure { message: String::new(), code }, |error| {
+        failure(py, error, "a process that a body has forked")
+    })
 }
 
 impl Drop for PyHost {
