@@ -233,11 +233,12 @@ where
 
     fn read_inbox(&mut self) -> Result<(), Failure> {
         let mut stop = self.inbox.take_stop();
-        if !self.interrupted && self.host.interrupted() {
-            self.interrupted = true;
-            if self.phase == Phase::Joining {
+        if self.host.interrupted() {
+            // To stop in order needs the others; who insists does not want to wait for them.
+            if self.interrupted || self.phase == Phase::Joining {
                 return Err(Failure::interrupted());
             }
+            self.interrupted = true;
             stop = true;
         }
         if matches!(self.phase, Phase::Running | Phase::Processing) {

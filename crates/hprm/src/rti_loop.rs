@@ -206,12 +206,13 @@ impl Rti {
             if self.control.stop.swap(false, Ordering::AcqRel) {
                 self.handle_input(RtiInput::RequestStop);
             }
-            if self.machine.next_wakeup().is_some_and(|at| at <= Clock::now()) {
-                self.handle_input(RtiInput::Wake);
-            }
             self.accept(&mut report)?;
             for link in ready.drain(..) {
                 self.read(link);
+            }
+            // After what has come: an answer that is there is not late.
+            if self.machine.next_wakeup().is_some_and(|at| at <= Clock::now()) {
+                self.handle_input(RtiInput::Wake);
             }
             self.apply(&mut report);
             self.flush(&mut report);

@@ -259,3 +259,19 @@ fn silence_is_a_failure_if_the_user_says_so() {
         .any(|output| matches!(output, RtiOutput::Failed { message: said, .. } if said == message));
     assert!(failed, "{outputs:?}");
 }
+
+#[test]
+fn nobody_is_given_up_without_being_asked() {
+    let asked = [sent(0, Frame::Ping), sent(1, Frame::Ping)];
+    // A limit that is shorter than the time after which others are asked.
+    let mut rti = running("a -> b").watching(Patience { limit: Some(SECOND) });
+    rti.heard_all(PhysicalTime(110));
+    assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + SECOND / 2)));
+    // An RTI that has been standing still: not the federates were silent.
+    assert_eq!(wake(&mut rti, 60), asked);
+    assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + 60 * SECOND + SECOND / 2)));
+    let mut rti = running("a -> b").watching(Patience::default());
+    rti.heard_all(PhysicalTime(110));
+    assert_eq!(wake(&mut rti, 60), asked);
+    assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + 61 * SECOND)));
+}

@@ -24,7 +24,7 @@ pub struct Patience {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 struct Pulse {
     heard: PhysicalTime,
-    asked: bool,
+    asked: Option<PhysicalTime>,
     reported: bool,
 }
 
@@ -37,20 +37,23 @@ pub(super) struct Watch {
 
 impl Watch {
     pub(super) fn new(federates: usize, patience: Patience) -> Self {
-        let pulse = Pulse { heard: PhysicalTime(0), asked: false, reported: false };
+        let pulse = Pulse { heard: PhysicalTime(0), asked: None, reported: false };
         Self { patience, pulses: Table::filled(federates, pulse) }
     }
 
     /// When something is to be done about a federate that stays silent.
     fn due(&self, federate: FederateId) -> PhysicalTime {
         let Pulse { heard, asked, reported } = self.pulses[federate];
+        let Some(asked) = asked else { return heard.plus(self.quiet()) };
+        let report = if reported { PhysicalTime::FOREVER } else { heard.plus(SILENCE) };
         let limit = self.patience.limit.map_or(PhysicalTime::FOREVER, |limit| heard.plus(limit));
-        let next = match (asked, reported) {
-            (false, _) => heard.plus(QUIET),
-            (true, false) => heard.plus(SILENCE),
-            (true, true) => PhysicalTime::FOREVER,
-        };
-        next.min(limit)
+        // Whoever has been asked late, because the RTI itself stood still, may answer first.
+        report.min(limit).max(asked.plus(self.quiet()))
+    }
+
+    /// How long a federate may say nothing before it is asked, and has at least to answer.
+    fn quiet(&self) -> Nanos {
+        self.patience.limit.map_or(QUIET, |limit| QUIET.min(limit / 2))
     }
 }
 
@@ -66,7 +69,7 @@ impl Rti {
     pub(super) fn heard(&mut self, federate: FederateId, now: PhysicalTime) {
         let Some(watch) = &mut self.watch else { return };
         let silence = now.since(watch.pulses[federate].heard);
-        let pulse = Pulse { heard: now, asked: false, reported: false };
+        let pulse = Pulse { heard: now, asked: None, reported: false };
         let before = std::mem::replace(&mut watch.pulses[federate], pulse);
         if before.reported {
             self.outputs.push_back(RtiOutput::Answers { federate, silence });
@@ -99,11 +102,11 @@ impl Rti {
             let limit = watch.patience.limit;
             let pulse = &mut watch.pulses[federate];
             let silence = now.since(pulse.heard);
-            if limit.is_some_and(|limit| silence >= limit) {
-                self.give_up(federate, silence);
-            } else if !pulse.asked {
-                pulse.asked = true;
+            if pulse.asked.is_none() {
+                pulse.asked = Some(now);
                 self.send(federate, Frame::Ping);
+            } else if limit.is_some_and(|limit| silence >= limit) {
+                self.give_up(federate, silence);
             } else {
                 pulse.reported = true;
                 self.outputs.push_back(RtiOutput::Silent { federate, silence });
