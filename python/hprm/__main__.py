@@ -7,6 +7,7 @@ import argparse
 import atexit
 import contextlib
 import os
+import signal
 import sys
 from typing import NoReturn
 
@@ -137,4 +138,9 @@ def leave(code: int) -> NoReturn:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        # Of several Ctrl-C in a row, the last may come when all is over.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _leave(130)
