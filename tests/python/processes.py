@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 DEADLINE_S = 30.0
 
@@ -143,6 +145,20 @@ def finish(process: subprocess.Popen[str]) -> Outcome:
     """How a process ends."""
     out, err = process.communicate(timeout=DEADLINE_S)
     return Outcome(process.returncode, out, err)
+
+
+def hear(stream: IO[str] | None, text: str) -> str:
+    """Read what a process writes until this is in it, and return what has been read."""
+    assert stream is not None, "both streams are pipes"
+    heard = ""
+    deadline = time.monotonic() + DEADLINE_S
+    while text not in heard:
+        ready, _, _ = select.select([stream], [], [], max(deadline - time.monotonic(), 0))
+        # Past the text object, whose buffer `communicate` would not look at.
+        chunk = os.read(stream.fileno(), 4096) if ready else b""
+        assert chunk != b"", f"waited in vain for {text!r} after {heard!r}"
+        heard += chunk.decode()
+    return heard
 
 
 def until(condition: Callable[[], bool], what: str) -> None:

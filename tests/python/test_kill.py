@@ -147,6 +147,8 @@ def test_a_federate_is_killed(bench: Bench, coordination: str, moment: str, vict
         assert outcome.code == 1 or (moment == "stop" and outcome.code == 0), outcome
         assert len(outcome.errors) <= 1, outcome.err
         assert outcome.errors == [] or victim in outcome.err, outcome.err
+    if moment != "stop":
+        assert list(bench.folder.glob("*.stop")) == [], "shutdown reactions are for orderly ends"
     assert stage.strange_files() == set()
 
 

@@ -93,6 +93,13 @@ def test_every_test_that_the_readme_names_exists() -> None:
     assert [path for path in named if not (ROOT / path).exists()] == []
 
 
+def test_every_test_that_the_table_of_failures_names_exists() -> None:
+    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "failures.md").read_text()))
+    tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
+    assert len(named) > 10
+    assert {name for name in named if f"def {name}(" not in tests} == set()
+
+
 def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -> None:
     program = tmp_path / "Camera.lf"
     program.write_text(fenced("README.md", "lf"))
