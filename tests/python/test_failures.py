@@ -158,6 +158,24 @@ def test_an_end_without_farewell_is_a_failure(bench: Bench, coordination: str) -
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize(
+    ("body", "own", "rti", "words"),
+    [
+        ("sys.exit(3)", 3, 3, "error: federate pong exited with code 3"),
+        ("os._exit(4)", 4, 1, "error: the process of federate pong ended before its last tag"),
+        ("raise ValueError", 1, 1, "error: federate pong: reaction Main.pong.1 raised ValueError"),
+    ],
+)
+def test_a_federate_started_by_hand_fails(
+    bench: Bench, coordination: str, body: str, own: int, rti: int, words: str
+) -> None:
+    outcomes = bench.by_hand(program(coordination, body), "ping", "pong").finish()
+    codes = {name: outcome.code for name, outcome in outcomes.items()}
+    assert codes == {"rti": rti, "ping": 1, "pong": own}
+    outcomes["rti"].assert_one_error(words)
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_killed_federate_is_named(bench: Bench, coordination: str) -> None:
     process = bench.start(program(coordination, "pass"))
     os.kill(bench.pid("pong"), signal.SIGKILL)

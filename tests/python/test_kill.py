@@ -112,6 +112,7 @@ class Stage:
         """What lies about that neither the test nor the program has put there."""
         ours = {"Main.lf", "stop"} | {hold.name for hold in self._holds}
         ours |= {f"{name}.{moment}" for name in FEDERATES for moment in MOMENTS}
+        ours |= {f"draft.{name}" for name in FEDERATES}
         return {path.name for path in self._folder.iterdir()} - ours
 
 
@@ -197,7 +198,7 @@ def test_a_federate_of_the_command_is_killed(
 def test_the_command_is_killed(bench: Bench, coordination: str, moment: str) -> None:
     # Nobody is held when it dies, but for what they do: children of the dead obey the kernel.
     stage = Stage(bench, moment, ["sender"] if moment == "stop" else FEDERATES)
-    process = bench.start(program(coordination))
+    process = bench.start(program(coordination), "--logical-trace", "trace")
     stage.await_held()
     process.kill()
     begun = time.monotonic()
@@ -205,4 +206,5 @@ def test_the_command_is_killed(bench: Bench, coordination: str, moment: str) -> 
     assert time.monotonic() - begun < ORPHANS_END_WITHIN_S
     outcome = finish(process)
     assert (outcome.code, outcome.err) == (-signal.SIGKILL, "")
-    assert stage.strange_files() == set()
+    # The shares of the federates in the trace: who would have merged them is dead.
+    assert stage.strange_files() == {f"trace.parts-{process.pid}"}
