@@ -76,3 +76,28 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
             os.kill(pid, signal.SIGKILL)
         for process in bench.started:
             process.communicate()
+
+
+Spawn = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def spawn(tmp_path: Path) -> Iterator[Spawn]:
+    """Starts commands; whatever becomes of them, they do not outlive the test."""
+    started = []
+
+    def run(*command: str, **environment: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            command,
+            cwd=tmp_path,
+            env=os.environ | environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()

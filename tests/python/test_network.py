@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import functools
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from conftest import Spawn
 
 PROGRAM = """\
 target Python {{ coordination: {coordination}, timeout: 50 msec }}
@@ -39,32 +39,15 @@ federated reactor {{
 FEDERATES = ["source", "sink__0", "sink__1"]
 NUMBERS = "".join(f"{count}\n" for count in range(1, 7))
 
-Start = Callable[..., "subprocess.Popen[str]"]
+Start = Spawn
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
-    """Starts the command; whatever it is, it does not outlive the test."""
+def start(spawn: Spawn) -> Start:
+    """Starts the command that is installed beside this interpreter."""
     command = shutil.which("hprm", path=str(Path(sys.executable).parent))
     assert command is not None, "make build puts hprm beside python"
-    started = []
-
-    def run(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [command, *arguments],
-            cwd=tmp_path,
-            env=os.environ | environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
+    return functools.partial(spawn, command)
 
 
 def listening(rti: subprocess.Popen[str]) -> str:

@@ -324,6 +324,9 @@ pub(crate) struct Federate {
     /// connection to the RTI begins. Only federates of a decentralized program connect to others.
     #[arg(long, value_name = "HOST[:PORT]")]
     pub(crate) advertise: Option<String>,
+    /// Write down what the reactions of this federate did: its share of the logical trace.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]

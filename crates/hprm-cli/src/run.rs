@@ -78,6 +78,9 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     if let Some(advertise) = &arguments.advertise {
         command.arg("--advertise").arg(advertise);
     }
+    if let Some(path) = &arguments.logical_trace {
+        command.arg("--logical-trace").arg(path);
+    }
     command.args(arguments.tls.options());
     command.args(properties.options());
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
