@@ -1,0 +1,89 @@
+"""The commands of docs/deployment.md, as they are printed there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import uuid
+from pathlib import Path
+
+import pytest
+from conftest import Spawn
+
+TEXT = (Path(__file__).parents[2] / "docs" / "deployment.md").read_text()
+BLOCKS = [block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)]
+[PROGRAM] = re.findall(r"```lf\n(.*?)```", TEXT, re.DOTALL)
+OUTPUT = "".join(f"{time} 600000\n" for time in range(0, 100_000_001, 20_000_000))
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports that nobody has at the moment, and that nobody is given soon."""
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [listener.getsockname()[1] for listener in sockets]
+    for listener in sockets:
+        listener.close()
+    return ports
+
+
+@pytest.fixture(scope="module")
+def place() -> dict[str, str]:
+    """What stands for the names and ports of the text, on this machine."""
+    rti, federate = free_ports(2)
+    return {
+        "robot.local": "127.0.0.1",
+        "15045": str(rti),
+        "15046": str(federate),
+        "unix:@robot": f"unix:@hprm-test-{uuid.uuid4().hex}",
+    }
+
+
+def here(line: str, place: dict[str, str]) -> list[str]:
+    for name, what in place.items():
+        line = line.replace(name, what)
+    return shlex.split(line)
+
+
+def make_certificates(place: dict[str, str], folder: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl, which makes the certificates, is missing")
+    for line in [line for block in BLOCKS for line in block if line.startswith("openssl ")]:
+        subprocess.run(here(line, place), cwd=folder, check=True, capture_output=True)
+
+
+FEDERATIONS = [block for block in BLOCKS if block[0].startswith("hprm rti ")]
+
+
+def test_the_text_has_commands() -> None:
+    assert len(FEDERATIONS) == 6
+    others = [block for block in BLOCKS if block not in FEDERATIONS]
+    assert all(line.startswith("openssl ") for block in others for line in block)
+
+
+@pytest.mark.parametrize("backwards", [False, True], ids=["RTI first", "RTI last"])
+@pytest.mark.parametrize("block", FEDERATIONS, ids=lambda block: block[0][13:60])
+def test_a_federation_runs_as_it_is_written(
+    spawn: Spawn, tmp_path: Path, place: dict[str, str], block: list[str], backwards: bool
+) -> None:
+    (tmp_path / "Main.lf").write_text(PROGRAM)
+    # Made by the RTI; who is started before needs a copy.
+    (tmp_path / "secret").write_text(f"{uuid.uuid4().hex}\n")
+    (tmp_path / "secret").chmod(0o600)
+    if any("--tls-cert" in line for line in block):
+        make_certificates(place, tmp_path)
+    command = str(Path(sys.executable).with_name("hprm"))
+    lines = [here(line, place) for line in block]
+    started = {}
+    for number in sorted(range(len(lines)), reverse=backwards):
+        assert lines[number][0] == "hprm"
+        started[number] = spawn(command, *lines[number][1:])
+    outcomes = [started[number].communicate(timeout=60) for number in range(len(lines))]
+    assert [started[number].returncode for number in started] == [0, 0, 0], outcomes
+    rti, *federates = outcomes
+    assert "the federation starts\n" in rti[0]
+    assert [out for out, _ in federates] == ["", OUTPUT]
+    waiting = "waiting for the RTI at "
+    assert all(line.startswith(waiting) for _, err in outcomes for line in err.splitlines())
