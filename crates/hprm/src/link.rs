@@ -51,6 +51,8 @@ pub(crate) struct Link {
     handshake: Option<Box<Handshake>>,
     /// Whether the other end is known to belong to the federation.
     trusted: bool,
+    /// Whether nothing can be written any more.
+    mute: bool,
     inbound: Inbound,
     outbound: Outbound,
 }
@@ -112,6 +114,7 @@ impl Link {
             stream: keys.stream(socket, role)?,
             handshake: handshake.map(Box::new),
             trusted: false,
+            mute: false,
             inbound: Inbound {
                 // Whoever has not said who he is costs little.
                 buffer: vec![0; STRANGER_LIMIT],
@@ -193,7 +196,7 @@ impl Link {
             Some(handshake) => !handshake.outbound().is_empty(),
             None => self.outbound.is_some(),
         };
-        more || self.stream.has_outbound()
+        !self.mute && (more || self.stream.has_outbound())
     }
 
     /// Whether something has been received of which the socket knows nothing any more.
@@ -203,6 +206,10 @@ impl Link {
 
     /// Writes as much as the socket takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
+        if self.mute {
+            self.outbound.clear();
+            return Ok(());
+        }
         self.stream.pump()?;
         self.flush_handshake()?;
         if !self.is_established() {
@@ -221,9 +228,9 @@ impl Link {
         Ok(())
     }
 
-    /// Forgets what was to be written.
+    /// Forgets what was to be written: the other end cannot read it.
     pub(crate) fn discard(&mut self) {
-        self.outbound.descriptors.clear();
+        self.mute = true;
         self.outbound.clear();
     }
 
@@ -405,10 +412,35 @@ impl Outbound {
     }
 
     fn clear(&mut self) {
+        self.descriptors.clear();
         self.buffer.clear();
         self.written = 0;
         if self.buffer.capacity() > 4 * EAGER_BUFFER {
             self.buffer = Vec::with_capacity(EAGER_BUFFER);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_federated::FederationId;
+
+    use super::*;
+
+    #[test]
+    fn a_link_that_cannot_be_written_waits_for_nothing() {
+        let listener = Listener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
+        let keys = Keys::new(FederationId(7), Security::default()).unwrap();
+        let until = Clock::now().plus(10_000_000_000);
+        let connect = Link::connect(listener.address(), Purpose::Messages, &keys, until);
+        let mut link = connect.unwrap();
+        link.queue(&Frame::Resign);
+        assert!(link.has_outbound());
+        link.finish();
+        assert!(link.flush().is_err());
+        link.discard();
+        assert!(!link.has_outbound());
+        link.queue(&Frame::Resign);
+        assert!(link.flush().is_ok() && !link.has_outbound());
     }
 }

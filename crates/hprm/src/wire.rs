@@ -79,9 +79,13 @@ impl Gate {
     pub(crate) fn accept(&self, purpose: Purpose, keys: &Keys) -> io::Result<Option<Wire>> {
         match self {
             Self::Socket(listener) => {
-                let socket = listener.accept()?;
-                let link = socket.map(|socket| Link::accepted(socket, purpose, keys));
-                Ok(link.transpose()?.map(Wire::Socket))
+                while let Some(socket) = listener.accept()? {
+                    // A connection that is bad is nobody's loss.
+                    if let Ok(link) = Link::accepted(socket, purpose, keys) {
+                        return Ok(Some(Wire::Socket(link)));
+                    }
+                }
+                Ok(None)
             }
             Self::Memory(gate) => Ok(gate.accept().map(Wire::Memory)),
         }

@@ -58,7 +58,9 @@ impl Lobby {
 
     fn accept(&mut self, until: PhysicalTime) -> io::Result<()> {
         for gate in &self.gates {
-            while let Some(link) = gate.accept(self.purpose, &self.keys)? {
+            // However many come: the members have their turn, too.
+            for _ in 0..STRANGERS {
+                let Some(link) = gate.accept(self.purpose, &self.keys)? else { break };
                 self.strangers.push_back((link, until));
                 if self.strangers.len() > STRANGERS {
                     self.strangers.pop_front();

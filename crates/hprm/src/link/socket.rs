@@ -178,26 +178,35 @@ impl Listener {
     /// The next connection, if one waits.
     pub(crate) fn accept(&self) -> io::Result<Option<Socket>> {
         let accepted = match &self.kind {
-            Kind::Unix(listener) => listener.accept().and_then(|(stream, _)| Socket::unix(stream)),
-            Kind::Tcp(listener) => listener.accept().and_then(|(stream, _)| Socket::tcp(stream)),
+            Kind::Unix(listener) => listener.accept().map(|(stream, _)| Socket::unix(stream)),
+            Kind::Tcp(listener) => listener.accept().map(|(stream, _)| Socket::tcp(stream)),
         };
         match accepted {
-            Ok(socket) => Ok(Some(socket)),
-            // One that came and went, or that is not ours to serve, is no reason to stop listening.
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    io::ErrorKind::WouldBlock
-                        | io::ErrorKind::Interrupted
-                        | io::ErrorKind::ConnectionAborted
-                        | io::ErrorKind::PermissionDenied
-                ) =>
-            {
-                Ok(None)
-            }
+            // One that is not ours to serve, or is gone, is no reason to stop listening.
+            Ok(socket) => Ok(socket.ok()),
+            Err(error) if Errno::from_io_error(&error).is_some_and(is_its_own_fault) => Ok(None),
             Err(error) => Err(error),
         }
     }
+}
+
+/// Whether `accept` failed for a reason that lies in that connection, and the next one may be well.
+fn is_its_own_fault(error: Errno) -> bool {
+    matches!(
+        error,
+        Errno::AGAIN
+            | Errno::INTR
+            | Errno::CONNABORTED
+            | Errno::PERM
+            | Errno::PROTO
+            | Errno::NOPROTOOPT
+            | Errno::OPNOTSUPP
+            | Errno::NETDOWN
+            | Errno::NETUNREACH
+            | Errno::HOSTDOWN
+            | Errno::HOSTUNREACH
+            | Errno::NONET
+    )
 }
 
 impl Drop for Listener {
