@@ -126,6 +126,12 @@ impl Federate {
 
     // Getters.
 
+    /// Which federate it is.
+    #[must_use]
+    pub fn me(&self) -> FederateId {
+        self.me
+    }
+
     /// Whether `tag` may begin, as far as other federates are concerned. Waiting until it is due
     /// by the clock is the driver's business.
     #[must_use]

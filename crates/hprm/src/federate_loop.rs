@@ -17,7 +17,7 @@ mod wires;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, Payload, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
+    ChannelId, FederateId, Payload, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
@@ -411,11 +411,14 @@ where
             Output::ReaderGone(federate) => objects.store().reader_lost(federate),
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
             Output::Ended { reason } => {
-                if let End::Failed { federate, message, code } = &reason {
+                let me = self.federation.me();
+                if let End::Failed { federate, message, code } = &reason
+                    && *federate != me
+                {
                     let name = &self.scheduler.program().federates[*federate].name;
                     self.host.abandoned(name, message, *code);
                 }
-                return Err(ended(self.scheduler.program(), &reason));
+                return Err(ended(self.scheduler.program(), me, &reason));
             }
             _ => unreachable!("an output that this loop does not know"),
         }
@@ -468,8 +471,9 @@ where
     }
 }
 
-fn ended(program: &Program, reason: &End) -> Failure {
+fn ended(program: &Program, me: FederateId, reason: &End) -> Failure {
     let message = match reason {
+        End::Failed { federate, message, .. } if *federate == me => format!("error: {message}"),
         // The host has heard of it, and whoever failed may have said so too.
         End::Failed { .. } => String::new(),
         End::Refused(refusal) => format!("error: the RTI refuses this federate: {refusal}"),

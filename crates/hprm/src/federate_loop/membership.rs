@@ -77,6 +77,11 @@ impl Membership {
         Ok(membership)
     }
 
+    /// Which federate this is.
+    pub(super) fn me(&self) -> FederateId {
+        self.machine.me()
+    }
+
     /// What has come from links.
     pub(super) fn read(&mut self) -> Result<Vec<Event>, Failure> {
         let Self { machine, wires, .. } = self;
