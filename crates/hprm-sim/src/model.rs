@@ -63,6 +63,10 @@ pub struct Setting {
     /// From the readiness of the last federate to tag zero. If it is negative enough, everything is
     /// due at once, and only messages are waited for.
     pub start_delay: Nanos,
+    /// For how long after the launch, in nanoseconds, physical time may pass while something else may
+    /// happen as well. After that it passes only if nothing else may: who reports the clock again
+    /// and again would otherwise do so for ever while a message is on its way.
+    pub horizon: Nanos,
     /// Whether to begin with processes that have just been launched, rather than with a federation
     /// in which everybody has joined and nobody knows yet when it starts.
     pub from_launch: bool,
@@ -79,6 +83,7 @@ pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Vi
         assemble(&mut state);
     }
     let mut search = Search {
+        horizon: state.now.plus(setting.horizon),
         judge: Judge::new(program),
         known: BTreeSet::from([state.digest()]),
         origins: vec![None],
@@ -104,6 +109,7 @@ fn assemble(state: &mut State) {
 }
 
 struct Search {
+    horizon: PhysicalTime,
     judge: Judge,
     known: BTreeSet<u128>,
     /// From which state, and by what, each state was reached first.
@@ -129,6 +135,7 @@ impl Search {
                 _ => actions.push(Action::Advance(me)),
             }
         }
+        let time = time.filter(|time| *time <= self.horizon || actions.is_empty());
         actions.extend(time.map(Action::Time));
         if actions.is_empty() {
             self.explored.ends += 1;

@@ -90,7 +90,8 @@ fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
         let program = scenario(&format!("{coordination}\n timeout {timeout}\n{text}"));
         let happenings = happenings.to_vec();
         let shown = format!("{happenings:?}").replace("FederateId", "");
-        let setting = Setting { happenings, start_delay, from_launch: false };
+        let horizon = (start_delay + timeout).max(0) + 10_000_000;
+        let setting = Setting { happenings, start_delay, horizon, from_launch: false };
         let seen = explore(&program, &setting)
             .unwrap_or_else(|wrong| panic!("{coordination}: {name} {shown}: {wrong}"));
         println!(
@@ -221,7 +222,7 @@ fn joining() {
     for coordination in ["centralized", "decentralized"] {
         for happenings in [vec![], vec![Crash(A)], vec![Crash(B)], vec![Stop(A), Stop(B)]] {
             let program = scenario(&format!("{coordination}\n timeout 0\n{PAIR}"));
-            let setting = Setting { happenings, start_delay: PAST, from_launch: true };
+            let setting = Setting { happenings, start_delay: PAST, horizon: 0, from_launch: true };
             let seen = explore(&program, &setting);
             let seen = seen.unwrap_or_else(|wrong| panic!("{coordination}, joining: {wrong}"));
             assert!(seen.states > 100 && seen.ends > 0, "{seen:?}");
