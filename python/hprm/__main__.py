@@ -143,4 +143,4 @@ if __name__ == "__main__":
     except KeyboardInterrupt:
         # Of several Ctrl-C in a row, the last may come when all is over.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _leave(130)
+        leave(130)

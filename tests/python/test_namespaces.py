@@ -193,3 +193,30 @@ federated reactor {
         outcomes = [(*process.communicate(timeout=60), process.returncode) for process in federates]
         assert outcomes == [("True\n", "", 0)] * 2
         assert rti.communicate(timeout=60)[1] == ""
+
+
+def test_who_is_cut_off_is_noticed(hosts: Hosts, spawn: Spawn, tmp_path: Path) -> None:
+    program = PROGRAM.replace("timeout: 200 msec", "timeout: 100 s")
+    program = program.replace("self.count += 1", 'self.count += 1; print("tick")')
+    (tmp_path / "Fed.lf").write_text(program)
+    hprm = str(BIN / "hprm")
+    secret = ["--federation-file", "secret"]
+    listen = ["--listen", "10.77.0.1:0"]
+    rti = spawn(*hosts.command("here", hprm, "rti", "Fed.lf", *listen, *secret))
+    assert rti.stdout is not None
+    address = rti.stdout.readline().split()[-1]
+    options = ["--rti", address, *secret]
+    federates = [
+        spawn(*hosts.command(place, hprm, "federate", "Fed.lf", name, *options))
+        for name, place in [("source", "here"), ("sink__0", "there"), ("sink__1", "there")]
+    ]
+    assert federates[0].stdout is not None
+    assert federates[0].stdout.readline() == "tick\n"
+    hosts("here", "ip", "link", "set", "hprm0", "down")
+    # Nobody hears of the other side any more, on which nobody has ended.
+    outcomes = [(process.communicate(timeout=60)[1], process.returncode) for process in federates]
+    assert [code for _, code in outcomes] == [1, 1, 1]
+    for words, _ in outcomes[1:]:
+        assert "the link to the RTI is lost" in words or "a link is broken" in words
+    assert "the process of federate sink__" in rti.communicate(timeout=60)[1]
+    assert rti.returncode == 1

@@ -22,9 +22,13 @@ use crate::wait::{Interest, wait};
 
 /// How soon a TCP connection to a machine that has vanished ends: this long after the last word the
 /// kernel asks, and then as often, at these intervals.
-const SILENCE: Duration = Duration::from_secs(10);
-const QUESTIONS: u32 = 4;
-const QUESTION_INTERVAL: Duration = Duration::from_secs(5);
+const SILENCE: Duration = Duration::from_secs(5);
+const QUESTIONS: u32 = 5;
+const QUESTION_INTERVAL: Duration = Duration::from_secs(2);
+
+/// How long what was sent may stay without an answer, in milliseconds: as long as silence and questions
+/// take together.
+const UNHEARD: u32 = 15_000;
 
 /// The most descriptors that one read brings.
 const DESCRIPTORS: usize = 8;
@@ -88,6 +92,7 @@ impl Socket {
         sockopt::set_tcp_keepidle(&stream, SILENCE)?;
         sockopt::set_tcp_keepintvl(&stream, QUESTION_INTERVAL)?;
         sockopt::set_tcp_keepcnt(&stream, QUESTIONS)?;
+        sockopt::set_tcp_user_timeout(&stream, UNHEARD)?;
         Ok(Self { fd: stream.into(), unix: false })
     }
 
