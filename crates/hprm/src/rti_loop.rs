@@ -226,7 +226,13 @@ impl Rti {
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
-        for (link, hello) in self.lobby.admit(Clock::local()).map_err(failed)? {
+        let admitted = self.lobby.admit(Clock::local()).map_err(failed)?;
+        if !admitted.is_empty() {
+            // Who had ended before they came is to be known to have ended.
+            let links: Vec<_> = self.links.keys().copied().collect();
+            links.into_iter().for_each(|link| self.read(link));
+        }
+        for (link, hello) in admitted {
             let id = LinkId(self.next_link);
             self.next_link += 1;
             self.links.insert(id, link);
