@@ -101,3 +101,4 @@ def spawn(tmp_path: Path) -> Iterator[Spawn]:
     yield run
     for process in started:
         process.kill()
+        process.communicate()

@@ -32,8 +32,8 @@ PROGRAMS = {
           reaction(shutdown) {= exit(order == ["A", "B"]) =}
         }
         """,
-    "federated/Sst.lf": """
-        target Python { timeout: 1 ms, sst: "path" }
+    "federated/Options.lf": """
+        target Python { timeout: 1 ms, coordination-options: { advance-message-interval: 20 ms } }
         reactor A { reaction(startup) {= pass =} }
         federated reactor { a = new A() }
         """,
@@ -86,7 +86,7 @@ def test_every_program_counts_by_its_exit_code(checkout: Path, tmp_path: Path) -
         ("multiport/OneThread.lf", True): ("pass", 0),
         ("concurrent/Here.lf", False): ("pass", 0),
         ("federated/Two.lf", False): ("pass", 0),
-        ("federated/Sst.lf", False): ("pass", 0),
+        ("federated/Options.lf", False): ("pass", 0),
     }
     assert results["federated/Two.lf", False]["federated"]
     refused = results["Refused.lf", False]
@@ -95,8 +95,8 @@ def test_every_program_counts_by_its_exit_code(checkout: Path, tmp_path: Path) -
     assert not list(checkout.rglob("written"))
     assert "6 of 13 passed, 0 skipped" in done.stdout
     assert len(done.stderr.splitlines()) == 13
-    assert results["federated/Sst.lf", False]["without"] == ["sst"]
-    assert "  federated/Sst.lf: sst\n" in done.stdout
+    assert results["federated/Options.lf", False]["without"] == ["coordination-options"]
+    assert "  federated/Options.lf: coordination-options\n" in done.stdout
 
 
 def test_programs_can_be_chosen(checkout: Path) -> None:
