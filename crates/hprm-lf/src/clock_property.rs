@@ -4,6 +4,7 @@ use hprm_core::{ClockSyncMode, ClockSyncOptions, Nanos};
 
 use crate::ast::{Element, ElementKind, ExpressionKind, Property};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
+use crate::properties::word;
 
 const OPTIONS: [&str; 6] =
     ["attenuation", "collect-stats", "local-federates-on", "period", "test-offset", "trials"];
@@ -64,17 +65,6 @@ fn set(
         }
     }
     Ok(())
-}
-
-fn word(value: &Element) -> Option<&str> {
-    match &value.kind {
-        ElementKind::Path(word) => Some(word),
-        ElementKind::Value(expression) => match &expression.kind {
-            ExpressionKind::String(text) => Some(text),
-            _ => None,
-        },
-        _ => None,
-    }
 }
 
 fn time(value: &Element) -> Option<Nanos> {

@@ -250,7 +250,8 @@ fn boolean(value: &Element) -> Read<bool> {
     }
 }
 
-fn word(value: &Element) -> Option<&str> {
+/// The word, or the text, that a value is.
+pub(crate) fn word(value: &Element) -> Option<&str> {
     match &value.kind {
         ElementKind::Path(word) => Some(word),
         ElementKind::Value(expression) => match &expression.kind {
