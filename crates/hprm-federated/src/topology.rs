@@ -23,6 +23,7 @@ pub struct Topology {
     stepwise: Table<FederateId, bool>,
     starves: bool,
     transient: Table<FederateId, bool>,
+    has_transients: bool,
     /// Whether a message can lead there from a transient federate.
     after_transient: Table<FederateId, bool>,
     /// The last tag that the program states.
@@ -45,6 +46,7 @@ impl Topology {
             stepwise: Table::filled(federates, false),
             starves: false,
             transient: program.federates.values().map(|federate| federate.transient).collect(),
+            has_transients: program.federates.values().any(|federate| federate.transient),
             after_transient: Table::filled(federates, false),
             timeout: match program.properties.timeout {
                 Some(timeout) => Tag::new(timeout.max(0), 0),
@@ -176,7 +178,7 @@ impl Topology {
     /// Whether there is such a federate.
     #[must_use]
     pub fn has_transients(&self) -> bool {
-        self.transient.values().any(|transient| *transient)
+        self.has_transients
     }
 
     /// Whether what a transient federate does can, perhaps by way of others, lead to a message to
