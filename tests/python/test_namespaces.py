@@ -131,6 +131,28 @@ def reactions(*paths: Path) -> list[dict[str, object]]:
     )
 
 
+#: Where the federates of PROGRAM run.
+PLACES = {"source": "here", "sink__0": "there", "sink__1": "there"}
+
+
+def federation(
+    hosts: Hosts, spawn: Spawn, places: dict[str, str], *options: str, traced: bool = False
+) -> tuple[subprocess.Popen[str], list[subprocess.Popen[str]]]:
+    """Starts the RTI of Fed.lf on the one host, and its federates where they belong."""
+    hprm = str(BIN / "hprm")
+    common = ["--federation-file", "secret", *options]
+    listen = ["--listen", "10.77.0.1:0"]
+    rti = spawn(*hosts.command("here", hprm, "rti", "Fed.lf", *listen, *common))
+    assert rti.stdout is not None
+    address = rti.stdout.readline().split()[-1]
+    federates = []
+    for name, place in places.items():
+        trace = ["--logical-trace", name] if traced else []
+        joining = ["--rti", address, *trace, *common]
+        federates.append(spawn(*hosts.command(place, hprm, "federate", "Fed.lf", name, *joining)))
+    return rti, federates
+
+
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
 def test_a_federation_across_hosts_does_what_one_process_does(
@@ -144,25 +166,15 @@ def test_a_federation_across_hosts_does_what_one_process_does(
     done = subprocess.run(alone, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
 
-    hprm = str(BIN / "hprm")
-    common = ["--property", f"coordination={coordination}", "--federation-file", "secret"]
-    listen = ["--listen", "10.77.0.1:0"]
-    rti = spawn(*hosts.command("here", hprm, "rti", "Fed.lf", *listen, *common))
-    assert rti.stdout is not None
-    address = rti.stdout.readline().split()[-1]
-    places = {"source": "here", "sink__0": "there", "sink__1": "there"}
-    federates = []
-    for name, place in places.items():
-        options = ["--rti", address, "--logical-trace", name, *common]
-        command = hosts.command(place, hprm, "federate", "Fed.lf", name, *options)
-        federates.append(spawn(*command))
+    coordinated = ["--property", f"coordination={coordination}"]
+    rti, federates = federation(hosts, spawn, PLACES, *coordinated, traced=True)
     outcomes = [(*process.communicate(timeout=90), process.returncode) for process in federates]
     assert outcomes == [(done.stdout, "", 0), ("", "", 0), ("", "", 0)]
     assert rti.communicate(timeout=60)[1] == ""
     assert rti.returncode == 0
     expected = reactions(tmp_path / "alone")
     assert len(expected) > 40
-    assert reactions(*(tmp_path / name for name in places)) == expected
+    assert reactions(*(tmp_path / name for name in PLACES)) == expected
 
 
 def test_clocks_of_two_hosts_agree(hosts: Hosts, spawn: Spawn, tmp_path: Path) -> None:
@@ -179,17 +191,7 @@ federated reactor {
 """
     for mode in ["init", "on"]:
         (tmp_path / "Fed.lf").write_text(program.replace("MODE", mode))
-        hprm = str(BIN / "hprm")
-        secret = ["--federation-file", "secret"]
-        listen = ["--listen", "10.77.0.1:0"]
-        rti = spawn(*hosts.command("here", hprm, "rti", "Fed.lf", *listen, *secret))
-        assert rti.stdout is not None
-        address = rti.stdout.readline().split()[-1]
-        options = ["--rti", address, *secret]
-        federates = [
-            spawn(*hosts.command(place, hprm, "federate", "Fed.lf", name, *options))
-            for name, place in [("a", "here"), ("b", "there")]
-        ]
+        rti, federates = federation(hosts, spawn, {"a": "here", "b": "there"})
         outcomes = [(*process.communicate(timeout=60), process.returncode) for process in federates]
         assert outcomes == [("True\n", "", 0)] * 2
         assert rti.communicate(timeout=60)[1] == ""
@@ -199,17 +201,7 @@ def test_who_is_cut_off_is_noticed(hosts: Hosts, spawn: Spawn, tmp_path: Path) -
     program = PROGRAM.replace("timeout: 200 msec", "timeout: 100 s")
     program = program.replace("self.count += 1", 'self.count += 1; print("tick")')
     (tmp_path / "Fed.lf").write_text(program)
-    hprm = str(BIN / "hprm")
-    secret = ["--federation-file", "secret"]
-    listen = ["--listen", "10.77.0.1:0"]
-    rti = spawn(*hosts.command("here", hprm, "rti", "Fed.lf", *listen, *secret))
-    assert rti.stdout is not None
-    address = rti.stdout.readline().split()[-1]
-    options = ["--rti", address, *secret]
-    federates = [
-        spawn(*hosts.command(place, hprm, "federate", "Fed.lf", name, *options))
-        for name, place in [("source", "here"), ("sink__0", "there"), ("sink__1", "there")]
-    ]
+    rti, federates = federation(hosts, spawn, PLACES)
     assert federates[0].stdout is not None
     assert federates[0].stdout.readline() == "tick\n"
     hosts("here", "ip", "link", "set", "hprm0", "down")
