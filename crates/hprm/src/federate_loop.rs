@@ -14,6 +14,7 @@ mod reach;
 mod time;
 mod wires;
 
+use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
@@ -101,6 +102,8 @@ where
         phase: Phase::Joining,
         loaded: false,
         interrupted: false,
+        events: Vec::new(),
+        has_looked: false,
     };
     if options.trace.is_some() {
         federate.scheduler.start_recording();
@@ -124,6 +127,10 @@ struct FederateLoop<'a, H: Host> {
     /// Whether the machine knows that this federate could start.
     loaded: bool,
     interrupted: bool,
+    /// What has come from links. Empty, but with room.
+    events: Vec<Event>,
+    /// Whether everything that had come before the next tag might be begun has been read.
+    has_looked: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -198,7 +205,9 @@ where
     }
 
     fn read_links(&mut self) -> Result<(), Failure> {
-        for event in self.federation.read()? {
+        let mut events = mem::take(&mut self.events);
+        self.federation.read(&mut events)?;
+        for event in events.drain(..) {
             let input = match event {
                 Event::FromRti(frame @ Frame::ClockReply { .. }) => {
                     if self.federation.time.answered(&frame) {
@@ -214,6 +223,7 @@ where
             };
             self.handle(input)?;
         }
+        self.events = events;
         Ok(())
     }
 
@@ -280,6 +290,11 @@ where
         {
             return Ok(false);
         }
+        if !mem::replace(&mut self.has_looked, true) && self.federation.wires.look(self.inbox) {
+            // Perhaps a message for this tag, or an earlier one.
+            return Ok(true);
+        }
+        self.has_looked = false;
         // What the last tag sent; otherwise a federate that is behind would not write at all.
         self.federation.wires.flush();
         self.handle(Input::Begun(tag))?;
@@ -438,10 +453,12 @@ where
     /// Waits until something may have changed.
     fn wait(&mut self) {
         let until = self.wakeup();
-        let Membership { wires, .. } = &self.federation;
+        let Membership { wires, .. } = &mut self.federation;
         let bell = self.inbox;
-        self.host.idle(|| wires.wait(bell, until));
-        bell.waited();
+        if self.host.idle(|| wires.wait(bell, until)) {
+            bell.waited();
+        }
+        self.has_looked = true;
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {

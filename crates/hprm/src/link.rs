@@ -80,8 +80,10 @@ struct Outbound {
 /// Whether the other end is still there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Arrival {
-    /// Something may have been read.
+    /// Something may have been read, and there may be more.
     Bytes,
+    /// Something has been read, and at that moment there was no more.
+    Rest,
     /// There is nothing to read at the moment.
     Nothing,
     /// The other end is closed.
@@ -147,7 +149,7 @@ impl Link {
                 return Ok(());
             }
             match self.read()? {
-                Arrival::Bytes => continue,
+                Arrival::Bytes | Arrival::Rest => continue,
                 Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
                 Arrival::Nothing if Clock::now() >= until => {
                     return Err(io::ErrorKind::TimedOut.into());
@@ -245,7 +247,7 @@ impl Link {
         loop {
             (self.inbound.start, self.inbound.end) = (0, 0);
             match self.read() {
-                Ok(Arrival::Bytes) => {}
+                Ok(Arrival::Bytes | Arrival::Rest) => {}
                 Ok(Arrival::Nothing) => return true,
                 Ok(Arrival::Closed) | Err(_) => return false,
             }
@@ -301,11 +303,14 @@ impl Link {
         }
         self.inbound.make_room();
         let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
+        let (room, held) = (buffer.len() - *end, descriptors.len());
         let received = self.stream.receive(&mut buffer[*end..], descriptors);
         Ok(match arrival(received)? {
             Ok(count) => {
                 *end += count;
-                Arrival::Bytes
+                // A read ends at a descriptor, too, and at the end of what was encrypted at once.
+                let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
+                if is_rest { Arrival::Rest } else { Arrival::Bytes }
             }
             Err(arrival) => arrival,
         })

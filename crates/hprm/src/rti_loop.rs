@@ -14,7 +14,7 @@ use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput,
 
 use crate::bell::Bell;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
-use crate::wait::{Interest, wait};
+use crate::wait::{Interest, Interests, wait};
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Security};
 
@@ -198,7 +198,7 @@ impl Rti {
     ///
     /// The first failure of a federate, which has been reported as well.
     pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
-        let mut ready: Vec<LinkId> = Vec::new();
+        let mut news = News { lobby: true, ..News::default() };
         loop {
             if self.control.abort.load(Ordering::Acquire) {
                 break;
@@ -206,12 +206,14 @@ impl Rti {
             if self.control.stop.swap(false, Ordering::AcqRel) {
                 self.handle_input(RtiInput::RequestStop);
             }
-            self.accept(&mut report)?;
-            for link in ready.drain(..) {
+            if news.lobby {
+                self.accept(&mut report)?;
+            }
+            for link in news.links.drain(..) {
                 self.read(link);
             }
             // After what has come: an answer that is there is not late.
-            if self.machine.next_wakeup().is_some_and(|at| at <= Clock::now()) {
+            if news.wakeup.is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
             }
             self.apply(&mut report);
@@ -219,7 +221,7 @@ impl Rti {
             if self.finished && self.closing.is_empty() {
                 break;
             }
-            ready = self.wait();
+            self.wait(&mut news);
         }
         self.failure.map_or(Ok(()), Err)
     }
@@ -262,7 +264,7 @@ impl Rti {
             }
             match arrival {
                 Arrival::Bytes => {}
-                Arrival::Nothing => return,
+                Arrival::Rest | Arrival::Nothing => return,
                 Arrival::Closed => {
                     self.close(id);
                     return;
@@ -366,9 +368,10 @@ impl Rti {
         self.apply(report);
     }
 
-    /// Waits, and returns the links that have something to read.
-    fn wait(&self) -> Vec<LinkId> {
-        let mut interests = vec![Interest { fd: self.control.bell.as_fd(), write: false }];
+    /// Waits until something may have happened.
+    fn wait(&self, news: &mut News) {
+        let mut interests = Interests::new();
+        interests.push(Interest { fd: self.control.bell.as_fd(), write: false });
         interests.extend(
             self.links
                 .values()
@@ -377,13 +380,27 @@ impl Rti {
         interests.extend(self.lobby.interests());
         let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
         let impatience = self.lobby.next_wakeup().map(Clock::at);
-        let until = [self.machine.next_wakeup(), impatience, unread];
-        let ready = wait(&interests, until.into_iter().flatten().min());
-        self.control.bell.silence();
-        let links = self.links.iter().zip(&ready[1..]);
-        links
-            .filter(|((_, link), ready)| **ready || link.has_unread())
-            .map(|((id, _), _)| *id)
-            .collect()
+        news.wakeup = self.machine.next_wakeup();
+        let until = [news.wakeup, impatience, unread];
+        let mut ready = wait(&interests, until.into_iter().flatten().min()).into_iter();
+        if ready.next() == Some(true) {
+            self.control.bell.silence();
+        }
+        let links = self.links.iter().zip(&mut ready);
+        let links = links.filter(|((_, link), ready)| *ready || link.has_unread());
+        news.links.extend(links.map(|((id, _), _)| *id));
+        // Somebody may have taken too long, of which no descriptor tells.
+        news.lobby = impatience.is_some() || ready.any(|ready| ready);
     }
+}
+
+/// What a wait has brought.
+#[derive(Default)]
+struct News {
+    /// The links that have something to read.
+    links: Vec<LinkId>,
+    /// Whether somebody may be at the door.
+    lobby: bool,
+    /// When the machine wants to be woken.
+    wakeup: Option<PhysicalTime>,
 }

@@ -5,8 +5,18 @@ use std::os::fd::BorrowedFd;
 use hprm_core::PhysicalTime;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use smallvec::SmallVec;
 
 use crate::Clock;
+
+/// As many as a federate of usual size has: waiting for that many allocates nothing.
+type Few<T> = SmallVec<[T; 16]>;
+
+/// What a loop waits for.
+pub(crate) type Interests<'fd> = Few<Interest<'fd>>;
+
+/// Which of the descriptors that a loop has waited for are ready, in their order.
+pub(crate) type Readiness = Few<bool>;
 
 /// What a loop waits for at a descriptor.
 #[derive(Clone, Copy)]
@@ -17,8 +27,8 @@ pub(crate) struct Interest<'fd> {
 }
 
 /// Waits until a descriptor is ready, `until` has come, or a signal arrives. Returns which are.
-pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> Vec<bool> {
-    let mut fds: Vec<_> = interests
+pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> Readiness {
+    let mut fds: Few<_> = interests
         .iter()
         .map(|interest| {
             let write = if interest.write { PollFlags::OUT } else { PollFlags::empty() };
@@ -28,7 +38,7 @@ pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> V
     if poll_until(&mut fds, until) {
         fds.iter().map(|fd| !fd.revents().is_empty()).collect()
     } else {
-        vec![false; interests.len()]
+        Few::from_elem(false, interests.len())
     }
 }
 

@@ -82,10 +82,10 @@ impl Membership {
         self.machine.me()
     }
 
-    /// What has come from links.
-    pub(super) fn read(&mut self) -> Result<Vec<Event>, Failure> {
+    /// Adds what has come from links.
+    pub(super) fn read(&mut self, events: &mut Vec<Event>) -> Result<(), Failure> {
         let Self { machine, wires, .. } = self;
-        wires.read(|hello| machine.admit(hello).ok())
+        wires.read(|hello| machine.admit(hello).ok(), events)
     }
 
     /// Tells the others why this federate ends, and returns it.

@@ -11,7 +11,7 @@ use hprm_federated::{FederationId, Frame, HostId};
 use super::FederateOptions;
 use super::reach;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
-use crate::wait::{Interest, wait};
+use crate::wait::{Interest, Interests, wait};
 use crate::wire::{Network, Wire};
 use crate::{Clock, Failure, Inbox};
 
@@ -24,21 +24,33 @@ pub(super) enum Event {
     PeerLost(FederateId),
 }
 
+/// A link, and what is known of it without asking the kernel.
+struct Line {
+    wire: Wire,
+    /// Whether there may be something to read.
+    is_ready: bool,
+    is_closed: bool,
+}
+
+/// Descriptors of segments that have come, by owner and number.
+type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
+
 /// The links of one federate.
 pub(super) struct Wires {
     network: Network,
-    rti: Option<Wire>,
+    rti: Option<Line>,
     keys: Keys,
     /// Where peers open links, if the coordination needs them.
     lobby: Option<Lobby>,
+    /// Whether somebody may be at the door.
+    lobby_is_ready: bool,
     advertised: Option<String>,
     /// Links that this federate opened: its messages go there.
-    outgoing: BTreeMap<FederateId, Wire>,
+    outgoing: BTreeMap<FederateId, Line>,
     /// Links that peers opened: their messages come from there.
-    incoming: BTreeMap<FederateId, Wire>,
+    incoming: BTreeMap<FederateId, Line>,
     host: HostId,
-    events: Vec<Event>,
-    descriptors: BTreeMap<(FederateId, u32), OwnedFd>,
+    descriptors: Descriptors,
 }
 
 impl Wires {
@@ -56,20 +68,20 @@ impl Wires {
         Ok(Self {
             host: reach::host_id(rti.is_local(), decentralized),
             network,
-            rti: Some(rti),
+            rti: Some(Line::new(rti)),
             keys,
             lobby,
+            lobby_is_ready: true,
             advertised,
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
-            events: Vec::new(),
             descriptors: BTreeMap::new(),
         })
     }
 
     /// Whether the RTI runs on this host.
     pub(super) fn is_beside_rti(&self) -> bool {
-        self.rti.as_ref().is_some_and(Wire::is_within_host)
+        self.rti.as_ref().is_some_and(|line| line.wire.is_within_host())
     }
 
     /// What frames call this federation.
@@ -102,7 +114,7 @@ impl Wires {
     ) -> Result<(), String> {
         let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
         link.queue(hello, None);
-        self.outgoing.insert(peer, link);
+        self.outgoing.insert(peer, Line::new(link));
         Ok(())
     }
 
@@ -110,21 +122,21 @@ impl Wires {
     pub(super) fn pass_descriptors(&self, to: FederateId, physical: bool) -> bool {
         match self.outgoing.get(&to).or_else(|| self.incoming.get(&to)) {
             // A message on a physical channel takes the other way, and may overtake them.
-            Some(link) => link.is_local() && !physical,
-            None => self.rti.as_ref().is_some_and(Wire::is_local),
+            Some(line) => line.wire.is_local() && !physical,
+            None => self.rti.as_ref().is_some_and(|line| line.wire.is_local()),
         }
     }
 
     pub(super) fn tell_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
-        if let Some(link) = &mut self.rti {
-            link.queue(frame, descriptor);
+        if let Some(line) = &mut self.rti {
+            line.wire.queue(frame, descriptor);
         }
     }
 
     pub(super) fn tell_peer(&mut self, to: FederateId, frame: &Frame, descriptor: Option<OwnedFd>) {
         let link = self.outgoing.get_mut(&to).or_else(|| self.incoming.get_mut(&to));
-        if let Some(link) = link {
-            link.queue(frame, descriptor);
+        if let Some(line) = link {
+            line.wire.queue(frame, descriptor);
         }
     }
 
@@ -171,49 +183,74 @@ impl Wires {
         }
     }
 
-    /// Reads what the sockets hold, up to a limit for each. `admit` tells who greets, and what to
-    /// answer.
+    /// Reads what the links hold that are known to be ready, up to a limit for each. `admit` tells
+    /// who greets, and what to answer.
     pub(super) fn read(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
-    ) -> Result<Vec<Event>, Failure> {
-        self.read_rti()?;
-        self.read_greetings(admit)?;
-        self.read_peers()?;
-        Ok(std::mem::take(&mut self.events))
+        events: &mut Vec<Event>,
+    ) -> Result<(), Failure> {
+        self.read_rti(events)?;
+        self.read_greetings(admit, events)?;
+        self.read_peers(events)
     }
 
-    /// Waits until a link is ready, the bell rings, or `until` has come.
-    pub(super) fn wait<V>(&self, bell: &Inbox<V>, until: Option<PhysicalTime>) {
-        let mut interests = vec![Interest { fd: bell.as_fd(), write: false }];
+    /// Waits until a link is ready, the bell rings, or `until` has come. Returns whether the bell
+    /// has.
+    pub(super) fn wait<V>(&mut self, bell: &Inbox<V>, until: Option<PhysicalTime>) -> bool {
+        let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup).map(Clock::at);
+        let unread = self.lines().any(Line::may_be_read).then(Clock::now);
+        let until = until.into_iter().chain(impatience).chain(unread).min();
+        let mut ready = wait(&self.interests(bell), until).into_iter();
+        let bell_rings = ready.next() == Some(true);
+        self.lines_mut().zip(&mut ready).for_each(|(line, ready)| line.is_ready |= ready);
+        // Somebody may have taken too long, of which no descriptor tells.
+        self.lobby_is_ready |= impatience.is_some() || ready.any(|ready| ready);
+        bell_rings
+    }
+
+    fn interests<'a, V>(&'a self, bell: &'a Inbox<V>) -> Interests<'a> {
+        let mut interests = Interests::new();
+        interests.push(Interest { fd: bell.as_fd(), write: false });
         let links = self.links();
         interests
             .extend(links.map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }));
         interests.extend(self.lobby.iter().flat_map(Lobby::interests));
-        let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup).map(Clock::at);
-        let unread = self.links().any(Wire::has_unread).then(Clock::now);
-        wait(&interests, until.into_iter().chain(impatience).chain(unread).min());
+        interests
     }
 
-    fn links(&self) -> impl Iterator<Item = &Wire> {
+    /// Whether there is something to read by now. It does not wait.
+    pub(super) fn look<V>(&mut self, bell: &Inbox<V>) -> bool {
+        self.wait(bell, Some(PhysicalTime(0)));
+        self.lobby_is_ready || self.lines().any(Line::may_be_read)
+    }
+
+    fn lines(&self) -> impl Iterator<Item = &Line> {
         self.rti.iter().chain(self.outgoing.values()).chain(self.incoming.values())
     }
 
-    fn links_mut(&mut self) -> impl Iterator<Item = &mut Wire> {
+    fn lines_mut(&mut self) -> impl Iterator<Item = &mut Line> {
         self.rti.iter_mut().chain(self.outgoing.values_mut()).chain(self.incoming.values_mut())
     }
 
-    fn read_rti(&mut self) -> Result<(), Failure> {
-        let Some(link) = &mut self.rti else { return Ok(()) };
-        let mut frames = Vec::new();
-        let open = read_frames(link, &mut frames)?;
-        for (frame, descriptor) in frames {
-            self.keep(&frame, descriptor);
-            self.events.push(Event::FromRti(frame));
-        }
+    fn links(&self) -> impl Iterator<Item = &Wire> {
+        self.lines().map(|line| &line.wire)
+    }
+
+    fn links_mut(&mut self) -> impl Iterator<Item = &mut Wire> {
+        self.lines_mut().map(|line| &mut line.wire)
+    }
+
+    fn read_rti(&mut self, events: &mut Vec<Event>) -> Result<(), Failure> {
+        let Some(line) = &mut self.rti else { return Ok(()) };
+        let descriptors = &mut self.descriptors;
+        let open = line.read(|frame, descriptor| {
+            keep(descriptors, &frame, descriptor);
+            events.push(Event::FromRti(frame));
+        })?;
         if !open {
             self.rti = None;
-            self.events.push(Event::RtiLost);
+            events.push(Event::RtiLost);
         }
         Ok(())
     }
@@ -222,8 +259,12 @@ impl Wires {
     fn read_greetings(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
+        events: &mut Vec<Event>,
     ) -> Result<(), Failure> {
         let Some(lobby) = &mut self.lobby else { return Ok(()) };
+        if !std::mem::take(&mut self.lobby_is_ready) {
+            return Ok(());
+        }
         let admitted = lobby.admit(Clock::local()).map_err(|error| {
             Failure::new(format!("error: cannot accept a connection of a peer: {error}"))
         })?;
@@ -231,95 +272,105 @@ impl Wires {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
                 link.queue(&welcome, None);
-                self.incoming.insert(from, link);
-                self.events.push(Event::PeerUp(from));
+                self.incoming.insert(from, Line::new(link));
+                events.push(Event::PeerUp(from));
             }
         }
         Ok(())
     }
 
     /// A peer whose link is broken is as good as gone.
-    fn read_peers(&mut self) -> Result<(), Failure> {
-        let outgoing: Vec<_> = self.outgoing.keys().copied().collect();
-        for peer in outgoing {
-            self.check_proof(peer)?;
-            if !self.read_peer(peer, |wires| &mut wires.outgoing)
+    fn read_peers(&mut self, events: &mut Vec<Event>) -> Result<(), Failure> {
+        let Self { outgoing, incoming, descriptors, .. } = self;
+        for (peer, line) in &mut *outgoing {
+            line.check_proof(*peer)?;
+            if !line.read_peer(*peer, descriptors, events)
                 // Its messages come over the other link, and there may be more of them.
-                && !self.incoming.contains_key(&peer)
+                && !incoming.contains_key(peer)
             {
-                self.events.push(Event::PeerLost(peer));
+                events.push(Event::PeerLost(*peer));
             }
         }
-        let incoming: Vec<_> = self.incoming.keys().copied().collect();
-        for peer in incoming {
-            if !self.read_peer(peer, |wires| &mut wires.incoming) {
-                self.events.push(Event::PeerLost(peer));
+        for (peer, line) in &mut *incoming {
+            if !line.read_peer(*peer, descriptors, events) {
+                events.push(Event::PeerLost(*peer));
             }
         }
+        outgoing.retain(|_, line| !line.is_closed);
+        incoming.retain(|_, line| !line.is_closed);
         Ok(())
+    }
+}
+
+impl Line {
+    fn new(wire: Wire) -> Self {
+        // What came while it was opened is not news to the kernel.
+        Self { wire, is_ready: true, is_closed: false }
+    }
+
+    fn may_be_read(&self) -> bool {
+        self.is_ready || self.wire.has_unread()
     }
 
     /// Whoever listens where a peer should must prove that it is one.
     fn check_proof(&mut self, peer: FederateId) -> Result<(), Failure> {
-        match self.outgoing.get_mut(&peer) {
-            Some(link) if !link.is_established() => link.read().map(drop).map_err(|error| {
-                Failure::new(format!("error: the link to federate {}: {error}", peer.0))
-            }),
-            _ => Ok(()),
+        if self.wire.is_established() {
+            return Ok(());
         }
+        self.wire.read().map(drop).map_err(|error| {
+            Failure::new(format!("error: the link to federate {}: {error}", peer.0))
+        })
     }
 
-    /// Reads one of a peer's links. Returns whether it is still open.
+    /// Reads a link of a peer, if it is ready. Returns whether it is still open.
     fn read_peer(
         &mut self,
-        peer: FederateId,
-        links: fn(&mut Self) -> &mut BTreeMap<FederateId, Wire>,
+        from: FederateId,
+        descriptors: &mut Descriptors,
+        events: &mut Vec<Event>,
     ) -> bool {
-        let Some(link) = links(self).get_mut(&peer) else { return true };
-        let mut frames = Vec::new();
-        let open = read_frames(link, &mut frames).unwrap_or(false);
-        self.arrive(peer, frames);
-        if !open {
-            links(self).remove(&peer);
-        }
-        open
-    }
-
-    fn arrive(&mut self, from: FederateId, frames: Vec<(Frame, Option<OwnedFd>)>) {
-        for (frame, descriptor) in frames {
+        let open = self.read(|frame, descriptor| {
             if let Frame::PeerWelcome { .. } = frame {
-                self.events.push(Event::PeerUp(from));
-                continue;
+                events.push(Event::PeerUp(from));
+                return;
             }
-            self.keep(&frame, descriptor);
-            self.events.push(Event::FromPeer { from, frame });
-        }
+            keep(descriptors, &frame, descriptor);
+            events.push(Event::FromPeer { from, frame });
+        });
+        self.is_closed = !open.unwrap_or(false);
+        !self.is_closed
     }
 
-    fn keep(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
-        if let (Frame::Segment { owner, segment, .. }, Some(descriptor)) = (frame, descriptor) {
-            self.descriptors.insert((*owner, *segment), descriptor);
+    /// Reads what the link holds, if it is ready. Returns whether the other end is still open.
+    fn read(&mut self, mut arrive: impl FnMut(Frame, Option<OwnedFd>)) -> Result<bool, Failure> {
+        if !self.may_be_read() {
+            return Ok(true);
         }
+        self.is_ready = false;
+        for _ in 0..READS {
+            let arrival = self.wire.read().map_err(|error| broken(&error))?;
+            while let Some((frame, descriptor)) =
+                self.wire.next_frame().map_err(|error| broken(&error))?
+            {
+                arrive(frame, descriptor);
+            }
+            match arrival {
+                Arrival::Bytes => {}
+                Arrival::Rest | Arrival::Nothing => return Ok(true),
+                Arrival::Closed => return Ok(false),
+            }
+        }
+        self.is_ready = true;
+        Ok(true)
     }
 }
 
-/// Reads what the socket holds. Returns whether the other end is still open.
-fn read_frames(
-    link: &mut Wire,
-    frames: &mut Vec<(Frame, Option<OwnedFd>)>,
-) -> Result<bool, Failure> {
-    let broken =
-        |error: &dyn std::fmt::Display| Failure::new(format!("error: a link is broken: {error}"));
-    for _ in 0..READS {
-        let arrival = link.read().map_err(|error| broken(&error))?;
-        while let Some(frame) = link.next_frame().map_err(|error| broken(&error))? {
-            frames.push(frame);
-        }
-        match arrival {
-            Arrival::Bytes => {}
-            Arrival::Nothing => return Ok(true),
-            Arrival::Closed => return Ok(false),
-        }
+fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd>) {
+    if let (Frame::Segment { owner, segment, .. }, Some(descriptor)) = (frame, descriptor) {
+        descriptors.insert((*owner, *segment), descriptor);
     }
-    Ok(true)
+}
+
+fn broken(error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(format!("error: a link is broken: {error}"))
 }

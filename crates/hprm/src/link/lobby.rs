@@ -97,7 +97,7 @@ fn first_frame(link: &mut Wire) -> Result<Option<Frame>, Stranger> {
             return Ok(Some(frame));
         }
         match arrival {
-            Arrival::Bytes => {}
+            Arrival::Bytes | Arrival::Rest => {}
             Arrival::Nothing => return Ok(None),
             Arrival::Closed => return Err(Stranger),
         }

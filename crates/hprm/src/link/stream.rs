@@ -51,6 +51,11 @@ impl Stream {
         self.channel.as_mut().map_or(Ok(()), |channel| channel.pump(&self.socket))
     }
 
+    /// Whether bytes come as they were sent.
+    pub(super) fn is_plain(&self) -> bool {
+        self.channel.is_none()
+    }
+
     pub(super) fn has_outbound(&self) -> bool {
         self.channel.as_ref().is_some_and(|channel| channel.has_outbound())
     }

@@ -158,7 +158,7 @@ impl MemoryLink {
 
     /// Throws away what comes. Returns whether the other end is still open.
     pub(crate) fn is_open(&mut self) -> bool {
-        while self.read() == Arrival::Bytes {}
+        while self.read() == Arrival::Rest {}
         self.unread.clear();
         self.read() != Arrival::Closed
     }
@@ -214,7 +214,7 @@ impl<T> Lane<T> {
             self.silence(&mut state);
         }
         match (empty, state.closed) {
-            (false, _) => Arrival::Bytes,
+            (false, _) => Arrival::Rest,
             (true, false) => Arrival::Nothing,
             (true, true) => Arrival::Closed,
         }
@@ -279,7 +279,7 @@ mod tests {
         assert!(here.has_outbound() && !rings(&there));
         here.flush().unwrap();
         assert!(!here.has_outbound() && rings(&there));
-        assert_eq!(there.read(), Arrival::Bytes);
+        assert_eq!(there.read(), Arrival::Rest);
         assert!(!rings(&there));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Leave));
@@ -294,7 +294,7 @@ mod tests {
         here.flush().unwrap();
         drop(here);
         assert!(rings(&there));
-        assert_eq!(there.read(), Arrival::Bytes);
+        assert_eq!(there.read(), Arrival::Rest);
         assert_eq!(there.read(), Arrival::Closed);
         assert!(rings(&there), "the end can be noticed at any later time");
         there.queue(&Frame::Resign, None);
