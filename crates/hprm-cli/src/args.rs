@@ -10,7 +10,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use hprm::federated::{FederationId, Patience};
 use hprm::{Address, TlsFiles};
-use hprm_core::Nanos;
+use hprm_core::{Nanos, WhenFull, read_size};
 
 /// Run, check and look after deterministic programs for robots.
 #[derive(Parser, Debug)]
@@ -52,13 +52,30 @@ pub(crate) struct Properties {
     /// another; 0 is as many as there are processors. The same as --property workers=N.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
     workers: Option<u32>,
+    /// The most memory of one federate's object store, such as 512MB or 2GB. The same as the target
+    /// property store-limit.
+    #[arg(long, value_name = "SIZE", env = STORE_LIMIT, value_parser = size)]
+    store_limit: Option<u64>,
+    /// What becomes of a large value for which the object store has no room: it travels inside its
+    /// message (inline), or the program fails (error). The same as the target property store-full.
+    #[arg(long, value_name = "POLICY", env = STORE_FULL, value_parser = when_full)]
+    store_full: Option<WhenFull>,
 }
+
+/// Where the option --store-limit may stand as well.
+pub(crate) const STORE_LIMIT: &str = "HPRM_STORE_LIMIT";
+
+/// Where the option --store-full may stand as well.
+pub(crate) const STORE_FULL: &str = "HPRM_STORE_FULL";
 
 impl Properties {
     /// All of them, as `KEY=VALUE`.
     pub(crate) fn stated(&self) -> Vec<String> {
+        let limit = self.store_limit.map(|limit| format!("store-limit={limit}"));
+        let full = self.store_full.map(|full| format!("store-full={}", full.word()));
         let workers = self.workers.map(|workers| format!("workers={workers}"));
-        self.stated.iter().cloned().chain(workers).collect()
+        // The environment is for all programs; what is stated here is for this one.
+        limit.into_iter().chain(full).chain(self.stated.iter().cloned()).chain(workers).collect()
     }
 
     /// Adds what the federate that starts this one was given, unless it is stated here too.
@@ -381,6 +398,14 @@ fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
+fn size(text: &str) -> Result<u64, String> {
+    read_size(text).ok_or_else(|| "not a size, such as 2GB".to_owned())
+}
+
+fn when_full(text: &str) -> Result<WhenFull, String> {
+    WhenFull::read(text).ok_or_else(|| "not one of inline, error".to_owned())
+}
+
 fn federation(text: &str) -> Result<FederationId, String> {
     text.parse().map_err(|_| "an id has 32 hexadecimal digits".to_owned())
 }
@@ -420,6 +445,9 @@ mod tests {
         let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
         let options: Vec<_> = run.properties.options().collect();
         assert_eq!(options, ["--property=fast=true", "--property=workers=1"]);
+        let words = ["hprm", "run", "--store-limit", "2 KB", "--store-full=ERROR", "A.lf"];
+        let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
+        assert_eq!(run.properties.stated(), ["store-limit=2000", "store-full=error"]);
     }
 
     #[test]
@@ -439,6 +467,8 @@ mod tests {
             &["hprm", "dance"],
             &["hprm", "run", "--workers", "-1", "A.lf"],
             &["hprm", "run", "--workers", "1001", "A.lf"],
+            &["hprm", "run", "--store-limit", "much", "A.lf"],
+            &["hprm", "run", "--store-full", "explode", "A.lf"],
             &["hprm", "rti", "A.lf", "--listen", "carrier-pigeon"],
             &["hprm", "federate", "A.lf", "a", "--rti", "unix:@x", "--federation", "12"],
         ] {

@@ -2,6 +2,8 @@
 //!
 //! Each probe is one finding. How findings are shown is [`doctor`](crate::doctor)'s business.
 
+mod tuning;
+
 use std::fmt::Display;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener};
@@ -73,6 +75,7 @@ pub(crate) fn all() -> Vec<Finding> {
         memory(),
         file_size(),
     ]);
+    findings.extend(tuning::all());
     findings
 }
 
@@ -191,10 +194,8 @@ fn memory() -> Finding {
     let Some(available) = available_memory(&text) else {
         return Finding::poor("memory", "/proc/meminfo does not tell", "is /proc mounted?");
     };
-    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").unwrap_or_default();
-    let limit = group.trim().parse::<u64>().ok();
     let text = format!("{} MB available", available / 1_000_000);
-    match limit {
+    match hprm::container_memory() {
         Some(limit) => Finding::good(
             "memory",
             format!("{text}, this container may use {} MB", limit / 1_000_000),

@@ -23,6 +23,7 @@ mod program;
 mod queue;
 mod scheduler;
 mod spacing;
+mod store_options;
 mod tag;
 mod wiring;
 
@@ -42,5 +43,6 @@ pub use program::{
 };
 pub use scheduler::{Body, Effects, Record, Request, Scheduled, Scheduler, Send, Turn};
 pub use spacing::{Policy, Spacing};
+pub use store_options::{StoreOptions, WhenFull, read_size};
 pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};
 pub use wiring::Scope;

@@ -3,7 +3,7 @@
 //! The main file's properties rule; only `files` and `protobufs` are collected from imported
 //! files as well.
 
-use hprm_core::{Coordination, Nanos, Properties};
+use hprm_core::{Coordination, Nanos, Properties, StoreOptions, WhenFull, read_size};
 
 use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
 use crate::clock_property;
@@ -25,6 +25,8 @@ pub struct Settings {
     pub auth: bool,
     /// `comm-type: TLS`: links between machines are encrypted.
     pub encrypt: bool,
+    /// `store-limit` and `store-full`: how much memory an object store may take, and what then.
+    pub store: StoreOptions,
 }
 
 /// Known, and without meaning where nothing is generated or compiled; said to be so.
@@ -46,7 +48,7 @@ const IGNORED: [&str; 12] = [
 /// Known, and of consequence: whoever states one must not believe that it is in force.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 15] = [
+const OBEYED: [&str; 17] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
@@ -59,6 +61,8 @@ const OBEYED: [&str; 15] = [
     "protobufs",
     "scheduler",
     "single-threaded",
+    "store-full",
+    "store-limit",
     "timeout",
     "tracing",
     "workers",
@@ -141,6 +145,8 @@ impl Stated {
             "comm-type" if !property_rules::is_sst(value) => {
                 comm_type(value).map(|tls| self.settings.encrypt = tls)
             }
+            "store-limit" => size(value).map(|limit| self.settings.store.limit = Some(limit)),
+            "store-full" => when_full(value).map(|full| self.settings.store.when_full = full),
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);
@@ -307,6 +313,21 @@ fn workers(value: &Element) -> Read<u32> {
     }
     .filter(|number| *number <= MOST_WORKERS)
     .ok_or("a whole number from 0 to 1000")
+}
+
+fn size(value: &Element) -> Read<u64> {
+    let size = match &value.kind {
+        ElementKind::Value(expression) => match expression.kind {
+            ExpressionKind::Integer(number) => u64::try_from(number).ok(),
+            _ => None,
+        },
+        _ => None,
+    };
+    size.or_else(|| read_size(word(value)?)).ok_or("a size, such as `\"2 GB\"`")
+}
+
+fn when_full(value: &Element) -> Read<WhenFull> {
+    word(value).and_then(WhenFull::read).ok_or("`inline` or `error`")
 }
 
 fn tracing(value: &Element) -> Read<bool> {

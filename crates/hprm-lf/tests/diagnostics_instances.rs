@@ -3,7 +3,7 @@
 mod common;
 
 use common::{errors, warnings};
-use hprm_core::{ClockSyncMode, ClockSyncOptions};
+use hprm_core::{ClockSyncMode, ClockSyncOptions, StoreOptions, WhenFull};
 use insta::assert_snapshot;
 
 #[test]
@@ -325,6 +325,12 @@ fn properties_from_elsewhere_have_the_last_word() {
     assert_eq!(compiled.program.properties.workers, Some(1));
     assert!(!compiled.settings.encrypt && compile(&["comm-type=TLS"]).unwrap().settings.encrypt);
     assert!(!compiled.settings.auth && compile(&["auth=true"]).unwrap().settings.auth);
+
+    assert_eq!(compiled.settings.store, StoreOptions::default());
+    let store = compile(&["store-limit=\"2 GB\"", "store-full=error"]).unwrap().settings.store;
+    assert_eq!(store, StoreOptions { limit: Some(2_000_000_000), when_full: WhenFull::Error });
+    let store = compile(&["store-limit=4096"]).unwrap().settings.store;
+    assert_eq!(store.limit, Some(4096));
 
     let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
     assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"

@@ -12,7 +12,6 @@ use hprm::trace::Trace;
 use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
 use hprm_core::Scope;
 use hprm_lf::Compiled;
-use hprm_store::StoreLimits;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -172,7 +171,7 @@ fn options(
             // The handlers of signals that have come; that of Ctrl-C raises.
             interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
         },
-        store: StoreLimits::default(),
+        store: hprm::store_limits(compiled.settings.store),
         trace: logical_trace,
     })
 }

@@ -17,7 +17,6 @@ use hprm::{
 };
 use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
 use hprm_lf::Compiled;
-use hprm_store::StoreLimits;
 use pyo3::prelude::*;
 
 use crate::console::say;
@@ -144,7 +143,7 @@ fn start(
             federation: options.federation,
             security: Security::default(),
             reach: Reach::default(),
-            store: StoreLimits::default(),
+            store: hprm::store_limits(compiled.settings.store),
             trace: logical_traces.map(|folder| folder.join(&federate.name)),
         };
         let (compiled, room, reports) = (Arc::clone(compiled), room.clone(), reporter.clone());

@@ -12,7 +12,7 @@ pub enum SegmentError {
     /// The system does not give the memory.
     #[error(
         "cannot create {len} bytes of shared memory ({step}: {cause}); free memory on this host, \
-         raise its limits, or lower the capacity of the object store"
+         raise its limits, or lower the limit of the object store, --store-limit"
     )]
     Create {
         /// The length in bytes.
@@ -59,7 +59,7 @@ pub enum StoreError {
     #[error(
         "the object store of federate {} is full: {asked} bytes were asked for and {in_use} bytes of \
          at most {capacity} are in use; receivers keep them until they drop the values, so drop \
-         values sooner or raise the capacity", owner.0
+         values sooner or raise --store-limit", owner.0
     )]
     Full {
         /// The federate whose store it is.

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use hprm_core::{FederateId, ObjectRef};
+use hprm_core::{FederateId, ObjectRef, WhenFull};
 
 use crate::arena::{Arena, Block, PAGE};
 
@@ -21,11 +21,13 @@ pub struct StoreLimits {
     pub capacity_bytes: u64,
     /// The least bytes of a segment, unless the capacity leaves fewer.
     pub segment_min_bytes: u64,
+    /// What becomes of a value for which there is no room.
+    pub when_full: WhenFull,
 }
 
 impl Default for StoreLimits {
     fn default() -> Self {
-        Self { capacity_bytes: 2 << 30, segment_min_bytes: 16 << 20 }
+        Self { capacity_bytes: 2 << 30, segment_min_bytes: 16 << 20, when_full: WhenFull::Inline }
     }
 }
 
@@ -177,6 +179,12 @@ impl Ledger {
             retired: Vec::new(),
             stats: StoreStats::default(),
         }
+    }
+
+    /// How much memory the store may use.
+    #[must_use]
+    pub fn limits(&self) -> StoreLimits {
+        self.limits
     }
 
     /// What the store has done, and what it uses.

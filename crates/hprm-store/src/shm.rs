@@ -343,7 +343,7 @@ mod tests {
     fn memory_that_the_system_does_not_have_is_an_error() {
         let error = Segment::create(1 << 62).unwrap_err();
         assert!(matches!(error, SegmentError::Create { .. }), "{error}");
-        assert!(error.to_string().contains("lower the capacity"), "{error}");
+        assert!(error.to_string().contains("lower the limit"), "{error}");
     }
 
     #[test]

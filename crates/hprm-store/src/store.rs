@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 
-use hprm_core::{FederateId, ObjectRef};
+use hprm_core::{FederateId, ObjectRef, WhenFull};
 
 use crate::announce::Announcements;
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
@@ -90,8 +90,8 @@ impl Store {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Full`] if the capacity is reached: then send the bytes inline and call
-    /// [`Self::count_inline_fallback`]. [`StoreError::Segment`] if the system has no memory.
+    /// [`StoreError::Full`] if the capacity is reached, [`StoreError::Segment`] if the system has no
+    /// memory; then [`Self::fall_back`] says what to do.
     pub fn loan(&mut self, len: usize) -> Result<WritableLoan, StoreError> {
         self.settle();
         let asked = len as u64;
@@ -144,9 +144,23 @@ impl Store {
         self.ledger.count_copy(bytes as u64);
     }
 
-    /// Counts a payload that travels inline because the store is full.
-    pub fn count_inline_fallback(&mut self) {
+    /// What to do about a loan that was refused. To go on is to send the bytes inside the message, and
+    /// is counted; the error comes back when that happens for the first time, to be told once.
+    ///
+    /// # Errors
+    ///
+    /// The one that was given, if the limits say so, or if it does not speak of a lack of memory.
+    pub fn fall_back(&mut self, error: StoreError) -> Result<Option<StoreError>, StoreError> {
+        let lack = matches!(
+            error,
+            StoreError::Full { .. } | StoreError::Segment(SegmentError::Create { .. })
+        );
+        if !lack || self.ledger.limits().when_full == WhenFull::Error {
+            return Err(error);
+        }
+        let first = self.ledger.stats().inline_fallbacks == 0;
         self.ledger.count_inline_fallback();
+        Ok(first.then_some(error))
     }
 
     /// The segments that `reader` must be told of before its next message; it counts as told.

@@ -17,6 +17,7 @@ mod link;
 mod local_loop;
 mod room;
 mod rti_loop;
+mod store_limits;
 pub mod trace;
 mod wait;
 mod wire;
@@ -35,6 +36,7 @@ pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
 pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
+pub use store_limits::{container_memory, store_limits};
 
 pub use hprm_core as core;
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};

@@ -11,6 +11,11 @@ use pyo3::prelude::*;
 use super::array::Numpy;
 use super::encode::Source;
 use crate::buffer::{Draft, Staging};
+use crate::console::say;
+
+/// What happens then, told once.
+const WITHOUT_ROOM: &str = "such values travel inside their messages now, which costs copies and \
+    loses nothing (--store-full error makes it a failure)";
 
 /// A place for large buffers.
 pub(crate) struct Place<'s> {
@@ -74,11 +79,12 @@ impl<'s> Place<'s> {
         let Some((store, _)) = self.store.as_mut() else { return Ok(Draft::Inline(vec![0; len])) };
         match store.loan(len) {
             Ok(loan) => Ok(Draft::Loan(loan)),
-            Err(StoreError::Full { .. }) => {
-                store.count_inline_fallback();
+            Err(error) => {
+                if let Some(first) = store.fall_back(error).map_err(refused)? {
+                    say(&format!("warning: {first}; {WITHOUT_ROOM}"));
+                }
                 Ok(Draft::Inline(vec![0; len]))
             }
-            Err(error) => Err(refused(error)),
         }
     }
 }

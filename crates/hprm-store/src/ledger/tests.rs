@@ -7,7 +7,11 @@ use super::*;
 const OWNER: FederateId = FederateId(0);
 const B: FederateId = FederateId(1);
 const C: FederateId = FederateId(2);
-const LIMITS: StoreLimits = StoreLimits { capacity_bytes: 8 << 20, segment_min_bytes: 2 << 20 };
+const LIMITS: StoreLimits = StoreLimits {
+    capacity_bytes: 8 << 20,
+    segment_min_bytes: 2 << 20,
+    when_full: WhenFull::Inline,
+};
 
 fn ledger() -> Ledger {
     Ledger::new(OWNER, LIMITS)

@@ -7,7 +7,11 @@ use super::*;
 const A: FederateId = FederateId(0);
 const B: FederateId = FederateId(1);
 
-const LIMITS: StoreLimits = StoreLimits { capacity_bytes: 8 << 20, segment_min_bytes: 1 << 20 };
+const LIMITS: StoreLimits = StoreLimits {
+    capacity_bytes: 8 << 20,
+    segment_min_bytes: 1 << 20,
+    when_full: WhenFull::Inline,
+};
 
 fn stores() -> [Store; 2] {
     [A, B].map(|id| Store::new(id, LIMITS))
@@ -134,11 +138,32 @@ fn a_full_store_says_so_and_works_again_after_a_release() {
     let error = a.put(&[0; 1 << 20], &[B]).unwrap_err();
     let (asked, capacity, in_use) = (1 << 20, 8 << 20, 8 << 20);
     assert_eq!(error, StoreError::Full { owner: A, asked, capacity, in_use });
-    a.count_inline_fallback();
+    let error_again = StoreError::Full { owner: A, asked, capacity, in_use };
+    assert_eq!(a.fall_back(error), Ok(Some(error_again.clone())));
+    assert_eq!(a.fall_back(error_again), Ok(None));
     a.release(held[3].serial, B).unwrap();
     let next = a.put(&[0; 1 << 20], &[B]).unwrap();
     assert_eq!((next.segment, next.offset), (held[3].segment, held[3].offset));
-    assert_eq!(a.stats().inline_fallbacks, 1);
+    assert_eq!(a.stats().inline_fallbacks, 2);
+}
+
+#[test]
+fn a_store_that_may_not_fall_back_refuses() {
+    let mut a = Store::new(A, StoreLimits { when_full: WhenFull::Error, ..LIMITS });
+    let error = a.put(&[0; 9 << 20], &[B]).unwrap_err();
+    assert!(error.to_string().contains("--store-limit"), "{error}");
+    assert_eq!(a.fall_back(error.clone()), Err(error));
+    assert_eq!(a.stats().inline_fallbacks, 0);
+}
+
+#[test]
+fn only_a_lack_of_memory_is_made_good_by_falling_back() {
+    let mut a = Store::new(A, LIMITS);
+    let cause = rustix::io::Errno::NOMEM;
+    let none = StoreError::Segment(SegmentError::Create { len: 1, step: "mmap", cause });
+    assert_eq!(a.fall_back(none.clone()), Ok(Some(none)));
+    let foreign = StoreError::Segment(SegmentError::NotSealed);
+    assert_eq!(a.fall_back(foreign.clone()), Err(foreign));
 }
 
 #[test]

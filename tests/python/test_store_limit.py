@@ -1,0 +1,113 @@
+"""An object store that is full: no message is lost, nobody waits for ever, and it is said once."""
+
+from __future__ import annotations
+
+import pytest
+from processes import Bench, Outcome
+
+COORDINATIONS = ["centralized", "decentralized"]
+ROUNDS = 24
+WORDS = 131_072
+"""Numbers in an array of 1 MiB."""
+
+# The receiver keeps all that it gets, so nothing in the sender's store becomes free.
+PROGRAM = """\
+target Python { coordination: COORDINATION, PROPERTIES keepalive: true }
+preamble {=
+import numpy as np, resource
+=}
+reactor Sender {
+  output out
+  logical action again
+  state count = 0
+  reaction(startup) -> again {=
+    PREPARE
+    again.schedule(0)
+  =}
+  reaction(again) -> out, again {=
+    out.set(np.full(WORDS, self.count))
+    self.count += 1
+    if self.count < ROUNDS: again.schedule(MSEC(1))
+    else: request_stop()
+  =}
+  reaction(shutdown) {= print("stats", lf.store_stats()) =}
+}
+reactor Receiver {
+  input inp
+  state kept = {= [] =}
+  reaction(inp) {= self.kept.append(inp.value) =}
+  reaction(shutdown) {=
+    firsts = [int(array[0]) for array in self.kept]
+    whole = all((array == array[0]).all() and array.size == WORDS for array in self.kept)
+    print("all" if firsts == list(range(ROUNDS)) and whole else firsts)
+  =}
+}
+federated reactor {
+  sender = new Sender()
+  receiver = new Receiver()
+  sender.out -> receiver.inp
+}
+"""
+
+# A segment of a store is a file to the system.
+NO_SEGMENT = "resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, resource.RLIM_INFINITY))"
+
+
+def program(coordination: str, properties: str = "", prepare: str = "pass") -> str:
+    """The text of the program."""
+    text = PROGRAM.replace("COORDINATION", coordination).replace("PROPERTIES", properties)
+    text = text.replace("PREPARE", prepare)
+    return text.replace("WORDS", str(WORDS)).replace("ROUNDS", str(ROUNDS))
+
+
+def stats(outcome: Outcome) -> dict[str, int]:
+    """The numbers of the sender's store."""
+    [line] = [line for line in outcome.out.splitlines() if line.startswith("[sender] stats")]
+    return eval(line.removeprefix("[sender] stats"))
+
+
+def assert_nothing_is_lost(outcome: Outcome, reason: str) -> None:
+    """All arrays have arrived, and the lack of memory was told once."""
+    assert outcome.code == 0, outcome.err
+    assert "[receiver] all" in outcome.out.splitlines()
+    warnings = [line for line in outcome.err.splitlines() if "warning" in line]
+    assert len(warnings) == 1, outcome.err
+    assert reason in warnings[0] and "travel inside their messages" in warnings[0]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_full_store_loses_nothing(bench: Bench, coordination: str) -> None:
+    text = program(coordination, 'store-limit: "8 MiB",')
+    outcome = bench.run(text)
+    assert_nothing_is_lost(outcome, "is full: 1048576 bytes were asked for and 8388608 bytes of")
+    numbers = stats(outcome)
+    assert numbers["bytes_mapped"] <= 8 << 20
+    assert (numbers["objects_sealed"], numbers["inline_fallbacks"]) == (8, ROUNDS - 8)
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_full_store_can_be_a_failure(bench: Bench, coordination: str) -> None:
+    # What is said at the start outdoes what the program says.
+    text = program(coordination, 'store-limit: "8 MiB",')
+    outcome = bench.run(text, "--store-full", "error")
+    assert outcome.code == 1
+    outcome.assert_one_error("federate sender", "is full", "raise --store-limit")
+
+
+def test_the_environment_limits_the_store(bench: Bench) -> None:
+    (bench.folder / "Main.lf").write_text(program("centralized"))
+    process = bench.call("run", "Main.lf", environment={"HPRM_STORE_LIMIT": "0"})
+    out, err = process.communicate(timeout=30)
+    outcome = Outcome(process.returncode, out, err)
+    assert_nothing_is_lost(outcome, "0 bytes of at most 0 are in use")
+    assert stats(outcome)["inline_fallbacks"] == ROUNDS
+
+
+@pytest.mark.parametrize("full", ["inline", "error"])
+def test_memory_that_the_system_refuses_is_like_a_full_store(bench: Bench, full: str) -> None:
+    outcome = bench.run(program("decentralized", prepare=NO_SEGMENT), "--store-full", full)
+    if full == "error":
+        assert outcome.code == 1
+        outcome.assert_one_error("cannot create", "shared memory")
+        return
+    assert_nothing_is_lost(outcome, "bytes of shared memory (ftruncate")
