@@ -52,6 +52,10 @@ pub(crate) struct Properties {
     /// another; 0 is as many as there are processors. The same as --property workers=N.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
     workers: Option<u32>,
+    /// How long a process looks for messages before it sleeps: a time such as 100us, off, or auto, which
+    /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
+    #[arg(long, value_name = "TIME")]
+    spin: Option<String>,
     /// The most memory of one federate's object store, such as 512MB or 2GB. The same as the target
     /// property store-limit.
     #[arg(long, value_name = "SIZE", env = STORE_LIMIT, value_parser = size)]
@@ -74,8 +78,15 @@ impl Properties {
         let limit = self.store_limit.map(|limit| format!("store-limit={limit}"));
         let full = self.store_full.map(|full| format!("store-full={}", full.word()));
         let workers = self.workers.map(|workers| format!("workers={workers}"));
+        let spin = self.spin.as_ref().map(|spin| format!("spin={spin}"));
         // The environment is for all programs; what is stated here is for this one.
-        limit.into_iter().chain(full).chain(self.stated.iter().cloned()).chain(workers).collect()
+        limit
+            .into_iter()
+            .chain(full)
+            .chain(self.stated.iter().cloned())
+            .chain(workers)
+            .chain(spin)
+            .collect()
     }
 
     /// Adds what the federate that starts this one was given, unless it is stated here too.

@@ -39,7 +39,7 @@ pub use mode::{Confined, Mode, Transition};
 pub use object::{ObjectRef, Part, Payload};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
-    Properties, Reaction, Reactor, Timer, Trigger,
+    Properties, Reaction, Reactor, Spin, Timer, Trigger,
 };
 pub use scheduler::{Body, Effects, Record, Request, Scheduled, Scheduler, Send, Turn};
 pub use spacing::{Policy, Spacing};

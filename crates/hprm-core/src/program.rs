@@ -22,6 +22,16 @@ pub enum Coordination {
     Decentralized,
 }
 
+/// Whether a process looks for news again and again, before it lets the kernel put it to sleep.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum Spin {
+    /// For a short time, and only if every process of the federation has a processor of its own.
+    #[default]
+    Auto,
+    /// For that many nanoseconds; zero is never.
+    For(Nanos),
+}
+
 /// The target properties that the runtime obeys.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Properties {
@@ -38,6 +48,8 @@ pub struct Properties {
     pub workers: Option<u32>,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
+    /// Whether federates and the RTI look for messages before they sleep.
+    pub spin: Spin,
     /// How the federates' clocks are compared.
     pub clock_sync: ClockSyncOptions,
 }

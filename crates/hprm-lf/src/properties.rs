@@ -3,7 +3,7 @@
 //! The main file's properties rule; only `files` and `protobufs` are collected from imported
 //! files as well.
 
-use hprm_core::{Coordination, Nanos, Properties, StoreOptions, WhenFull, read_size};
+use hprm_core::{Coordination, Nanos, Properties, Spin, StoreOptions, WhenFull, read_size};
 
 use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
 use crate::clock_property;
@@ -48,7 +48,7 @@ const IGNORED: [&str; 12] = [
 /// Known, and of consequence: whoever states one must not believe that it is in force.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 17] = [
+const OBEYED: [&str; 18] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
@@ -61,6 +61,7 @@ const OBEYED: [&str; 17] = [
     "protobufs",
     "scheduler",
     "single-threaded",
+    "spin",
     "store-full",
     "store-limit",
     "timeout",
@@ -133,6 +134,7 @@ impl Stated {
             "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
+            "spin" => spin(value).map(|spin| self.properties.spin = spin),
             "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
             "auth" => boolean(value).map(|auth| self.settings.auth = auth),
             "clock-sync" => {
@@ -297,6 +299,22 @@ fn scheduler(value: &Element) -> Read<bool> {
         Some("NP" | "ADAPTIVE" | "DYNAMIC" | "STATIC") => Ok(false),
         Some("GEDF_NP" | "GEDF_NP_CI") => Ok(true),
         _ => Err("`NP`, `ADAPTIVE`, `GEDF_NP` or `GEDF_NP_CI`"),
+    }
+}
+
+/// The longest time that a process may look for messages without sleeping: longer is a mistake.
+const LONGEST_SPIN: Nanos = 1_000_000_000;
+
+fn spin(value: &Element) -> Read<Spin> {
+    const EXPECTED: &str = "`auto`, `off`, or a time up to a second, such as `100 us`";
+    match word(value).map(str::to_ascii_lowercase).as_deref() {
+        Some("auto") => Ok(Spin::Auto),
+        Some("off") => Ok(Spin::For(0)),
+        Some(_) => Err(EXPECTED),
+        None => match time(value) {
+            Ok(time) if time <= LONGEST_SPIN => Ok(Spin::For(time)),
+            _ => Err(EXPECTED),
+        },
     }
 }
 

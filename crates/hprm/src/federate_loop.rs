@@ -18,10 +18,12 @@ use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, Payload, PhysicalTime, Program, Scheduler, Scope, Send as Departure, Tag,
+    ChannelId, FederateId, Nanos, Payload, PhysicalTime, Program, Scheduler, Scope,
+    Send as Departure, Tag,
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
+use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
 use crate::workers::Workers;
@@ -104,6 +106,7 @@ where
         interrupted: false,
         events: Vec::new(),
         has_looked: false,
+        spin: spin::time(&options.program),
     };
     if options.trace.is_some() {
         federate.scheduler.start_recording();
@@ -131,6 +134,8 @@ struct FederateLoop<'a, H: Host> {
     events: Vec<Event>,
     /// Whether everything that had come before the next tag might be begun has been read.
     has_looked: bool,
+    /// How long to look for news before sleeping.
+    spin: Nanos,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -454,8 +459,8 @@ where
     fn wait(&mut self) {
         let until = self.wakeup();
         let Membership { wires, .. } = &mut self.federation;
-        let bell = self.inbox;
-        if self.host.idle(|| wires.wait(bell, until)) {
+        let (bell, spin) = (self.inbox, self.spin);
+        if self.host.idle(|| wires.wait(bell, until, spin)) {
             bell.waited();
         }
         self.has_looked = true;

@@ -17,6 +17,7 @@ mod link;
 mod local_loop;
 mod room;
 mod rti_loop;
+mod spin;
 mod store_limits;
 pub mod trace;
 mod wait;

@@ -14,6 +14,7 @@ use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput,
 
 use crate::bell::Bell;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
+use crate::spin;
 use crate::wait::{Interest, Interests, wait};
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Security};
@@ -100,6 +101,8 @@ pub struct Rti {
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
+    /// How long to look for news before sleeping.
+    spin: Nanos,
 }
 
 /// Reaches a running RTI from other threads.
@@ -172,6 +175,7 @@ impl Rti {
             }),
             failure: None,
             finished: false,
+            spin: spin::time(&options.program),
         })
     }
 
@@ -368,8 +372,24 @@ impl Rti {
         self.apply(report);
     }
 
-    /// Waits until something may have happened.
+    /// Waits until something may have happened; for the first nanoseconds, perhaps, without going to
+    /// sleep.
     fn wait(&self, news: &mut News) {
+        news.wakeup = self.machine.next_wakeup();
+        if self.spin > 0 {
+            let give_up = Clock::local().plus(self.spin);
+            while Clock::local() < give_up {
+                self.sleep(news, Some(PhysicalTime(0)));
+                let due = news.wakeup.is_some_and(|at| at <= Clock::now());
+                if due || news.bell || news.lobby || !news.links.is_empty() {
+                    return;
+                }
+            }
+        }
+        self.sleep(news, news.wakeup);
+    }
+
+    fn sleep(&self, news: &mut News, until: Option<PhysicalTime>) {
         let mut interests = Interests::new();
         interests.push(Interest { fd: self.control.bell.as_fd(), write: false });
         interests.extend(
@@ -380,10 +400,10 @@ impl Rti {
         interests.extend(self.lobby.interests());
         let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
         let impatience = self.lobby.next_wakeup().map(Clock::at);
-        news.wakeup = self.machine.next_wakeup();
-        let until = [news.wakeup, impatience, unread];
+        let until = [until, impatience, unread];
         let mut ready = wait(&interests, until.into_iter().flatten().min()).into_iter();
-        if ready.next() == Some(true) {
+        news.bell = ready.next() == Some(true);
+        if news.bell {
             self.control.bell.silence();
         }
         let links = self.links.iter().zip(&mut ready);
@@ -399,6 +419,8 @@ impl Rti {
 struct News {
     /// The links that have something to read.
     links: Vec<LinkId>,
+    /// Whether another thread has rung.
+    bell: bool,
     /// Whether somebody may be at the door.
     lobby: bool,
     /// When the machine wants to be woken.

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 
-use hprm_core::{Coordination, FederateId, PhysicalTime};
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
 use hprm_federated::{FederationId, Frame, HostId};
 
 use super::FederateOptions;
@@ -14,6 +14,9 @@ use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{Interest, Interests, wait};
 use crate::wire::{Network, Wire};
 use crate::{Clock, Failure, Inbox};
+
+/// A time that has come, whatever the clock says.
+const NOW: PhysicalTime = PhysicalTime(0);
 
 /// What has come from a link.
 pub(super) enum Event {
@@ -195,9 +198,28 @@ impl Wires {
         self.read_peers(events)
     }
 
-    /// Waits until a link is ready, the bell rings, or `until` has come. Returns whether the bell
-    /// has.
-    pub(super) fn wait<V>(&mut self, bell: &Inbox<V>, until: Option<PhysicalTime>) -> bool {
+    /// Waits until a link is ready, the bell rings, or `until` has come; for the first `spin`
+    /// nanoseconds without going to sleep. Returns whether the bell has rung.
+    pub(super) fn wait<V>(
+        &mut self,
+        bell: &Inbox<V>,
+        until: Option<PhysicalTime>,
+        spin: Nanos,
+    ) -> bool {
+        if spin > 0 {
+            let give_up = Clock::local().plus(spin);
+            while Clock::local() < give_up {
+                let bell_rings = self.sleep(bell, Some(NOW));
+                let due = until.is_some_and(|until| until <= Clock::now());
+                if bell_rings || due || self.has_news() {
+                    return bell_rings;
+                }
+            }
+        }
+        self.sleep(bell, until)
+    }
+
+    fn sleep<V>(&mut self, bell: &Inbox<V>, until: Option<PhysicalTime>) -> bool {
         let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup).map(Clock::at);
         let unread = self.lines().any(Line::may_be_read).then(Clock::now);
         let until = until.into_iter().chain(impatience).chain(unread).min();
@@ -221,7 +243,11 @@ impl Wires {
 
     /// Whether there is something to read by now. It does not wait.
     pub(super) fn look<V>(&mut self, bell: &Inbox<V>) -> bool {
-        self.wait(bell, Some(PhysicalTime(0)));
+        self.sleep(bell, Some(NOW));
+        self.has_news()
+    }
+
+    fn has_news(&self) -> bool {
         self.lobby_is_ready || self.lines().any(Line::may_be_read)
     }
 
