@@ -15,6 +15,9 @@ pub const EAGER_BUFFER: usize = INLINE_LIMIT + 4 * 1024;
 /// this bounds the largest such payload.
 pub const FRAME_LIMIT: usize = 1 << 30;
 
+/// How many bytes of messages a federate may have under way to another one when it begins a tag.
+pub const FLOW_LIMIT: u64 = 8 << 20;
+
 /// The most federates in one federation.
 pub const FEDERATES: usize = u16::MAX as usize;
 

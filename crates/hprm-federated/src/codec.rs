@@ -319,6 +319,9 @@ mod tests {
                 received: PhysicalTime(received),
                 sent: PhysicalTime(sent),
             }),
+            1 => any::<(u32, u64, u64)>().prop_map(|(channel, messages, bytes)| {
+                Frame::Processed { channel: ChannelId(channel), messages, bytes }
+            }),
             1 => Just(Frame::Resign),
             1 => Just(Frame::Refused { reason: Refusal::TooLate }),
         ]

@@ -13,11 +13,13 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
+use hprm_core::limits::FLOW_LIMIT;
 use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
 use crate::federate::meeting::Meeting;
+use crate::flow::Flow;
 use crate::startup::{Early, Startup};
 use crate::stop::Stop;
 use crate::{
@@ -68,6 +70,8 @@ pub struct Federate {
     missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
     /// Federates that are about to join.
     meeting: Meeting,
+    /// What is under way to receivers and from senders.
+    flow: Flow,
     /// This federate has resigned, failed, or been told to end: nothing matters any more.
     over: bool,
     outputs: VecDeque<Output>,
@@ -107,6 +111,7 @@ impl Federate {
         };
         Self {
             me,
+            flow: Flow::new(&topology, me, FLOW_LIMIT),
             topology,
             startup: Startup::new(federation, host, needed),
             coordinator,
@@ -124,6 +129,14 @@ impl Federate {
         }
     }
 
+    /// Another limit of what may be under way to a receiver when a tag begins. It has to be the same
+    /// in all federates.
+    #[must_use]
+    pub fn with_flow_limit(mut self, bytes: u64) -> Self {
+        self.flow = Flow::new(&self.topology, self.me, bytes);
+        self
+    }
+
     // Getters.
 
     /// Which federate it is.
@@ -136,7 +149,7 @@ impl Federate {
     /// by the clock is the driver's business.
     #[must_use]
     pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
-        if self.stop.refuses(tag) || self.may_starve() {
+        if self.stop.refuses(tag) || self.may_starve() || self.flow.is_ahead(tag) {
             return Permission::Wait;
         }
         self.allows(if self.is_stepwise() { Step::begin(tag) } else { Step::end(tag) }, now)
@@ -264,6 +277,7 @@ impl Federate {
             Input::NextEvent(tag) => {
                 if !matches!(self.activity, Activity::Processing | Activity::Within(_)) {
                     self.activity = Activity::Idle(tag);
+                    self.reached(tag);
                 }
             }
             Input::Reached(level) => {
@@ -339,9 +353,7 @@ impl Federate {
                     return self.early(spec, Early { channel, tag, payload });
                 };
                 if spec.physical {
-                    let by_clock = Tag::new(now.since(start).max(0), 0);
-                    self.expect(by_clock);
-                    self.outputs.push_back(Output::DeliverPhysical { channel, tag, payload });
+                    self.deliver_physical(now.since(start), Early { channel, tag, payload });
                 } else if matches!(self.coordinator, Coordinator::Centralized(_)) {
                     self.deliver(Early { channel, tag, payload });
                 } else {
@@ -356,6 +368,10 @@ impl Federate {
             }
             Frame::Release { owner, reader, serials } if owner == self.me => {
                 self.outputs.push_back(Output::Released { reader, serials });
+            }
+            Frame::Processed { channel, messages, bytes } => {
+                let reader = self.topology.channel(channel, Some(self.me), None)?.to;
+                self.flow.processed(reader, channel, messages, bytes);
             }
             Frame::StopRequest { tag } => {
                 let current = self.current.max(self.first.pred());
@@ -403,6 +419,10 @@ impl Federate {
             }
             Frame::Release { owner, reader, serials } if owner == self.me && reader == from => {
                 self.outputs.push_back(Output::Released { reader, serials });
+            }
+            Frame::Processed { channel, messages, bytes } => {
+                self.topology.channel(channel, Some(self.me), Some(from))?;
+                self.flow.processed(from, channel, messages, bytes);
             }
             Frame::Resign => {
                 self.silent.insert(from);

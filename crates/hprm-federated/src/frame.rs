@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 4;
+pub const PROTOCOL: u32 = 5;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -256,6 +256,15 @@ pub enum Frame {
         /// The owner's numbers for them.
         serials: Vec<u64>,
     },
+    /// The receiver of a channel to its sender: so much more of what came on it has been processed.
+    Processed {
+        /// The channel.
+        channel: ChannelId,
+        /// How many messages.
+        messages: u64,
+        /// How much they count.
+        bytes: u64,
+    },
     /// Federate to RTI: end at this tag or soon after. RTI to the others: somebody asks that.
     StopRequest {
         /// The earliest tag that suits.
@@ -356,6 +365,7 @@ impl Frame {
             Self::Segment { .. } => "Segment",
             Self::Retired { .. } => "Retired",
             Self::Release { .. } => "Release",
+            Self::Processed { .. } => "Processed",
             Self::StopRequest { .. } => "StopRequest",
             Self::StopReply { .. } => "StopReply",
             Self::StopGranted { .. } => "StopGranted",

@@ -21,6 +21,7 @@ mod fault;
 mod federate;
 #[cfg(test)]
 mod fixture;
+mod flow;
 mod frame;
 mod input;
 mod rti;

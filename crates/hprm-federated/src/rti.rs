@@ -302,6 +302,10 @@ impl Rti {
             Frame::Release { owner, reader, .. } if reader == from => {
                 self.route(from, owner, frame)
             }
+            Frame::Processed { channel, .. } if running => {
+                let sender = self.topology.channel(channel, None, Some(from))?.from;
+                self.route(from, sender, frame)
+            }
             Frame::Message { channel, tag, payload } if running => {
                 self.message(from, channel, tag, payload)
             }

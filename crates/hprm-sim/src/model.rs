@@ -70,6 +70,8 @@ pub struct Setting {
     /// Whether to begin with processes that have just been launched, rather than with a federation
     /// in which everybody has joined and nobody knows yet when it starts.
     pub from_launch: bool,
+    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
+    pub flow_limit: Option<u64>,
 }
 
 /// Looks at every state that can be reached.
@@ -78,7 +80,8 @@ pub struct Setting {
 ///
 /// If something is wrong in one of them.
 pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
-    let mut state = State::new(program, &setting.happenings, setting.start_delay);
+    let mut state =
+        State::new(program, &setting.happenings, setting.start_delay, setting.flow_limit);
     if !setting.from_launch {
         assemble(&mut state);
     }

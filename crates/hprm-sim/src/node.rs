@@ -5,6 +5,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use hprm_core::limits::FLOW_LIMIT;
 use hprm_core::{
     Action, FederateId, Origin, Payload, PhysicalTime, Program, Scheduled, Scheduler, Scope, Tag,
 };
@@ -54,10 +55,12 @@ impl Node {
         program: &Arc<Program>,
         federation: FederationId,
         stop_after: Option<Tag>,
+        flow_limit: Option<u64>,
     ) -> Self {
         let fingerprint = program.fingerprint();
         let listen = Some(format!("{}", me.0));
         let machine = Federate::new(me, program, federation, fingerprint, HostId(1), listen);
+        let machine = machine.with_flow_limit(flow_limit.unwrap_or(FLOW_LIMIT));
         Self {
             me,
             machine,

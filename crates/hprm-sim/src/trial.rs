@@ -11,6 +11,7 @@ use std::sync::Arc;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 use hprm_federated::Topology;
 
+use crate::rng::mix;
 use crate::{
     Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, World, difference, generate,
     reference_until,
@@ -21,6 +22,12 @@ const JITTERS: [u64; 5] = [1, 300, 5_000, 50_000, 200_000];
 
 /// How long federates wait that do not wait for ever.
 const MAXWAITS: [Nanos; 4] = [0, 500, 2_000, 20_000];
+
+/// How many bytes may be under way to a receiver: those of no message, or of a few.
+const FLOW_LIMITS: [u64; 4] = [0, 150, 400, 1_500];
+
+/// Tells what is drawn for flow control from everything else that is drawn from a seed.
+const FLOW: u64 = 0xf10e;
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -64,7 +71,8 @@ impl Trial {
             circles: rng.percent(50),
         };
         let program = Arc::new(generate(&mut rng, shape));
-        let plan = plan(&mut rng, shape, &program);
+        let mut plan = plan(&mut rng, shape, &program);
+        plan.flow_limit = flow_limit(seed);
         Self { seed, shape, plan, program, rng }
     }
 
@@ -207,6 +215,12 @@ fn plan(rng: &mut Rng, shape: Shape, program: &Program) -> Plan {
     plan
 }
 
+/// The limit is drawn apart from the rest, so seeds tell what they told before there was one.
+fn flow_limit(seed: u64) -> Option<u64> {
+    let mut rng = Rng::new(mix(seed ^ FLOW));
+    rng.percent(60).then(|| pick(&mut rng, &FLOW_LIMITS))
+}
+
 fn pick<T: Copy>(rng: &mut Rng, among: &[T]) -> T {
     among[usize::try_from(rng.below(among.len() as u64)).unwrap_or(0)]
 }
@@ -251,6 +265,9 @@ impl Trial {
         }
         if let Some(Partition { who, from, until }) = plan.partition {
             writeln!(f, "  {} is cut off from {} to {}", self.name(who), from.0, until.0)?;
+        }
+        if let Some(limit) = plan.flow_limit {
+            writeln!(f, "  at most {limit} bytes are under way to a receiver when a tag begins")?;
         }
         if let Some((who, tag)) = plan.stop {
             writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;

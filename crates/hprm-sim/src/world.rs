@@ -27,6 +27,8 @@ pub struct Plan {
     pub crash: Option<(FederateId, PhysicalTime)>,
     /// A federate whose link to the RTI breaks at that time.
     pub cut: Option<(FederateId, PhysicalTime)>,
+    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
+    pub flow_limit: Option<u64>,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
 }
@@ -120,7 +122,7 @@ impl World {
         let federation = FederationId(u128::from(rng.draw()));
         let topology = Topology::new(program);
         let stop = |me| plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
-        let node = |me| Node::new(me, program, federation, stop(me));
+        let node = |me| Node::new(me, program, federation, stop(me), plan.flow_limit);
         let clock = |me: FederateId| plan.clocks.get(me.index()).copied().unwrap_or_default();
         let mut world = Self {
             program: Arc::clone(program),

@@ -84,14 +84,20 @@ const CLOCK_CHAIN: &str = "
 type Case<'a> = (&'a str, &'a str, Nanos, &'a [Happening]);
 
 /// Looks at all of them; each line of the table is one.
-#[expect(clippy::print_stdout, reason = "the table is what whoever asks for it wants to see")]
 fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
+    look_with(None, coordination, start_delay, cases);
+}
+
+/// Looks at all of them, with so many bytes under way to a receiver when a tag begins.
+#[expect(clippy::print_stdout, reason = "the table is what whoever asks for it wants to see")]
+fn look_with(flow_limit: Option<u64>, coordination: &str, start_delay: Nanos, cases: &[Case]) {
     for (name, text, timeout, happenings) in cases {
         let program = scenario(&format!("{coordination}\n timeout {timeout}\n{text}"));
         let happenings = happenings.to_vec();
         let shown = format!("{happenings:?}").replace("FederateId", "");
         let horizon = (start_delay + timeout).max(0) + 10_000_000;
-        let setting = Setting { happenings, start_delay, horizon, from_launch: false };
+        let setting =
+            Setting { happenings, start_delay, horizon, flow_limit, ..Setting::default() };
         let seen = explore(&program, &setting)
             .unwrap_or_else(|wrong| panic!("{coordination}: {name} {shown}: {wrong}"));
         println!(
@@ -199,6 +205,31 @@ fn decentralized_with_clocks() {
     look("decentralized", 1_000, &cases);
 }
 
+/// Nobody begins a tag before its receivers have processed all that they got at earlier ones.
+#[test]
+fn flow_control() {
+    let centralized: [Case; 8] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("circle", CIRCLE, 2, &[]),
+        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("chain", CHAIN, 1, &[]),
+        ("diamond", DIAMOND, 1, &[]),
+        ("pair", PAIR, 1, &[Stop(A), Crash(B)]),
+        ("chain", CHAIN, 1, &[Leave(B)]),
+    ];
+    let decentralized: [Case; 6] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("circle", CIRCLE, 1, &[]),
+        ("delayed circle", DELAYED_CIRCLE, 1, &[]),
+        ("pair", PAIR, 1, &[Stop(B)]),
+        ("pair", PAIR, 1, &[Leave(B)]),
+    ];
+    look_with(Some(0), "centralized", PAST, &centralized);
+    look_with(Some(0), "decentralized", PAST, &decentralized);
+}
+
 #[test]
 #[ignore = "takes minutes"]
 fn at_length() {
@@ -226,7 +257,9 @@ fn joining() {
     for coordination in ["centralized", "decentralized"] {
         for happenings in [vec![], vec![Crash(A)], vec![Crash(B)], vec![Stop(A), Stop(B)]] {
             let program = scenario(&format!("{coordination}\n timeout 0\n{PAIR}"));
-            let setting = Setting { happenings, start_delay: PAST, horizon: 0, from_launch: true };
+            let start_delay = PAST;
+            let setting =
+                Setting { happenings, start_delay, from_launch: true, ..Setting::default() };
             let seen = explore(&program, &setting);
             let seen = seen.unwrap_or_else(|wrong| panic!("{coordination}, joining: {wrong}"));
             assert!(seen.states > 100 && seen.ends > 0, "{seen:?}");

@@ -41,6 +41,7 @@ impl Federate {
 
     pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId) {
         self.gone.insert(peer);
+        self.flow.forget(peer);
         self.missing.remove(&peer);
         self.meeting.forget(peer);
         self.startup.excuse(peer);

@@ -74,6 +74,7 @@ impl Federate {
 
     /// From now on, whatever this federate sends goes to that one too.
     fn welcome(&mut self, federate: FederateId) {
+        self.flow.forget(federate);
         self.gone.remove(&federate);
         self.silent.remove(&federate);
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {

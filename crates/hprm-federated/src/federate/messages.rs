@@ -1,7 +1,7 @@
 //! What passes through a federate: values, and news about objects, each the way it takes.
 
 use hprm_core::limits::FRAME_LIMIT;
-use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
+use hprm_core::{Channel, ChannelId, FederateId, Nanos, Payload, Tag};
 
 use super::{Activity, Coordinator, Federate};
 use crate::startup::Early;
@@ -17,6 +17,7 @@ impl Federate {
             return;
         }
         let Early { channel, tag, payload } = message;
+        self.flow.arrived(channel, tag, &payload);
         if tag < self.first {
             self.discard(payload);
             return;
@@ -27,6 +28,16 @@ impl Federate {
         }
         self.expect(tag);
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
+    }
+
+    /// A message that gets its tag here, so long after the start.
+    pub(super) fn deliver_physical(&mut self, elapsed: Nanos, message: Early) {
+        let Early { channel, tag, payload } = message;
+        self.flow.arrived(channel, tag, &payload);
+        // Its sender may be waited for within a tag, when nothing else is reported.
+        self.reached(Tag::START);
+        self.expect(Tag::new(elapsed.max(0), 0));
+        self.outputs.push_back(Output::DeliverPhysical { channel, tag, payload });
     }
 
     /// What was meant for a tag before this federate has joined.
@@ -43,11 +54,20 @@ impl Federate {
             return Err(Fault::Unexpected { frame: "Message" });
         }
         if channel.physical {
+            self.flow.arrived(message.channel, message.tag, &message.payload);
             self.outputs.push_back(Output::Discard { payload: message.payload });
         } else {
             self.startup.keep(message);
         }
         Ok(())
+    }
+
+    /// Everything before `tag` has been processed, and every physical message read, which senders may
+    /// wait for.
+    pub(super) fn reached(&mut self, tag: Tag) {
+        for (sender, report) in self.flow.reached(tag) {
+            self.route(sender, report);
+        }
     }
 
     /// Something has come that the scheduler will process at `tag`, or as soon as it can. It may
@@ -66,10 +86,17 @@ impl Federate {
             let len = codec::buffers_of(&payload).map(<[u8]>::len).sum();
             return Err(Fault::TooLong { len, limit: FRAME_LIMIT });
         }
+        let is_direct =
+            matches!(self.coordinator, Coordinator::Decentralized(_)) && !channel.physical;
+        let leaves = if is_direct { self.startup.is_linked(channel.to) } else { true };
+        if leaves && self.is_live(channel.to) {
+            let counts_at = if channel.physical { self.current } else { tag };
+            self.flow.sent(channel.to, id, counts_at, &payload);
+        }
         let frame = Frame::Message { channel: id, tag, payload };
         match &mut self.coordinator {
             Coordinator::Decentralized(machine) if !channel.physical => {
-                if self.startup.is_linked(channel.to) {
+                if leaves {
                     machine.sent(id, tag);
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }

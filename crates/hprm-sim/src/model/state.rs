@@ -78,12 +78,13 @@ impl State {
         program: &Arc<Program>,
         happenings: &[Happening],
         start_delay: Nanos,
+        flow_limit: Option<u64>,
     ) -> Self {
         let federation = FederationId(1);
         let topology = Topology::new(program);
         let rti = Rti::new(topology, federation, program.fingerprint(), start_delay);
         let seat = |me| {
-            let node = Node::new(me, program, federation, None);
+            let node = Node::new(me, program, federation, None, flow_limit);
             Shared::new(Seat { node, granted: Step::NEVER })
         };
         let mut state = Self {

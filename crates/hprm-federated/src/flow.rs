@@ -1,0 +1,351 @@
+//! Flow control: a federate does not get so far ahead of its receivers that messages pile up.
+//!
+//! Whoever sends counts what it has sent and its receivers have not processed; whoever receives says
+//! from time to time how much it has processed. A federate does not begin a tag while more than a
+//! limit of what it sent to one receiver, *at earlier tags than that one*, is unprocessed.
+//!
+//! The restriction in italics is why nobody waits for ever. A receiver waits for its senders only
+//! up to the tag that it wants to process. So a circle of federates that wait for one another, some
+//! for messages and some because their receivers lag, would lead from each tag to an earlier one or
+//! the same, and to an earlier one wherever somebody lags: it cannot close. Messages for later tags,
+//! on a connection with a delay, are what the program asks for, and do not count.
+//!
+//! A message on a physical channel counts until it has been read: it gets its tag there, and nobody
+//! can say how that compares with the sender's.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
+
+use crate::{Frame, Topology, codec};
+
+/// What a message counts besides its bytes: the room that it takes in queues.
+const OVERHEAD: u64 = 128;
+
+/// How many groups a limit is divided into, at least. Messages are counted in groups, so that a long
+/// queue of small ones is a short list.
+const GROUPS: u64 = 64;
+
+/// Which part of the limit a receiver may keep to itself, in all its channels from one sender. There
+/// may be as much again in groups of which not all has been processed.
+const UNREPORTED: u64 = 4;
+
+/// Messages of one channel that follow one another.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+struct Group {
+    /// The tag of the last of them, and the latest.
+    last: Tag,
+    messages: u64,
+    bytes: u64,
+}
+
+/// The messages of one channel that are under way, oldest first.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+struct Backlog(VecDeque<Group>);
+
+impl Backlog {
+    /// Adds a message to the last group, unless that has `full` bytes already.
+    fn push(&mut self, tag: Tag, bytes: u64, full: u64) {
+        match self.0.back_mut() {
+            Some(group) if group.bytes < full => {
+                group.last = group.last.max(tag);
+                group.messages += 1;
+                group.bytes += bytes;
+            }
+            _ => self.0.push_back(Group { last: tag, messages: 1, bytes }),
+        }
+    }
+
+    /// Takes messages away, oldest first. Returns how many bytes they were.
+    fn take(&mut self, mut messages: u64, mut bytes: u64) -> u64 {
+        let mut taken = 0;
+        while messages > 0
+            && let Some(group) = self.0.front_mut()
+        {
+            if messages >= group.messages {
+                messages -= group.messages;
+                bytes = bytes.saturating_sub(group.bytes);
+                taken += group.bytes;
+                self.0.pop_front();
+            } else {
+                // Of a group of which some is left, the receiver knows how much that was.
+                let part = bytes.min(group.bytes);
+                group.messages -= messages;
+                group.bytes -= part;
+                return taken + part;
+            }
+        }
+        taken
+    }
+
+    /// The bytes of groups that are wholly before `tag`.
+    fn before(&self, tag: Tag) -> u64 {
+        self.0.iter().take_while(|group| group.last < tag).map(|group| group.bytes).sum()
+    }
+}
+
+/// What one receiver has been sent.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+struct Receiver {
+    channels: BTreeMap<ChannelId, Backlog>,
+    /// Bytes in all of them.
+    bytes: u64,
+}
+
+/// What has come on a channel and its sender has not heard of.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Incoming {
+    from: FederateId,
+    physical: bool,
+    /// As many bytes are worth a report.
+    worth: u64,
+    backlog: Backlog,
+}
+
+/// See the module.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Flow {
+    limit: u64,
+    receivers: BTreeMap<FederateId, Receiver>,
+    incoming: BTreeMap<ChannelId, Incoming>,
+    /// How many groups of messages that have come are worth a report.
+    full: usize,
+}
+
+impl Flow {
+    /// Nothing has been sent or received. At most `limit` bytes are to be under way to a receiver.
+    pub(crate) fn new(topology: &Topology, me: FederateId, limit: u64) -> Self {
+        let channels = || topology.channels().iter();
+        let incoming = channels().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
+            let Channel { from, physical, .. } = *channel;
+            let beside = channels().filter(|(_, other)| other.from == from && other.to == me);
+            let worth = limit / UNREPORTED / (beside.count() as u64).max(1);
+            (id, Incoming { from, physical, worth: worth.max(1), backlog: Backlog::default() })
+        });
+        Self { limit, receivers: BTreeMap::new(), incoming: incoming.collect(), full: 0 }
+    }
+
+    // As a sender.
+
+    /// A message leaves on a channel. One on a physical channel has the tag at which it was sent.
+    pub(crate) fn sent(&mut self, to: FederateId, channel: ChannelId, tag: Tag, payload: &Payload) {
+        let bytes = weight(payload);
+        let receiver = self.receivers.entry(to).or_default();
+        receiver.bytes += bytes;
+        receiver.channels.entry(channel).or_default().push(tag, bytes, self.limit / GROUPS);
+    }
+
+    /// A receiver has processed so many messages more of a channel.
+    pub(crate) fn processed(
+        &mut self,
+        reader: FederateId,
+        channel: ChannelId,
+        messages: u64,
+        bytes: u64,
+    ) {
+        // It may speak of messages that were sent to a predecessor of it.
+        let Some(receiver) = self.receivers.get_mut(&reader) else { return };
+        let Some(backlog) = receiver.channels.get_mut(&channel) else { return };
+        receiver.bytes = receiver.bytes.saturating_sub(backlog.take(messages, bytes));
+    }
+
+    /// Whether this federate is too far ahead of a receiver to begin `tag`.
+    pub(crate) fn is_ahead(&self, tag: Tag) -> bool {
+        self.receivers.values().any(|receiver| {
+            receiver.bytes > self.limit
+                && receiver.channels.values().map(|backlog| backlog.before(tag)).sum::<u64>()
+                    > self.limit
+        })
+    }
+
+    // As a receiver.
+
+    /// A message has come.
+    pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
+        let Some(incoming) = self.incoming.get_mut(&channel) else { return };
+        let tag = if incoming.physical { Tag::NEVER } else { tag };
+        incoming.backlog.push(tag, weight(payload), incoming.worth);
+        let fresh = incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.worth);
+        self.full += usize::from(fresh);
+    }
+
+    /// Everything before `tag` has been processed, and every physical message read. Returns what to
+    /// tell the senders.
+    pub(crate) fn reached(&mut self, tag: Tag) -> Vec<(FederateId, Frame)> {
+        let mut reports = Vec::new();
+        if self.full == 0 {
+            return reports;
+        }
+        for (id, incoming) in &mut self.incoming {
+            let (groups, report) = incoming.report(*id, tag);
+            self.full -= groups;
+            reports.extend(report);
+        }
+        reports
+    }
+
+    /// A federate has ended, or joins anew: what was under way to it or from it does not count.
+    pub(crate) fn forget(&mut self, peer: FederateId) {
+        self.receivers.remove(&peer);
+        for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {
+            let groups = std::mem::take(&mut incoming.backlog).0;
+            self.full -= groups.iter().filter(|group| group.bytes >= incoming.worth).count();
+        }
+    }
+}
+
+impl Incoming {
+    /// The report on what has been processed before `tag`, if that is worth one, and on how many
+    /// groups it is.
+    fn report(&mut self, channel: ChannelId, tag: Tag) -> (usize, Option<(FederateId, Frame)>) {
+        let (mut groups, mut messages, mut bytes) = (0, 0, 0);
+        while let Some(group) = self.backlog.0.front()
+            && group.bytes >= self.worth
+            && group.last < tag
+        {
+            groups += 1;
+            messages += group.messages;
+            bytes += group.bytes;
+            self.backlog.0.pop_front();
+        }
+        let frame = Frame::Processed { channel, messages, bytes };
+        (groups, (groups > 0).then_some((self.from, frame)))
+    }
+}
+
+/// What a message counts.
+fn weight(payload: &Payload) -> u64 {
+    OVERHEAD + codec::buffers_of(payload).map(<[u8]>::len).sum::<usize>() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::fixture::{federate, program};
+
+    const A_B: &str = "a -> b";
+
+    fn flow(text: &str, name: &str, limit: u64) -> Flow {
+        let program = program(text);
+        Flow::new(&Topology::new(&program), federate(&program, name), limit)
+    }
+
+    fn payload(bytes: usize) -> Payload {
+        Payload { head: vec![0; bytes], ..Payload::default() }
+    }
+
+    fn at(time: i64) -> Tag {
+        Tag::new(time, 0)
+    }
+
+    const CHANNEL: ChannelId = ChannelId(0);
+    const A: FederateId = FederateId(0);
+    const B: FederateId = FederateId(1);
+
+    /// Hands the reports of the one to the other.
+    fn pass(reports: Vec<(FederateId, Frame)>, sender: &mut Flow) -> u64 {
+        let mut passed = 0;
+        for (to, frame) in reports {
+            let Frame::Processed { channel, messages, bytes } = frame else {
+                panic!("{frame:?} is no report");
+            };
+            assert_eq!(to, A);
+            sender.processed(B, channel, messages, bytes);
+            passed += messages;
+        }
+        passed
+    }
+
+    #[test]
+    fn a_sender_waits_when_it_is_ahead_and_goes_on_when_it_is_not() {
+        let (mut a, mut b) = (flow(A_B, "a", 10_000), flow(A_B, "b", 10_000));
+        let mut sent = 0;
+        while !a.is_ahead(at(sent)) {
+            a.sent(B, CHANNEL, at(sent), &payload(1_000));
+            b.arrived(CHANNEL, at(sent), &payload(1_000));
+            sent += 1;
+        }
+        assert_eq!(sent, 9, "that is 10,152 bytes");
+        // The receiver says nothing before it has something to say.
+        assert_eq!(b.reached(at(1)), []);
+        let reports = b.reached(at(3));
+        assert_eq!(pass(reports, &mut a), 3);
+        assert!(!a.is_ahead(at(sent)));
+    }
+
+    #[test]
+    fn what_is_meant_for_later_does_not_count() {
+        let mut a = flow(A_B, "a", 1_000);
+        for time in 0..100 {
+            a.sent(B, CHANNEL, at(1_000 + time), &payload(500));
+        }
+        assert!(!a.is_ahead(at(1_000)));
+        assert!(a.is_ahead(at(1_050)));
+        assert!(a.is_ahead(Tag::FOREVER));
+    }
+
+    #[test]
+    fn a_physical_message_counts_until_it_is_read() {
+        let mut b = flow("a ~> b", "b", 400);
+        b.arrived(CHANNEL, at(7), &payload(100));
+        let frame = Frame::Processed { channel: CHANNEL, messages: 1, bytes: 228 };
+        assert_eq!(b.reached(Tag::START), [(A, frame)]);
+        assert_eq!(b.reached(Tag::FOREVER), []);
+    }
+
+    #[test]
+    fn who_has_ended_holds_nobody_up() {
+        let mut a = flow(A_B, "a", 100);
+        a.sent(B, CHANNEL, at(0), &payload(1_000));
+        assert!(a.is_ahead(at(1)));
+        a.forget(B);
+        assert!(!a.is_ahead(at(1)));
+        // It may still have said something.
+        a.processed(B, CHANNEL, 1, 1_128);
+        a.sent(B, CHANNEL, at(1), &payload(0));
+        a.processed(B, CHANNEL, 99, 1_128);
+        assert_eq!(a.receivers[&B].bytes, 0);
+    }
+
+    #[test]
+    fn many_small_messages_are_few_groups() {
+        let mut a = flow(A_B, "a", 1 << 20);
+        for time in 0..100_000 {
+            a.sent(B, CHANNEL, at(time), &payload(8));
+        }
+        let groups = a.receivers[&B].channels[&CHANNEL].0.len() as u64;
+        assert!(groups < 100_000 * 136 * GROUPS / (1 << 20) + 2, "{groups}");
+    }
+
+    proptest! {
+        /// Whatever is sent on several channels, with whatever limit: a receiver that has processed
+        /// everything before a tag lets its sender begin that tag.
+        #[test]
+        fn who_has_processed_everything_holds_nobody_up(
+            limit in 0_u64..5_000,
+            messages in prop::collection::vec((0_u32..3, 0_i64..4, 0_usize..3_000), 0..60),
+        ) {
+            let text = "a -> b\na -> b after 1\na -> b after 2";
+            let (mut a, mut b) = (flow(text, "a", limit), flow(text, "b", limit));
+            let mut latest = [0; 3];
+            for (channel, later, bytes) in messages {
+                // Tags on a channel increase.
+                latest[channel as usize] += later + 1;
+                let (channel, tag) = (ChannelId(channel), at(latest[channel as usize]));
+                a.sent(B, channel, tag, &payload(bytes));
+                b.arrived(channel, tag, &payload(bytes));
+            }
+            for time in 0..300 {
+                let reports = b.reached(at(time));
+                pass(reports, &mut a);
+                prop_assert!(!a.is_ahead(at(time)), "at {time}");
+            }
+            // And what is known to be under way is what is.
+            let under_way: u64 = a.receivers.values().map(|receiver| receiver.bytes).sum();
+            let known = b.incoming.values().flat_map(|incoming| &incoming.backlog.0);
+            prop_assert_eq!(under_way, known.map(|group| group.bytes).sum::<u64>());
+        }
+    }
+}

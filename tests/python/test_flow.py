@@ -1,0 +1,128 @@
+"""A federate that sends faster than another one receives: memory stays bounded, nothing is lost.
+
+The receiver stands still, in a reaction or altogether. The sender comes to rest after a few
+megabytes, and goes on when the receiver does.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from processes import Bench, finish, until
+
+COORDINATIONS = ["centralized", "decentralized"]
+MESSAGES = 2_000
+SIZE = 60_000
+"""In one piece just small enough to travel in a message; all of them are 120 MB."""
+
+LIMIT = 8 << 20
+"""What may be under way when a tag begins, as in docs/federations.md."""
+
+# The number of a message is in its first bytes. The source says how many it has sent, as the length
+# of a file.
+PROGRAM = """\
+target Python { coordination: COORDINATION, keepalive: true }
+preamble {=
+import os, pathlib, time
+def here(name):
+    draft = pathlib.Path(f"{name}.draft")
+    draft.write_text(f"{os.getpid()}\\n")
+    draft.rename(f"{name}.pid")
+=}
+reactor Source {
+  output out
+  timer t(0, 10 usec)
+  state count = 0
+  state log = {= open("sent", "wb", buffering=0) =}
+  reaction(t) -> out {=
+    if self.count == 0: here("source")
+    if self.count < MESSAGES:
+        out.set(self.count.to_bytes(4, "little") + bytes(SIZE))
+        self.log.write(b"x")
+    self.count += 1
+    if pathlib.Path("done").exists(): request_stop()
+  =}
+}
+reactor Sink {
+  input inp
+  state count = 0
+  reaction(inp) {=
+    assert int.from_bytes(inp.value[:4], "little") == self.count
+    if self.count == 3:
+        here("sink")
+        while BUSY and not pathlib.Path("go").exists(): time.sleep(0.005)
+    self.count += 1
+    if self.count == MESSAGES: pathlib.Path("done").touch()
+  =}
+  reaction(shutdown) {= print("received", self.count) =}
+}
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out ARROW sink.inp
+}
+"""
+
+
+def program(coordination: str, arrow: str, busy: bool) -> str:
+    """The text of the program."""
+    text = PROGRAM.replace("COORDINATION", coordination).replace("ARROW", arrow)
+    text = text.replace("BUSY", str(busy)).replace("MESSAGES", str(MESSAGES))
+    return text.replace("SIZE", str(SIZE))
+
+
+class Rest:
+    """Whether a process is at rest: it waits, and has used no processor for some looks at it."""
+
+    LOOKS = 40
+
+    def __init__(self, pid: int) -> None:
+        """Nothing has been looked at."""
+        self._stat = Path(f"/proc/{pid}/stat")
+        self._used: tuple[str, ...] = ()
+        self._looks = 0
+
+    def __call__(self) -> bool:
+        """Look once."""
+        fields = self._stat.read_text().rsplit(")", 1)[1].split()
+        state, used = fields[0], tuple(fields[11:13])
+        self._looks = self._looks + 1 if state == "S" and used == self._used else 0
+        self._used = used
+        return self._looks >= self.LOOKS
+
+
+def peak(pid: int) -> int:
+    """The most memory that a process has had so far, in bytes."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    [line] = [line for line in lines if line.startswith("VmHWM:")]
+    return int(line.split()[1]) * 1024
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize(("arrow", "how"), [("->", "busy"), ("->", "stopped"), ("~>", "stopped")])
+def test_who_sends_too_fast_waits(bench: Bench, coordination: str, arrow: str, how: str) -> None:
+    text = program(coordination, arrow, how == "busy")
+    federation = bench.by_hand(text, "source", "sink")
+    source, sink = bench.pid("source"), bench.pid("sink")
+    if how == "stopped":
+        os.kill(sink, signal.SIGSTOP)
+    until(Rest(source), "the source is at rest")
+    sent = (bench.folder / "sent").stat().st_size
+    # What the sink had processed when it was stopped does not count.
+    processed = 4 if how == "busy" else MESSAGES // 4
+    assert sent * SIZE < LIMIT + processed * SIZE + LIMIT // 4 + SIZE, sent
+    rti = federation.members["rti"].pid
+    peaks = {name: peak(pid) for name, pid in {"source": source, "rti": rti}.items()}
+    assert all(most < 80_000_000 for most in peaks.values()), peaks
+
+    os.kill(sink, signal.SIGCONT)
+    (bench.folder / "go").touch()
+    for name, member in federation.members.items():
+        outcome = finish(member)
+        assert outcome.code == 0, (name, outcome.err)
+        if name == "sink":
+            assert outcome.out == f"received {MESSAGES}\n"
+    assert (bench.folder / "sent").stat().st_size == MESSAGES
