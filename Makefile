@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-ordering bench-rust bench-python bench-in-process mutants bench-grants fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-python bench-in-process mutants bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -49,9 +49,13 @@ conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
 	$(BIN)/python tests/conformance/run.py "$(LF)" --single-threaded
 
-bench: build ## compare with pickle over Unix sockets, side by side; then bench-ordering
-	@$(BIN)/python bench/gather_vs_pickle.py
+BENCH ?=
+bench: build ## compare with all peers side by side, half an hour; BENCH= options; then bench-ordering
+	@$(BIN)/python bench/peers/run.py $(BENCH)
 	@$(BIN)/python bench/ordering.py
+
+bench-quick: build ## a few minutes of that comparison, to see that everything works
+	@$(BIN)/python bench/peers/run.py --quick $(BENCH)
 
 bench-ordering: build ## count messages out of order on a loaded machine, with tags and without
 	@$(BIN)/python bench/ordering.py

@@ -1,0 +1,106 @@
+"""Who takes part, with which settings, and in which groups of workloads.
+
+One line adds a contender: another way to run HPRM is a name and the options of `hprm run`. What the
+processes of a contender do is in `worker/`, how they are started in `launch.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+GATHER, SAME, APART, FAN, PLACE, ENCODE = "gather", "same", "apart", "fan", "place", "encode"
+GROUPS = {
+    GATHER: "broadcast and gather, 4 nodes",
+    SAME: "ping-pong, both processes on one core",
+    APART: "ping-pong and rate, one core each",
+    FAN: "rate, 1 to 4",
+    PLACE: "placing an array in shared memory",
+    ENCODE: "serialization",
+}
+"""What is run without another contender in between, and what it is called."""
+
+_ALL = (GATHER, SAME, APART, FAN)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to move messages."""
+
+    name: str
+    kind: str
+    """How its processes are started: a method of `launch.Launcher`."""
+    groups: tuple[str, ...]
+    transport: str = ""
+    """The module under `worker/transports`; the method, in the groups without a node."""
+    environment: str | None = None
+    """Whose Python it runs in, by the name in `environments.py`; the harness's if none."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """For the transport."""
+    variables: dict[str, str] = field(default_factory=dict)
+    """For the environment of its processes."""
+    arguments: tuple[str, ...] = ()
+    """For `hprm run`."""
+    without: tuple[str, ...] = ()
+    """Workloads of its groups that it cannot do."""
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is HPRM."""
+        return self.kind == "hprm"
+
+
+def _hprm(name: str, coordination: str, *arguments: str, groups: tuple[str, ...]) -> Contender:
+    options = {"coordination": coordination}
+    return Contender(name, "hprm", groups, options=options, arguments=arguments)
+
+
+def _method(name: str, group: str, method: str, environment: str | None = None) -> Contender:
+    kind = "plasma" if environment == "plasma" else "alone"
+    return Contender(name, kind, (group,), method, environment)
+
+
+_POOL = {"DORA_NODE_SHM_POOL_SIZE": "400000000"}
+_POLL_GROUPS = (APART,)
+"""Busy loops on one core make no sense, and five of them on two cores neither."""
+
+CONTENDERS = (
+    _hprm("hprm centralized", "centralized", groups=_ALL),
+    _hprm("hprm decentralized", "decentralized", groups=_ALL),
+    Contender("limit", "processes", _ALL, "limit"),
+    Contender("limit spinning", "processes", _POLL_GROUPS, "limit", options={"spin_s": 2e-4}),
+    Contender("iceoryx2", "processes", _ALL, "iceoryx2", "iceoryx2"),
+    Contender(
+        "iceoryx2 polling", "processes", _POLL_GROUPS, "iceoryx2", "iceoryx2", {"polls": True}
+    ),
+    Contender("zenoh tcp", "processes", _ALL, "zenoh", "zenoh"),
+    Contender("zenoh shm", "processes", _ALL, "zenoh", "zenoh", {"shm": True}),
+    Contender("dora", "dora", _ALL, "dora", "dora"),
+    Contender("dora 400 MB pool", "dora", _ALL, "dora", "dora", variables=_POOL),
+    Contender("cyclonedds", "processes", _ALL, "cyclonedds", "cyclonedds"),
+    Contender("pyzmq ipc", "processes", _ALL, "pyzmq", "pyzmq"),
+    Contender("shm + pickle", "processes", (GATHER, SAME, APART), "shm_pickle", without=("W5",)),
+    Contender("unix + pickle", "processes", _ALL, "unix_pickle"),
+    Contender("plasma", "plasma", _ALL, "plasma", "plasma"),
+    Contender("ray", "ray", _ALL, "ray", "ray"),
+    _method("memcpy, recycled", PLACE, "recycled"),
+    _method("memcpy, fresh memory", PLACE, "fresh"),
+    _method("shm + pickle", PLACE, "shm_pickle"),
+    _method("iceoryx2 loan + copy", PLACE, "iceoryx2", "iceoryx2"),
+    _method("zenoh shm", PLACE, "zenoh", "zenoh"),
+    _method("plasma", PLACE, "plasma", "plasma"),
+    _method("ray put", PLACE, "ray", "ray"),
+    _method("pickle 5 out of band", ENCODE, "pickle_out_of_band"),
+    _method("pickle 5 in band", ENCODE, "pickle_in_band"),
+    _method("cyclonedds CDR", ENCODE, "cyclonedds", "cyclonedds"),
+)
+
+
+def chosen(group: str, names: list[str] | None) -> list[Contender]:
+    """The contenders of a group; those whose name has one of the words, if there are any."""
+    return [
+        contender
+        for contender in CONTENDERS
+        if group in contender.groups
+        and (not names or any(name in contender.name for name in names))
+    ]

@@ -1,0 +1,153 @@
+"""The results as tables: cells of text, which a terminal and a page show in their own ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import contenders as who
+from figures import UNITS, Figure, Measurements, Spread
+from goals import Goal, Verdict
+from plan import WORKLOADS
+
+TITLES = {
+    "W1": "broadcast and gather, 4 nodes, each sends a copy back: a round",
+    "W1b": "broadcast, 4 nodes, each acknowledges with 16 bytes: a round",
+    "W2": "one-way latency (half of a round trip)",
+    "W3": "placing an array in shared memory",
+    "W4": "serialization of 5 MB, without and with a dict of ten arrays around",
+    "W5": "messages a second of 1 KB at the slowest receiver",
+}
+PLACES = {
+    who.GATHER: "",
+    who.SAME: ", both processes on one core",
+    who.APART: ", one core each",
+    who.FAN: ", 1 to 4",
+    who.PLACE: "",
+    who.ENCODE: "",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a heading. The first column is for names."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+
+
+def all_tables(measurements: Measurements, workloads: Sequence[str]) -> list[Table]:
+    """A table for each workload and group, and its ratios to the limit where there is one."""
+    tables = []
+    for workload in workloads:
+        for group in WORKLOADS[workload]:
+            figures = measurements.figures(workload, group)
+            if figures:
+                tables.append(_values(measurements, workload, group, figures))
+                base = "limit" if workload != "W3" else "memcpy, recycled"
+                if any(base in measurements.contenders(figure) for figure in figures):
+                    tables.append(_ratios(measurements, workload, group, figures, base))
+    return tables
+
+
+def heading(workload: str, group: str) -> str:
+    """What is in a table, with the unit."""
+    place = ", 1 to 1, one core each" if (workload, group) == ("W5", who.APART) else PLACES[group]
+    return f"{workload} {TITLES[workload]}{place}, {UNITS[workload]}"
+
+
+def label(case: int | str) -> str:
+    """A size for people; other cases as they are."""
+    if isinstance(case, str):
+        return case
+    for unit, size in (("MB", 1_000_000), ("KB", 1024)):
+        if case >= size:
+            return f"{case / size:g} {unit}"
+    return f"{case} B"
+
+
+def number(value: float) -> str:
+    """Three digits, more only before the point."""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def order(measurements: Measurements, figures: Sequence[Figure]) -> list[str]:
+    """Who is in a table, the best first: by the first figure that everybody has."""
+    names = {name: None for figure in figures for name in measurements.contenders(figure)}
+    most = figures[0].workload == "W5"
+
+    def key(name: str) -> tuple[bool, float]:
+        spread = measurements.spread(figures[-1], name)
+        if spread is None:
+            return True, 0.0
+        return False, -spread.median if most else spread.median
+
+    return sorted(names, key=key)
+
+
+def _values(
+    measurements: Measurements, workload: str, group: str, figures: Sequence[Figure]
+) -> Table:
+    with_p99 = workload == "W2"
+    rows = []
+    for name in order(measurements, figures):
+        row = [name]
+        for figure in figures:
+            text = _spread(measurements.spread(figure, name))
+            if with_p99 and (p99 := measurements.p99(figure, name)) is not None:
+                text += f" / {number(p99)}"
+            if lost := measurements.lost(figure, name):
+                text += f" lost {lost:.1%}"
+            row.append(text)
+        rows.append(row)
+    means = "median (least–greatest)" + (" / p99" if with_p99 else "")
+    title = f"{heading(workload, group)}: {means}"
+    return Table(title, ["", *(label(figure.case) for figure in figures)], rows)
+
+
+def _ratios(
+    measurements: Measurements, workload: str, group: str, figures: Sequence[Figure], base: str
+) -> Table:
+    rows = [
+        [name, *(_spread(measurements.ratio(figure, name, base)) for figure in figures)]
+        for name in order(measurements, figures)
+        if name != base
+    ]
+    title = f"{workload}{PLACES[group]}, as a multiple of “{base}” in the same repetition"
+    return Table(title, ["", *(label(figure.case) for figure in figures)], rows)
+
+
+def _spread(spread: Spread | None) -> str:
+    if spread is None:
+        return "-"
+    return f"{number(spread.median)} ({number(spread.least)}–{number(spread.greatest)})"
+
+
+def of_verdicts(verdicts: Sequence[Verdict]) -> Table:
+    """The goals, what was measured, and whether it is enough."""
+    rows = []
+    for verdict in verdicts:
+        goal = verdict.goal
+        what = f"{goal.workload}{PLACES[goal.group]}, {label(goal.case)}"
+        rows.append(
+            [what, goal.contender, _relation(goal), _spread(verdict.measured), verdict.word]
+        )
+    return Table("Goals", ["figure", "contender", "goal", "measured", ""], rows)
+
+
+def _relation(goal: Goal) -> str:
+    word = "at least" if goal.at_least else "at most"
+    unit = f" {UNITS[goal.workload]}" if not goal.rival else f" of {goal.rival}"
+    return f"{word} {goal.bound:g}{unit}"
+
+
+def text(table: Table) -> str:
+    """A table for a terminal."""
+    lines = [table.columns, *table.rows]
+    widths = [max(len(line[place]) for line in lines) for place in range(len(table.columns))]
+    shown = [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    ]
+    return "\n".join([table.title, "", *shown, ""])

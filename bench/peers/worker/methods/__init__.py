@@ -1,0 +1,1 @@
+"""What one process can do without another: a class for each way."""
