@@ -303,6 +303,27 @@ fn a_tardy_message_runs_the_handler_at_the_next_free_tag() {
 }
 
 #[test]
+fn what_comes_before_a_late_starter_has_started_happens_at_its_first_tag() {
+    let (channel, first) = (hprm_core::ChannelId(0), Tag::new(700, 0));
+    let late = || {
+        let (program, me) = receiver(true);
+        let mut scheduler = Scheduler::<i64>::new(program, Scope::Federate(me));
+        scheduler.start_late(START, first);
+        scheduler
+    };
+    let mut physical = late();
+    assert_eq!(physical.deliver_physical(channel, START.plus(650), 1), Some(first));
+    physical.begin(first);
+    assert_eq!(physical.next_reaction(START).map(|(_, body)| body), Some(Body::Main));
+
+    let mut logical = late();
+    assert_eq!(logical.deliver(channel, Tag::new(650, 0), 1, false), Some(first));
+    logical.begin(first);
+    assert_eq!(logical.next_reaction(START).map(|(_, body)| body), Some(Body::Tardy));
+    assert_eq!(logical.intended_tag(PortId(1)), Some(Tag::new(650, 0)));
+}
+
+#[test]
 fn a_federate_sends_and_asks_to_stop_but_does_not_stop_by_itself() {
     let (program, _) = receiver(false);
     let mut scheduler = Scheduler::new(program, Scope::Federate(FederateId(0)));

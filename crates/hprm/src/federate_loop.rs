@@ -105,7 +105,9 @@ where
         loaded: false,
         interrupted: false,
         events: Vec::new(),
-        has_looked: false,
+        looked_at: PhysicalTime(0),
+        flushed_at: PhysicalTime(0),
+        longest_tag: 0,
         spin: spin::time(&options.program),
     };
     if options.trace.is_some() {
@@ -115,6 +117,10 @@ where
     inbox.close();
     federate.leave(outcome)
 }
+
+/// How long what is to be written, and what is to be read, may wait while one tag follows another, in
+/// nanoseconds: about as long as it takes to wake up a process.
+const LINGER: Nanos = 50_000;
 
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
@@ -132,8 +138,12 @@ struct FederateLoop<'a, H: Host> {
     interrupted: bool,
     /// What has come from links. Empty, but with room.
     events: Vec<Event>,
-    /// Whether everything that had come before the next tag might be begun has been read.
-    has_looked: bool,
+    /// When the links were last looked at: what had come by then has been read.
+    looked_at: PhysicalTime,
+    /// When the links were last written.
+    flushed_at: PhysicalTime,
+    /// How long a tag takes at the most, of late.
+    longest_tag: Nanos,
     /// How long to look for news before sleeping.
     spin: Nanos,
 }
@@ -171,10 +181,9 @@ where
                 Phase::Joining | Phase::Done => false,
             };
             if moved {
-                continue;
-            }
-            if self.phase != Phase::Done {
-                self.federation.wires.flush();
+                self.note_duration();
+            } else if self.phase != Phase::Done {
+                self.flush();
                 self.wait();
             }
         }
@@ -295,17 +304,47 @@ where
         {
             return Ok(false);
         }
-        if !mem::replace(&mut self.has_looked, true) && self.federation.wires.look(self.inbox) {
-            // Perhaps a message for this tag, or an earlier one.
-            return Ok(true);
+        if self.should_look(tag) {
+            self.looked_at = self.now;
+            if self.federation.wires.look(self.inbox) {
+                // Perhaps a message for this tag, or an earlier one.
+                return Ok(true);
+            }
         }
-        self.has_looked = false;
-        // What the last tag sent; otherwise a federate that is behind would not write at all.
-        self.federation.wires.flush();
+        if !self.may_linger() {
+            self.flush();
+        }
         self.handle(Input::Begun(tag))?;
         self.scheduler.begin(tag);
         self.phase = Phase::Processing;
         self.go_on()
+    }
+
+    /// Whether something may have come that is to be read before a tag begins. What had come when the
+    /// tag became safe is there if it was safe when the links were looked at; but whoever asks this
+    /// federate something else does not wait for long either.
+    fn should_look(&self, tag: Tag) -> bool {
+        let was_safe = tag.due(self.scheduler.start_time()) <= self.looked_at
+            && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
+        !was_safe || self.now.since(self.looked_at) > LINGER
+    }
+
+    /// Whether what the last tags have sent may wait for what the next one sends: while tags follow one
+    /// another so quickly that nobody notices, and one write is cheaper than many.
+    fn may_linger(&self) -> bool {
+        self.longest_tag < LINGER / 2 && self.now.since(self.flushed_at) < LINGER
+    }
+
+    fn flush(&mut self) {
+        self.flushed_at = self.now;
+        self.federation.wires.flush();
+    }
+
+    /// Notes how long this round has taken. One that took long is forgotten slowly: where it came from
+    /// there may be more.
+    fn note_duration(&mut self) {
+        let duration = Clock::now().since(self.now);
+        self.longest_tag = duration.max(self.longest_tag - self.longest_tag / 256);
     }
 
     /// Runs the rest of the current tag as far as it may. Returns whether that was all.
@@ -463,7 +502,7 @@ where
         if self.host.idle(|| wires.wait(bell, until, spin)) {
             bell.waited();
         }
-        self.has_looked = true;
+        self.looked_at = Clock::now();
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {

@@ -34,10 +34,11 @@ impl<V: Clone> Scheduler<V> {
         }
         // A tardy message must neither overtake nor displace another one of its connection.
         let taken = self.tag.max(self.last_assigned[connection]);
-        if tag > taken {
+        let earliest = taken.succ().max(self.first);
+        if tag >= earliest {
             self.insert_message(connection, tag, (value, None, physical))
         } else {
-            self.insert_message(connection, taken.succ(), (value, Some(tag), physical))
+            self.insert_message(connection, earliest, (value, Some(tag), physical))
         }
     }
 

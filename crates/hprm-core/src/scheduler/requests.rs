@@ -96,9 +96,10 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// `delay` after the reading of the clock, but never at or before the current tag.
+    /// `delay` after the reading of the clock, but never at or before the current tag, nor before the
+    /// first one: who starts late may hear something before it does.
     pub(super) fn tag_by_clock(&self, delay: Nanos, now: PhysicalTime) -> Tag {
         let time = now.since(self.start).max(0).saturating_add(delay);
-        Tag::new(time, 0).max(self.tag.succ())
+        Tag::new(time, 0).max(self.tag.succ()).max(self.first)
     }
 }
