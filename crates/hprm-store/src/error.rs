@@ -71,6 +71,12 @@ pub enum StoreError {
         /// Bytes that are loaned or held.
         in_use: u64,
     },
+    /// Values need an alignment that no block has.
+    #[error("values that start at multiples of {align} bytes cannot lie in an object store")]
+    Alignment {
+        /// What they need, in bytes.
+        align: usize,
+    },
     /// Memory cannot be created or mapped.
     #[error(transparent)]
     Segment(#[from] SegmentError),

@@ -193,6 +193,12 @@ impl Ledger {
         self.stats
     }
 
+    /// The most bytes that may be mapped.
+    #[must_use]
+    pub fn capacity(&self) -> u64 {
+        self.limits.capacity_bytes
+    }
+
     /// Counts bytes that were copied into a loan.
     pub fn count_copy(&mut self, bytes: u64) {
         self.stats.bytes_copied += bytes;

@@ -22,11 +22,13 @@ mod object;
 mod returns;
 mod shm;
 mod store;
+mod yard;
 
 pub use arena::{Arena, Block};
 pub use error::{SegmentError, StoreError};
 pub use ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
-pub use loan::WritableLoan;
+pub use loan::{LoanOf, WritableLoan};
 pub use object::Object;
 pub use returns::Wake;
 pub use store::{Announcement, Store};
+pub use yard::Yard;

@@ -5,12 +5,15 @@
 
 #![forbid(unsafe_code)]
 
+use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
+use bytemuck::Pod;
+
 use crate::Loan;
 use crate::returns::Returns;
-use crate::shm::Writing;
+use crate::shm::{Segment, Writing};
 
 /// Bytes of the store that only the holder of this value can see and write.
 ///
@@ -27,6 +30,16 @@ pub struct WritableLoan {
 impl WritableLoan {
     pub(crate) fn new(bytes: Writing, loan: Loan, abandoned: Arc<Returns<Loan>>) -> Self {
         Self { bytes, ticket: Ticket { loan: Some(loan), abandoned } }
+    }
+
+    /// Where the bytes are.
+    pub(crate) fn segment(&self) -> &Arc<Segment> {
+        self.bytes.segment()
+    }
+
+    /// Whether the loan, if it is dropped, goes back to whoever drains that queue.
+    pub(crate) fn returns_to(&self, abandoned: &Arc<Returns<Loan>>) -> bool {
+        Arc::ptr_eq(&self.ticket.abandoned, abandoned)
     }
 
     /// Gives up the bytes and keeps the entry in the books.
@@ -47,6 +60,44 @@ impl Deref for WritableLoan {
 impl DerefMut for WritableLoan {
     fn deref_mut(&mut self) -> &mut [u8] {
         self.bytes.bytes_mut()
+    }
+}
+
+/// A loan of values rather than of bytes.
+///
+/// They are of a type of which any bytes are a value, so what they are at first is arbitrary and
+/// harmless. See [`Store::loan_of`](crate::Store::loan_of).
+#[derive(Debug)]
+#[must_use = "dropping a loan gives its block back"]
+pub struct LoanOf<T> {
+    bytes: WritableLoan,
+    values: PhantomData<T>,
+}
+
+impl<T: Pod> LoanOf<T> {
+    /// The loan as values; none if the memory does not lie as they must.
+    pub(crate) fn new(bytes: WritableLoan) -> Option<Self> {
+        bytemuck::try_cast_slice::<u8, T>(&bytes).ok()?;
+        Some(Self { bytes, values: PhantomData })
+    }
+}
+
+impl<T: Pod> Deref for LoanOf<T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        bytemuck::cast_slice(&self.bytes)
+    }
+}
+
+impl<T: Pod> DerefMut for LoanOf<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        bytemuck::cast_slice_mut(&mut self.bytes)
+    }
+}
+
+impl<T> From<LoanOf<T>> for WritableLoan {
+    fn from(loan: LoanOf<T>) -> Self {
+        loan.bytes
     }
 }
 

@@ -33,6 +33,8 @@ use rustix::mm::{self, Advice, MapFlags, ProtFlags};
 use crate::SegmentError;
 use crate::claims::Claims;
 
+/// No page is smaller, so every page is touched by steps of this many bytes.
+const OWN_STEP: usize = 4096;
 /// Length from which huge pages are asked for, in bytes.
 const HUGE_PAGE: usize = 2 << 20;
 
@@ -119,6 +121,45 @@ impl Segment {
         self.file.as_fd()
     }
 
+    /// The address of its first byte.
+    pub(crate) fn address(&self) -> usize {
+        self.mapping.base.as_ptr() as usize
+    }
+
+    /// Whether the address is one of its bytes.
+    pub(crate) fn contains(&self, address: usize) -> bool {
+        (self.address()..self.address() + self.mapping.len).contains(&address)
+    }
+
+    /// In a process that was just forked, and has one thread: replaces the mapping by one at the same
+    /// place of which this process has its own copy of each page, once it writes to it. What the
+    /// owner writes to other pages is seen until then.
+    pub(crate) fn make_private(&self) {
+        let base = self.mapping.base.as_ptr().cast();
+        let prot = ProtFlags::READ | ProtFlags::WRITE;
+        let flags = MapFlags::PRIVATE | MapFlags::FIXED;
+        // SAFETY: the range is exactly the mapping that is replaced, by one of the same bytes of the
+        // same file and with the same rights, in one step: pointers into it stay good, and read what
+        // they read before.
+        let mapped = unsafe { mm::mmap(base, self.mapping.len, prot, flags, &self.file, 0) };
+        assert!(mapped.is_ok(), "a forked process cannot have its own copy of shared memory");
+    }
+
+    /// After [`Self::make_private`]: has this process take its own copies of the pages of a block, as
+    /// far as it lies in this segment.
+    pub(crate) fn own(&self, address: usize, len: usize) {
+        let end = self.address() + self.mapping.len;
+        let start = address - address % OWN_STEP;
+        let block = start.max(self.address())..address.saturating_add(len).min(end);
+        for at in block.step_by(OWN_STEP) {
+            let byte = self.mapping.at(at - self.address());
+            // SAFETY: the byte lies in the mapping, which is readable; the process has one thread.
+            let value = unsafe { byte.read_volatile() };
+            // SAFETY: as above, and the mapping is writable; the byte keeps its value.
+            unsafe { byte.write_volatile(value) };
+        }
+    }
+
     /// Borrows `len` bytes from `offset` for one writer; `None` if any of them is borrowed already
     /// or lies outside.
     pub(crate) fn writing(self: &Arc<Self>, offset: u64, len: u64) -> Option<Writing> {
@@ -176,6 +217,10 @@ pub(crate) struct Writing {
 }
 
 impl Writing {
+    pub(crate) fn segment(&self) -> &Arc<Segment> {
+        &self.segment
+    }
+
     pub(crate) fn bytes(&self) -> &[u8] {
         let start = self.segment.mapping.at(self.range.start);
         // SAFETY: the range lies in the mapping, which `self` keeps; `self` has an exclusive claim

@@ -10,11 +10,12 @@ use std::collections::BTreeMap;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use hprm_core::{FederateId, ObjectRef, WhenFull};
 
 use crate::announce::Announcements;
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
-use crate::loan::WritableLoan;
+use crate::loan::{LoanOf, WritableLoan};
 use crate::object::{Bytes, Object};
 use crate::returns::{Returns, Wake};
 use crate::shm::{Segment, SegmentView};
@@ -113,14 +114,53 @@ impl Store {
         Ok(WritableLoan::new(bytes, loan, Arc::clone(&self.abandoned)))
     }
 
+    /// `count` values to write, of a type of which any bytes are a value; what they are at first is
+    /// arbitrary.
+    ///
+    /// ```
+    /// # use hprm_core::FederateId;
+    /// # use hprm_store::{Store, StoreError, StoreLimits};
+    /// # fn main() -> Result<(), StoreError> {
+    /// let (me, reader) = (FederateId(0), FederateId(1));
+    /// let mut store = Store::new(me, StoreLimits::default());
+    /// let mut image = store.loan_of::<f32>(1_000_000)?;
+    /// image.fill(0.5);
+    /// // Published where it was computed: no byte is copied.
+    /// let object = store.seal(image, &[reader]);
+    /// assert_eq!((object.len, store.stats().bytes_copied), (4_000_000, 0));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As for [`Self::loan`]; and [`StoreError::Alignment`] if the values need more than 64 bytes.
+    pub fn loan_of<T: Pod>(&mut self, count: usize) -> Result<LoanOf<T>, StoreError> {
+        // More bytes than there are addresses fit in no store.
+        let loan = self.loan(count.saturating_mul(size_of::<T>()))?;
+        LoanOf::new(loan).ok_or(StoreError::Alignment { align: align_of::<T>() })
+    }
+
+    /// Whether the loan is of this store.
+    #[must_use]
+    pub fn has_lent(&self, loan: &WritableLoan) -> bool {
+        loan.returns_to(&self.abandoned)
+    }
+
+    /// The most bytes that the store maps at a time.
+    #[must_use]
+    pub fn capacity(&self) -> u64 {
+        self.ledger.capacity()
+    }
+
     /// Ends a loan: nobody can write the bytes any more, and each of `readers` holds them; one that
     /// gets the object twice stands there twice. Put the owner among them if it keeps a view.
     ///
     /// # Panics
     ///
     /// If the loan is of another store.
-    pub fn seal(&mut self, loan: WritableLoan, readers: &[FederateId]) -> ObjectRef {
-        let object = self.ledger.seal(loan.into_loan(), readers);
+    pub fn seal(&mut self, loan: impl Into<WritableLoan>, readers: &[FederateId]) -> ObjectRef {
+        let object = self.ledger.seal(loan.into().into_loan(), readers);
         for reader in readers.iter().filter(|reader| **reader != self.owner) {
             self.announcements.need(*reader, object.segment);
         }
