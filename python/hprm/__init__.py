@@ -6,6 +6,7 @@ well, for the modules that they import.
 
 from hprm._classes import Make, ReactorBase
 from hprm._hprm import Tag, action_capsule_t, port_capsule
+from hprm._memory import empty, empty_like
 from hprm._time import (
     BILLION,
     DAY,
@@ -54,6 +55,8 @@ __all__ = [
     "ReactorBase",
     "Tag",
     "action_capsule_t",
+    "empty",
+    "empty_like",
     "instant_t",
     "interval_t",
     "port_capsule",

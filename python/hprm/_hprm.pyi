@@ -1,9 +1,11 @@
 """The native half of the package: ports, actions, time, serialization, and the loops."""
 
-from collections.abc import Iterator
-from typing import Any, SupportsIndex, TypedDict, final, overload
+from collections.abc import Callable, Iterator
+from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload
 
 from hprm._source import ProgramSource
+
+T = TypeVar("T")
 
 @final
 class Tag:
@@ -118,6 +120,9 @@ def current_federate() -> int | None:
 
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
+
+def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> T:
+    """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
 
 def digest(value: Any) -> tuple[str, str, bool]:
     """Return what a trace says of a value: digest, text, and whether something is opaque."""

@@ -13,7 +13,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 GENERATED = {"target", "out", "__pycache__", "corpus"}
 LONGEST_FILE = 800
-UNSAFE_ROOMS = {"crates/hprm-store/src/shm.rs", "crates/hprm-python/src/buffer.rs"}
+UNSAFE_ROOMS = {
+    "crates/hprm-store/src/shm.rs",
+    "crates/hprm-python/src/buffer.rs",
+    "crates/hprm-python/src/numpy_memory.rs",
+}
 
 # Put together from halves, so that this file does not find itself.
 UNFINISHED = re.compile("|".join(["to" + "do!", "unimple" + "mented!", "FIX" + "ME", "XX" + "X:"]))
@@ -119,7 +123,7 @@ def test_nothing_is_left_unfinished() -> None:
     assert unfinished == []
 
 
-def test_unsafe_code_keeps_to_its_two_rooms() -> None:
+def test_unsafe_code_keeps_to_its_rooms() -> None:
     rooms = {path for path, text in sources(".rs") if UNSAFE.search(without_rust_comments(text))}
     assert rooms <= UNSAFE_ROOMS
 

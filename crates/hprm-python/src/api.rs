@@ -148,6 +148,7 @@ pub(crate) fn stats(py: Python<'_>, stats: hprm_store::StoreStats) -> PyResult<B
     dict.set_item("bytes_mapped", stats.bytes_mapped)?;
     dict.set_item("segments", stats.segments)?;
     dict.set_item("inline_fallbacks", stats.inline_fallbacks)?;
+    dict.set_item("heap_fallbacks", stats.heap_fallbacks)?;
     dict.set_item("releases", stats.releases)?;
     Ok(dict)
 }

@@ -10,13 +10,14 @@ use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
 };
-use hprm_store::{Object, Store};
+use hprm_store::{Object, Store, StoreStats, Yard};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
 use crate::interrupt::Interrupt;
+use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
 use crate::thread;
 use crate::value::Value;
@@ -88,6 +89,9 @@ impl PyHost {
             thread::belong_to(self.federate);
         }
         Python::attach(|py| {
+            if !self.is_thread {
+                numpy_memory::enter(py);
+            }
             let outcome = self.call(py, scheduler, turn, effects).map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, &format!("reaction {name}"))
@@ -133,7 +137,10 @@ fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> Failure {
 
 impl Drop for PyHost {
     fn drop(&mut self) {
-        Python::attach(|py| self.interrupt.get().release(py));
+        Python::attach(|py| {
+            numpy_memory::leave(py);
+            self.interrupt.get().release(py);
+        });
     }
 }
 
@@ -195,6 +202,14 @@ impl Host for PyHost {
         Some(self)
     }
 
+    fn furnish(&mut self, yard: &Arc<Yard>) {
+        let mut channels = self.runtime.program().channels.values();
+        // Who sends nothing needs no memory that others can read.
+        if channels.any(|channel| channel.from == self.federate) {
+            numpy_memory::furnish(yard);
+        }
+    }
+
     fn encode(
         &mut self,
         store: &mut Store,
@@ -210,7 +225,8 @@ impl Host for PyHost {
                 failure_at(py, error, &what, origin)
             })
         });
-        self.runtime.note(store.stats());
+        let heap_fallbacks = numpy_memory::refused();
+        self.runtime.note(StoreStats { heap_fallbacks, ..store.stats() });
         payload
     }
 

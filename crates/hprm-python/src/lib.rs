@@ -17,10 +17,12 @@ mod codec;
 mod console;
 mod digest;
 mod failure;
+mod fork;
 mod host;
 mod interrupt;
 mod load;
 mod mode;
+mod numpy_memory;
 mod parcel;
 mod port;
 mod program;
@@ -42,6 +44,8 @@ mod _hprm {
     use crate::action::Action;
     #[pymodule_export]
     use crate::api::Api;
+    #[pymodule_export]
+    use crate::numpy_memory::in_store;
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]

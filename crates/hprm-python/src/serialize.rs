@@ -9,6 +9,7 @@ mod decode;
 mod encode;
 mod format;
 mod place;
+mod sole;
 
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{FederateId, Payload};
@@ -27,13 +28,16 @@ pub(crate) struct Encoded {
     _holds: Vec<Object>,
 }
 
-/// Encodes `value`, with its large buffers in `place`.
+/// Encodes `value`, with its large buffers in `place`. Arrays that live in the store, and that only
+/// `value` leads to, stay where they are and become read-only; `value` itself is expected to have two
+/// references, of its owner and of this call.
 ///
 /// # Errors
 ///
 /// If pickle cannot take the value, or the system has no memory.
 pub(crate) fn encode(value: &Bound<'_, PyAny>, mut place: Place<'_>) -> PyResult<Encoded> {
     let py = value.py();
+    place.reach(value);
     let draft = encode::encode(value)?;
     let mut parts = Vec::with_capacity(draft.sources.len());
     for source in &draft.sources {

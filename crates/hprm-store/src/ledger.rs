@@ -46,6 +46,9 @@ pub struct StoreStats {
     pub segments: u32,
     /// Payloads that travelled inline because the store was full.
     pub inline_fallbacks: u64,
+    /// Requests for memory to make values in that were refused, because what is kept and never
+    /// published takes its share (see [`Yard`](crate::Yard)); of an allocator, not of the ledger.
+    pub heap_fallbacks: u64,
     /// Holds that readers gave back.
     pub releases: u64,
 }

@@ -133,16 +133,15 @@ impl Segment {
 
     /// In a process that was just forked, and has one thread: replaces the mapping by one at the same
     /// place of which this process has its own copy of each page, once it writes to it. What the
-    /// owner writes to other pages is seen until then.
-    pub(crate) fn make_private(&self) {
+    /// owner writes to other pages is seen until then. Returns whether the system does that.
+    pub(crate) fn make_private(&self) -> bool {
         let base = self.mapping.base.as_ptr().cast();
         let prot = ProtFlags::READ | ProtFlags::WRITE;
         let flags = MapFlags::PRIVATE | MapFlags::FIXED;
         // SAFETY: the range is exactly the mapping that is replaced, by one of the same bytes of the
         // same file and with the same rights, in one step: pointers into it stay good, and read what
         // they read before.
-        let mapped = unsafe { mm::mmap(base, self.mapping.len, prot, flags, &self.file, 0) };
-        assert!(mapped.is_ok(), "a forked process cannot have its own copy of shared memory");
+        unsafe { mm::mmap(base, self.mapping.len, prot, flags, &self.file, 0) }.is_ok()
     }
 
     /// After [`Self::make_private`]: has this process take its own copies of the pages of a block, as

@@ -182,16 +182,20 @@ impl Yard {
     }
 
     /// In the process that was forked: what it writes is seen by nobody else from now on, what was
-    /// being made stays as it is for it, and it allocates elsewhere.
-    pub fn after_fork_in_child(&self) {
+    /// being made stays as it is for it, and it allocates elsewhere. If this returns false, the system
+    /// has no memory for that, and the process must end.
+    pub fn after_fork_in_child(&self) -> bool {
         self.forked.store(true, Ordering::Release);
         let estate = self.estate();
         for segment in &estate.segments {
-            segment.make_private();
+            if !segment.make_private() {
+                return false;
+            }
             for (address, len) in &estate.blocks {
                 segment.own(*address, *len);
             }
         }
+        true
     }
 
     fn remove(&self, address: usize) -> Option<WritableLoan> {

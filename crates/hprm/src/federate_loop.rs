@@ -110,6 +110,9 @@ where
         longest_tag: 0,
         spin: spin::time(&options.program),
     };
+    if federate.room.is_none() {
+        federate.host.furnish(federate.federation.objects.yard());
+    }
     if options.trace.is_some() {
         federate.scheduler.start_recording();
     }
@@ -401,7 +404,7 @@ where
             payload.physical = physical;
             return self.handle(Input::Send { channel, tag, payload });
         }
-        let payload = self.host.encode(objects.store(), channel, &value)?;
+        let payload = self.host.encode(&mut objects.store(), channel, &value)?;
         let (mut payload, changes) =
             if machine.shares_memory_with(to) && wires.pass_descriptors(to, route.physical) {
                 let changes = objects.share(&payload, to)?;

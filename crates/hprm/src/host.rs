@@ -9,7 +9,7 @@ use hprm_core::{
     Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
     Turn,
 };
-use hprm_store::{Object, Store};
+use hprm_store::{Object, Store, Yard};
 
 use crate::trace::Described;
 
@@ -72,6 +72,13 @@ pub trait Host {
     /// other, by [`Self::react`], however many workers the program asks for.
     fn shared_bodies(&self) -> Option<&dyn SharedBodies<Self::Value>> {
         None
+    }
+
+    /// Hands over the federate's store, for a host that makes values in its memory: those can be
+    /// sealed in [`Self::encode`] without a copy. Called once, before any body runs, and not where
+    /// federates share a process.
+    fn furnish(&mut self, yard: &Arc<Yard>) {
+        let _ = yard;
     }
 
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until

@@ -3,11 +3,14 @@
 //! NumPy is reached through its Python names, and only if the program has imported it or a payload
 //! holds an array. Which bytes go where is decided elsewhere.
 
+use hprm_store::Object;
 use pyo3::exceptions::PyValueError;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
+
+use crate::buffer::{Memory, Part};
 
 /// The names of NumPy that encoding needs.
 pub(super) struct Numpy {
@@ -179,6 +182,33 @@ pub(super) struct Layout<'py> {
     pub(super) order: Order,
     /// The length of its elements in bytes.
     pub(super) len: usize,
+}
+
+/// The object of a store that has the elements of an array, all of them and nothing else, in the order
+/// of the layout.
+pub(super) fn object_under(
+    array: &Bound<'_, PyAny>,
+    layout: &Layout<'_>,
+) -> PyResult<Option<Object>> {
+    let py = array.py();
+    let mut base = array.getattr(intern!(py, "base"))?;
+    while base.get_type().is(array.get_type()) {
+        base = base.getattr(intern!(py, "base"))?;
+    }
+    let Ok(memory) = base.cast_exact::<Memory>() else { return Ok(None) };
+    let Part::Object(object) = &memory.get().0 else { return Ok(None) };
+    let bytes = object.as_bytes();
+    let flags = array.getattr(intern!(py, "flags"))?;
+    let in_a_row = match layout.order {
+        Order::C => intern!(py, "c_contiguous"),
+        Order::Fortran => intern!(py, "f_contiguous"),
+    };
+    let interface = array.getattr(intern!(py, "__array_interface__"))?;
+    let start: usize = interface.get_item(intern!(py, "data"))?.get_item(0)?.extract()?;
+    let whole = flags.getattr(in_a_row)?.is_truthy()?
+        && start == bytes.as_ptr() as usize
+        && layout.len == bytes.len();
+    Ok(whole.then(|| object.clone()))
 }
 
 /// Which index varies fastest.

@@ -1,6 +1,8 @@
 //! Where the large buffers of a value go: into the own store, or into the message.
 //!
-//! The only copy of an array is made here.
+//! The only copy of an array is made here, or none: an array that was made in the store, and that
+//! nobody else can reach, is published where it lies; and one that lies over an object of the store
+//! is passed on.
 
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{FederateId, Part};
@@ -8,10 +10,12 @@ use hprm_store::{Object, Store, StoreError};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-use super::array::Numpy;
+use super::array::{self, Layout, Numpy};
 use super::encode::Source;
+use super::sole::{self, Sole};
 use crate::buffer::{Draft, Staging};
 use crate::console::say;
+use crate::numpy_memory;
 
 /// What happens then, told once.
 const WITHOUT_ROOM: &str = "such values travel inside their messages now, which costs copies and \
@@ -23,17 +27,19 @@ pub(crate) struct Place<'s> {
     store: Option<(&'s mut Store, FederateId)>,
     /// Holds on what was stored.
     holds: Vec<Object>,
+    /// The arrays that may be published where they lie.
+    sole: Sole,
 }
 
 impl<'s> Place<'s> {
     /// In the store of `owner`, as long as it has room.
     pub(crate) fn store(store: &'s mut Store, owner: FederateId) -> Self {
-        Self { store: Some((store, owner)), holds: Vec::new() }
+        Self { store: Some((store, owner)), holds: Vec::new(), sole: Sole::new() }
     }
 
     /// In the message.
     pub(crate) fn inline() -> Self {
-        Self { store: None, holds: Vec::new() }
+        Self { store: None, holds: Vec::new(), sole: Sole::new() }
     }
 
     /// Ends the placing: what keeps the stored objects.
@@ -41,9 +47,21 @@ impl<'s> Place<'s> {
         self.holds
     }
 
+    /// Looks at the value, before anything else refers to what is in it.
+    pub(super) fn reach(&mut self, value: &Bound<'_, PyAny>) {
+        if self.store.is_some() && numpy_memory::is_in_use(value.py()) {
+            self.sole = sole::find(value);
+        }
+    }
+
     /// Places one buffer.
     pub(super) fn put(&mut self, py: Python<'_>, source: &Source<'_>) -> PyResult<Part> {
         let len = source.len()?;
+        if let Source::Array(array, layout) = source
+            && let Some(part) = self.as_it_lies(array, layout)?
+        {
+            return Ok(part);
+        }
         self.write(len, |draft| source.write(py, draft))
     }
 
@@ -56,6 +74,25 @@ impl<'s> Place<'s> {
             draft.bytes_mut().copy_from_slice(&bytes);
             Ok(draft)
         })
+    }
+
+    /// The part that an array is without a copy, if it can be.
+    fn as_it_lies(
+        &mut self,
+        array: &Bound<'_, PyAny>,
+        layout: &Layout<'_>,
+    ) -> PyResult<Option<Part>> {
+        let Some((store, owner)) = self.store.as_mut() else { return Ok(None) };
+        let object = if let Some(object) = array::object_under(array, layout)? {
+            (object.object_ref().owner == *owner).then_some(object)
+        } else if let Some(references) = self.sole.get(&(array.as_ptr() as usize)) {
+            numpy_memory::publish(array, *references, layout.len, (store, *owner))?
+        } else {
+            None
+        };
+        let part = object.as_ref().map(|object| Part::Object(object.object_ref()));
+        self.holds.extend(object);
+        Ok(part)
     }
 
     fn write(

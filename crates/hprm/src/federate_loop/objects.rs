@@ -4,16 +4,17 @@
 
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
+use std::sync::{Arc, MutexGuard};
 
 use hprm_core::{FederateId, Part, Payload};
 use hprm_federated::Frame;
-use hprm_store::{Announcement, Object, Store};
+use hprm_store::{Announcement, Object, Store, Yard};
 
 use crate::Failure;
 
 /// The store, and the descriptors of its segments that are about to leave.
 pub(super) struct Objects {
-    store: Store,
+    yard: Arc<Yard>,
     leaving: BTreeMap<(FederateId, u32), Announcement>,
 }
 
@@ -28,11 +29,16 @@ pub(super) struct Changes {
 
 impl Objects {
     pub(super) fn new(store: Store) -> Self {
-        Self { store, leaving: BTreeMap::new() }
+        Self { yard: Arc::new(Yard::new(store)), leaving: BTreeMap::new() }
     }
 
-    pub(super) fn store(&mut self) -> &mut Store {
-        &mut self.store
+    /// The store, and memory in it for values that are being made.
+    pub(super) fn yard(&self) -> &Arc<Yard> {
+        &self.yard
+    }
+
+    pub(super) fn store(&self) -> MutexGuard<'_, Store> {
+        self.yard.store()
     }
 
     /// Makes `reader` a holder of the payload's objects.
@@ -44,25 +50,27 @@ impl Objects {
         if payload.objects().next().is_none() {
             return Ok(Changes::default());
         }
+        let mut store = self.yard.store();
         for object in payload.objects() {
-            self.store.add_reader(object.serial, reader).map_err(|error| failure(&error))?;
+            store.add_reader(object.serial, reader).map_err(|error| failure(&error))?;
         }
         let mut mapped = Vec::new();
-        for announcement in self.store.unannounced(reader) {
+        for announcement in store.unannounced(reader) {
             mapped.push((announcement.segment, announcement.len));
             self.leaving.insert((reader, announcement.segment), announcement);
         }
-        Ok(Changes { mapped, retired: self.store.retired(reader) })
+        Ok(Changes { mapped, retired: store.retired(reader) })
     }
 
     /// The payload with the bytes themselves in place of references.
-    pub(super) fn inline(&mut self, mut payload: Payload) -> Result<Payload, Failure> {
+    pub(super) fn inline(&self, mut payload: Payload) -> Result<Payload, Failure> {
+        let mut store = self.store();
         for part in &mut payload.parts {
             if let Part::Object(object) = part {
                 // A hold of its own, for opening ends one.
                 let owner = object.owner;
-                self.store.add_reader(object.serial, owner).map_err(|error| failure(&error))?;
-                let bytes = self.store.open(*object).map_err(|error| failure(&error))?;
+                store.add_reader(object.serial, owner).map_err(|error| failure(&error))?;
+                let bytes = store.open(*object).map_err(|error| failure(&error))?;
                 *part = Part::Inline(bytes.as_bytes().to_vec());
             }
         }
@@ -80,7 +88,7 @@ impl Objects {
     }
 
     pub(super) fn attach(
-        &mut self,
+        &self,
         owner: FederateId,
         segment: u32,
         len: u64,
@@ -89,35 +97,36 @@ impl Objects {
         let descriptor = descriptor.ok_or_else(|| {
             Failure::new("error: a segment of the object store came without its descriptor")
         })?;
-        self.store.attach(owner, segment, len, descriptor).map_err(|error| failure(&error))
+        self.store().attach(owner, segment, len, descriptor).map_err(|error| failure(&error))
     }
 
     /// Views of the objects that a payload refers to.
-    pub(super) fn open(&mut self, payload: &Payload) -> Result<Vec<Object>, Failure> {
+    pub(super) fn open(&self, payload: &Payload) -> Result<Vec<Object>, Failure> {
+        let mut store = self.store();
         payload
             .objects()
-            .map(|object| self.store.open(object).map_err(|error| failure(&error)))
+            .map(|object| store.open(object).map_err(|error| failure(&error)))
             .collect()
     }
 
     /// Unmaps what an owner does not use any more, once nobody here views it.
-    pub(super) fn retired(&mut self, owner: FederateId, segments: &[u32]) {
+    pub(super) fn retired(&self, owner: FederateId, segments: &[u32]) {
         for segment in segments {
-            self.store.detach(owner, *segment);
+            self.store().detach(owner, *segment);
         }
     }
 
     /// Takes back holds. One that is not known is a reader's error, and no harm is done.
-    pub(super) fn released(&mut self, reader: FederateId, serials: &[u64]) {
+    pub(super) fn released(&self, reader: FederateId, serials: &[u64]) {
         for serial in serials {
-            let _ = self.store.release(*serial, reader);
+            let _ = self.store().release(*serial, reader);
         }
     }
 
     /// The objects of others that nothing here refers to any more, by owner.
-    pub(super) fn dropped(&mut self) -> BTreeMap<FederateId, Vec<u64>> {
+    pub(super) fn dropped(&self) -> BTreeMap<FederateId, Vec<u64>> {
         let mut serials: BTreeMap<_, Vec<u64>> = BTreeMap::new();
-        for object in self.store.drain_releases() {
+        for object in self.store().drain_releases() {
             serials.entry(object.owner).or_default().push(object.serial);
         }
         serials
