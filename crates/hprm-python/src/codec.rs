@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::buffer::Part;
-use crate::serialize::{self, Encoded, Place};
+use crate::serialize::{self, Encoded, Place, Trust};
 
 /// Turns objects into bytes and back.
 pub(crate) enum Codec {
@@ -44,14 +44,20 @@ impl Codec {
         value: &Bound<'_, PyAny>,
         store: &mut Store,
         owner: FederateId,
+        trust: Trust,
     ) -> PyResult<Encoded> {
         let py = value.py();
         match self {
-            Self::Native => serialize::encode(value, Place::store(store, owner)),
+            Self::Native => serialize::encode(value, Place::store(store, owner), trust),
             Self::Package(package) => {
                 serialize::wrap(bytes(package.bind(py), value)?.as_bytes(), store, owner)
             }
         }
+    }
+
+    /// Whether what arrived is a pickle of ours.
+    pub(crate) fn is_pickled(&self, head: &[u8], parts: &[Part]) -> bool {
+        matches!(self, Self::Native) && serialize::is_pickled(head, parts)
     }
 
     /// Rebuilds a value from what arrived.
@@ -64,9 +70,10 @@ impl Codec {
         py: Python<'_>,
         head: &[u8],
         parts: &[Part],
+        trust: Trust,
     ) -> PyResult<Py<PyAny>> {
         match self {
-            Self::Native => serialize::decode(py, head, parts).map(Bound::unbind),
+            Self::Native => serialize::decode(py, head, parts, trust).map(Bound::unbind),
             Self::Package(package) => {
                 let bytes = PyBytes::new(py, serialize::unwrap(head, parts));
                 package.call_method1(py, intern!(py, "deserialize"), (bytes,))

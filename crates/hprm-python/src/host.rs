@@ -19,6 +19,7 @@ use crate::failure::{failure, failure_at};
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
+use crate::serialize::Pickling;
 use crate::thread;
 use crate::value::Value;
 
@@ -48,6 +49,8 @@ pub(crate) struct PyHost {
     /// Whether somebody else tells the user of failures elsewhere.
     pub(crate) launched: bool,
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
+    /// Who may send pickles to whom.
+    pub(crate) pickling: Pickling,
     /// Of ports whose values are sent from here: where they are set.
     pub(crate) origins: BTreeMap<PortId, String>,
     /// Owner of what is stored; meaningless where there is no network.
@@ -215,9 +218,11 @@ impl Host for PyHost {
         store: &mut Store,
         channel: ChannelId,
         value: &Value,
+        near: bool,
     ) -> Result<Payload, Failure> {
+        let (codec, trust) = (&self.codecs[channel], self.pickling.towards(near));
         let payload = Python::attach(|py| {
-            value.encoded(py, &self.codecs[channel], store, self.federate).map_err(|error| {
+            value.encoded(py, codec, store, self.federate, trust).map_err(|error| {
                 let what = format!("sending a value on {}", self.channel_name(channel));
                 let program = self.runtime.program();
                 let from = program.connections[program.channels[channel].connection].from;
@@ -236,20 +241,23 @@ impl Host for PyHost {
         payload: Payload,
         objects: Vec<Object>,
         arrival: PhysicalTime,
+        near: bool,
     ) -> Value {
-        Value::arrived(Arc::clone(&self.codecs[channel]), payload, objects, arrival)
+        let way = (Arc::clone(&self.codecs[channel]), self.pickling.towards(near));
+        Value::arrived(way, payload, objects, arrival)
     }
 
     fn hand_over(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
+        let trust = self.pickling.towards(true);
         Python::attach(|py| {
-            value.handed_over(py, &self.codecs[channel]).map_err(|error| {
+            value.handed_over(py, &self.codecs[channel], trust).map_err(|error| {
                 failure(py, error, &format!("sending a value on {}", self.channel_name(channel)))
             })
         })
     }
 
     fn take_over(&mut self, channel: ChannelId, value: Value, arrival: PhysicalTime) -> Value {
-        value.taken_over(Arc::clone(&self.codecs[channel]), arrival)
+        value.taken_over(Arc::clone(&self.codecs[channel]), self.pickling.towards(true), arrival)
     }
 
     fn describe(&mut self, value: &Value) -> Described {

@@ -22,6 +22,7 @@ use crate::mode::Mode;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
+use crate::serialize::Pickling;
 use crate::thread;
 use crate::value::Value;
 
@@ -40,6 +41,8 @@ pub(crate) fn load(
     let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
+    let pickling = Pickling::of_environment();
+    let pickling = pickling.map_err(|reason| Failure::new(format!("error: {reason}")))?;
     // Last, so that Ctrl-C breaks into a preamble at once.
     let interrupt = Interrupt::install(py, scope, inbox.wakeup()).map_err(loading)?;
     let federate = match scope {
@@ -58,6 +61,7 @@ pub(crate) fn load(
         interrupt,
         launched,
         codecs,
+        pickling,
         origins,
         federate,
         is_thread,

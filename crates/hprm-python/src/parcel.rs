@@ -18,7 +18,7 @@ use pyo3::types::{
 
 use crate::buffer::Part;
 use crate::codec::{self, Codec};
-use crate::serialize::{self, Place};
+use crate::serialize::{self, Place, Trust};
 
 /// Containers within containers beyond this are left to pickle.
 const DEPTH_LIMIT: u32 = 64;
@@ -44,7 +44,7 @@ impl Parcel {
     /// # Errors
     ///
     /// If the value cannot be encoded.
-    pub(crate) fn pack(value: &Bound<'_, PyAny>, codec: &Codec) -> PyResult<Self> {
+    pub(crate) fn pack(value: &Bound<'_, PyAny>, codec: &Codec, trust: Trust) -> PyResult<Self> {
         if let Codec::Package(package) = codec {
             let head = codec::bytes(package.bind(value.py()), value)?.as_bytes().to_vec();
             return Ok(Self::Encoded { head, parts: Vec::new() });
@@ -56,7 +56,7 @@ impl Parcel {
             Err(Stop::Raised(error)) => return Err(error),
             Err(Stop::Foreign) => {}
         }
-        let payload = serialize::encode(value, Place::inline())?.payload;
+        let payload = serialize::encode(value, Place::inline(), trust)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
             hprm_core::Part::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
             hprm_core::Part::Object(_) => None,
@@ -69,7 +69,7 @@ impl Parcel {
     /// # Errors
     ///
     /// If it cannot be decoded.
-    pub(crate) fn open(&self, py: Python<'_>, codec: &Codec) -> PyResult<Py<PyAny>> {
+    pub(crate) fn open(&self, py: Python<'_>, codec: &Codec, trust: Trust) -> PyResult<Py<PyAny>> {
         match self {
             Self::Object(object) => Ok(object.clone_ref(py)),
             Self::Containers(object) => match Copying::new(py).value(object.bind(py)) {
@@ -77,7 +77,7 @@ impl Parcel {
                 Err(Stop::Raised(error)) => Err(error),
                 Err(Stop::Foreign) => unreachable!("it has been copied before"),
             },
-            Self::Encoded { head, parts } => codec.decode(py, head, parts),
+            Self::Encoded { head, parts } => codec.decode(py, head, parts, trust),
         }
     }
 }

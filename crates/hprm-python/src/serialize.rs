@@ -2,21 +2,27 @@
 //!
 //! [`encode`] and [`decode`] are inverse to each other for every value that pickle takes, and for
 //! every layout of an array; an array that was decoded is read-only and lies where it arrived. The
-//! argument is never changed (paper, section III-C, adaptive serialization).
+//! argument is never changed (paper, section III-C, adaptive serialization). What needs no pickle is
+//! in `docs/serialization.md`; who may send one says [`Trust`].
 
 mod array;
+mod culprit;
 mod decode;
 mod encode;
 mod format;
+mod kinds;
 mod place;
 mod sole;
+mod trust;
 
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{FederateId, Payload};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 
+use self::encode::Stop;
 pub(crate) use self::place::Place;
+pub(crate) use self::trust::{Pickling, Trust};
 use crate::buffer::Part;
 
 /// An encoded value, and what keeps its objects in the store.
@@ -24,21 +30,32 @@ use crate::buffer::Part;
 pub(crate) struct Encoded {
     /// What travels.
     pub(crate) payload: Payload,
+    /// Whether it is a pickle, which not everybody may get.
+    pub(crate) pickled: bool,
     /// Not read: the objects stay in the store as long as these live.
     _holds: Vec<Object>,
 }
 
-/// Encodes `value`, with its large buffers in `place`. Arrays that live in the store, and that only
-/// `value` leads to, stay where they are and become read-only; `value` itself is expected to have two
-/// references, of its owner and of this call.
+/// Encodes `value` for whoever is trusted so far, with its large buffers in `place`. Arrays that live in
+/// the store, and that only `value` leads to, stay where they are and become read-only; `value` itself
+/// is expected to have two references, of its owner and of this call.
 ///
 /// # Errors
 ///
-/// If pickle cannot take the value, or the system has no memory.
-pub(crate) fn encode(value: &Bound<'_, PyAny>, mut place: Place<'_>) -> PyResult<Encoded> {
+/// If only pickle can take the value and may not, or cannot either; or the system has no memory.
+pub(crate) fn encode(
+    value: &Bound<'_, PyAny>,
+    mut place: Place<'_>,
+    trust: Trust,
+) -> PyResult<Encoded> {
     let py = value.py();
     place.reach(value);
-    let draft = encode::encode(value)?;
+    let (draft, pickled) = match encode::encode(value) {
+        Ok(draft) => (draft, false),
+        Err(Stop::Raised(error)) => return Err(error),
+        Err(Stop::Foreign(_)) if trust.permits_pickle() => (encode::pickle(value)?, true),
+        Err(Stop::Foreign(culprit)) => return Err(culprit.refused(trust)),
+    };
     let mut parts = Vec::with_capacity(draft.sources.len());
     for source in &draft.sources {
         parts.push(place.put(py, source)?);
@@ -50,21 +67,28 @@ pub(crate) fn encode(value: &Bound<'_, PyAny>, mut place: Place<'_>) -> PyResult
     }
     Ok(Encoded {
         payload: Payload { head, parts, ..Payload::default() },
+        pickled,
         _holds: place.into_holds(),
     })
 }
 
-/// Rebuilds a value from what arrived.
+/// Whether what arrived is a pickle.
+pub(crate) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
+    decode::is_pickled(head, parts)
+}
+
+/// Rebuilds a value from what arrived from a sender that is trusted so far.
 ///
 /// # Errors
 ///
-/// If the bytes are no value, or if building it raises.
+/// If the bytes are no value, if it is a pickle and may not be, or if building it raises.
 pub(crate) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
     parts: &[Part],
+    trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
-    decode::decode(py, head, parts)
+    decode::decode(py, head, parts, trust)
 }
 
 /// Encodes the bytes that a serializer of the program's own made.
@@ -79,7 +103,7 @@ pub(crate) fn wrap(bytes: &[u8], store: &mut Store, owner: FederateId) -> PyResu
     } else {
         Payload { head: bytes.to_vec(), ..Payload::default() }
     };
-    Ok(Encoded { payload, _holds: place.into_holds() })
+    Ok(Encoded { payload, pickled: false, _holds: place.into_holds() })
 }
 
 /// The bytes that [`wrap`] encoded.

@@ -10,10 +10,9 @@ use std::sync::Arc;
 use crate::api;
 use crate::buffer::Part;
 use crate::codec::Codec;
-use crate::serialize::{self, Place};
+use crate::serialize::{self, Pickling, Place};
 use crate::value::Value;
 
-/// The head and the parts of a value, as it travels where there is no shared memory.
 /// What a trace says of a value: the digest, the text, and whether something could not be seen.
 #[pyfunction]
 pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
@@ -21,12 +20,16 @@ pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
     (described.digest.to_string(), described.text, described.opaque)
 }
 
+/// The head and the parts of a value, as it travels where there is no shared memory; to a federate
+/// of the same user and machine, if it is `near`.
 #[pyfunction]
+#[pyo3(signature = (value, near = true))]
 pub(crate) fn encode<'py>(
     value: &Bound<'py, PyAny>,
+    near: bool,
 ) -> PyResult<(Bound<'py, PyBytes>, Vec<Bound<'py, PyBytes>>)> {
     let py = value.py();
-    let payload = serialize::encode(value, Place::inline())?.payload;
+    let payload = serialize::encode(value, Place::inline(), Pickling::Local.towards(near))?.payload;
     let parts = payload.parts.iter().filter_map(|part| match part {
         Wire::Inline(bytes) => Some(PyBytes::new(py, bytes)),
         Wire::Object(_) => None,
@@ -36,13 +39,15 @@ pub(crate) fn encode<'py>(
 
 /// The value of a head and its parts.
 #[pyfunction]
+#[pyo3(signature = (head, parts, near = true))]
 pub(crate) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
     parts: Vec<Vec<u8>>,
+    near: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
     let parts: Vec<_> = parts.into_iter().map(|bytes| Part::Inline(Arc::new(bytes))).collect();
-    serialize::decode(py, head, &parts)
+    serialize::decode(py, head, &parts, Pickling::Local.towards(near))
 }
 
 /// Sends `value` through stores, as one federate does to `readers` others. Returns what each of them
@@ -60,12 +65,14 @@ pub(crate) fn store_round_trip<'py>(
     let owner = FederateId(0);
     let mut sender = Store::new(owner, StoreLimits { capacity_bytes, ..default });
     let (value, codec) = (Value::new(value), Arc::new(Codec::Native));
+    let trust = Pickling::Local.towards(true);
     let values = PyList::empty(py);
     for reader in (1..=readers).map(FederateId) {
-        let payload = value.encoded(py, &codec, &mut sender, owner)?;
+        let payload = value.encoded(py, &codec, &mut sender, owner, trust)?;
         let objects = pass(&mut sender, reader, &payload).map_err(PyRuntimeError::new_err)?;
         let now = hprm::Clock::now();
-        values.append(Value::arrived(Arc::clone(&codec), payload, objects, now).object(py)?)?;
+        let way = (Arc::clone(&codec), trust);
+        values.append(Value::arrived(way, payload, objects, now).object(py)?)?;
     }
     Ok((values, api::stats(py, sender.stats())?))
 }

@@ -14,7 +14,7 @@ use pyo3::sync::PyOnceLock;
 use crate::buffer::Part;
 use crate::codec::Codec;
 use crate::parcel::Parcel;
-use crate::serialize::Encoded;
+use crate::serialize::{Encoded, Trust};
 
 /// A value of the program. Clones share it.
 #[derive(Clone)]
@@ -44,6 +44,8 @@ struct Arrival {
     at: PhysicalTime,
     codec: Arc<Codec>,
     content: Content,
+    /// How far whoever sent it is trusted.
+    trust: Trust,
 }
 
 enum Content {
@@ -64,7 +66,7 @@ impl Value {
 
     /// A value that arrived at `at`; `objects` are those of the payload, in its order.
     pub(crate) fn arrived(
-        codec: Arc<Codec>,
+        (codec, trust): (Arc<Codec>, Trust),
         payload: Payload,
         objects: Vec<Object>,
         at: PhysicalTime,
@@ -75,7 +77,7 @@ impl Value {
             hprm_core::Part::Object(_) => objects.next().map(Part::Object),
         });
         let content = Content::Bytes { head: payload.head, parts: parts.collect() };
-        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content }))
+        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content, trust }))
     }
 
     /// The value for another federate of this process, as it goes through `codec`: to be taken there.
@@ -83,12 +85,17 @@ impl Value {
     /// # Errors
     ///
     /// If it cannot be encoded and must be.
-    pub(crate) fn handed_over(&self, py: Python<'_>, codec: &Arc<Codec>) -> PyResult<Self> {
+    pub(crate) fn handed_over(
+        &self,
+        py: Python<'_>,
+        codec: &Arc<Codec>,
+        trust: Trust,
+    ) -> PyResult<Self> {
         let known = find(&self.0.parcels, codec).or_else(|| self.as_it_was_taken(py, codec));
         let parcel = match known {
             Some(parcel) => parcel,
             None => {
-                let parcel = Arc::new(Parcel::pack(&self.object(py)?, codec)?);
+                let parcel = Arc::new(Parcel::pack(&self.object(py)?, codec, trust)?);
                 let mut parcels = self.0.parcels.lock().unwrap_or_else(PoisonError::into_inner);
                 parcels.push((Arc::clone(codec), Arc::clone(&parcel)));
                 parcel
@@ -98,10 +105,10 @@ impl Value {
     }
 
     /// The value that another federate has handed over, as it arrived here at `at`.
-    pub(crate) fn taken_over(self, codec: Arc<Codec>, at: PhysicalTime) -> Self {
+    pub(crate) fn taken_over(self, codec: Arc<Codec>, trust: Trust, at: PhysicalTime) -> Self {
         let Origin::UnderWay(parcel) = &self.0.origin else { return self };
         let content = Content::Parcel(Arc::clone(parcel));
-        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content }))
+        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content, trust }))
     }
 
     fn of(object: PyOnceLock<Py<PyAny>>, origin: Origin) -> Self {
@@ -116,9 +123,9 @@ impl Value {
     /// If what arrived cannot be decoded.
     pub(crate) fn object<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let object = self.0.object.get_or_try_init(py, || match &self.0.origin {
-            Origin::Elsewhere(Arrival { codec, content, .. }) => match content {
-                Content::Bytes { head, parts } => codec.decode(py, head, parts),
-                Content::Parcel(parcel) => parcel.open(py, codec),
+            Origin::Elsewhere(Arrival { codec, content, trust, .. }) => match content {
+                Content::Bytes { head, parts } => codec.decode(py, head, parts, *trust),
+                Content::Parcel(parcel) => parcel.open(py, codec, *trust),
             },
             Origin::Here => unreachable!("a value of this federate has its object from the start"),
             Origin::UnderWay(_) => unreachable!("a value is taken before it is read"),
@@ -131,7 +138,7 @@ impl Value {
         self.came().map(|arrival| arrival.at)
     }
 
-    /// The value as `codec` writes it. Its objects stay in `store` as long as a clone of the value.
+    /// The value as `codec` writes it for whoever is trusted so far. Its objects stay in `store` as long as a clone of the value.
     ///
     /// # Errors
     ///
@@ -142,14 +149,16 @@ impl Value {
         codec: &Arc<Codec>,
         store: &mut Store,
         owner: FederateId,
+        trust: Trust,
     ) -> PyResult<Payload> {
-        if let Some(payload) = self.as_it_came(py, codec) {
+        if let Some(payload) = self.as_it_came(py, codec, trust) {
             return Ok(payload);
         }
-        if let Some(encoded) = find(&self.0.encodings, codec) {
+        let known = find(&self.0.encodings, codec);
+        if let Some(encoded) = known.filter(|known| trust.permits_pickle() || !known.pickled) {
             return Ok(encoded.payload.clone());
         }
-        let encoded = Arc::new(codec.encode(&self.object(py)?, store, owner)?);
+        let encoded = Arc::new(codec.encode(&self.object(py)?, store, owner, trust)?);
         let mut encodings = self.0.encodings.lock().unwrap_or_else(PoisonError::into_inner);
         encodings.push((Arc::clone(codec), Arc::clone(&encoded)));
         Ok(encoded.payload.clone())
@@ -175,7 +184,7 @@ impl Value {
 
     /// The bytes that arrived, to be passed on. Not with objects: they are their owner's to lend,
     /// and to readers that it knows of.
-    fn as_it_came(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Payload> {
+    fn as_it_came(&self, py: Python<'_>, codec: &Arc<Codec>, trust: Trust) -> Option<Payload> {
         let arrival = self.came()?;
         let inline = |part: &Part| match part {
             Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
@@ -187,6 +196,9 @@ impl Value {
             return None;
         }
         let Content::Bytes { head, parts } = &arrival.content else { return None };
+        if !trust.permits_pickle() && codec.is_pickled(head, parts) {
+            return None;
+        }
         let parts = parts.iter().map(inline).collect::<Option<Vec<_>>>()?;
         Some(Payload { head: head.clone(), parts, ..Payload::default() })
     }

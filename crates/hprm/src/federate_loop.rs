@@ -404,14 +404,16 @@ where
             payload.physical = physical;
             return self.handle(Input::Send { channel, tag, payload });
         }
-        let payload = self.host.encode(&mut objects.store(), channel, &value)?;
-        let (mut payload, changes) =
-            if machine.shares_memory_with(to) && wires.pass_descriptors(to, route.physical) {
-                let changes = objects.share(&payload, to)?;
-                (payload, changes)
-            } else {
-                (objects.inline(payload)?, Changes::default())
-            };
+        let shares_memory = machine.shares_memory_with(to);
+        let near = shares_memory && wires.is_beside(to);
+        let payload = self.host.encode(&mut objects.store(), channel, &value, near)?;
+        let (mut payload, changes) = if shares_memory && wires.pass_descriptors(to, route.physical)
+        {
+            let changes = objects.share(&payload, to)?;
+            (payload, changes)
+        } else {
+            (objects.inline(payload)?, Changes::default())
+        };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;
         }
@@ -493,8 +495,11 @@ where
             let value = room.take(me, &payload).expect("its sender has left it before the message");
             return Ok(self.host.take_over(channel, value, Clock::now()));
         }
-        let opened = self.federation.objects.open(&payload)?;
-        Ok(self.host.receive(channel, payload, opened, Clock::now()))
+        let from = self.scheduler.program().channels[channel].from;
+        let Membership { machine, objects, wires, .. } = &mut self.federation;
+        let near = machine.shares_memory_with(from) && wires.is_beside(from);
+        let opened = objects.open(&payload)?;
+        Ok(self.host.receive(channel, payload, opened, Clock::now(), near))
     }
 
     /// Waits until something may have changed.

@@ -83,7 +83,8 @@ pub trait Host {
 
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until
     /// the last clone of `value` is dropped; the loop adds the readers. Several channels may ask
-    /// for the same value: it should be encoded once.
+    /// for the same value: it should be encoded once. The receiver is `near` if it runs for the same
+    /// user on this machine.
     ///
     /// # Errors
     ///
@@ -93,16 +94,19 @@ pub trait Host {
         store: &mut Store,
         channel: ChannelId,
         value: &Self::Value,
+        near: bool,
     ) -> Result<Payload, Failure>;
 
     /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
-    /// its order. Decoding may wait until the value is read. `arrival` is the physical time.
+    /// its order. Decoding may wait until the value is read. `arrival` is the physical time. The sender
+    /// is `near` if it runs for the same user on this machine.
     fn receive(
         &mut self,
         channel: ChannelId,
         payload: Payload,
         objects: Vec<Object>,
         arrival: PhysicalTime,
+        near: bool,
     ) -> Self::Value;
 
     /// Prepares a value for another federate of this process, which runs in another thread. What is

@@ -40,11 +40,24 @@ impl Host for Everything {
         Ok(())
     }
 
-    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &u64) -> Result<Payload, Failure> {
+    fn encode(
+        &mut self,
+        _: &mut Store,
+        _: ChannelId,
+        _: &u64,
+        _: bool,
+    ) -> Result<Payload, Failure> {
         unreachable!("there is no network")
     }
 
-    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime) -> u64 {
+    fn receive(
+        &mut self,
+        _: ChannelId,
+        _: Payload,
+        _: Vec<Object>,
+        _: PhysicalTime,
+        _: bool,
+    ) -> u64 {
         unreachable!("there is no network")
     }
 

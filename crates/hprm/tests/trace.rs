@@ -48,11 +48,24 @@ impl Host for Numbers {
         Described { digest: digester.finish(), text: value.to_string(), opaque: false }
     }
 
-    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &u32) -> Result<Payload, Failure> {
+    fn encode(
+        &mut self,
+        _: &mut Store,
+        _: ChannelId,
+        _: &u32,
+        _: bool,
+    ) -> Result<Payload, Failure> {
         unreachable!("there is no network")
     }
 
-    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime) -> u32 {
+    fn receive(
+        &mut self,
+        _: ChannelId,
+        _: Payload,
+        _: Vec<Object>,
+        _: PhysicalTime,
+        _: bool,
+    ) -> u32 {
         unreachable!("there is no network")
     }
 

@@ -129,8 +129,9 @@ impl Numpy {
                     .map_err(|_| PyValueError::new_err("malformed payload: a dtype is no text"))?;
                 self.dtype.bind(py).call1((name,))?
             }
-            Some((&PICKLED, pickle)) => {
-                pickled_dtype(&PyBytes::new(py, pickle), self.dtype.bind(py))?
+            Some((&FIELDS, text)) => {
+                let text = PyBytes::new(py, text);
+                arrays(py)?.call_method1(intern!(py, "dtype_of"), (text,))?
             }
             _ => return Err(PyValueError::new_err("malformed payload: unknown form of a dtype")),
         };
@@ -150,27 +151,29 @@ impl Numpy {
         if !is_plain(dtype)? {
             return Ok(None);
         }
-        let description = self.describe(dtype)?;
+        let Some(description) = self.describe(dtype)? else { return Ok(None) };
         remember(known, dtype, description.as_any())?;
         Ok(Some(description))
     }
 
-    /// By its short name where that says it all; fields, metadata and foreign dtypes need more.
-    fn describe<'py>(&self, dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
+    /// By its short name where that says it all; one with fields needs more. None if it is one that
+    /// a package has added to NumPy.
+    fn describe<'py>(&self, dtype: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         let py = dtype.py();
         let name: String = dtype.getattr(intern!(py, "str"))?.extract()?;
         let plain = dtype.getattr(intern!(py, "names"))?.is_none()
-            && dtype.getattr(intern!(py, "metadata"))?.is_none()
             && self.dtype.bind(py).call1((&name,))?.eq(dtype)?;
-        let mut description = vec![if plain { SIMPLE } else { PICKLED }];
+        let mut description = vec![if plain { SIMPLE } else { FIELDS }];
         if plain {
             description.extend_from_slice(name.as_bytes());
         } else {
-            let pickle = py.import(intern!(py, "pickle"))?;
-            let bytes = pickle.call_method1(intern!(py, "dumps"), (dtype, 5))?;
-            description.extend_from_slice(bytes.cast::<PyBytes>()?.as_bytes());
+            let text = arrays(py)?.call_method1(intern!(py, "description_of"), (dtype,))?;
+            if text.is_none() {
+                return Ok(None);
+            }
+            description.extend_from_slice(text.cast::<PyBytes>()?.as_bytes());
         }
-        Ok(PyBytes::new(py, &description))
+        Ok(Some(PyBytes::new(py, &description)))
     }
 }
 
@@ -231,7 +234,7 @@ impl Order {
 }
 
 const SIMPLE: u8 = 0;
-const PICKLED: u8 = 1;
+const FIELDS: u8 = 2;
 
 fn is_plain(dtype: &Bound<'_, PyAny>) -> PyResult<bool> {
     let py = dtype.py();
@@ -241,16 +244,8 @@ fn is_plain(dtype: &Bound<'_, PyAny>) -> PyResult<bool> {
     Ok(!refers && itemsize > 0)
 }
 
-fn pickled_dtype<'py>(
-    pickle: &Bound<'py, PyBytes>,
-    class: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let py = pickle.py();
-    let dtype = py.import(intern!(py, "pickle"))?.call_method1(intern!(py, "loads"), (pickle,))?;
-    if !dtype.is_instance(class)? {
-        return Err(PyValueError::new_err("malformed payload: a dtype is something else"));
-    }
-    Ok(dtype)
+fn arrays(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
+    py.import(intern!(py, "hprm._kinds.arrays"))
 }
 
 fn remember(

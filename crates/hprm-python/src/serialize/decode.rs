@@ -1,43 +1,70 @@
 //! Rebuilding a value from a head and its parts.
 //!
-//! The bytes may be anything: whatever is wrong with them becomes a `ValueError`, and no allocation
-//! exceeds what the bytes at hand can justify.
+//! The bytes may be anything: whatever is wrong with them becomes an error, and no allocation exceeds
+//! what the bytes at hand can justify. Classes are named in them, never code: what is made of those
+//! names is in `hprm._kinds`, and a pickle is read only from a sender that may send any.
 
 use std::slice;
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyPermissionError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use pyo3::types::{
+    PyByteArray, PyBytes, PyComplex, PyDict, PyFloat, PyFrozenSet, PyInt, PyList, PyMemoryView,
+    PySet, PyString, PyTuple,
+};
 
 use super::array::{Numpy, Order};
 use super::format::{self, DEPTH_LIMIT, Kind};
+use super::kinds::Kinds;
+use super::trust::Trust;
 use crate::buffer::{Memory, Part};
+
+/// A hash visits everything in a tuple, however often it occurs: in a key, no more than this.
+const KEY_LIMIT: u64 = 1 << 16;
 
 /// Rebuilds a value.
 ///
 /// # Errors
 ///
-/// If the bytes are no value, or if building it raises.
+/// If the bytes are no value, if its sender may not send such a one, or if building it raises.
 pub(super) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
     parts: &[Part],
+    trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let (head, parts) = match (head, parts) {
-        ([format::DIRECT, node @ ..], parts) => (node, parts),
-        ([format::INDIRECT], [parts @ .., head]) => match head.as_bytes() {
-            [format::DIRECT, node @ ..] => (node, parts),
-            _ => return Err(malformed("no format that is known here")),
-        },
-        _ => return Err(malformed("no format that is known here")),
+    let Some((head, parts)) = node_of(head, parts) else {
+        return Err(malformed("no format that is known here"));
     };
-    let mut walk = Walk { py, head, parts: parts.iter(), seen: Vec::new(), depth: 0 };
-    let value = walk.node()?;
+    let mut walk =
+        Walk { py, head, parts: parts.iter(), seen: Vec::new(), depth: 0, weight: 0, trust };
+    let value = if is_pickle(head) { walk.root_pickle()? } else { walk.node()? };
     if walk.head.is_empty() && walk.parts.as_slice().is_empty() {
         Ok(value)
     } else {
         Err(malformed("bytes after its end"))
+    }
+}
+
+/// Whether a payload of this head and these parts is a pickle.
+pub(super) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
+    node_of(head, parts).is_some_and(|(node, _)| is_pickle(node))
+}
+
+fn is_pickle(node: &[u8]) -> bool {
+    node.first() == Some(&(Kind::Pickle as u8))
+}
+
+/// The bytes of the outermost node, and the parts that belong to it.
+fn node_of<'a>(head: &'a [u8], parts: &'a [Part]) -> Option<(&'a [u8], &'a [Part])> {
+    match (head, parts) {
+        ([format::DIRECT, node @ ..], parts) => Some((node, parts)),
+        ([format::INDIRECT], [parts @ .., head]) => match head.as_bytes() {
+            [format::DIRECT, node @ ..] => Some((node, parts)),
+            _ => None,
+        },
+        _ => None,
     }
 }
 
@@ -69,9 +96,12 @@ struct Walk<'a, 'py> {
     /// What has not been read.
     head: &'a [u8],
     parts: slice::Iter<'a, Part>,
-    /// The values that may occur again; none for a tuple that is not complete.
-    seen: Vec<Option<Bound<'py, PyAny>>>,
+    /// The values that may occur again, and their weights; none for one that is not complete.
+    seen: Vec<Option<(Bound<'py, PyAny>, u64)>>,
     depth: u32,
+    /// How many values have been made, those that occur again counted again.
+    weight: u64,
+    trust: Trust,
 }
 
 impl<'a, 'py> Walk<'a, 'py> {
@@ -80,6 +110,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         if self.depth > DEPTH_LIMIT + 1 {
             return Err(malformed("values nested too deeply"));
         }
+        self.weight = self.weight.saturating_add(1);
         let [byte] = self.take()?;
         let kind = Kind::of(byte).ok_or_else(|| malformed("an unknown kind of value"))?;
         let py = self.py;
@@ -105,10 +136,71 @@ impl<'a, 'py> Walk<'a, 'py> {
             Kind::Dict => self.dict()?,
             Kind::Again => self.again()?,
             Kind::Array => self.array()?,
-            Kind::Pickle => self.pickle()?,
+            Kind::Pickle => return Err(malformed("a pickle inside of another value")),
+            Kind::Complex => {
+                let [real, imag] = [self.take()?, self.take()?].map(f64::from_le_bytes);
+                PyComplex::from_doubles(py, real, imag).into_any()
+            }
+            Kind::Set => self.set()?,
+            Kind::FrozenSet => self.frozen_set()?,
+            Kind::Buffer => {
+                let buffer = self.blob()?.into_buffer(py)?;
+                self.remember(PyMemoryView::from(&buffer)?.into_any())
+            }
+            Kind::Made => self.made()?,
         };
         self.depth -= 1;
         Ok(value)
+    }
+
+    /// A node that is hashed.
+    fn key(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let before = self.weight;
+        let key = self.node()?;
+        if self.weight - before > KEY_LIMIT {
+            return Err(malformed("a key of too many parts"));
+        }
+        Ok(key)
+    }
+
+    fn set(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let number = self.open();
+        let set = PySet::empty(self.py)?;
+        for _ in 0..self.count()? {
+            set.add(self.key()?)?;
+        }
+        Ok(self.close(number, set.into_any()))
+    }
+
+    fn frozen_set(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let number = self.open();
+        let members = (0..self.count()?).map(|_| self.key()).collect::<PyResult<Vec<_>>>()?;
+        let set = PyFrozenSet::new(self.py, members)?;
+        Ok(self.close(number, set.into_any()))
+    }
+
+    fn made(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        let number = self.open();
+        let code = self.number()?;
+        let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
+        let members = PyTuple::new(self.py, members)?;
+        let made = Kinds::get(self.py)?.make(code, &members, self.trust.permits_pickle())?;
+        Ok(self.close(number, made))
+    }
+
+    /// Counts a value that is not there before its members are.
+    fn open(&mut self) -> (usize, u64) {
+        self.seen.push(None);
+        (self.seen.len() - 1, self.weight)
+    }
+
+    fn close(
+        &mut self,
+        (number, before): (usize, u64),
+        value: Bound<'py, PyAny>,
+    ) -> Bound<'py, PyAny> {
+        self.seen[number] = Some((value.clone(), self.weight.saturating_sub(before)));
+        value
     }
 
     fn list(&mut self) -> PyResult<Bound<'py, PyAny>> {
@@ -121,19 +213,17 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn tuple(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let number = self.seen.len();
-        self.seen.push(None);
+        let number = self.open();
         let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
         let tuple = PyTuple::new(self.py, members)?.into_any();
-        self.seen[number] = Some(tuple.clone());
-        Ok(tuple)
+        Ok(self.close(number, tuple))
     }
 
     fn dict(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let dict = PyDict::new(self.py);
         self.remember(dict.clone().into_any());
         for _ in 0..self.count()? {
-            let key = self.node()?;
+            let key = self.key()?;
             dict.set_item(key, self.node()?)?;
         }
         Ok(dict.into_any())
@@ -142,7 +232,9 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn again(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let number = usize::try_from(self.number()?).ok();
         let seen = number.and_then(|number| self.seen.get(number)).cloned().flatten();
-        seen.ok_or_else(|| malformed("a reference to nothing"))
+        let (value, weight) = seen.ok_or_else(|| malformed("a reference to nothing"))?;
+        self.weight = self.weight.saturating_add(weight);
+        Ok(value)
     }
 
     fn array(&mut self) -> PyResult<Bound<'py, PyAny>> {
@@ -163,7 +255,15 @@ impl<'a, 'py> Walk<'a, 'py> {
         Ok(self.remember(array))
     }
 
-    fn pickle(&mut self) -> PyResult<Bound<'py, PyAny>> {
+    fn root_pickle(&mut self) -> PyResult<Bound<'py, PyAny>> {
+        if !self.trust.permits_pickle() {
+            return Err(PyPermissionError::new_err(format!(
+                "a pickle has arrived and was not read, because {}; {}",
+                self.trust.reason(),
+                self.trust.remedy()
+            )));
+        }
+        let [_kind] = self.take()?;
         let data = self.blob()?.into_buffer(self.py)?;
         let count = self.count()?;
         let buffers =
@@ -187,7 +287,7 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn remember(&mut self, value: Bound<'py, PyAny>) -> Bound<'py, PyAny> {
-        self.seen.push(Some(value.clone()));
+        self.seen.push(Some((value.clone(), 1)));
         value
     }
 

@@ -1,8 +1,9 @@
 //! Walking a value into a head, and a list of large buffers that are not copied yet.
 //!
-//! Values of the basic types and arrays are written here; a value with anything else in it is pickled
-//! as a whole, because only then do all shared references in it survive. Where the large buffers go
-//! is decided afterwards, so nothing large is copied for a walk that fails.
+//! Values of the basic types and arrays are written here, those of known classes after `hprm._kinds`
+//! has taken them apart. A value with anything else in it is pickled as a whole, because only then do
+//! all shared references in it survive. Where the large buffers go is decided afterwards, so nothing
+//! large is copied for a walk that fails.
 
 use std::collections::BTreeMap;
 
@@ -11,11 +12,14 @@ use pyo3::buffer::PyBuffer;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{
-    PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple,
+    PyBool, PyByteArray, PyBytes, PyComplex, PyDict, PyFloat, PyFrozenSet, PyInt, PyIterator,
+    PyList, PyMemoryView, PySet, PyString, PyTuple,
 };
 
 use super::array::{Layout, Numpy};
+use super::culprit::Culprit;
 use super::format::{self, DEPTH_LIMIT, Kind, put_number};
+use super::kinds::{Kinds, Parts};
 
 /// A large buffer of the value.
 pub(super) enum Source<'py> {
@@ -27,6 +31,8 @@ pub(super) enum Source<'py> {
     Text(Bound<'py, PyString>),
     /// Anything else that has bytes in a row.
     Buffer(PyBuffer<u8>),
+    /// A callable that fills a buffer of that length.
+    Written(Bound<'py, PyAny>, usize),
 }
 
 /// A value as a head and its large buffers.
@@ -36,9 +42,9 @@ pub(super) struct Draft<'py> {
 }
 
 /// Why a walk ends early.
-enum Stop {
+pub(super) enum Stop {
     /// Something in the value is for pickle.
-    Foreign,
+    Foreign(Box<Culprit>),
     /// Python raised.
     Raised(PyErr),
 }
@@ -49,18 +55,41 @@ impl<E: Into<PyErr>> From<E> for Stop {
     }
 }
 
-/// Writes `value`.
+impl Stop {
+    fn foreign(value: &Bound<'_, PyAny>) -> Self {
+        Self::Foreign(Box::new(Culprit::class_of(value)))
+    }
+
+    fn cycle(value: &Bound<'_, PyAny>) -> Self {
+        Self::Foreign(Box::new(Culprit::cycle(value)))
+    }
+
+    /// The same, as seen from the container.
+    fn within(mut self, place: impl FnOnce() -> String) -> Self {
+        if let Self::Foreign(culprit) = &mut self {
+            culprit.within(place());
+        }
+        self
+    }
+}
+
+/// Writes `value` without pickle.
 ///
 /// # Errors
 ///
-/// If pickle cannot take it either.
-pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> PyResult<Draft<'py>> {
+/// If something in it is for pickle, or Python raises.
+pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, Stop> {
     let mut walk = Walk::new(value.py());
-    match walk.node(value) {
-        Ok(()) => return Ok(walk.draft),
-        Err(Stop::Raised(error)) => return Err(error),
-        Err(Stop::Foreign) => {}
-    }
+    walk.node(value)?;
+    Ok(walk.draft)
+}
+
+/// Pickles `value`.
+///
+/// # Errors
+///
+/// If pickle cannot take it.
+pub(super) fn pickle<'py>(value: &Bound<'py, PyAny>) -> PyResult<Draft<'py>> {
     let mut walk = Walk::new(value.py());
     walk.pickle(value)?;
     Ok(walk.draft)
@@ -71,19 +100,26 @@ struct Walk<'py> {
     draft: Draft<'py>,
     /// The numbers of the values that may occur again, by address.
     seen: BTreeMap<usize, Seen>,
+    /// Keeps what was made for this walk alone, so that no address is used twice.
+    kept: Vec<Bound<'py, PyAny>>,
+    /// By what members of sets are sorted: their bytes, by address.
+    orders: BTreeMap<usize, Vec<u8>>,
+    /// Buffers longer than this are not in the head.
+    limit: usize,
     depth: u32,
 }
 
 struct Seen {
     number: u64,
-    /// A tuple that is not complete: a reference to it from inside cannot be rebuilt.
+    /// Something that is not complete: a reference to it from inside cannot be rebuilt.
     open: bool,
 }
 
 impl<'py> Walk<'py> {
     fn new(py: Python<'py>) -> Self {
         let draft = Draft { head: vec![format::DIRECT], sources: Vec::new() };
-        Self { py, draft, seen: BTreeMap::new(), depth: 0 }
+        let (seen, orders) = (BTreeMap::new(), BTreeMap::new());
+        Self { py, draft, seen, kept: Vec::new(), orders, limit: INLINE_LIMIT, depth: 0 }
     }
 
     fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
@@ -106,34 +142,87 @@ impl<'py> Walk<'py> {
 
     /// A value that other values may refer to as well.
     fn shared(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
-        if let Ok(value) = value.cast_exact::<PyBytes>() {
-            self.begin(value.as_any(), Kind::Bytes);
-            self.blob(value.as_bytes(), || Source::Bytes(value.clone()));
+        if let Some(numpy) = Numpy::if_imported(self.py)?.filter(|numpy| numpy.is_array(value)) {
+            self.array(numpy, value)?;
         } else if let Ok(value) = value.cast_exact::<PyDict>() {
             self.dict(value)?;
         } else if let Ok(value) = value.cast_exact::<PyList>() {
             self.begin(value.as_any(), Kind::List);
             put_number(&mut self.draft.head, value.len() as u64);
-            self.all(value.as_any(), value.len(), value.iter())?;
+            self.all(value.as_any(), value.len(), value.iter(), &index)?;
         } else if let Ok(value) = value.cast_exact::<PyTuple>() {
             self.begin(value.as_any(), Kind::Tuple);
             put_number(&mut self.draft.head, value.len() as u64);
             self.set_open(value.as_any(), true);
-            self.all(value.as_any(), value.len(), value.iter())?;
+            self.all(value.as_any(), value.len(), value.iter(), &index)?;
             self.set_open(value.as_any(), false);
+        } else if let Ok(value) = value.cast_exact::<PyBytes>() {
+            self.begin(value.as_any(), Kind::Bytes);
+            self.blob(value.as_bytes(), || Source::Bytes(value.clone()));
         } else if let Ok(value) = value.cast_exact::<PyByteArray>() {
             self.begin(value.as_any(), Kind::ByteArray);
             self.buffer(PyBuffer::get(value.as_any())?)?;
         } else {
-            self.array(value)?;
+            self.rarer(value)?;
         }
         Ok(())
     }
 
-    fn array(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
-        let numpy = Numpy::if_imported(self.py)?.filter(|numpy| numpy.is_array(value));
-        let Some(numpy) = numpy else { return Err(Stop::Foreign) };
-        let Some(layout) = numpy.layout(value)? else { return Err(Stop::Foreign) };
+    fn rarer(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+        if let Ok(value) = value.cast_exact::<PyComplex>() {
+            self.kind(Kind::Complex);
+            self.draft.head.extend_from_slice(&value.real().to_le_bytes());
+            self.draft.head.extend_from_slice(&value.imag().to_le_bytes());
+            return Ok(());
+        }
+        if value.is_exact_instance_of::<PySet>() {
+            return self.set(value, Kind::Set);
+        }
+        if value.is_exact_instance_of::<PyFrozenSet>() {
+            return self.set(value, Kind::FrozenSet);
+        }
+        let kinds = Kinds::get(self.py)?;
+        let is_bytes = || PyBuffer::<u8>::get(value).ok().filter(|view| view.dimensions() == 1);
+        if kinds.is_buffer(value) {
+            self.begin(value, Kind::Buffer);
+            self.buffer(PyBuffer::get(value)?)?;
+        } else if kinds.is_written(value) {
+            self.begin(value, Kind::Buffer);
+            self.written(value)?;
+        } else if let Some(bytes) = value.cast_exact::<PyMemoryView>().ok().and_then(|_| is_bytes())
+        {
+            self.begin(value, Kind::Buffer);
+            self.buffer(bytes)?;
+        } else {
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            self.made(kinds, value, &parts)?;
+        }
+        Ok(())
+    }
+
+    fn made(
+        &mut self,
+        kinds: &Kinds,
+        value: &Bound<'py, PyAny>,
+        parts: &Parts<'py>,
+    ) -> Result<(), Stop> {
+        self.begin(value, Kind::Made);
+        put_number(&mut self.draft.head, parts.code);
+        put_number(&mut self.draft.head, parts.members.len() as u64);
+        self.set_open(value, true);
+        self.kept.push(parts.members.clone().into_any());
+        let place = |at| kinds.place(parts, at).unwrap_or_default();
+        self.all(value, parts.members.len(), parts.members.iter(), &place)?;
+        self.set_open(value, false);
+        Ok(())
+    }
+
+    fn array(&mut self, numpy: &Numpy, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+        let Some(layout) = numpy.layout(value)? else {
+            let kinds = Kinds::get(self.py)?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            return self.made(kinds, value, &parts);
+        };
         self.begin(value, Kind::Array);
         let description = layout.description.as_bytes();
         put_number(&mut self.draft.head, description.len() as u64);
@@ -143,7 +232,7 @@ impl<'py> Walk<'py> {
         for length in &layout.shape {
             put_number(&mut self.draft.head, length.extract()?);
         }
-        if layout.len > INLINE_LIMIT {
+        if layout.len > self.limit {
             self.part(layout.len, Source::Array(value.clone(), layout));
         } else {
             let bytes = Numpy::bytes(value, &layout)?;
@@ -158,7 +247,48 @@ impl<'py> Walk<'py> {
         let items = dict.items();
         put_number(&mut self.draft.head, items.len() as u64);
         let pairs = items.iter().map(pair).collect::<PyResult<Vec<_>>>()?;
-        self.all(dict.as_any(), pairs.len() * 2, pairs.into_iter().flatten())
+        let place = |at: usize| {
+            let key =
+                pairs[at / 2][0].repr().map_or_else(|_| "?".to_owned(), |key| key.to_string());
+            if at.is_multiple_of(2) { format!("{{key {key}}}") } else { format!("[{key}]") }
+        };
+        self.all(dict.as_any(), pairs.len() * 2, pairs.iter().flatten().cloned(), &place)
+    }
+
+    /// The members in an order that does not depend on their hashes.
+    fn set(&mut self, set: &Bound<'py, PyAny>, kind: Kind) -> Result<(), Stop> {
+        self.begin(set, kind);
+        self.set_open(set, true);
+        let members = PyIterator::from_object(set)?.collect::<PyResult<Vec<_>>>()?;
+        put_number(&mut self.draft.head, members.len() as u64);
+        let mut sorted = Vec::with_capacity(members.len());
+        for member in members {
+            let order = self.order(&member).map_err(|stop| stop.within(|| "{...}".to_owned()))?;
+            sorted.push((order, member));
+        }
+        sorted.sort_by(|(one, _), (other, _)| one.cmp(other));
+        let members = sorted.into_iter().map(|(_, member)| member);
+        self.all(set, members.len(), members, &|_| "{...}".to_owned())?;
+        self.set_open(set, false);
+        Ok(())
+    }
+
+    /// The bytes of a member of a set for itself, wherever it occurs.
+    fn order(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, Stop> {
+        if let Some(order) = self.orders.get(&address(member)) {
+            return Ok(order.clone());
+        }
+        let mut walk = Walk::new(self.py);
+        // What it has found out of sets in the member is the same for this walk.
+        (walk.limit, walk.depth) = (usize::MAX, self.depth + 1);
+        walk.orders = std::mem::take(&mut self.orders);
+        let walked = walk.node(member);
+        self.orders = walk.orders;
+        self.kept.append(&mut walk.kept);
+        walked?;
+        self.kept.push(member.clone());
+        self.orders.insert(address(member), walk.draft.head.clone());
+        Ok(walk.draft.head)
     }
 
     fn all(
@@ -166,14 +296,15 @@ impl<'py> Walk<'py> {
         container: &Bound<'py, PyAny>,
         expected: usize,
         members: impl Iterator<Item = Bound<'py, PyAny>>,
+        place: &dyn Fn(usize) -> String,
     ) -> Result<(), Stop> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
-            return Err(Stop::Foreign);
+            return Err(Stop::Foreign(Box::new(Culprit::deep(container))));
         }
         let mut count = 0;
         for member in members {
-            self.node(&member)?;
+            self.node(&member).map_err(|stop| stop.within(|| place(count)))?;
             count += 1;
         }
         self.depth -= 1;
@@ -198,8 +329,12 @@ impl<'py> Walk<'py> {
     }
 
     fn text(&mut self, value: &Bound<'py, PyString>) -> Result<(), Stop> {
-        // A lone surrogate has no UTF-8, but pickle has a way.
-        let Ok(text) = value.to_str() else { return Err(Stop::Foreign) };
+        let Ok(text) = value.to_str() else {
+            // A lone surrogate has no UTF-8.
+            let kinds = Kinds::get(self.py)?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            return if self.again(value)? { Ok(()) } else { self.made(kinds, value, &parts) };
+        };
         self.kind(Kind::Str);
         self.blob(text.as_bytes(), || Source::Text(value.clone()));
         Ok(())
@@ -224,9 +359,9 @@ impl<'py> Walk<'py> {
 
     /// A reference to the value, if it occurred before.
     fn again(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, Stop> {
-        match self.seen.get(&(value.as_ptr() as usize)) {
+        match self.seen.get(&address(value)) {
             None => Ok(false),
-            Some(Seen { open: true, .. }) => Err(Stop::Foreign),
+            Some(Seen { open: true, .. }) => Err(Stop::cycle(value)),
             Some(Seen { number, .. }) => {
                 let number = *number;
                 self.kind(Kind::Again);
@@ -239,17 +374,17 @@ impl<'py> Walk<'py> {
     fn begin(&mut self, value: &Bound<'py, PyAny>, kind: Kind) {
         self.kind(kind);
         let seen = Seen { number: self.seen.len() as u64, open: false };
-        self.seen.insert(value.as_ptr() as usize, seen);
+        self.seen.insert(address(value), seen);
     }
 
     fn set_open(&mut self, value: &Bound<'py, PyAny>, open: bool) {
-        if let Some(seen) = self.seen.get_mut(&(value.as_ptr() as usize)) {
+        if let Some(seen) = self.seen.get_mut(&address(value)) {
             seen.open = open;
         }
     }
 
     fn blob(&mut self, bytes: &[u8], source: impl FnOnce() -> Source<'py>) {
-        if bytes.len() > INLINE_LIMIT {
+        if bytes.len() > self.limit {
             self.part(bytes.len(), source());
         } else {
             self.inline(bytes);
@@ -257,11 +392,24 @@ impl<'py> Walk<'py> {
     }
 
     fn buffer(&mut self, buffer: PyBuffer<u8>) -> PyResult<()> {
-        if buffer.len_bytes() > INLINE_LIMIT {
+        if buffer.len_bytes() > self.limit {
             self.part(buffer.len_bytes(), Source::Buffer(buffer));
         } else {
             self.inline(&buffer.to_vec(self.py)?);
         }
+        Ok(())
+    }
+
+    fn written(&mut self, value: &Bound<'py, PyAny>) -> PyResult<()> {
+        let len: usize = value.getattr(intern!(self.py, "length"))?.extract()?;
+        let write = value.getattr(intern!(self.py, "write"))?;
+        if len > self.limit {
+            self.part(len, Source::Written(write, len));
+            return Ok(());
+        }
+        let bytes = PyByteArray::new_with(self.py, len, |_| Ok(()))?;
+        write.call1((&bytes,))?;
+        self.inline(&bytes.to_vec());
         Ok(())
     }
 
@@ -274,6 +422,14 @@ impl<'py> Walk<'py> {
         put_number(&mut self.draft.head, (len as u64) << 1 | 1);
         self.draft.sources.push(source);
     }
+}
+
+fn index(at: usize) -> String {
+    format!("[{at}]")
+}
+
+fn address<T>(value: &Bound<'_, T>) -> usize {
+    value.as_ptr() as usize
 }
 
 fn pair(item: Bound<'_, PyAny>) -> PyResult<[Bound<'_, PyAny>; 2]> {

@@ -2,8 +2,9 @@
 //!
 //! A head is one byte that says which format it has, then one node. A node is a byte of [`Kind`] and
 //! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
-//! are the payload's next part rather than here. Containers, byte strings and arrays are counted as
-//! they begin, and [`Kind::Again`] refers to them by that number.
+//! are the payload's next part rather than here. Containers, byte strings, arrays and what is made of
+//! parts are counted as they begin, and [`Kind::Again`] refers to them by that number. A pickle is
+//! a whole value, never inside of one, so that one byte tells whether there is any.
 
 /// The head is right here.
 pub(super) const DIRECT: u8 = 1;
@@ -47,12 +48,22 @@ pub(super) enum Kind {
     Array = 13,
     /// A pickle: a blob, then a number and as many blobs, the buffers that are out of band.
     Pickle = 14,
+    /// A complex number: two floats.
+    Complex = 15,
+    /// A set: a number, then as many nodes, in the order of their bytes.
+    Set = 16,
+    /// A frozenset: likewise.
+    FrozenSet = 17,
+    /// Bytes that are read where they lie: a blob.
+    Buffer = 18,
+    /// What `hprm._kinds` makes: a number that says how, a number, then as many nodes.
+    Made = 19,
 }
 
 impl Kind {
     /// The kind of that byte.
     pub(super) fn of(byte: u8) -> Option<Self> {
-        const KINDS: [Kind; 15] = [
+        const KINDS: [Kind; 20] = [
             Kind::None,
             Kind::False,
             Kind::True,
@@ -68,6 +79,11 @@ impl Kind {
             Kind::Again,
             Kind::Array,
             Kind::Pickle,
+            Kind::Complex,
+            Kind::Set,
+            Kind::FrozenSet,
+            Kind::Buffer,
+            Kind::Made,
         ];
         KINDS.get(usize::from(byte)).copied()
     }

@@ -133,6 +133,7 @@ impl Source<'_> {
             Self::Bytes(bytes) => bytes.as_bytes().len(),
             Self::Text(text) => text.to_str()?.len(),
             Self::Buffer(buffer) => buffer.len_bytes(),
+            Self::Written(_, len) => *len,
         })
     }
 
@@ -141,6 +142,9 @@ impl Source<'_> {
             Self::Array(array, layout) => {
                 let numpy = Numpy::imported(py)?;
                 return Staging::lend(py, draft, |buffer| numpy.gather(array, layout, buffer));
+            }
+            Self::Written(write, _) => {
+                return Staging::lend(py, draft, |buffer| write.call1((buffer,)).map(drop));
             }
             Self::Bytes(bytes) => draft.bytes_mut().copy_from_slice(bytes.as_bytes()),
             Self::Text(text) => draft.bytes_mut().copy_from_slice(text.to_str()?.as_bytes()),

@@ -177,11 +177,11 @@ impl<V: Clone + Send + Sync> Host for Bodies<V> {
         Some(self)
     }
 
-    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &V) -> Result<Payload, Failure> {
+    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &V, _: bool) -> Result<Payload, Failure> {
         unreachable!("an app has no federates")
     }
 
-    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime) -> V {
+    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime, _: bool) -> V {
         unreachable!("an app has no federates")
     }
 

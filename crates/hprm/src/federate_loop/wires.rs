@@ -125,8 +125,18 @@ impl Wires {
     pub(super) fn pass_descriptors(&self, to: FederateId, physical: bool) -> bool {
         match self.outgoing.get(&to).or_else(|| self.incoming.get(&to)) {
             // A message on a physical channel takes the other way, and may overtake them.
-            Some(line) => line.wire.is_local() && !physical,
-            None => self.rti.as_ref().is_some_and(|line| line.wire.is_local()),
+            Some(line) => line.is_local() && !physical,
+            None => self.rti.as_ref().is_some_and(Line::is_local),
+        }
+    }
+
+    /// Whether all links with a peer, or the one with the RTI if there are none, are such as only
+    /// processes of one user on one machine have.
+    pub(super) fn is_beside(&self, peer: FederateId) -> bool {
+        let mut links = self.outgoing.get(&peer).into_iter().chain(self.incoming.get(&peer));
+        match links.next() {
+            Some(link) => link.is_local() && links.all(Line::is_local),
+            None => self.rti.as_ref().is_some_and(Line::is_local),
         }
     }
 
@@ -332,6 +342,10 @@ impl Line {
     fn new(wire: Wire) -> Self {
         // What came while it was opened is not news to the kernel.
         Self { wire, is_ready: true, is_closed: false }
+    }
+
+    fn is_local(&self) -> bool {
+        self.wire.is_local()
     }
 
     fn may_be_read(&self) -> bool {

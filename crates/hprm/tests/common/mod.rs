@@ -72,6 +72,7 @@ impl Host for Closures {
         store: &mut Store,
         _: ChannelId,
         value: &Bytes,
+        _: bool,
     ) -> Result<Payload, Failure> {
         let bytes = value.as_slice();
         if bytes.len() <= INLINE_LIMIT {
@@ -94,6 +95,7 @@ impl Host for Closures {
         payload: Payload,
         mut objects: Vec<Object>,
         _: PhysicalTime,
+        _: bool,
     ) -> Bytes {
         match (objects.pop(), payload.parts.into_iter().next()) {
             (Some(object), _) => Bytes::Remote(object),

@@ -1,0 +1,67 @@
+//! What in a value only pickle can carry, and where it is: for the error, if pickle may not.
+//!
+//! Nothing is written down for values that need no pickle.
+
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use super::trust::Trust;
+
+/// More steps than anybody reads.
+const STEPS: usize = 12;
+
+/// Something that only pickle can carry.
+pub(super) struct Culprit {
+    what: String,
+    /// From the inside outwards.
+    path: Vec<String>,
+}
+
+impl Culprit {
+    /// A value whose class is not known.
+    pub(super) fn class_of(value: &Bound<'_, PyAny>) -> Self {
+        Self::of(format!("of the type {}", class_name(value)))
+    }
+
+    /// A value that is within itself.
+    pub(super) fn cycle(value: &Bound<'_, PyAny>) -> Self {
+        Self::of(format!("a {} that is around it", class_name(value)))
+    }
+
+    /// A value below too many others.
+    pub(super) fn deep(value: &Bound<'_, PyAny>) -> Self {
+        Self::of(format!("a {} inside of too many others", class_name(value)))
+    }
+
+    fn of(what: String) -> Self {
+        Self { what, path: Vec::new() }
+    }
+
+    /// The same, as seen from the container, in which it is at `place`.
+    pub(super) fn within(&mut self, place: String) {
+        self.path.push(place);
+    }
+
+    /// The error of a sender that may not pickle.
+    pub(super) fn refused(&self, trust: Trust) -> PyErr {
+        let mut path = "value".to_owned();
+        for (at, step) in self.path.iter().rev().enumerate() {
+            match at {
+                STEPS => path.push_str("..."),
+                _ if at > STEPS => {}
+                _ => path.push_str(step),
+            }
+        }
+        PyTypeError::new_err(format!(
+            "`{path}` is {}, which only pickle can carry, and {}; send what needs no pickle, such as \
+             dicts, lists, arrays and dataclasses (docs/serialization.md), or {}",
+            self.what,
+            trust.reason(),
+            trust.remedy()
+        ))
+    }
+}
+
+fn class_name(value: &Bound<'_, PyAny>) -> String {
+    value.get_type().fully_qualified_name().map_or_else(|_| "?".to_owned(), |name| name.to_string())
+}

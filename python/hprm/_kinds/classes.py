@@ -1,0 +1,210 @@
+"""Dataclasses, named tuples, enumerations, and the classes of attrs and pydantic.
+
+An object is its class, by the names of its module and itself, and its attributes. The rule for what
+has arrived: a name leads to a class that the program could import itself, and only a class of one
+of these kinds is made; nothing is called but what such a class has from its library. No
+``__init__`` and no ``__post_init__`` runs, as with pickle. A class that has its own way of being
+pickled is left to pickle.
+"""
+
+import copyreg
+import dataclasses
+import enum
+import importlib
+import sys
+from typing import Any
+
+from hprm._kinds import Parts
+
+# Of what a class has to be made as all others are.
+_OWN_WAYS = ("__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__", "__new__")
+
+# Where what libraries add to a class comes from.
+_GENERATED = ("dataclasses", "attr._make")
+
+
+def instance(module: str, name: str, names: tuple[str, ...], *values: Any, trusted: bool) -> Any:
+    """Make an object with attributes."""
+    kind = _find(module, name, trusted)
+    fields = _fields(kind)
+    if fields is None or not _is_ordinary(kind):
+        raise _refused(kind, "neither a dataclass nor a class of attrs")
+    made = object.__new__(kind)
+    for attribute, value in zip(names, values, strict=True):
+        if hasattr(made, "__dict__") and not _is_slot(kind, attribute):
+            made.__dict__[attribute] = value
+        elif attribute in fields:
+            object.__setattr__(made, attribute, value)
+        else:
+            raise ValueError(f"malformed payload: {name} has no attribute {attribute}")
+    return made
+
+
+def named_tuple(module: str, name: str, names: tuple[str, ...], *values: Any, trusted: bool) -> Any:
+    """Make a named tuple."""
+    kind = _find(module, name, trusted)
+    if not _is_named_tuple(kind):
+        raise _refused(kind, "no named tuple")
+    if kind._fields != names:
+        raise ValueError(f"malformed payload: {name} has other fields here: {kind._fields}")
+    return tuple.__new__(kind, values)
+
+
+def member(module: str, name: str, which: str, *, trusted: bool) -> enum.Enum:
+    """Find a member of an enumeration."""
+    found: enum.Enum = _enumeration(module, name, trusted).__members__[which]
+    return found
+
+
+def flags(module: str, name: str, value: int, *, trusted: bool) -> enum.Flag:
+    """Make a combination of flags."""
+    kind = _enumeration(module, name, trusted)
+    if not issubclass(kind, enum.Flag) or type(value) is not int:
+        raise _refused(kind, "no set of flags")
+    return kind(value)
+
+
+def model(module: str, name: str, state: dict[str, Any], *, trusted: bool) -> Any:
+    """Make an object of a class of pydantic."""
+    kind = _find(module, name, trusted)
+    base = _pydantic(kind)
+    if base is None:
+        raise _refused(kind, "no model of pydantic")
+    made = object.__new__(kind)
+    base.__setstate__(made, state)
+    return made
+
+
+def taker(kind: type) -> Any:
+    """Return what takes apart values of a class; None if it is not of such a kind."""
+    if not _is_found(kind):
+        return None
+    if issubclass(kind, enum.Enum):
+        return _take_member
+    if issubclass(kind, tuple):
+        return _take_named_tuple if _is_named_tuple(kind) else None
+    base = _pydantic(kind)
+    if base is not None:
+        return lambda value: (model, (kind.__module__, kind.__qualname__, base.__getstate__(value)))
+    fields = _fields(kind)
+    if fields is None or not _is_ordinary(kind):
+        return None
+    slots = [name for name in fields if _is_slot(kind, name)]
+    return lambda value: _take_instance(value, slots)
+
+
+def _take_instance(value: Any, slots: list[str]) -> Parts:
+    kind = type(value)
+    state = {name: getattr(value, name) for name in slots if hasattr(value, name)}
+    state |= getattr(value, "__dict__", {})
+    return instance, (kind.__module__, kind.__qualname__, tuple(state), *state.values())
+
+
+def _take_named_tuple(value: Any) -> Parts | None:
+    kind = type(value)
+    if getattr(value, "__dict__", None):
+        return None
+    return named_tuple, (kind.__module__, kind.__qualname__, kind._fields, *value)
+
+
+def _take_member(value: enum.Enum) -> Parts | None:
+    kind = type(value)
+    name = value.name
+    if name is not None and kind.__members__.get(name) is value:
+        return member, (kind.__module__, kind.__qualname__, name)
+    if isinstance(value, enum.Flag) and type(value.value) is int:
+        return flags, (kind.__module__, kind.__qualname__, value.value)
+    return None
+
+
+def _fields(kind: type) -> list[str] | None:
+    """Return the names of the fields that a dataclass or a class of attrs declares."""
+    if dataclasses.is_dataclass(kind):
+        return list(kind.__dataclass_fields__)
+    attributes = kind.__dict__.get("__attrs_attrs__")
+    return None if attributes is None else [attribute.name for attribute in attributes]
+
+
+def _is_slot(kind: type, name: str) -> bool:
+    return any(name in _slots(base) for base in kind.__mro__)
+
+
+def _slots(kind: type) -> tuple[str, ...]:
+    slots = kind.__dict__.get("__slots__", ())
+    return (slots,) if isinstance(slots, str) else tuple(slots)
+
+
+def _is_ordinary(kind: type) -> bool:
+    """Tell whether attributes are all that there is, and objects are pickled in the usual way."""
+    if kind in copyreg.dispatch_table or any(
+        getattr(kind, name, None) is not getattr(object, name, None) for name in _OWN_WAYS
+    ):
+        return False
+    fields = _fields(kind) or []
+    if any(
+        slot not in fields and slot != "__weakref__" and slot != "__dict__"
+        for base in kind.__mro__
+        for slot in _slots(base)
+    ):
+        return False
+    return all(
+        (way := getattr(kind, name, None)) is getattr(object, name, None)
+        or getattr(way, "__module__", None) in _GENERATED
+        for name in ("__getstate__", "__setstate__")
+    )
+
+
+def _is_named_tuple(kind: type) -> bool:
+    new = getattr(kind.__new__, "__module__", "")
+    ordinary = all(
+        getattr(kind, name, None) is getattr(object, name, None)
+        for name in ("__reduce__", "__reduce_ex__", "__getstate__", "__setstate__")
+    )
+    named = issubclass(kind, tuple) and isinstance(getattr(kind, "_fields", None), tuple)
+    return named and ordinary and isinstance(new, str) and new.startswith("namedtuple_")
+
+
+def _pydantic(kind: type) -> Any:
+    """Return the base of all models, if the class is a model that is pickled as all are."""
+    if "__pydantic_fields__" not in kind.__dict__:
+        return None
+    base = sys.modules["pydantic"].BaseModel
+    ways = ("__getstate__", "__setstate__", *_OWN_WAYS)
+    same = all(getattr(kind, name, None) is getattr(base, name, None) for name in ways)
+    return base if issubclass(kind, base) and same else None
+
+
+def _is_found(kind: type) -> bool:
+    """Tell whether the names of a class lead to it."""
+    try:
+        return _find(kind.__module__, kind.__qualname__, False) is kind
+    except Exception:
+        return False
+
+
+def _enumeration(module: str, name: str, trusted: bool) -> Any:
+    kind = _find(module, name, trusted)
+    if not issubclass(kind, enum.Enum):
+        raise _refused(kind, "no enumeration")
+    return kind
+
+
+def _find(module: str, name: str, trusted: bool) -> Any:
+    found: Any = sys.modules.get(module)
+    if found is None:
+        if not trusted:
+            raise LookupError(
+                f"an object of {module}.{name} has arrived from another machine, and this program "
+                f"has not imported {module}; import it in a preamble"
+            )
+        found = importlib.import_module(module)
+    for step in name.split("."):
+        found = getattr(found, step)
+        if not isinstance(found, type):
+            raise _refused(found, "no class")
+    return found
+
+
+def _refused(what: Any, why: str) -> TypeError:
+    name = getattr(what, "__qualname__", type(what).__qualname__)
+    return TypeError(f"{name} is {why}, so no object of it is made from what has arrived")
