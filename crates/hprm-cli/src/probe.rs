@@ -9,6 +9,7 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener};
 use std::process::Command;
 
+use hprm::Pickling;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
 use serde_json::Value;
@@ -74,6 +75,7 @@ pub(crate) fn all() -> Vec<Finding> {
         descriptors(),
         memory(),
         file_size(),
+        pickles(),
     ]);
     findings.extend(tuning::all());
     findings
@@ -219,6 +221,20 @@ fn file_size() -> Finding {
             "large arrays need more: ulimit -f unlimited",
         ),
         None => Finding::good("shared memory", "no limit to one piece"),
+    }
+}
+
+fn pickles() -> Finding {
+    let subject = "pickle";
+    match Pickling::of(std::env::var_os(Pickling::NAME).as_deref()) {
+        Ok(Pickling::Deny) => Finding::good(subject, "never, by HPRM_PICKLE=deny"),
+        Ok(Pickling::Local) => Finding::good(subject, "only between federates on this machine"),
+        Ok(Pickling::Allow) => Finding::poor(
+            subject,
+            "also from other machines, by HPRM_PICKLE=allow",
+            "every member of a federation can run code in this user's name",
+        ),
+        Err(reason) => Finding::bad(subject, reason, "see docs/serialization.md"),
     }
 }
 

@@ -53,6 +53,20 @@ impl FromStr for FederationId {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub struct HostId(pub u128);
 
+impl HostId {
+    /// The id of whoever has joined over a Unix socket.
+    #[must_use]
+    pub fn beside_rti(self) -> Self {
+        Self(self.0 | 1)
+    }
+
+    /// The id of whoever has joined over TCP, which is none of the others', whatever it says.
+    #[must_use]
+    pub fn elsewhere(self) -> Self {
+        Self(self.0 & !1)
+    }
+}
+
 /// A member of a federation, as the others see it.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Peer {

@@ -5,7 +5,7 @@ use std::mem;
 use std::sync::Arc;
 
 use hprm::trace::Described;
-use hprm::{Failure, Host, SharedBodies};
+use hprm::{Failure, Host, Pickling, SharedBodies};
 use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
@@ -19,7 +19,7 @@ use crate::failure::{failure, failure_at};
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
-use crate::serialize::Pickling;
+use crate::serialize::Trust;
 use crate::thread;
 use crate::value::Value;
 
@@ -114,11 +114,14 @@ impl PyHost {
         }
     }
 
-    fn channel_name(&self, channel: ChannelId) -> String {
+    /// What to tell if a value could not be sent.
+    fn not_sent(&self, py: Python<'_>, channel: ChannelId, error: PyErr) -> Failure {
         let program = self.runtime.program();
         let connection = &program.connections[program.channels[channel].connection];
         let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
-        format!("connection {from} -> {to}")
+        let what = format!("sending a value on connection {from} -> {to}");
+        let origin = self.origins.get(&connection.from).map_or("", String::as_str);
+        failure_at(py, error, &what, origin)
     }
 }
 
@@ -220,15 +223,10 @@ impl Host for PyHost {
         value: &Value,
         near: bool,
     ) -> Result<Payload, Failure> {
-        let (codec, trust) = (&self.codecs[channel], self.pickling.towards(near));
+        let (codec, trust) = (&self.codecs[channel], Trust::new(self.pickling, near));
         let payload = Python::attach(|py| {
-            value.encoded(py, codec, store, self.federate, trust).map_err(|error| {
-                let what = format!("sending a value on {}", self.channel_name(channel));
-                let program = self.runtime.program();
-                let from = program.connections[program.channels[channel].connection].from;
-                let origin = self.origins.get(&from).map_or("", String::as_str);
-                failure_at(py, error, &what, origin)
-            })
+            let encoded = value.encoded(py, codec, store, self.federate, trust);
+            encoded.map_err(|error| self.not_sent(py, channel, error))
         });
         let heap_fallbacks = numpy_memory::refused();
         self.runtime.note(StoreStats { heap_fallbacks, ..store.stats() });
@@ -243,21 +241,24 @@ impl Host for PyHost {
         arrival: PhysicalTime,
         near: bool,
     ) -> Value {
-        let way = (Arc::clone(&self.codecs[channel]), self.pickling.towards(near));
+        let way = (Arc::clone(&self.codecs[channel]), Trust::new(self.pickling, near));
         Value::arrived(way, payload, objects, arrival)
     }
 
     fn hand_over(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
-        let trust = self.pickling.towards(true);
+        let trust = Trust::new(self.pickling, true);
         Python::attach(|py| {
-            value.handed_over(py, &self.codecs[channel], trust).map_err(|error| {
-                failure(py, error, &format!("sending a value on {}", self.channel_name(channel)))
-            })
+            let handed_over = value.handed_over(py, &self.codecs[channel], trust);
+            handed_over.map_err(|error| self.not_sent(py, channel, error))
         })
     }
 
     fn take_over(&mut self, channel: ChannelId, value: Value, arrival: PhysicalTime) -> Value {
-        value.taken_over(Arc::clone(&self.codecs[channel]), self.pickling.towards(true), arrival)
+        value.taken_over(
+            Arc::clone(&self.codecs[channel]),
+            Trust::new(self.pickling, true),
+            arrival,
+        )
     }
 
     fn describe(&mut self, value: &Value) -> Described {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use hprm::{Failure, Inbox};
+use hprm::{Failure, Inbox, Pickling};
 use hprm_core::{
     ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
 };
@@ -22,7 +22,6 @@ use crate::mode::Mode;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
-use crate::serialize::Pickling;
 use crate::thread;
 use crate::value::Value;
 
@@ -41,7 +40,7 @@ pub(crate) fn load(
     let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
-    let pickling = Pickling::of_environment();
+    let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
     let pickling = pickling.map_err(|reason| Failure::new(format!("error: {reason}")))?;
     // Last, so that Ctrl-C breaks into a preamble at once.
     let interrupt = Interrupt::install(py, scope, inbox.wakeup()).map_err(loading)?;

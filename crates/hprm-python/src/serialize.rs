@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 
 use self::encode::Stop;
 pub(crate) use self::place::Place;
-pub(crate) use self::trust::{Pickling, Trust};
+pub(crate) use self::trust::Trust;
 use crate::buffer::Part;
 
 /// An encoded value, and what keeps its objects in the store.

@@ -1,5 +1,6 @@
 //! Serialization without a federation, for the tests of the package.
 
+use hprm::Pickling;
 use hprm_core::{FederateId, Part as Wire};
 use hprm_store::{Object, Store, StoreLimits};
 use pyo3::exceptions::PyRuntimeError;
@@ -10,7 +11,7 @@ use std::sync::Arc;
 use crate::api;
 use crate::buffer::Part;
 use crate::codec::Codec;
-use crate::serialize::{self, Pickling, Place};
+use crate::serialize::{self, Place, Trust};
 use crate::value::Value;
 
 /// What a trace says of a value: the digest, the text, and whether something could not be seen.
@@ -29,7 +30,8 @@ pub(crate) fn encode<'py>(
     near: bool,
 ) -> PyResult<(Bound<'py, PyBytes>, Vec<Bound<'py, PyBytes>>)> {
     let py = value.py();
-    let payload = serialize::encode(value, Place::inline(), Pickling::Local.towards(near))?.payload;
+    let payload =
+        serialize::encode(value, Place::inline(), Trust::new(Pickling::Local, near))?.payload;
     let parts = payload.parts.iter().filter_map(|part| match part {
         Wire::Inline(bytes) => Some(PyBytes::new(py, bytes)),
         Wire::Object(_) => None,
@@ -47,7 +49,7 @@ pub(crate) fn decode<'py>(
     near: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
     let parts: Vec<_> = parts.into_iter().map(|bytes| Part::Inline(Arc::new(bytes))).collect();
-    serialize::decode(py, head, &parts, Pickling::Local.towards(near))
+    serialize::decode(py, head, &parts, Trust::new(Pickling::Local, near))
 }
 
 /// Sends `value` through stores, as one federate does to `readers` others. Returns what each of them
@@ -65,7 +67,7 @@ pub(crate) fn store_round_trip<'py>(
     let owner = FederateId(0);
     let mut sender = Store::new(owner, StoreLimits { capacity_bytes, ..default });
     let (value, codec) = (Value::new(value), Arc::new(Codec::Native));
-    let trust = Pickling::Local.towards(true);
+    let trust = Trust::new(Pickling::Local, true);
     let values = PyList::empty(py);
     for reader in (1..=readers).map(FederateId) {
         let payload = value.encoded(py, &codec, &mut sender, owner, trust)?;

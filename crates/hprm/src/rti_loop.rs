@@ -241,6 +241,7 @@ impl Rti {
         for (link, hello) in admitted {
             let id = LinkId(self.next_link);
             self.next_link += 1;
+            let hello = if link.is_local() { hello } else { from_elsewhere(hello) };
             self.links.insert(id, link);
             self.frame(id, hello, None);
             self.apply(report);
@@ -425,4 +426,12 @@ struct News {
     lobby: bool,
     /// When the machine wants to be woken.
     wakeup: Option<PhysicalTime>,
+}
+
+/// What somebody says who has come over TCP: not to be on this machine, even if he does.
+fn from_elsewhere(mut hello: Frame) -> Frame {
+    if let Frame::Hello { host, .. } = &mut hello {
+        *host = host.elsewhere();
+    }
+    hello
 }

@@ -1,48 +1,8 @@
-//! Who may send pickles to whom: `HPRM_PICKLE`.
+//! How far the other end of a channel is trusted: whether pickles may pass.
 //!
-//! Reading a pickle runs what its sender likes. A process of the same user on the same machine could
-//! do so anyway; another machine could not.
+//! What `HPRM_PICKLE` says is read when a program is loaded; here it meets where a federate is.
 
-use std::env;
-
-const NAME: &str = "HPRM_PICKLE";
-
-/// What `HPRM_PICKLE` says.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) enum Pickling {
-    /// Nobody may.
-    Deny,
-    /// Federates of one user on one machine may.
-    #[default]
-    Local,
-    /// All members of the federation may.
-    Allow,
-}
-
-impl Pickling {
-    /// What the environment says.
-    ///
-    /// # Errors
-    ///
-    /// A message, if it says something that is not known.
-    pub(crate) fn of_environment() -> Result<Self, String> {
-        let Some(text) = env::var_os(NAME) else { return Ok(Self::default()) };
-        match text.to_str() {
-            Some("deny") => Ok(Self::Deny),
-            Some("local" | "") => Ok(Self::Local),
-            Some("allow") => Ok(Self::Allow),
-            _ => Err(format!(
-                "{NAME}={} means nothing; it is `deny`, `local` or `allow`",
-                text.to_string_lossy()
-            )),
-        }
-    }
-
-    /// For what goes to, or comes from, a federate that is `near`: on this machine, of this user.
-    pub(crate) fn towards(self, near: bool) -> Trust {
-        Trust { pickling: self, near }
-    }
-}
+use hprm::Pickling;
 
 /// How far the other end is trusted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -52,6 +12,11 @@ pub(crate) struct Trust {
 }
 
 impl Trust {
+    /// Trust in a federate that is `near`: on this machine, of this user.
+    pub(crate) const fn new(pickling: Pickling, near: bool) -> Self {
+        Self { pickling, near }
+    }
+
     /// Whether pickles may pass.
     pub(crate) fn permits_pickle(self) -> bool {
         match self.pickling {

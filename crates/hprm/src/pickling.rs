@@ -1,0 +1,63 @@
+//! Who may send pickles to whom: `HPRM_PICKLE`.
+//!
+//! Reading a pickle runs what its sender likes. A process of the same user on the same machine could
+//! do so anyway; another machine could not. What a pickle is, and what needs none, is the host's
+//! business.
+
+use std::ffi::OsStr;
+
+/// What `HPRM_PICKLE` says.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Pickling {
+    /// Nobody may.
+    Deny,
+    /// Federates of one user on one machine may.
+    #[default]
+    Local,
+    /// All members of the federation may.
+    Allow,
+}
+
+impl Pickling {
+    /// The name of the environment variable.
+    pub const NAME: &'static str = "HPRM_PICKLE";
+
+    /// What the variable says, if it is set.
+    ///
+    /// # Errors
+    ///
+    /// A message, if it says something that is not known.
+    pub fn of(variable: Option<&OsStr>) -> Result<Self, String> {
+        let Some(text) = variable.filter(|text| !text.is_empty()) else {
+            return Ok(Self::default());
+        };
+        match text.to_str() {
+            Some("deny") => Ok(Self::Deny),
+            Some("local") => Ok(Self::Local),
+            Some("allow") => Ok(Self::Allow),
+            _ => Err(format!(
+                "{}={} means nothing; it is `deny`, `local` or `allow`",
+                Self::NAME,
+                text.to_string_lossy()
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unset_or_empty_is_local() {
+        let of = |text: &str| Pickling::of(Some(OsStr::new(text)));
+        assert_eq!(Pickling::of(None), Ok(Pickling::Local));
+        assert_eq!(of(""), Ok(Pickling::Local));
+        assert_eq!(of("local"), Ok(Pickling::Local));
+        assert_eq!(of("deny"), Ok(Pickling::Deny));
+        assert_eq!(of("allow"), Ok(Pickling::Allow));
+        for text in ["ALLOW", "yes", "1", " allow"] {
+            assert!(of(text).unwrap_err().contains("`deny`, `local` or `allow`"), "{text}");
+        }
+    }
+}

@@ -1,0 +1,154 @@
+"""`HPRM_PICKLE`: between whom pickles pass, and what is said where they do not."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Run, Spawn
+from test_network import finish, listening
+
+PROGRAM = """\
+target Python {{ coordination: {coordination}, timeout: 0 sec }}
+preamble {{=
+import pathlib
+class Plain:
+    pass
+class Witness:
+    def __reduce__(self):
+        return pathlib.Path.touch, (pathlib.Path("unpickled"),)
+=}}
+reactor Source {{
+  output out
+  reaction(startup) -> out {{=
+    plain = Plain()
+    plain.x = 7
+    out.set({value})
+  =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{= print("got", inp.value["a"][1].x) =}}
+}}
+federated reactor {{
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}}
+"""
+
+NESTED = '{"a": [0, plain]}'
+GOT = "got 7\n"
+
+
+def text(value: str = NESTED, coordination: str = "centralized") -> str:
+    return PROGRAM.format(value=value, coordination=coordination)
+
+
+def test_objects_of_any_class_pass_between_neighbours(launch: Run) -> None:
+    assert GOT in launch(text()).out
+
+
+@pytest.mark.parametrize("inside", [(), ("--in-process",)], ids=["processes", "threads"])
+def test_deny_means_never(
+    launch: Run, inside: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HPRM_PICKLE", "deny")
+    outcome = launch(text(), *inside)
+    assert outcome.code == 1
+    assert "`value['a'][1]` is of the type Plain, which only pickle can carry" in outcome.err
+    assert "HPRM_PICKLE=deny" in outcome.err
+    assert "connection Program.source.out -> Program.sink.inp" in outcome.err
+    assert "Program.lf:12" in outcome.err
+    assert "got" not in outcome.out
+
+
+def test_what_needs_no_pickle_passes_always(launch: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HPRM_PICKLE", "deny")
+    program = text().replace("class Plain:\n    pass", DATACLASS).replace("Plain()", "Plain(7)")
+    outcome = launch(program)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert GOT in outcome.out
+
+
+DATACLASS = """\
+import dataclasses
+@dataclasses.dataclass
+class Plain:
+    x: int"""
+
+
+def test_a_word_that_means_nothing_is_an_error(
+    launch: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HPRM_PICKLE", "yes")
+    outcome = launch(text())
+    assert outcome.code == 1
+    assert "HPRM_PICKLE=yes means nothing; it is `deny`, `local` or `allow`" in outcome.err
+
+
+@pytest.fixture
+def start(spawn: Spawn) -> Spawn:
+    command = shutil.which("hprm", path=str(Path(sys.executable).parent))
+    assert command is not None, "make build puts hprm beside python"
+    return functools.partial(spawn, command)
+
+
+def over_tcp(
+    start: Spawn, folder: Path, program: str, source: str = "", sink: str = ""
+) -> dict[str, tuple[str, str, int]]:
+    """Runs a program whose source joins over TCP; what `HPRM_PICKLE` is for each federate."""
+    (folder / "Fed.lf").write_text(program)
+    secret = ["--federation-file", "secret"]
+    unix = f"unix:{folder}/rti"
+    rti = start("rti", "Fed.lf", "--listen", unix, "--listen", "127.0.0.1:0", *secret)
+    assert listening(rti) == unix
+    tcp = listening(rti)
+    reached = ["--advertise", "127.0.0.1"]
+    federates = {
+        "source": start("federate", "Fed.lf", "source", "--rti", tcp, *secret, HPRM_PICKLE=source),
+        "sink": start(
+            "federate", "Fed.lf", "sink", "--rti", unix, *reached, *secret, HPRM_PICKLE=sink
+        ),
+    }
+    return {name: finish(process) for name, process in federates.items()} | {"rti": finish(rti)}
+
+
+BOTH = pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+
+
+@BOTH
+def test_nothing_is_pickled_for_another_machine(
+    start: Spawn, tmp_path: Path, coordination: str
+) -> None:
+    ends = over_tcp(start, tmp_path, text(coordination=coordination))
+    _, errors, code = ends["source"]
+    assert code == 1
+    assert "`value['a'][1]` is of the type Plain" in errors
+    assert "HPRM_PICKLE=local" in errors
+    assert "HPRM_PICKLE=allow" in errors
+    assert "got" not in ends["sink"][0]
+
+
+@BOTH
+def test_allow_means_other_machines_too(start: Spawn, tmp_path: Path, coordination: str) -> None:
+    ends = over_tcp(start, tmp_path, text(coordination=coordination), "allow", "allow")
+    assert ends["sink"] == (GOT, "", 0)
+
+
+@BOTH
+def test_what_may_not_come_is_not_unpickled(
+    start: Spawn, tmp_path: Path, coordination: str
+) -> None:
+    program = text("Witness()", coordination)
+    ends = over_tcp(start, tmp_path, program, "allow", "local")
+    _, errors, code = ends["sink"]
+    assert code == 1
+    assert "a pickle has arrived and was not read" in errors
+    assert not (tmp_path / "unpickled").exists()
+    # It would have run what the sender likes.
+    over_tcp(start, tmp_path, program, "allow", "allow")
+    assert (tmp_path / "unpickled").exists()
