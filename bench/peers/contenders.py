@@ -46,7 +46,7 @@ class Contender:
 
     @property
     def ours(self) -> bool:
-        """Whether it is HPRM."""
+        """Whether it is a way to run HPRM's programs."""
         return self.kind == "hprm"
 
 
@@ -85,11 +85,14 @@ CONTENDERS = (
     Contender("ray", "ray", _ALL, "ray", "ray"),
     _method("memcpy, recycled", PLACE, "recycled"),
     _method("memcpy, fresh memory", PLACE, "fresh"),
+    Contender("hprm copy", "hprm", (PLACE,)),
+    Contender("hprm loan", "hprm", (PLACE,), options={"loan": True}),
     _method("shm + pickle", PLACE, "shm_pickle"),
     _method("iceoryx2 loan + copy", PLACE, "iceoryx2", "iceoryx2"),
     _method("zenoh shm", PLACE, "zenoh", "zenoh"),
     _method("plasma", PLACE, "plasma", "plasma"),
     _method("ray put", PLACE, "ray", "ray"),
+    _method("hprm", ENCODE, "hprm"),
     _method("pickle 5 out of band", ENCODE, "pickle_out_of_band"),
     _method("pickle 5 in band", ENCODE, "pickle_in_band"),
     _method("cyclonedds CDR", ENCODE, "cyclonedds", "cyclonedds"),

@@ -12,8 +12,12 @@ import contenders as who
 from figures import Figure, Measurements, Spread
 
 MB = 1_000_000
-OURS = tuple(contender.name for contender in who.CONTENDERS if contender.ours)
-"""The ways to run HPRM between processes."""
+OURS = tuple(
+    contender.name
+    for contender in who.CONTENDERS
+    if contender.ours and who.GATHER in contender.groups
+)
+"""The ways to run HPRM that all goals are for."""
 
 NOT_PEERS = ("limit", "limit spinning")
 """Neither HPRM nor something that a user could pick instead."""
@@ -80,6 +84,7 @@ def _of_a_way(ours: str) -> Iterator[Goal]:
         yield Goal("W1", who.GATHER, size * MB, ours, "iceoryx2", bound)
     for size in (1, 5, 10, 25, 50):
         yield Goal("W1b", who.GATHER, size * MB, ours, "iceoryx2", 1.0)
+    yield Goal("W1", who.GATHER, 50 * MB, ours, "unix + pickle", 0.125)
     yield Goal("W2", who.SAME, 64, ours, "iceoryx2", 0.8)
     yield Goal("W2", who.APART, 64, ours, "iceoryx2", 1.0)
     for group in (who.APART, who.FAN):

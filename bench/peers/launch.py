@@ -89,7 +89,7 @@ class Launcher:
     ) -> list[Result]:
         self._count += 1
         name = f"hprmbench-{os.getpid()}-{self._count}"
-        directory = Path(tempfile.mkdtemp(prefix="hb-", dir="/tmp"))
+        directory = Path(tempfile.mkdtemp(prefix="hb-"))
         session = self._describe(name, directory, contender, group, cells)
         environment = self._environment(contender, session)
         build = getattr(self, f"_{contender.kind}")
@@ -189,9 +189,11 @@ class Launcher:
         return [Command([str(dora), "run", str(description)])]
 
     def _hprm(self, contender: Contender, session: dict[str, Any]) -> list[Command]:
-        coordination = contender.options["coordination"]
+        coordination = contender.options.get("coordination", "decentralized")
         words = [str(self._command), "run", *contender.arguments]
-        if session["plan"][0]["workload"] == "W5":
+        if session["plan"][0]["workload"] == "W3":
+            program = "Place.lf"
+        elif session["plan"][0]["workload"] == "W5":
             words += ["--property", f"coordination={coordination}"]
             program = f"Rate{session['nodes']}.lf"
         else:

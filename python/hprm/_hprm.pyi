@@ -133,6 +133,17 @@ def encode(value: Any) -> tuple[bytes, list[bytes]]:
 def decode(head: bytes, parts: list[bytes]) -> Any:
     """Rebuild the value of a head and its parts."""
 
+def describe_value(value: Any) -> bytes:
+    """Return what describes a value, without its large buffers."""
+
+@final
+class ArrivedValue:
+    """A value as it arrives, which may be decoded any number of times."""
+
+    def __init__(self, value: Any) -> None: ...
+    def decode(self) -> Any:
+        """Return the value, over the buffers that arrived."""
+
 def store_round_trip(
     value: Any, readers: int, capacity: int | None = None
 ) -> tuple[list[Any], dict[str, int]]:

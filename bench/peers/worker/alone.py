@@ -63,7 +63,7 @@ def _encode(cell: Cell, method: Any, out: TextIO) -> None:
     for name, value in values.items():
         if not method.takes(value):
             continue
-        encoded = method.serialize(value)
+        encoded = method.arrived(value)
         _check(value, method.deserialize(encoded))
         _say(out, cell, f"{name}, out", _timed(cell, lambda value=value: method.serialize(value)))
         _say(out, cell, f"{name}, in", _timed(cell, lambda at=encoded: method.deserialize(at)))

@@ -21,6 +21,7 @@ mod fork;
 mod host;
 mod interrupt;
 mod load;
+mod measuring;
 mod mode;
 mod numpy_memory;
 mod parcel;
@@ -44,6 +45,8 @@ mod _hprm {
     use crate::action::Action;
     #[pymodule_export]
     use crate::api::Api;
+    #[pymodule_export]
+    use crate::measuring::{ArrivedValue, describe_value};
     #[pymodule_export]
     use crate::numpy_memory::in_store;
     #[pymodule_export]

@@ -72,6 +72,19 @@ pub(crate) fn encode(
     })
 }
 
+/// Writes what describes `value`, without placing its large buffers anywhere.
+///
+/// # Errors
+///
+/// If only pickle can take the value.
+pub(crate) fn describe(value: &Bound<'_, PyAny>, trust: Trust) -> PyResult<Vec<u8>> {
+    match encode::encode(value) {
+        Ok(draft) => Ok(draft.head),
+        Err(Stop::Raised(error)) => Err(error),
+        Err(Stop::Foreign(culprit)) => Err(culprit.refused(trust)),
+    }
+}
+
 /// Whether what arrived is a pickle.
 pub(crate) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
     decode::is_pickled(head, parts)

@@ -20,6 +20,14 @@ class _Codec:
         """Whether the method has a way for such a value."""
         return True
 
+    def serialize(self, value: Any) -> Any:
+        """Must be said by each method."""
+        raise NotImplementedError
+
+    def arrived(self, value: Any) -> Any:
+        """What `deserialize` takes: what `serialize` returns, unless a method says otherwise."""
+        return self.serialize(value)
+
 
 class pickle_in_band(_Codec):  # noqa: N801
     """`pickle` with protocol 5, everything in one byte string."""
@@ -44,6 +52,29 @@ class pickle_out_of_band(_Codec):  # noqa: N801
     def deserialize(self, encoded: tuple[bytes, list[pickle.PickleBuffer]]) -> Any:
         """The value over these buffers."""
         return pickle.loads(encoded[0], buffers=encoded[1])
+
+
+class hprm(_Codec):
+    """The description that a federate makes of a value, and the value over buffers that arrived."""
+
+    def __init__(self, session: Session) -> None:
+        """Needs the package's extension module."""
+        super().__init__(session)
+        from hprm._hprm import ArrivedValue, describe_value
+
+        self._describe, self._arrive = describe_value, ArrivedValue
+
+    def serialize(self, value: Any) -> bytes:
+        """A byte string; the buffers stay where they are."""
+        return self._describe(value)
+
+    def arrived(self, value: Any) -> Any:
+        """What the other end has of it."""
+        return self._arrive(value)
+
+    def deserialize(self, encoded: Any) -> Any:
+        """The value."""
+        return encoded.decode()
 
 
 class cyclonedds(_Codec):
