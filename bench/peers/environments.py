@@ -55,7 +55,10 @@ def prepare(name: str) -> None:
         return
     shutil.rmtree(directory, ignore_errors=True)
     # Without symbolic links some interpreters do not find their own library.
-    venv.EnvBuilder(with_pip=True, symlinks=True).create(directory)
+    try:
+        venv.EnvBuilder(with_pip=True, symlinks=True).create(directory)
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise Unavailable(f"no virtual environment can be made: {error}") from error
     _install(name, requirements)
     ready.write_text(wanted)
 

@@ -38,7 +38,7 @@ class Effort:
     session_limit_s: float
     """A contender that needs longer for a group is ended; what it has measured counts."""
     total_limit_s: float
-    """No repetition begins after that time."""
+    """No repetition begins that would not end within that time."""
 
 
 FULL = Effort(5, rounds=30, budget_s=0.35, session_limit_s=60, total_limit_s=28 * 60)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -44,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not hprm.exists():
         print(f"error: {hprm} does not exist\n  hint: run `make build`", file=sys.stderr)
         return 1
+    # Whoever asks the harness to end means its children too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         missing = prepare(options)
         run = Run(options, effort, Launcher(hprm, effort.session_limit_s), missing)
@@ -150,7 +153,9 @@ class Run:
         bar = ProgressBar(max(1, self._effort.repetitions * total))
         try:
             for repetition in range(self._effort.repetitions):
-                if repetition and time.monotonic() - began > self._effort.total_limit_s:
+                taken = time.monotonic() - began
+                # One more takes about as long as those before.
+                if repetition and taken * (1 + 1 / repetition) > self._effort.total_limit_s:
                     break
                 for group, contenders in self._sessions:
                     shift = repetition % max(1, len(contenders))
