@@ -38,8 +38,9 @@ mutants: $(VENV)/.requirements ## put faults into copies of the coordination; si
 check-model: toolchain ## go every way in which small federations can go, for some minutes
 	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2
 
-acceptance: build ## the long form of some tests: pauses, orders of starting, a hundred equal runs
-	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py
+acceptance: build ## the long form of some tests: pauses, orders of starting, equal runs, kills
+	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py \
+		tests/python/test_memory.py tests/python/test_readers.py
 
 FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed

@@ -1,0 +1,283 @@
+"""Memory when owners and readers of large values are killed, at any moment, again and again.
+
+A hub gets arrays from a source and keeps some, and sends arrays to a viewer, which keeps some. The
+source and the viewer are killed in any order and started again. ``make test`` does that a few
+times, ``make acceptance`` two hundred times.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from processes import Bench, Federation, finish, stores, until
+
+FULL = bool(os.environ.get("HPRM_ACCEPTANCE"))
+COORDINATIONS = ["centralized", "decentralized"]
+KILLS = 200 if FULL else 6
+
+SEGMENT = 16 << 20
+"""The least that a store takes from the system at a time."""
+
+FREE_WITHIN_S = 1.0
+"""How soon what a federate has held is free when it is killed."""
+
+SOURCE_WORDS, HUB_WORDS = 30_000, 50_000
+"""Numbers in an array of either owner; 8 bytes each."""
+
+# The hub says how it is in a file, at each tag. What it has kept goes when it is half a second old.
+PROGRAM = """\
+target Python { coordination: COORDINATION }
+preamble {=
+import json, os, pathlib, time
+import numpy as np
+def tell(name, **what):
+    draft = pathlib.Path(f"{name}.draft")
+    draft.write_text(json.dumps({"pid": os.getpid()} | what))
+    draft.rename(f"{name}.json")
+def is_whole(array):
+    return not array.flags.writeable and bool((array == array[0]).all())
+=}
+reactor Source {
+  output out
+  timer t(0, 5 msec)
+  state count = 0
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(np.full(SOURCE_WORDS, self.count))
+    if self.count == 10: tell("source")
+  =}
+}
+reactor Hub {
+  input inp
+  output out
+  output beat
+  timer t(0, 5 msec)
+  state count = 0
+  state arrived = 0
+  state kept = {= [] =}
+  reaction(inp) {=
+    self.arrived += 1
+    self.kept.append((time.monotonic(), inp.value))
+  =}
+  reaction(t) -> out, beat {=
+    self.count += 1
+    out.set(np.full(HUB_WORDS, self.count))
+    beat.set(self.count)
+    assert all(is_whole(array) for _, array in self.kept)
+    self.kept = [(at, array) for at, array in self.kept if time.monotonic() - at < 0.2][-20:]
+    tell("hub", count=self.count, arrived=self.arrived, kept=len(self.kept), **lf.store_stats())
+    if pathlib.Path("stop").exists(): request_stop()
+  =}
+}
+reactor Viewer {
+  input inp
+  state kept = {= [] =}
+  reaction(inp) {=
+    assert is_whole(inp.value)
+    self.kept = [*self.kept[-15:], inp.value]
+    if len(self.kept) == 16: tell("viewer")
+  =}
+}
+reactor Anchor {
+  input image
+  input beat
+  reaction(image, beat) {= assert is_whole(image.value) =}
+}
+federated reactor {
+  @transient
+  source = new Source()
+  @maxwait(20 msec)
+  hub = new Hub()
+  @transient
+  viewer = new Viewer()
+  anchor = new Anchor()
+  source.out -> hub.inp
+  hub.out -> viewer.inp
+  hub.out -> anchor.image
+  hub.beat -> anchor.beat
+}
+"""
+
+
+class Stage:
+    """The federation, and what its hub says of itself."""
+
+    def __init__(self, bench: Bench, coordination: str) -> None:
+        """Start everybody, and wait until everything flows."""
+        self._folder = bench.folder
+        text = PROGRAM.replace("COORDINATION", coordination)
+        text = text.replace("SOURCE_WORDS", str(SOURCE_WORDS)).replace("HUB_WORDS", str(HUB_WORDS))
+        self.federation: Federation = bench.by_hand(text, "source", "viewer", "hub", "anchor")
+        self.await_flow()
+
+    def hub(self) -> dict[str, int]:
+        """How the hub is."""
+        file = self._folder / "hub.json"
+        until(file.exists, "the hub is there")
+        return json.loads(file.read_text())
+
+    def await_flow(self) -> None:
+        """Wait until the source sends, the viewer keeps, and the hub does both."""
+        for name in ("source", "viewer"):
+            until((self._folder / f"{name}.json").exists, f"the {name} is there")
+        before = self.hub()
+        until(lambda: self.hub()["arrived"] > before["arrived"], "the hub gets arrays")
+        until(lambda: self.hub()["kept"] > 0, "the hub keeps arrays")
+
+    def await_soon(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait for something that is to happen soon."""
+        begun = time.monotonic()
+        until(condition, what)
+        took = time.monotonic() - begun
+        # The hub tells at its next tag, and is asked now and then.
+        assert took < FREE_WITHIN_S + 0.5, f"{what} after {took} s"
+
+    def kill(self, name: str) -> None:
+        """Kill a federate, and see that what it has held or owned is free."""
+        before = self.hub()
+        member = self.federation.members.pop(name)
+        (self._folder / f"{name}.json").unlink(missing_ok=True)
+        os.kill(member.pid, signal.SIGKILL)
+        member.communicate()
+        until(lambda: self.hub()["count"] > before["count"] + 1, "the hub goes on")
+        if name == "viewer":
+            frame = HUB_WORDS * 8
+            self.await_soon(lambda: self.hub()["bytes_in_use"] <= 4 * frame, "the hub is free")
+        else:
+            self.await_soon(lambda: self.hub()["kept"] == 0, "the hub keeps nothing")
+            own = self.hub()["segments"]
+            self.await_soon(lambda: mappings(self.hub()["pid"]) <= own, "nothing foreign is mapped")
+
+    def start(self, *names: str) -> None:
+        """Start federates again."""
+        for name in names:
+            self.federation.start(name)
+        self.await_flow()
+
+    def measure(self) -> dict[str, int]:
+        """What the hub takes of the machine."""
+        hub = self.hub()
+        pid = hub["pid"]
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        [resident] = [line for line in lines if line.startswith("RssAnon:")]
+        return {
+            "anonymous": int(resident.split()[1]) * 1024,
+            "mapped": hub["bytes_mapped"],
+            "descriptors": len(os.listdir(f"/proc/{pid}/fd")),
+        }
+
+
+def mappings(pid: int) -> int:
+    """How many segments of object stores a process has mapped."""
+    lines = Path(f"/proc/{pid}/maps").read_text(errors="replace").splitlines()
+    return sum("memfd:hprm" in line for line in lines)
+
+
+def surroundings() -> list[set[str]]:
+    """The names in folders where something might be left."""
+    folders = ["/dev/shm", os.environ.get("XDG_RUNTIME_DIR", "/dev/shm")]
+    return [set(os.listdir(folder)) for folder in folders if Path(folder).is_dir()]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_memory_is_where_it_began_after_any_number_of_kills(
+    bench: Bench, coordination: str
+) -> None:
+    outside = surroundings()
+    stage = Stage(bench, coordination)
+    order = random.Random(7)
+    begun = stage.measure()
+    for at in range(KILLS):
+        victims = order.choice([["source"], ["viewer"], ["source", "viewer"]])
+        for victim in victims:
+            stage.kill(victim)
+        stage.start(*victims)
+        if at == 1:
+            # The first rounds warm up what is used again later.
+            begun = stage.measure()
+    ended = stage.measure()
+    # A reader that lags for a moment makes the store grow once, by a segment and its descriptor.
+    assert ended["mapped"] <= begun["mapped"] + 2 * SEGMENT, (begun, ended)
+    assert ended["descriptors"] <= begun["descriptors"] + 4, (begun, ended)
+    assert ended["anonymous"] < begun["anonymous"] + 8_000_000, (begun, ended)
+
+    (bench.folder / "stop").touch()
+    for name, member in stage.federation.members.items():
+        outcome = finish(member)
+        assert outcome.code == 0 or name == "rti", (name, outcome.err)
+    assert all(now <= before for now, before in zip(surroundings(), outside, strict=True))
+
+
+# Every member says at each tick who it is and how far.
+CHAIN = """\
+target Python { coordination: COORDINATION }
+preamble {=
+import os, pathlib
+import numpy as np
+def tell(name, count):
+    draft = pathlib.Path(f"{name}.draft")
+    draft.write_text(f"{os.getpid()} {count}")
+    draft.rename(f"{name}.now")
+=}
+reactor Sender {
+  output out
+  timer t(0, 2 msec)
+  state count = 0
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(np.full(20_000, self.count))
+    tell("sender", self.count)
+  =}
+}
+reactor Receiver {
+  input inp
+  state kept = {= [] =}
+  reaction(inp) {=
+    self.kept = [*self.kept[-9:], inp.value]
+    tell("receiver", int(inp.value[0]))
+  =}
+}
+federated reactor {
+  sender = new Sender()
+  receiver = new Receiver()
+  sender.out -> receiver.inp
+}
+"""
+
+
+def progress(file: Path, tick: int) -> int:
+    """Wait until a member has come to a tick, and return its process."""
+    until(lambda: file.exists() and int(file.read_text().split()[1]) >= tick, f"tick {tick}")
+    return int(file.read_text().split()[0])
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_nothing_is_left_whoever_is_killed_whenever(bench: Bench, coordination: str) -> None:
+    outside, held = surroundings(), stores()
+    order = random.Random(coordination)
+    for _ in range(KILLS // 2):
+        for file in bench.folder.glob("*.now"):
+            file.unlink()
+        process = bench.start(CHAIN.replace("COORDINATION", coordination))
+        victim, tick = order.choice(["sender", "receiver", "command"]), order.randrange(1, 40)
+        watched = bench.folder / ("sender.now" if victim == "command" else f"{victim}.now")
+        member = progress(watched, tick)
+        pid = process.pid if victim == "command" else member
+        os.kill(pid, signal.SIGKILL)
+        outcome = finish(process)
+        if victim == "command":
+            assert outcome.code == -signal.SIGKILL
+        else:
+            assert outcome.code == 1
+            outcome.assert_one_error(f"error: federate {victim} was killed by signal 9 (SIGKILL)")
+        begun = time.monotonic()
+        until(lambda: not bench.left() and stores() <= held, "no process and no memory is left")
+        assert time.monotonic() - begun < FREE_WITHIN_S
+    assert all(now <= before for now, before in zip(surroundings(), outside, strict=True))
