@@ -230,7 +230,11 @@ mod tests {
     const MB: usize = 1 << 20;
 
     fn yard() -> Yard {
-        let limits = StoreLimits { capacity_bytes: 32 << 20, segment_min_bytes: 1 << 20 };
+        let limits = StoreLimits {
+            capacity_bytes: 32 << 20,
+            segment_min_bytes: 1 << 20,
+            ..StoreLimits::default()
+        };
         Yard::new(Store::new(ME, limits))
     }
 
