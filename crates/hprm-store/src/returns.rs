@@ -7,6 +7,7 @@
 #![allow(clippy::disallowed_types, reason = "drops come from any thread; nothing waits under it")]
 
 use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Called when the first note is left in an empty queue; on any thread, so it should only wake one.
@@ -15,13 +16,15 @@ pub type Wake = Box<dyn Fn() + Send + Sync>;
 /// Notes, in the order in which they were left.
 pub(crate) struct Returns<T> {
     notes: Mutex<Vec<T>>,
+    /// Whether there may be notes: most of the time there is none, and nobody takes the lock for that.
+    some: AtomicBool,
     wake: Option<Wake>,
 }
 
 impl<T> Returns<T> {
     /// An empty queue.
     pub(crate) fn new(wake: Option<Wake>) -> Self {
-        Self { notes: Mutex::new(Vec::new()), wake }
+        Self { notes: Mutex::new(Vec::new()), some: AtomicBool::new(false), wake }
     }
 
     /// Leaves a note.
@@ -29,6 +32,7 @@ impl<T> Returns<T> {
         let mut notes = self.lock();
         notes.push(note);
         let first = notes.len() == 1;
+        self.some.store(true, Ordering::Release);
         drop(notes);
         if let Some(wake) = self.wake.as_ref().filter(|_| first) {
             wake();
@@ -37,6 +41,11 @@ impl<T> Returns<T> {
 
     /// Takes all notes.
     pub(crate) fn drain(&self) -> Vec<T> {
+        if !self.some.load(Ordering::Acquire) {
+            return Vec::new();
+        }
+        // Before the notes: one that is left from here on is found now or the next time.
+        self.some.store(false, Ordering::Release);
         std::mem::take(&mut *self.lock())
     }
 

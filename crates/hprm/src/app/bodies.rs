@@ -10,7 +10,7 @@ use hprm_core::{
 use hprm_store::{Object, Store};
 
 use super::context::{Access, Context};
-use super::handle::Readable;
+use super::handle::{Key, Readable};
 use crate::{Failure, Host, SharedBodies};
 
 /// What a body returns: nothing, or a result whose error ends the program.
@@ -35,9 +35,12 @@ impl<E: Display> Outcome for Result<(), E> {
     }
 }
 
+/// Why a body failed, in words. A boxed text fits into registers, together with there being none.
+pub(super) type Words = Box<str>;
+
 /// A closure, of any type.
 pub(super) type BodyFn<S, V> =
-    Box<dyn FnMut(&mut S, &mut Context<'_, V>) -> Result<(), String> + Send>;
+    Box<dyn FnMut(&mut S, &mut Context<'_, V>) -> Result<(), Words> + Send>;
 
 /// What a reaction runs.
 pub(super) struct Code<S, V> {
@@ -54,11 +57,11 @@ pub(super) struct Live<S, V> {
 /// A reactor whose state has any type.
 pub(super) trait Behaviour<V>: Send {
     /// Runs a body of the reaction at `index` among the reactor's own.
-    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), String>;
+    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), Words>;
 }
 
 impl<S: Send, V> Behaviour<V> for Live<S, V> {
-    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), String> {
+    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), Words> {
         let code = &mut self.reactions[index];
         let function = match (body, &mut code.deadline) {
             (Body::Deadline, Some(handler)) => handler,
@@ -76,9 +79,9 @@ pub(super) struct Site {
     reactor: ReactorId,
     index: usize,
     /// Sorted.
-    reads: Box<[Readable]>,
+    reads: Box<[Key]>,
     /// Sorted.
-    effects: Box<[Effect]>,
+    effects: Box<[Key]>,
 }
 
 /// All bodies of an app.
@@ -123,32 +126,33 @@ impl Site {
             Effect::Action(action) => Some(Readable::Action(action)),
             Effect::Mode(..) => None,
         });
-        let mut reads: Vec<_> = triggers.chain(sources).chain(written).collect();
-        reads.sort_unstable();
-        let mut effects = reaction.effects.clone();
-        effects.sort_unstable();
+        let sorted = |readables: &mut dyn Iterator<Item = Readable>| {
+            let mut keys: Vec<_> = readables.map(Readable::key).collect();
+            keys.sort_unstable();
+            keys.into()
+        };
         Self {
             reactor: reaction.reactor,
             index: reaction.number as usize - 1,
-            reads: reads.into(),
-            effects: effects.into(),
+            effects: sorted(&mut written.clone()),
+            reads: sorted(&mut triggers.chain(sources).chain(written)),
         }
     }
 
     #[inline]
     pub(super) fn reads(&self, readable: Readable) -> bool {
-        contains(&self.reads, readable)
+        contains(&self.reads, readable.key())
     }
 
     #[inline]
-    pub(super) fn affects(&self, effect: Effect) -> bool {
-        contains(&self.effects, effect)
+    pub(super) fn affects(&self, effect: Readable) -> bool {
+        contains(&self.effects, effect.key())
     }
 }
 
 /// Whether a sorted slice holds an item. Most have few items, and a search costs more than a look.
 #[inline]
-fn contains<T: Ord + Copy>(sorted: &[T], item: T) -> bool {
+fn contains(sorted: &[Key], item: Key) -> bool {
     if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use hprm_core::{ActionId, Effect, Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
+use hprm_core::{ActionId, Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
 
 use super::bodies::Site;
 use super::handle::Readable;
@@ -61,7 +61,7 @@ impl<V: Clone> Context<'_, V> {
     #[inline]
     pub fn set(&mut self, port: impl Into<PortId>, value: V) {
         let port = port.into();
-        if !self.site.affects(Effect::Port(port)) {
+        if !self.site.affects(Readable::Port(port)) {
             self.undeclared("set", &self.scheduler().program().port_name(port), "sets");
         }
         match &mut self.access {
@@ -84,7 +84,7 @@ impl<V: Clone> Context<'_, V> {
         value: impl Into<Option<V>>,
     ) {
         let action = action.into();
-        if !self.site.affects(Effect::Action(action)) {
+        if !self.site.affects(Readable::Action(action)) {
             let name = &self.scheduler().program().actions[action].name;
             self.undeclared("schedule", name, "schedules");
         }
@@ -160,7 +160,7 @@ impl<V: Clone> Context<'_, V> {
     fn port(&self, port: PortId) -> Option<&V> {
         match &self.access {
             Access::Alone(scheduler) => scheduler.port(port),
-            Access::Shared(scheduler, effects) if self.site.affects(Effect::Port(port)) => {
+            Access::Shared(scheduler, effects) if self.site.affects(Readable::Port(port)) => {
                 effects.port(scheduler, port)
             }
             Access::Shared(scheduler, _) => scheduler.port(port),

@@ -44,6 +44,19 @@ pub enum Readable {
     Action(ActionId),
 }
 
+/// A [`Readable`] that can be compared at once.
+pub(super) type Key = u64;
+
+impl Readable {
+    #[inline]
+    pub(super) fn key(self) -> Key {
+        match self {
+            Self::Port(port) => Key::from(port.0) << 1,
+            Self::Action(action) => Key::from(action.0) << 1 | 1,
+        }
+    }
+}
+
 macro_rules! readable {
     ($($name:ident = $kind:ident;)*) => {$(
         impl From<$name> for Readable {

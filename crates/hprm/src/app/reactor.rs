@@ -161,5 +161,5 @@ impl<S, V> NewReaction<'_, '_, S, V> {
 fn boxed<S, V, O: Outcome>(
     mut body: impl FnMut(&mut S, &mut Context<'_, V>) -> O + Send + 'static,
 ) -> BodyFn<S, V> {
-    Box::new(move |state, ctx| body(state, ctx).outcome())
+    Box::new(move |state, ctx| body(state, ctx).outcome().map_err(String::into_boxed_str))
 }
