@@ -143,6 +143,7 @@ impl Api {
 pub(crate) fn stats(py: Python<'_>, stats: hprm_store::StoreStats) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("objects_sealed", stats.objects_sealed)?;
+    dict.set_item("objects_passed_on", stats.objects_passed_on)?;
     dict.set_item("bytes_copied", stats.bytes_copied)?;
     dict.set_item("bytes_in_use", stats.bytes_in_use)?;
     dict.set_item("bytes_mapped", stats.bytes_mapped)?;

@@ -36,6 +36,30 @@ pub(crate) struct Encoded {
     _holds: Vec<Object>,
 }
 
+impl Encoded {
+    /// Of what arrived, as it came; `None` if an object in it cannot be passed on.
+    pub(crate) fn as_it_came(
+        head: &[u8],
+        parts: &[Part],
+        pickled: bool,
+        store: &mut Store,
+    ) -> Option<Self> {
+        let mut holds = Vec::new();
+        let part = |part: &Part| match part {
+            Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
+            Part::Object(came) => {
+                let object = store.pass_on(came)?;
+                let part = hprm_core::Part::Object(object.object_ref());
+                holds.push(object);
+                Some(part)
+            }
+        };
+        let parts = parts.iter().map(part).collect::<Option<_>>()?;
+        let payload = Payload { head: head.to_vec(), parts, ..Payload::default() };
+        Some(Self { payload, pickled, _holds: holds })
+    }
+}
+
 /// Encodes `value` for whoever is trusted so far, with its large buffers in `place`. Arrays that live in
 /// the store, and that only `value` leads to, stay where they are and become read-only; `value` itself
 /// is expected to have two references, of its owner and of this call.

@@ -151,14 +151,15 @@ impl Value {
         owner: FederateId,
         trust: Trust,
     ) -> PyResult<Payload> {
-        if let Some(payload) = self.as_it_came(py, codec, trust) {
-            return Ok(payload);
-        }
         let known = find(&self.0.encodings, codec);
         if let Some(encoded) = known.filter(|known| trust.permits_pickle() || !known.pickled) {
             return Ok(encoded.payload.clone());
         }
-        let encoded = Arc::new(codec.encode(&self.object(py)?, store, owner, trust)?);
+        let encoded = match self.as_it_came(py, codec, store, trust) {
+            Some(encoded) => encoded,
+            None => codec.encode(&self.object(py)?, store, owner, trust)?,
+        };
+        let encoded = Arc::new(encoded);
         let mut encodings = self.0.encodings.lock().unwrap_or_else(PoisonError::into_inner);
         encodings.push((Arc::clone(codec), Arc::clone(&encoded)));
         Ok(encoded.payload.clone())
@@ -182,25 +183,23 @@ impl Value {
         }
     }
 
-    /// The bytes that arrived, to be passed on. Not with objects: they are their owner's to lend,
-    /// and to readers that it knows of.
-    fn as_it_came(&self, py: Python<'_>, codec: &Arc<Codec>, trust: Trust) -> Option<Payload> {
+    /// What arrived, to be passed on as it is.
+    fn as_it_came(
+        &self,
+        py: Python<'_>,
+        codec: &Arc<Codec>,
+        store: &mut Store,
+        trust: Trust,
+    ) -> Option<Encoded> {
         let arrival = self.came()?;
-        let inline = |part: &Part| match part {
-            Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
-            Part::Object(_) => None,
-        };
         // Decoded values may have been changed since.
         let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
-        if !untouched {
-            return None;
-        }
         let Content::Bytes { head, parts } = &arrival.content else { return None };
-        if !trust.permits_pickle() && codec.is_pickled(head, parts) {
+        let pickled = codec.is_pickled(head, parts);
+        if !untouched || pickled && !trust.permits_pickle() {
             return None;
         }
-        let parts = parts.iter().map(inline).collect::<Option<Vec<_>>>()?;
-        Some(Payload { head: head.clone(), parts, ..Payload::default() })
+        Encoded::as_it_came(head, parts, pickled, store)
     }
 }
 

@@ -36,6 +36,8 @@ impl Default for StoreLimits {
 pub struct StoreStats {
     /// Objects sealed since the start.
     pub objects_sealed: u64,
+    /// Objects of other federates that were passed on since the start.
+    pub objects_passed_on: u64,
     /// Bytes copied into objects since the start; what is computed in place is not counted.
     pub bytes_copied: u64,
     /// Bytes of blocks that are loaned or held now.
@@ -132,6 +134,8 @@ struct Sealed {
     readers: BTreeMap<FederateId, u32>,
     /// Holds of the owner that have become views in its process.
     views: u32,
+    /// Whether the bytes are another federate's, and this store passes them on.
+    foreign: bool,
 }
 
 impl Sealed {
@@ -165,6 +169,8 @@ pub struct Ledger {
     sealed: BTreeMap<u64, Sealed>,
     next_serial: u64,
     retired: Vec<u32>,
+    /// Foreign objects that nobody holds any more.
+    returned: Vec<u64>,
     stats: StoreStats,
 }
 
@@ -180,6 +186,7 @@ impl Ledger {
             sealed: BTreeMap::new(),
             next_serial: 0,
             retired: Vec::new(),
+            returned: Vec::new(),
             stats: StoreStats::default(),
         }
     }
@@ -250,7 +257,7 @@ impl Ledger {
     pub fn seal(&mut self, loan: Loan, readers: &[FederateId]) -> ObjectRef {
         let Loan { serial, len, .. } = loan;
         let block = self.end_loan(loan);
-        let mut sealed = Sealed { block, len, readers: BTreeMap::new(), views: 0 };
+        let mut sealed = Sealed { block, len, readers: BTreeMap::new(), views: 0, foreign: false };
         for reader in readers {
             *sealed.readers.entry(*reader).or_default() += 1;
         }
@@ -271,6 +278,41 @@ impl Ledger {
         self.free(block);
     }
 
+    /// Enters an object whose bytes are another federate's, in what this owner calls `segment`, with
+    /// one view of its own. When nobody holds it any more, [`Self::take_returned`] says so.
+    pub fn pass_on(&mut self, segment: u32, offset: u64, len: u64) -> ObjectRef {
+        let serial = self.next_serial;
+        self.next_serial += 1;
+        let block = Block { segment, offset, len };
+        let sealed = Sealed { block, len, readers: BTreeMap::new(), views: 1, foreign: true };
+        let object = sealed.object(self.owner, serial);
+        self.sealed.insert(serial, sealed);
+        self.stats.objects_passed_on += 1;
+        object
+    }
+
+    /// The foreign objects that nobody holds any more since the last call.
+    pub fn take_returned(&mut self) -> Vec<u64> {
+        std::mem::take(&mut self.returned)
+    }
+
+    /// Adds a view of the owner to an object that someone holds.
+    ///
+    /// # Errors
+    ///
+    /// [`HoldError::UnknownObject`] if nobody holds it any more.
+    pub fn add_view(&mut self, serial: u64) -> Result<(), HoldError> {
+        let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
+        sealed.views += 1;
+        Ok(())
+    }
+
+    /// The objects that `reader` holds.
+    pub fn held_by(&self, reader: FederateId) -> impl Iterator<Item = ObjectRef> {
+        let held = self.sealed.iter().filter(move |(_, it)| it.readers.contains_key(&reader));
+        held.map(|(serial, sealed)| sealed.object(self.owner, *serial))
+    }
+
     /// Adds a hold of `reader` to an object that someone holds, and returns where it lies.
     ///
     /// # Errors
@@ -282,20 +324,27 @@ impl Ledger {
         Ok(sealed.object(self.owner, serial))
     }
 
-    /// Ends one hold of `reader`. The owner's views are not its to end here; see
+    /// Ends one hold of `reader`. Returns the object if that was its last one. The owner's views are not its to end here; see
     /// [`Self::end_view`].
     ///
     /// # Errors
     ///
     /// If nobody holds the object, or `reader` does not; nothing has changed then.
-    pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
+    pub fn release(
+        &mut self,
+        serial: u64,
+        reader: FederateId,
+    ) -> Result<Option<ObjectRef>, HoldError> {
+        let owner = self.owner;
         let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
         if !sealed.take(reader) {
             return Err(HoldError::NotHolding { serial, reader });
         }
+        let last = !sealed.readers.contains_key(&reader);
+        let object = last.then(|| sealed.object(owner, serial));
         self.stats.releases += 1;
         self.free_if_unheld(serial);
-        Ok(())
+        Ok(object)
     }
 
     /// Turns one hold of the owner into a view in its own process.
@@ -377,7 +426,11 @@ impl Ledger {
     fn free_if_unheld(&mut self, serial: u64) {
         if self.sealed.get(&serial).is_some_and(|sealed| !sealed.is_held()) {
             let sealed = self.sealed.remove(&serial).expect("it was there a line ago");
-            self.free(sealed.block);
+            if sealed.foreign {
+                self.returned.push(serial);
+            } else {
+                self.free(sealed.block);
+            }
         }
     }
 

@@ -19,6 +19,7 @@ mod error;
 mod ledger;
 mod loan;
 mod object;
+mod passing;
 mod returns;
 mod shm;
 mod store;

@@ -60,6 +60,14 @@ impl Object {
         }
     }
 
+    /// Where the bytes are, if they are another federate's.
+    pub(crate) fn foreign(&self) -> Option<(&Arc<SegmentView>, &Range<usize>)> {
+        match &self.0.bytes {
+            Bytes::Own(_) => None,
+            Bytes::Foreign(view, range) => Some((view, range)),
+        }
+    }
+
     /// The reference that was opened: what to send to pass the object on.
     #[must_use]
     pub fn object_ref(&self) -> ObjectRef {

@@ -21,7 +21,7 @@
 #![allow(unsafe_code)]
 
 use std::ops::Range;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::ptr::{self, NonNull};
 use std::slice;
 use std::sync::{Arc, MutexGuard, PoisonError};
@@ -267,27 +267,38 @@ impl Drop for Reading {
 #[derive(Debug)]
 pub(crate) struct SegmentView {
     mapping: Mapping,
+    file: OwnedFd,
 }
 
 impl SegmentView {
     /// Maps what the owner announced, every page present, if it can do no harm.
-    pub(crate) fn map(file: &OwnedFd, len: u64) -> Result<Self, SegmentError> {
+    pub(crate) fn map(file: OwnedFd, len: u64) -> Result<Self, SegmentError> {
         let error = |step| move |cause| SegmentError::Map { len, step, cause };
         let size = usize::try_from(len).map_err(|_| error("length")(Errno::OVERFLOW))?;
         let needed = SealFlags::SHRINK | SealFlags::FUTURE_WRITE;
-        match fs::fcntl_get_seals(file) {
+        match fs::fcntl_get_seals(&file) {
             Ok(seals) if seals.contains(needed) => {}
             // Not a memfd, or one that cannot be sealed.
             Ok(_) | Err(Errno::INVAL) => return Err(SegmentError::NotSealed),
             Err(cause) => return Err(error("get seals")(cause)),
         }
-        let actual = fs::fstat(file).map_err(error("fstat"))?.st_size;
+        let actual = fs::fstat(&file).map_err(error("fstat"))?.st_size;
         let actual = u64::try_from(actual).unwrap_or(0);
         if actual < len {
             return Err(SegmentError::TooShort { announced: len, actual });
         }
-        let mapping = Mapping::new(file, size, ProtFlags::READ, MapFlags::POPULATE);
-        Ok(Self { mapping: mapping.map_err(error("mmap"))? })
+        let mapping = Mapping::new(&file, size, ProtFlags::READ, MapFlags::POPULATE);
+        Ok(Self { mapping: mapping.map_err(error("mmap"))?, file })
+    }
+
+    /// The length in bytes.
+    pub(crate) fn len(&self) -> u64 {
+        self.mapping.len as u64
+    }
+
+    /// What came from the owner, or from who passed it on.
+    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
     }
 
     /// The range of `len` bytes from `offset`, if there is one.
@@ -308,6 +319,66 @@ impl SegmentView {
     }
 }
 
+/// A way to a segment for one reader: a description of the file of its own, on which bytes can be
+/// marked as in use.
+///
+/// The kernel keeps the marks until the last process that has the description gives it up, however it
+/// ends. So they tell the owner of the memory what a reader has of which it was never told.
+#[derive(Debug)]
+pub(crate) struct Passage(OwnedFd);
+
+impl Passage {
+    /// A new way to the segment of `file`.
+    pub(crate) fn to(file: BorrowedFd<'_>) -> Result<Self, Errno> {
+        let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+        let flags = fs::OFlags::RDONLY | fs::OFlags::CLOEXEC;
+        Ok(Self(fs::open(path, flags, fs::Mode::empty())?))
+    }
+
+    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+
+    /// Marks bytes as in use. Returns whether the kernel does that.
+    pub(crate) fn mark(&self, offset: u64, len: u64) -> bool {
+        lock(self.fd(), libc::F_OFD_SETLK, libc::F_RDLCK, offset, len).is_some()
+    }
+
+    /// Takes the mark away.
+    pub(crate) fn unmark(&self, offset: u64, len: u64) {
+        // A range that was marked can be unmarked.
+        let _ = lock(self.fd(), libc::F_OFD_SETLK, libc::F_UNLCK, offset, len);
+    }
+}
+
+/// Whether some of the bytes are marked by others than who has this description of the file.
+pub(crate) fn is_marked(file: BorrowedFd<'_>, offset: u64, len: u64) -> bool {
+    let found = lock(file, libc::F_OFD_GETLK, libc::F_WRLCK, offset, len);
+    // If the kernel does not tell, nobody could mark anything either.
+    found.is_some_and(|kind| kind != libc::F_UNLCK)
+}
+
+/// Asks for a lock on bytes of a file, by its description. Returns the kind that the kernel answers,
+/// or none if it refuses.
+fn lock(
+    file: BorrowedFd<'_>,
+    command: libc::c_int,
+    kind: libc::c_int,
+    offset: u64,
+    len: u64,
+) -> Option<libc::c_int> {
+    let mut range = libc::flock {
+        l_type: libc::c_short::try_from(kind).ok()?,
+        l_whence: libc::c_short::try_from(libc::SEEK_SET).ok()?,
+        l_start: i64::try_from(offset).ok()?,
+        l_len: i64::try_from(len).ok().filter(|len| *len > 0)?,
+        l_pid: 0,
+    };
+    // SAFETY: the descriptor is open, and these commands read and write one `flock`, which is ours.
+    let status = unsafe { libc::fcntl(file.as_raw_fd(), command, &raw mut range) };
+    (status == 0).then_some(libc::c_int::from(range.l_type))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -326,7 +397,7 @@ mod tests {
     fn a_view_shows_what_the_owner_wrote() {
         let segment = segment();
         segment.writing(4096, 5).unwrap().bytes_mut().copy_from_slice(b"hello");
-        let view = SegmentView::map(&dup(&segment), LEN).unwrap();
+        let view = SegmentView::map(dup(&segment), LEN).unwrap();
         assert_eq!(view.bytes(&(4096..4101)), Some(&b"hello"[..]));
         drop(segment);
         assert_eq!(view.bytes(&(4096..4101)), Some(&b"hello"[..]));
@@ -334,7 +405,7 @@ mod tests {
 
     #[test]
     fn a_view_does_not_reach_outside() {
-        let view = SegmentView::map(&dup(&segment()), LEN).unwrap();
+        let view = SegmentView::map(dup(&segment()), LEN).unwrap();
         assert_eq!(view.range(LEN - 1, 2), None);
         assert_eq!(view.range(u64::MAX, 2), None);
         assert_eq!(view.bytes(&(0..65_537)), None);
@@ -345,7 +416,7 @@ mod tests {
     #[test]
     fn the_kernel_refuses_a_second_writer() {
         let segment = segment();
-        let path = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&segment.fd()));
+        let path = format!("/proc/self/fd/{}", segment.fd().as_raw_fd());
         let file = std::fs::OpenOptions::new().read(true).write(true).open(path).unwrap();
         let file = OwnedFd::from(file);
         let prot = ProtFlags::READ | ProtFlags::WRITE;
@@ -355,13 +426,13 @@ mod tests {
         assert_eq!(fs::ftruncate(&file, 0), Err(Errno::PERM));
         assert_eq!(fs::ftruncate(&file, LEN * 2), Err(Errno::PERM));
         assert!(Mapping::new(&file, 4096, ProtFlags::READ, MapFlags::empty()).is_ok());
-        assert!(SegmentView::map(&file, LEN).is_ok());
+        assert!(SegmentView::map(file, LEN).is_ok());
     }
 
     #[test]
     fn a_view_cannot_be_made_writable() {
         let segment = segment();
-        let view = SegmentView::map(&dup(&segment), LEN).unwrap();
+        let view = SegmentView::map(dup(&segment), LEN).unwrap();
         let base = view.mapping.base.as_ptr().cast();
         // SAFETY: the call is expected to fail; if it did not, nothing would write here.
         let changed = unsafe { mm::mprotect(base, 4096, mm::MprotectFlags::WRITE) };
@@ -372,15 +443,21 @@ mod tests {
     fn only_sealed_memory_of_the_right_length_is_mapped() {
         let unsealed = fs::memfd_create("test", MemfdFlags::ALLOW_SEALING).unwrap();
         fs::ftruncate(&unsealed, LEN).unwrap();
-        assert_eq!(SegmentView::map(&unsealed, LEN).unwrap_err(), SegmentError::NotSealed);
+        assert_eq!(
+            SegmentView::map(unsealed.try_clone().unwrap(), LEN).unwrap_err(),
+            SegmentError::NotSealed
+        );
         fs::fcntl_add_seals(&unsealed, SealFlags::SHRINK).unwrap();
-        assert_eq!(SegmentView::map(&unsealed, LEN).unwrap_err(), SegmentError::NotSealed);
+        assert_eq!(
+            SegmentView::map(unsealed.try_clone().unwrap(), LEN).unwrap_err(),
+            SegmentError::NotSealed
+        );
 
         let null = OwnedFd::from(std::fs::OpenOptions::new().read(true).open("/dev/null").unwrap());
-        assert_eq!(SegmentView::map(&null, LEN).unwrap_err(), SegmentError::NotSealed);
+        assert_eq!(SegmentView::map(null, LEN).unwrap_err(), SegmentError::NotSealed);
 
         let too_short = SegmentError::TooShort { announced: LEN + 1, actual: LEN };
-        assert_eq!(SegmentView::map(&dup(&segment()), LEN + 1).unwrap_err(), too_short);
+        assert_eq!(SegmentView::map(dup(&segment()), LEN + 1).unwrap_err(), too_short);
     }
 
     #[test]
@@ -410,5 +487,31 @@ mod tests {
         let segment = Segment::create(4 << 20).unwrap();
         let blocks = fs::fstat(segment.fd()).unwrap().st_blocks;
         assert_eq!(u64::try_from(blocks).unwrap() * 512, segment.len());
+    }
+
+    #[test]
+    fn bytes_are_marked_as_long_as_somebody_has_the_passage() {
+        let segment = segment();
+        let passage = Passage::to(segment.fd()).unwrap();
+        assert!(passage.mark(4096, 64));
+        assert!(is_marked(segment.fd(), 4159, 1));
+        assert!(!is_marked(segment.fd(), 4160, 64));
+        assert!(!is_marked(passage.fd(), 4096, 64));
+        let sent = passage.fd().try_clone_to_owned().unwrap();
+        drop(passage);
+        assert!(is_marked(segment.fd(), 4096, 64));
+        drop(sent);
+        assert!(!is_marked(segment.fd(), 4096, 64));
+    }
+
+    #[test]
+    fn a_passage_is_as_good_as_the_segment_and_no_better() {
+        let segment = segment();
+        let passage = Passage::to(segment.fd()).unwrap();
+        segment.writing(0, 5).unwrap().bytes_mut().copy_from_slice(b"hello");
+        let fd = passage.fd().try_clone_to_owned().unwrap();
+        assert_eq!(rustix::io::write(&fd, b"x"), Err(Errno::BADF));
+        let view = SegmentView::map(fd, LEN).unwrap();
+        assert_eq!(view.bytes(&(0..5)), Some(&b"hello"[..]));
     }
 }

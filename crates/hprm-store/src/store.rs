@@ -17,8 +17,9 @@ use crate::announce::Announcements;
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 use crate::loan::{LoanOf, WritableLoan};
 use crate::object::{Bytes, Object};
+use crate::passing::{Passing, Way};
 use crate::returns::{Returns, Wake};
-use crate::shm::{Segment, SegmentView};
+use crate::shm::{Segment, SegmentView, is_marked};
 use crate::{SegmentError, StoreError};
 
 /// A segment that a reader has to map: send its number, its length and its descriptor.
@@ -28,13 +29,22 @@ pub struct Announcement {
     pub segment: u32,
     /// Its length in bytes.
     pub len: u64,
-    memory: Arc<Segment>,
+    memory: Announced,
+}
+
+#[derive(Clone, Debug)]
+enum Announced {
+    Own(Arc<Segment>),
+    PassedOn(Way),
 }
 
 impl AsFd for Announcement {
     /// The descriptor to pass on; the memory stays as long as this value.
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.memory.fd()
+        match &self.memory {
+            Announced::Own(segment) => segment.fd(),
+            Announced::PassedOn(way) => way.fd(),
+        }
     }
 }
 
@@ -52,6 +62,9 @@ pub struct Store {
     announcements: Announcements,
     segments: BTreeMap<u32, Arc<Segment>>,
     attached: BTreeMap<(FederateId, u32), Arc<SegmentView>>,
+    passing: Passing,
+    /// Objects that a reader had when it was lost, and that others may have from it.
+    lingering: Vec<ObjectRef>,
     /// Releases that other federates wait for.
     owed: Arc<Returns<ObjectRef>>,
     /// Views of own objects that have ended.
@@ -80,6 +93,8 @@ impl Store {
             announcements: Announcements::default(),
             segments: BTreeMap::new(),
             attached: BTreeMap::new(),
+            passing: Passing::default(),
+            lingering: Vec::new(),
             owed: Arc::new(Returns::new(wake)),
             ended: Arc::new(Returns::new(None)),
             abandoned: Arc::new(Returns::new(None)),
@@ -207,8 +222,13 @@ impl Store {
     pub fn unannounced(&mut self, reader: FederateId) -> Vec<Announcement> {
         let due = self.announcements.take_due(reader).into_iter();
         due.map(|segment| {
-            let memory = Arc::clone(&self.segments[&segment]);
-            Announcement { segment, len: memory.len(), memory }
+            if let Some(memory) = self.segments.get(&segment) {
+                let memory = Arc::clone(memory);
+                return Announcement { segment, len: memory.len(), memory: Announced::Own(memory) };
+            }
+            let way = self.passing.way(reader, segment);
+            let way = way.expect("what is announced is a segment that exists");
+            Announcement { segment, len: way.view.len(), memory: Announced::PassedOn(way) }
         })
         .collect()
     }
@@ -235,7 +255,7 @@ impl Store {
         if owner == self.owner || self.attached.contains_key(&(owner, segment)) {
             return Err(StoreError::KnownSegment { owner, segment });
         }
-        let view = SegmentView::map(&fd, len)?;
+        let view = SegmentView::map(fd, len)?;
         self.attached.insert((owner, segment), Arc::new(view));
         Ok(())
     }
@@ -243,6 +263,7 @@ impl Store {
     /// Forgets a segment that its owner has given up; objects that are open keep it mapped.
     pub fn detach(&mut self, owner: FederateId, segment: u32) {
         self.attached.remove(&(owner, segment));
+        self.retire_passed_on();
     }
 
     /// Opens an object that was sealed for this federate, its own included. Each call stands for one
@@ -266,6 +287,9 @@ impl Store {
 
     fn open_own(&mut self, object: ObjectRef) -> Result<Object, StoreError> {
         self.ledger.view(&object)?;
+        if let Some((view, range)) = self.passing.bytes(object.serial) {
+            return Ok(Object::new(object, Bytes::Foreign(view, range), Arc::clone(&self.ended)));
+        }
         let segment = &self.segments[&object.segment];
         let reading = segment
             .reading(object.offset, object.len)
@@ -280,10 +304,35 @@ impl Store {
     /// For an own object, if this federate has no hold on it that is not open.
     pub fn decline(&mut self, object: ObjectRef) -> Result<(), StoreError> {
         if object.owner == self.owner {
-            return Ok(self.ledger.release(object.serial, self.owner)?);
+            return Ok(self.release(object.serial, self.owner)?);
         }
         self.owed.push(object);
         Ok(())
+    }
+
+    /// The object as one of this store, for readers to be added, whoever's it is: its bytes stay where
+    /// they are, and its owner is owed nothing until all readers here have released it. None if the
+    /// system does not allow that; then copy.
+    #[must_use]
+    pub fn pass_on(&mut self, came: &Object) -> Option<Object> {
+        self.settle();
+        if came.object_ref().owner == self.owner {
+            return Some(came.clone());
+        }
+        let (view, range) = came.foreign()?;
+        let of = came.object_ref();
+        let object = if let Some(serial) = self.passing.number_of(&of, view) {
+            self.ledger.add_view(serial).ok()?;
+            let segment = self.passing.export(view)?;
+            ObjectRef { owner: self.owner, serial, segment, ..of }
+        } else {
+            let segment = self.passing.export(view)?;
+            let object = self.ledger.pass_on(segment, of.offset, of.len);
+            self.passing.keep(object.serial, came.clone(), view, range.clone());
+            object
+        };
+        let bytes = Bytes::Foreign(Arc::clone(view), range.clone());
+        Some(Object::new(object, bytes, Arc::clone(&self.ended)))
     }
 
     /// Gives `reader` a hold on an own object that someone holds: it was passed on to it.
@@ -295,6 +344,7 @@ impl Store {
         let object = self.ledger.add_reader(serial, reader)?;
         if reader != self.owner {
             self.announcements.need(reader, object.segment);
+            self.passing.mark(&object, reader);
         }
         Ok(())
     }
@@ -305,18 +355,33 @@ impl Store {
     ///
     /// If it holds no such object; nothing has changed then.
     pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
-        self.ledger.release(serial, reader)
+        let last = self.ledger.release(serial, reader)?;
+        if let Some(object) = last {
+            self.passing.unmark(&object, reader);
+        }
+        self.return_passed_on();
+        Ok(())
     }
 
-    /// Drops all holds of a reader whose link has closed, and what it was told.
+    /// Drops all holds of a reader whose link has closed, and what it was told. What it has passed on
+    /// to others stays until they have given it up.
     pub fn reader_lost(&mut self, reader: FederateId) {
+        self.passing.reader_lost(reader);
+        let held: Vec<ObjectRef> = self.ledger.held_by(reader).collect();
+        for object in held {
+            if self.is_marked(&object) && self.ledger.add_view(object.serial).is_ok() {
+                self.lingering.push(object);
+            }
+        }
         self.ledger.reader_lost(reader);
         self.announcements.forget(reader);
+        self.return_passed_on();
     }
 
     /// Forgets all segments of an owner whose link has closed; objects that are open stay readable.
     pub fn owner_lost(&mut self, owner: FederateId) {
         self.attached.retain(|(of, _), _| *of != owner);
+        self.retire_passed_on();
     }
 
     /// The releases that this process owes to other federates, each to its `owner`.
@@ -338,6 +403,42 @@ impl Store {
         }
         for object in self.ended.drain() {
             self.ledger.end_view(object.serial);
+        }
+        for object in std::mem::take(&mut self.lingering) {
+            if self.is_marked(&object) {
+                self.lingering.push(object);
+            } else {
+                self.ledger.end_view(object.serial);
+            }
+        }
+        self.return_passed_on();
+    }
+
+    /// Whether somebody reads an object who has it from one of its readers.
+    fn is_marked(&self, object: &ObjectRef) -> bool {
+        let own = self.segments.get(&object.segment).map(|segment| segment.fd());
+        let file = self.passing.file(object.serial).or(own);
+        file.is_some_and(|file| is_marked(file, object.offset, object.len))
+    }
+
+    /// Owes back what was passed on and is not held any more.
+    fn return_passed_on(&mut self) {
+        let returned = self.ledger.take_returned();
+        if returned.is_empty() {
+            return;
+        }
+        for serial in returned {
+            drop(self.passing.end(serial));
+        }
+        self.retire_passed_on();
+    }
+
+    fn retire_passed_on(&mut self) {
+        let attached = &self.attached;
+        let is_attached =
+            |view: &Arc<SegmentView>| attached.values().any(|other| Arc::ptr_eq(view, other));
+        for segment in self.passing.retire(is_attached) {
+            self.announcements.retire(segment);
         }
     }
 

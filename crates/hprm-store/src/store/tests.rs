@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use proptest::prelude::*;
+
 use super::*;
 
 const A: FederateId = FederateId(0);
@@ -20,9 +22,9 @@ fn stores() -> [Store; 2] {
 /// What a link does before a message: the announcements.
 fn announce(from: &mut Store, to: &mut Store) -> usize {
     let announcements = from.unannounced(to.owner);
-    for Announcement { segment, len, memory } in &announcements {
-        let fd = memory.fd().try_clone_to_owned().unwrap();
-        to.attach(from.owner, *segment, *len, fd).unwrap();
+    for announcement in &announcements {
+        let fd = announcement.as_fd().try_clone_to_owned().unwrap();
+        to.attach(from.owner, announcement.segment, announcement.len, fd).unwrap();
     }
     announcements.len()
 }
@@ -298,4 +300,239 @@ fn an_empty_object_is_an_object() {
     let object = a.put(&[], &[B]).unwrap();
     announce(&mut a, &mut b);
     assert_eq!(b.open(object).unwrap().as_bytes(), b"");
+}
+
+const C: FederateId = FederateId(2);
+
+/// Sends what `object` is in `from` to `to`, and opens it there.
+fn send(from: &mut Store, object: ObjectRef, to: &mut Store) -> Object {
+    from.add_reader(object.serial, to.owner).unwrap();
+    announce(from, to);
+    to.open(object).unwrap()
+}
+
+/// A, whose object B has passed on to C; B has nothing else of it.
+fn passed_on() -> ([Store; 3], Object) {
+    let [mut a, mut b] = stores();
+    let mut c = Store::new(C, LIMITS);
+    let object = a.put(b"point cloud", &[B]).unwrap();
+    announce(&mut a, &mut b);
+    let came = b.open(object).unwrap();
+    let passed = b.pass_on(&came).unwrap();
+    let read = send(&mut b, passed.object_ref(), &mut c);
+    drop((came, passed));
+    return_releases(&mut b, &mut a);
+    ([a, b, c], read)
+}
+
+#[test]
+fn what_is_passed_on_is_not_copied_and_goes_back_the_same_way() {
+    let ([mut a, mut b, mut c], read) = passed_on();
+    assert_eq!((read.as_bytes(), read.object_ref().owner), (&b"point cloud"[..], B));
+    let stats = b.stats();
+    assert_eq!((stats.bytes_copied, stats.bytes_mapped, stats.objects_passed_on), (0, 0, 1));
+    assert_eq!(a.stats().bytes_in_use, 64);
+    drop(read);
+    return_releases(&mut c, &mut b);
+    return_releases(&mut b, &mut a);
+    assert_eq!(a.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn an_object_that_comes_back_is_read_by_its_owner_like_any_other() {
+    let [mut a, mut b] = stores();
+    let object = a.put(b"point cloud", &[B]).unwrap();
+    announce(&mut a, &mut b);
+    let came = b.open(object).unwrap();
+    let passed = b.pass_on(&came).unwrap();
+    let back = send(&mut b, passed.object_ref(), &mut a);
+    assert_eq!(back.as_bytes(), b"point cloud");
+    assert_eq!(b.pass_on(&came).unwrap().object_ref(), passed.object_ref());
+    drop((came, passed, back));
+    return_releases(&mut a, &mut b);
+    return_releases(&mut b, &mut a);
+    assert_eq!(a.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn what_the_forwarder_had_stays_when_it_ends_until_its_readers_have_released_it() {
+    let ([mut a, b, mut c], read) = passed_on();
+    drop(b);
+    a.reader_lost(B);
+    c.owner_lost(B);
+    assert_eq!(a.stats().bytes_in_use, 64);
+    assert_eq!(read.as_bytes(), b"point cloud");
+    drop(read);
+    assert_eq!(a.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn what_was_passed_on_twice_stays_when_both_forwarders_end() {
+    let ([mut a, b, mut c], read) = passed_on();
+    let mut d = Store::new(FederateId(3), LIMITS);
+    let passed = c.pass_on(&read).unwrap();
+    let last = send(&mut c, passed.object_ref(), &mut d);
+    drop((b, passed, read));
+    a.reader_lost(B);
+    c.owner_lost(B);
+    assert_eq!(a.stats().bytes_in_use, 64);
+    drop(c);
+    d.owner_lost(C);
+    assert_eq!((last.as_bytes(), a.stats().bytes_in_use), (&b"point cloud"[..], 64));
+    drop(last);
+    assert_eq!(a.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn what_the_forwarder_had_is_free_when_its_readers_are_gone_too() {
+    let ([mut a, mut b, c], read) = passed_on();
+    drop((c, read));
+    b.reader_lost(C);
+    return_releases(&mut b, &mut a);
+    assert_eq!(a.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn what_was_passed_on_is_read_when_its_owner_is_gone() {
+    let ([a, mut b, mut c], read) = passed_on();
+    drop(a);
+    b.owner_lost(A);
+    let mut d = Store::new(FederateId(3), LIMITS);
+    let again = c.pass_on(&read).unwrap();
+    let last = send(&mut c, again.object_ref(), &mut d);
+    assert_eq!(last.as_bytes(), b"point cloud");
+    drop((read, again, last));
+    return_releases(&mut d, &mut c);
+    return_releases(&mut c, &mut b);
+    // Nothing in the segment is passed on any more, and nothing will be.
+    assert_eq!(b.retired(C), [u32::MAX]);
+}
+
+#[test]
+fn what_was_passed_on_can_be_sent_inline() {
+    let ([_a, mut b, _c], read) = passed_on();
+    let object = read.object_ref();
+    b.add_reader(object.serial, B).unwrap();
+    assert_eq!(b.open(object).unwrap().as_bytes(), b"point cloud");
+}
+
+/// Federates that send, pass on, drop and end as they like.
+struct Yards {
+    stores: Vec<Option<Store>>,
+    /// What is open: where, what its bytes are, and the object.
+    open: Vec<(usize, u8, Object)>,
+    sent: u8,
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Send { from: usize, to: usize, len: usize },
+    Pass { which: prop::sample::Index, to: usize },
+    Drop { which: prop::sample::Index },
+    End { who: usize },
+}
+
+const FEDERATES: usize = 4;
+
+impl Yards {
+    fn new() -> Self {
+        let id = |it: usize| FederateId(u16::try_from(it).unwrap());
+        let stores = (0..FEDERATES).map(|it| Some(Store::new(id(it), LIMITS))).collect();
+        Self { stores, open: Vec::new(), sent: 0 }
+    }
+
+    fn apply(&mut self, step: Step) {
+        match step {
+            Step::Send { from, to, len } => {
+                self.sent = self.sent.wrapping_add(1);
+                let Some(sender) = self.stores[from].as_mut() else { return };
+                let me = sender.owner;
+                if let Ok(object) = sender.put(&vec![self.sent; len], &[me]) {
+                    let own = sender.open(object).unwrap();
+                    self.deliver(from, to, self.sent, &own);
+                }
+            }
+            Step::Pass { which, to } if !self.open.is_empty() => {
+                let (from, content, came) = self.open[which.index(self.open.len())].clone();
+                let passed = self.stores[from].as_mut().unwrap().pass_on(&came).unwrap();
+                self.deliver(from, to, content, &passed);
+            }
+            Step::Drop { which } if !self.open.is_empty() => {
+                self.open.swap_remove(which.index(self.open.len()));
+            }
+            Step::End { who } => self.end(who),
+            Step::Pass { .. } | Step::Drop { .. } => {}
+        }
+        self.exchange();
+    }
+
+    fn deliver(&mut self, from: usize, to: usize, content: u8, object: &Object) {
+        if from == to || self.stores[to].is_none() {
+            return;
+        }
+        let mut sender = self.stores[from].take().unwrap();
+        let opened = send(&mut sender, object.object_ref(), self.stores[to].as_mut().unwrap());
+        self.stores[from] = Some(sender);
+        self.open.push((to, content, opened));
+    }
+
+    fn end(&mut self, who: usize) {
+        let Some(store) = self.stores[who].take() else { return };
+        let id = store.owner;
+        self.open.retain(|(at, ..)| *at != who);
+        drop(store);
+        for store in self.stores.iter_mut().flatten() {
+            store.reader_lost(id);
+            store.owner_lost(id);
+        }
+    }
+
+    /// Brings the releases home, however many hands they go through.
+    fn exchange(&mut self) {
+        for at in (0..FEDERATES).cycle().take(FEDERATES * FEDERATES) {
+            let Some(store) = self.stores[at].as_mut() else { continue };
+            let me = store.owner;
+            for object in store.drain_releases() {
+                if let Some(owner) = self.stores[usize::from(object.owner.0)].as_mut() {
+                    owner.release(object.serial, me).unwrap();
+                }
+            }
+        }
+    }
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let who = || 0..FEDERATES;
+    let which = any::<prop::sample::Index>;
+    prop::collection::vec(
+        prop_oneof![
+            6 => (who(), who(), prop::sample::select(vec![64_usize, 4096, 300_000]))
+                .prop_map(|(from, to, len)| Step::Send { from, to, len }),
+            6 => (which(), who()).prop_map(|(which, to)| Step::Pass { which, to }),
+            6 => which().prop_map(|which| Step::Drop { which }),
+            1 => who().prop_map(|who| Step::End { who }),
+        ],
+        1..60,
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn what_somebody_reads_never_changes_and_nothing_stays(steps in steps()) {
+        let mut yards = Yards::new();
+        for step in steps {
+            yards.apply(step);
+            for (_, content, object) in &yards.open {
+                let bytes = object.as_bytes();
+                prop_assert!(bytes == vec![*content; bytes.len()]);
+            }
+        }
+        yards.open.clear();
+        yards.exchange();
+        for store in yards.stores.iter_mut().flatten() {
+            prop_assert_eq!(store.stats().bytes_in_use, 0);
+        }
+    }
 }
