@@ -307,6 +307,13 @@ impl Ledger {
         Ok(())
     }
 
+    /// The object of that number, if `reader` holds it.
+    #[must_use]
+    pub fn held(&self, serial: u64, reader: FederateId) -> Option<ObjectRef> {
+        let sealed = self.sealed.get(&serial).filter(|it| it.readers.contains_key(&reader))?;
+        Some(sealed.object(self.owner, serial))
+    }
+
     /// The objects that `reader` holds.
     pub fn held_by(&self, reader: FederateId) -> impl Iterator<Item = ObjectRef> {
         let held = self.sealed.iter().filter(move |(_, it)| it.readers.contains_key(&reader));
@@ -324,27 +331,20 @@ impl Ledger {
         Ok(sealed.object(self.owner, serial))
     }
 
-    /// Ends one hold of `reader`. Returns the object if that was its last one. The owner's views are not its to end here; see
+    /// Ends one hold of `reader`. The owner's views are not its to end here; see
     /// [`Self::end_view`].
     ///
     /// # Errors
     ///
     /// If nobody holds the object, or `reader` does not; nothing has changed then.
-    pub fn release(
-        &mut self,
-        serial: u64,
-        reader: FederateId,
-    ) -> Result<Option<ObjectRef>, HoldError> {
-        let owner = self.owner;
+    pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
         let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
         if !sealed.take(reader) {
             return Err(HoldError::NotHolding { serial, reader });
         }
-        let last = !sealed.readers.contains_key(&reader);
-        let object = last.then(|| sealed.object(owner, serial));
         self.stats.releases += 1;
         self.free_if_unheld(serial);
-        Ok(object)
+        Ok(())
     }
 
     /// Turns one hold of the owner into a view in its own process.

@@ -355,8 +355,9 @@ impl Store {
     ///
     /// If it holds no such object; nothing has changed then.
     pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
-        let last = self.ledger.release(serial, reader)?;
-        if let Some(object) = last {
+        let held = self.ledger.held(serial, reader);
+        self.ledger.release(serial, reader)?;
+        if let Some(object) = held.filter(|_| self.ledger.held(serial, reader).is_none()) {
             self.passing.unmark(&object, reader);
         }
         self.return_passed_on();
