@@ -109,8 +109,13 @@ impl Numpy {
         order: Order,
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = shape.py();
-        let strides = py.None();
-        self.ndarray.bind(py).call1((shape, dtype, buffer, 0, strides, order.name()))
+        match order {
+            Order::C => self.ndarray.bind(py).call1((shape, dtype, buffer)),
+            Order::Fortran => {
+                let strides = py.None();
+                self.ndarray.bind(py).call1((shape, dtype, buffer, 0, strides, order.name()))
+            }
+        }
     }
 
     /// The dtype of that description.

@@ -37,8 +37,8 @@ pub(super) fn decode<'py>(
     let Some((head, parts)) = node_of(head, parts) else {
         return Err(malformed("no format that is known here"));
     };
-    let mut walk =
-        Walk { py, head, parts: parts.iter(), seen: Vec::new(), depth: 0, weight: 0, trust };
+    let (parts, seen) = (parts.iter(), Vec::new());
+    let mut walk = Walk { py, head, parts, seen, depth: 0, weight: 0, trust, dtype: None };
     let value = if is_pickle(head) { walk.root_pickle()? } else { walk.node()? };
     if walk.head.is_empty() && walk.parts.as_slice().is_empty() {
         Ok(value)
@@ -102,6 +102,8 @@ struct Walk<'a, 'py> {
     /// How many values have been made, those that occur again counted again.
     weight: u64,
     trust: Trust,
+    /// The dtype of the last array, and its description.
+    dtype: Option<(&'a [u8], Bound<'py, PyAny>)>,
 }
 
 impl<'a, 'py> Walk<'a, 'py> {
@@ -240,7 +242,7 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn array(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let numpy = Numpy::imported(self.py)?;
         let len = self.count()?;
-        let description = PyBytes::new(self.py, self.bytes(len)?);
+        let description = self.bytes(len)?;
         let order = match self.take()? {
             [0] => Order::C,
             [1] => Order::Fortran,
@@ -250,9 +252,21 @@ impl<'a, 'py> Walk<'a, 'py> {
         let shape = (0..dimensions).map(|_| self.number()).collect::<PyResult<Vec<_>>>()?;
         let buffer = self.blob()?.into_buffer(self.py)?;
         let shape = PyTuple::new(self.py, shape)?;
-        let dtype = numpy.dtype(&description)?;
+        let dtype = self.dtype(numpy, description)?;
         let array = numpy.over(shape.as_any(), &dtype, &buffer, order)?;
         Ok(self.remember(array))
+    }
+
+    /// The dtype of that description, which is often that of the array before.
+    fn dtype(&mut self, numpy: &Numpy, description: &'a [u8]) -> PyResult<Bound<'py, PyAny>> {
+        match &self.dtype {
+            Some((known, dtype)) if *known == description => Ok(dtype.clone()),
+            _ => {
+                let dtype = numpy.dtype(&PyBytes::new(self.py, description))?;
+                self.dtype = Some((description, dtype.clone()));
+                Ok(dtype)
+            }
+        }
     }
 
     fn root_pickle(&mut self) -> PyResult<Bound<'py, PyAny>> {
