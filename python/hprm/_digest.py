@@ -12,6 +12,8 @@ import sys
 import types
 from typing import Any
 
+from hprm import _kinds
+
 # What `take_apart` returns: what to do, a name that tells the type, and what it holds.
 Parts = tuple[str, str, Any]
 
@@ -81,11 +83,26 @@ def _take_apart(value: Any) -> Parts:
             return _array(numpy, value)
         if isinstance(value, numpy.generic):
             return "members", f"scalar {_label(kind)}", [numpy.asarray(value)]
-        if hasattr(kind, "__dlpack__"):
-            shared = _shared(numpy, value)
-            if shared is not None:
-                return "members", _label(kind), [shared]
+    parts = _of_library(kind, value)
+    if parts is not None:
+        return "members", _label(kind), parts
+    if numpy is not None and hasattr(kind, "__dlpack__"):
+        shared = _shared(numpy, value)
+        if shared is not None:
+            return "members", _label(kind), [shared]
     return _reduced(value)
+
+
+def _of_library(kind: type, value: Any) -> list[Any] | None:
+    """Take a value of a known library apart as messages do, without what only buffers show."""
+    if kind.__module__.partition(".")[0] == "pyarrow":
+        from hprm._kinds import arrow
+
+        return arrow.elements(value) if arrow.taker(kind) is not None else None
+    if kind is memoryview or kind.__module__.partition(".")[0] in ("pandas", "torch"):
+        parts = _kinds.take_apart(value)
+        return None if parts is None else list(parts[1])
+    return None
 
 
 def _array(numpy: Any, array: Any) -> Parts:

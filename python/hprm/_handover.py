@@ -1,16 +1,30 @@
-"""Arrays that go to another federate of the same process, as they are."""
+"""Arrays and numbers that go to another federate of the same process, as they are."""
 
 import sys
 from typing import Any
 
+# Types of Python's library whose values nobody can change, by the names of their modules.
+_UNCHANGING = {
+    "builtins": ("complex", "range", "ellipsis"),
+    "datetime": ("date", "datetime", "time", "timedelta", "timezone"),
+    "decimal": ("Decimal",),
+    "fractions": ("Fraction",),
+    "uuid": ("UUID",),
+}
+
 
 def frozen(value: Any, small: int) -> Any:
-    """Return an array that nobody can change; a number of NumPy as it is; otherwise None.
+    """Return an array that nobody can change; numbers and the like as they are; otherwise None.
 
     An array of up to ``small`` bytes is copied. A larger one becomes read-only, and so does what it
     is a view of; over memory that is not an array's, and that somebody can write to, it is copied
     as well.
     """
+    kind = type(value)
+    if kind.__qualname__ in _UNCHANGING.get(kind.__module__, ()):
+        # A zone that a program defines is one of its classes.
+        zone = getattr(value, "tzinfo", None)
+        return value if zone is None or type(zone).__module__ == "datetime" else None
     numpy = sys.modules.get("numpy")
     if numpy is None:
         return None

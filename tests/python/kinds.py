@@ -118,7 +118,7 @@ def standard() -> dict[str, Any]:
             datetime.timezone(datetime.timedelta(hours=-3), "here"),
             datetime.timezone(datetime.timedelta(minutes=30)),
         ],
-        "uuid": [uuid.UUID(int=2**127 + 5), uuid.uuid1()],
+        "uuid": [uuid.UUID(int=2**127 + 5), uuid.UUID(int=5, is_safe=uuid.SafeUUID.unsafe)],
         "path": [
             pathlib.Path("/a/../b c"),
             pathlib.PurePosixPath("x"),

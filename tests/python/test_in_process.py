@@ -177,6 +177,16 @@ def test_an_object_becomes_one_of_the_receivers_class(threads: Any) -> None:
     assert lines(threads(text)) == ["True 7 False None"] * 2
 
 
+def test_what_nobody_can_change_is_handed_over(threads: Any) -> None:
+    preamble = "import datetime, decimal"
+    value = "[decimal.Decimal('1.50'), datetime.datetime(2026, 1, 1), 1j, range(3)]"
+    more = f"sys.sent = sys.__dict__.get('sent') or {value}"
+    body = "print(value, all(one is other for one, other in zip(value, sys.sent)))"
+    expected = "[Decimal('1.50'), datetime.datetime(2026, 1, 1, 0, 0), 1j, range(0, 3)] True"
+    text = pair("sys.sent", body, preamble=preamble, more=more)
+    assert lines(threads(text)) == [expected] * 2
+
+
 def test_a_named_serializer_is_called(threads: Any) -> None:
     outcome = threads(
         pair("(1, 2)", "print(value)", clause='serializer "as_json"'),

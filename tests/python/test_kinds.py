@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import random
 import subprocess
@@ -62,6 +63,38 @@ def test_the_argument_is_not_changed(name: str) -> None:
     assert (_hprm.digest(value), pickle.dumps(value)) == before
 
 
+@pytest.mark.parametrize("name", EVERY)
+def test_a_trace_sees_the_same_at_both_ends(name: str) -> None:
+    value = EVERY[name]
+    digest, _, opaque = _hprm.digest(value)
+    assert not opaque
+    for way in (far_and_back, through_a_store, through_pickle):
+        assert _hprm.digest(way(value))[0] == digest
+
+
+def test_a_trace_tells_kinds_apart_in_every_process() -> None:
+    digests = [_hprm.digest(value)[0] for value in EVERY.values()]
+    assert len(set(digests)) == len(digests)
+    program = """
+        import sys
+        sys.path.insert(0, sys.argv[1])
+        import kinds
+        from hprm._hprm import digest
+        for value in kinds.every().values():
+            print(digest(value)[0])
+    """
+    folder = str(kinds.pathlib.Path(kinds.__file__).parent)
+    for seed in "12":
+        done = subprocess.run(
+            [sys.executable, "-c", textwrap.dedent(program), folder],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout.split() == digests
+
+
 def test_random_values() -> None:
     """Whatever is nested in whatever comes back as from pickle."""
     rng = random.Random(5)
@@ -101,7 +134,7 @@ def test_sets_are_written_in_one_order() -> None:
     for seed in "123":
         done = subprocess.run(
             [sys.executable, "-c", program],
-            env={"PYTHONHASHSEED": seed},
+            env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True,
             text=True,
             check=True,

@@ -81,6 +81,58 @@ class Plain:
     x: int"""
 
 
+CLASSES = """\
+target Python {{ timeout: 0 sec, coordination: {coordination} }}
+preamble {{=
+import dataclasses, enum
+from typing import Any, NamedTuple
+import numpy as np
+class Colour(enum.Enum):
+    RED = 1
+class Point(NamedTuple):
+    x: float
+    y: float
+@dataclasses.dataclass(frozen=True)
+class Box:
+    at: Point
+    colour: Colour
+    pixels: Any = None
+=}}
+reactor Source {{
+  output out
+  reaction(startup) -> out {{=
+    out.set({{Box(Point(1, 2), Colour.RED): [Box(Point(3, 4), Colour.RED, np.ones(50_000))]}})
+  =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{=
+    [(key, [box])] = inp.value.items()
+    assert type(key) is Box and type(box) is Box and type(box.at) is Point
+    assert key == Box(Point(1, 2), Colour.RED) and box.colour is Colour.RED
+    assert box.pixels.sum() == 50_000 and not box.pixels.flags.writeable
+    print("same")
+  =}}
+}}
+federated reactor {{
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}}
+"""
+
+
+@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+@pytest.mark.parametrize("inside", [(), ("--in-process",)], ids=["processes", "threads"])
+def test_classes_of_the_program_need_no_pickle(
+    launch: Run, inside: tuple[str, ...], coordination: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HPRM_PICKLE", "deny")
+    outcome = launch(CLASSES.format(coordination=coordination), *inside)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "same" in outcome.out
+
+
 def test_a_word_that_means_nothing_is_an_error(
     launch: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,24 @@ def taker(kind: type) -> Any:
     return takers.get(kind)
 
 
+def elements(value: Any) -> list[Any]:
+    """Return what a value of pyarrow says, whatever its buffers look like: for digests."""
+    pyarrow = _library()
+    if isinstance(value, pyarrow.Schema):
+        return [PickleBuffer(value.serialize())]
+    if isinstance(value, pyarrow.Table | pyarrow.RecordBatch):
+        return [value.schema, *value.columns]
+    if isinstance(value, pyarrow.ChunkedArray):
+        joined = pyarrow.concat_arrays(value.chunks) if value.num_chunks else None
+        return [str(value.type), joined]
+    if isinstance(value, pyarrow.Array) and pyarrow.types.is_primitive(value.type):
+        valid = value.is_valid().to_numpy(zero_copy_only=False)
+        return [str(value.type), valid, value.drop_null().to_numpy(zero_copy_only=False)]
+    if isinstance(value, pyarrow.Array):
+        return [str(value.type), value.to_pylist()]
+    return [str(value.type), value.as_py()]
+
+
 def _library() -> Any:
     return sys.modules["pyarrow"]
 
