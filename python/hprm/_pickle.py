@@ -6,13 +6,35 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from hprm import _kinds
+
+# Libraries whose values have large buffers, which pickle alone would leave in the stream.
+_LIBRARIES = ("array", "torch", "pyarrow", "pandas")
+
+
+class _View:
+    """A buffer that is a memoryview for its receiver."""
+
+    def __init__(self, buffer: pickle.PickleBuffer) -> None:
+        self.buffer = buffer
+
+    def __reduce__(self) -> Any:
+        return memoryview, (self.buffer,)
+
 
 class _Pickler(pickle.Pickler):
     """Takes all arrays out of band; pickle alone leaves some layouts and types in the stream."""
 
     def reducer_override(self, obj: Any) -> Any:
+        kind = type(obj)
+        if kind is memoryview or kind.__module__.partition(".")[0] in _LIBRARIES:
+            parts = None if isinstance(obj, type) else _kinds.take_apart(obj)
+            if parts is None:
+                return NotImplemented
+            code, members = parts
+            return _kinds.make, (code, tuple(map(_out_of_band, members)), True)
         numpy = sys.modules.get("numpy")
-        if numpy is None or type(obj) is not numpy.ndarray:
+        if numpy is None or kind is not numpy.ndarray:
             return NotImplemented
         if obj.dtype.hasobject or obj.dtype.itemsize == 0 or obj.size == 0:
             return NotImplemented
@@ -20,6 +42,14 @@ class _Pickler(pickle.Pickler):
         elements = obj.ravel(order)
         buffer = pickle.PickleBuffer(elements.view(numpy.uint8))
         return _array, (buffer, obj.dtype, obj.shape, order)
+
+
+def _out_of_band(part: Any) -> Any:
+    if type(part) is _kinds.Written:
+        data = bytearray(part.length)
+        part.write(data)
+        return _View(pickle.PickleBuffer(data))
+    return _View(part) if type(part) is pickle.PickleBuffer else part
 
 
 def _array(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Any) -> Any:

@@ -174,6 +174,28 @@ def test_large_buffers_are_out_of_band(name: str) -> None:
     assert stats["bytes_copied"] == sum(map(len, parts))
 
 
+class Plain:
+    """Something for pickle."""
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_value_inside_of_a_pickle_comes_back_too(name: str) -> None:
+    back = through_a_store([Plain(), EVERY[name]])
+    assert type(back[0]) is Plain
+    assert kinds.same(back[1], through_pickle(EVERY[name]))
+
+
+# An object that shares its memory is pickled as its class says.
+@pytest.mark.parametrize("name", [name for name in LARGE_ONES if name != "shared"])
+def test_large_buffers_inside_of_a_pickle_are_out_of_band(name: str) -> None:
+    if name in ("tensor", "bfloat16"):
+        pytest.importorskip("torch")
+    _, parts = encode(LARGE_ONES[name](), near=False)
+    head, others = encode([Plain(), LARGE_ONES[name]()])
+    assert len(head) < 2_000
+    assert [len(part) for part in others] == [len(part) for part in parts]
+
+
 def test_memoryviews_come_back_read_only() -> None:
     for elements in (np.arange(12).reshape(3, 4), np.arange(6.0)[::2], np.arange(kinds.LARGE)):
         view = memoryview(elements)
