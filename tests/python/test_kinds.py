@@ -261,10 +261,16 @@ class Secretive(kinds.Pose):
         return Secretive, (self.x + 1,)
 
 
+class Ends(kinds.Pose):
+    def __del__(self) -> None:
+        self.x = None
+
+
 def test_a_class_with_its_own_way_is_for_pickle() -> None:
     assert decode(*encode(Secretive(1.0))).x == 2.0
-    with pytest.raises(TypeError, match="Secretive"):
-        encode(Secretive(1.0), near=False)
+    for value in (Secretive(1.0), Ends(1.0)):
+        with pytest.raises(TypeError, match=type(value).__name__):
+            encode(value, near=False)
 
 
 def test_attributes_that_are_no_fields_are_kept() -> None:

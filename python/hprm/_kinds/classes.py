@@ -19,6 +19,9 @@ from hprm._kinds import Parts
 # Of what a class has to be made as all others are.
 _OWN_WAYS = ("__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__", "__new__")
 
+# And what would run by itself when an object goes that somebody else has filled.
+_FINALIZER = "__del__"
+
 # Where what libraries add to a class comes from.
 _GENERATED = ("dataclasses", "attr._make")
 
@@ -31,6 +34,8 @@ def instance(module: str, name: str, names: tuple[str, ...], *values: Any, trust
         raise _refused(kind, "neither a dataclass nor a class of attrs")
     made = object.__new__(kind)
     for attribute, value in zip(names, values, strict=True):
+        if type(attribute) is not str:
+            raise ValueError(f"malformed payload: an attribute of {name} has no name")
         if hasattr(made, "__dict__") and not _is_slot(kind, attribute):
             made.__dict__[attribute] = value
         elif attribute in fields:
@@ -137,7 +142,8 @@ def _slots(kind: type) -> tuple[str, ...]:
 def _is_ordinary(kind: type) -> bool:
     """Tell whether attributes are all that there is, and objects are pickled in the usual way."""
     if kind in copyreg.dispatch_table or any(
-        getattr(kind, name, None) is not getattr(object, name, None) for name in _OWN_WAYS
+        getattr(kind, name, None) is not getattr(object, name, None)
+        for name in (*_OWN_WAYS, _FINALIZER)
     ):
         return False
     fields = _fields(kind) or []
