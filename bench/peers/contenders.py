@@ -67,6 +67,7 @@ _POLL_GROUPS = (APART,)
 CONTENDERS = (
     _hprm("hprm centralized", "centralized", groups=_ALL),
     _hprm("hprm decentralized", "decentralized", groups=_ALL),
+    _hprm("hprm spinning", "decentralized", "--spin=200us", groups=_POLL_GROUPS),
     Contender("limit", "processes", _ALL, "limit"),
     Contender("limit spinning", "processes", _POLL_GROUPS, "limit", options={"spin_s": 2e-4}),
     Contender("iceoryx2", "processes", _ALL, "iceoryx2", "iceoryx2"),

@@ -19,8 +19,10 @@ OURS = tuple(
 )
 """The ways to run HPRM that all goals are for."""
 
-NOT_PEERS = ("limit", "limit spinning")
-"""Neither HPRM nor something that a user could pick instead."""
+NOT_PEERS = {"limit", "limit spinning"} | {
+    contender.name for contender in who.CONTENDERS if contender.ours
+}
+"""HPRM itself, and what is nothing that a user could pick instead."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,7 @@ BEST_PEER = "best peer"
 def goals() -> Iterator[Goal]:
     """All goals, by workload."""
     for ours in OURS:
-        if "spinning" not in ours:
-            yield from _of_a_way(ours)
+        yield from _of_a_way(ours)
     cen, dec = "hprm centralized", "hprm decentralized"
     yield Goal("W2", who.APART, 64, "hprm spinning", "iceoryx2 polling", 0.8)
     yield Goal("W2", who.SAME, 64, cen, dec, 1.6)
@@ -105,9 +106,5 @@ def _measured(measurements: Measurements, goal: Goal) -> Spread | None:
         return measurements.spread(goal.figure, goal.contender)
     if goal.rival != BEST_PEER:
         return measurements.ratio(goal.figure, goal.contender, goal.rival)
-    peers = [
-        name
-        for name in measurements.contenders(goal.figure)
-        if name not in OURS and name not in NOT_PEERS
-    ]
+    peers = [name for name in measurements.contenders(goal.figure) if name not in NOT_PEERS]
     return measurements.ratio_to_best(goal.figure, goal.contender, peers, most=goal.at_least)
