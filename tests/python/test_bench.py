@@ -332,6 +332,32 @@ def test_a_session_that_fails_says_why_and_leaves_nothing(tmp_path: Path) -> Non
     assert not [name for name in set(os.listdir("/dev/shm")) - before if "hprmbench" in name]
 
 
+# The whole of it, with contenders that need nothing but the package.
+
+
+def test_programs_have_no_mistakes() -> None:
+    programs = sorted(str(path) for path in (BENCH / "programs").glob("*.lf"))
+    assert programs
+    command = [str(Path(sys.executable).with_name("hprm")), "check", *programs]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+
+
+def test_a_run_measures_every_contender_and_writes_a_page(tmp_path: Path) -> None:
+    names = ["hprm centralized", "hprm decentralized", "unix + pickle"]
+    command = [sys.executable, str(BENCH / "run.py"), "--quick", "--out", str(tmp_path)]
+    command += ["--only", "W1b,W5", "--contenders", ",".join(names)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "bench.json").read_text())
+    assert not [note for note in document["notes"] if note.startswith(("failed", "skipped"))]
+    measured = {(one["contender"], one["workload"], one["group"]) for one in document["figures"]}
+    workloads = {("W1b", who.GATHER), ("W5", who.APART), ("W5", who.FAN)}
+    assert measured == {(name, *workload) for name in names for workload in workloads}
+    assert {goal["workload"] for goal in document["goals"]} == {"W1b", "W5"}
+    assert all(name in (tmp_path / "bench.html").read_text() for name in names)
+
+
 # What the package offers for it.
 
 
