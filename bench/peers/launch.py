@@ -127,7 +127,7 @@ class Launcher:
         cells: list[dict[str, Any]],
     ) -> dict[str, Any]:
         usable = sorted(os.sched_getaffinity(0))
-        cpus = [usable[place % len(usable)] for place in planning.CPUS.get(group, ())]
+        cpus = [usable[place] for place in planning.CPUS.get(group, ())]
         return {
             "name": name,
             "transport": contender.transport,
@@ -230,7 +230,7 @@ def _affinity(cpus: Sequence[int]) -> Iterator[None]:
     """
     before = os.sched_getaffinity(0)
     if len(set(cpus)) == 1:
-        os.sched_setaffinity(0, {sorted(before)[cpus[0] % len(before)]})
+        os.sched_setaffinity(0, {sorted(before)[cpus[0]]})
     try:
         yield
     finally:

@@ -51,6 +51,11 @@ def groups_of(workloads: list[str]) -> list[str]:
     return [group for group in who.GROUPS if group in wanted]
 
 
+def possible(group: str, processors: int) -> bool:
+    """Whether there are as many processors as the group wants to tell apart."""
+    return max(CPUS.get(group, (0,))) < processors
+
+
 def cells(group: str, workloads: Collection[str], effort: Effort) -> list[dict[str, Any]]:
     """What the hub of a session of this group measures; `worker/script.py` says how."""
     planned: list[dict[str, Any]] = []

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import signal
 import sys
 import time
@@ -131,8 +132,13 @@ class Run:
         self.seconds = 0.0
         self._effort = effort
         self._launcher = launcher
+        groups = plan.groups_of(self.workloads)
+        processors = len(os.sched_getaffinity(0))
+        self.impossible = [group for group in groups if not plan.possible(group, processors)]
         self._sessions = [
-            (group, self._of(group, options.contenders)) for group in plan.groups_of(self.workloads)
+            (group, self._of(group, options.contenders))
+            for group in groups
+            if group not in self.impossible
         ]
 
     def _of(self, group: str, names: list[str] | None) -> list[who.Contender]:
@@ -187,6 +193,7 @@ class Run:
         planned = self._effort.repetitions
         notes = [f"{self.repetitions} of {planned} repetitions in {self.seconds / 60:.1f} minutes."]
         notes += [f"skipped: {name}: {reason}" for name, reason in self.missing.items()]
+        notes += [f"skipped: {who.GROUPS[group]}: too few processors" for group in self.impossible]
         for (group, name), reasons in self.failures.items():
             times = f"{len(reasons)} times" if len(reasons) > 1 else "once"
             notes.append(f"failed {times}: {name}, {who.GROUPS[group]}: {reasons[-1]}")

@@ -191,6 +191,11 @@ def test_a_part_of_the_workloads_needs_a_part_of_the_groups() -> None:
     assert plan.groups_of(["W5"]) == [who.APART, who.FAN]
 
 
+def test_what_needs_two_processors_is_left_out_where_there_is_one() -> None:
+    assert [group for group in who.GROUPS if not plan.possible(group, 1)] == [who.APART]
+    assert all(plan.possible(group, 2) for group in who.GROUPS)
+
+
 # What hub and nodes say.
 
 
@@ -350,9 +355,11 @@ def test_a_run_measures_every_contender_and_writes_a_page(tmp_path: Path) -> Non
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "bench.json").read_text())
-    assert not [note for note in document["notes"] if note.startswith(("failed", "skipped"))]
+    assert not [note for note in document["notes"] if note.startswith("failed")]
     measured = {(one["contender"], one["workload"], one["group"]) for one in document["figures"]}
-    workloads = {("W1b", who.GATHER), ("W5", who.APART), ("W5", who.FAN)}
+    workloads = {("W1b", who.GATHER), ("W5", who.FAN)}
+    if len(os.sched_getaffinity(0)) > 1:
+        workloads.add(("W5", who.APART))
     assert measured == {(name, *workload) for name in names for workload in workloads}
     assert {goal["workload"] for goal in document["goals"]} == {"W1b", "W5"}
     assert all(name in (tmp_path / "bench.html").read_text() for name in names)
