@@ -22,6 +22,10 @@ use crate::{Frame, Topology, codec};
 /// What a message counts besides its bytes: the room that it takes in queues.
 const OVERHEAD: u64 = 128;
 
+/// What lies in the object store counts one in so many of its bytes: it is there once for all of its
+/// receivers, and has a limit of its own.
+const IN_STORE: u64 = 16;
+
 /// How many groups a limit is divided into, at least. Messages are counted in groups, so that a long
 /// queue of small ones is a short list.
 const GROUPS: u64 = 64;
@@ -50,7 +54,7 @@ impl Backlog {
             Some(group) if group.bytes < full => {
                 group.last = group.last.max(tag);
                 group.messages += 1;
-                group.bytes += bytes;
+                group.bytes = group.bytes.saturating_add(bytes);
             }
             _ => self.0.push_back(Group { last: tag, messages: 1, bytes }),
         }
@@ -65,14 +69,14 @@ impl Backlog {
             if messages >= group.messages {
                 messages -= group.messages;
                 bytes = bytes.saturating_sub(group.bytes);
-                taken += group.bytes;
+                taken = group.bytes.saturating_add(taken);
                 self.0.pop_front();
             } else {
                 // Of a group of which some is left, the receiver knows how much that was.
                 let part = bytes.min(group.bytes);
                 group.messages -= messages;
                 group.bytes -= part;
-                return taken + part;
+                return part.saturating_add(taken);
             }
         }
         taken
@@ -80,7 +84,11 @@ impl Backlog {
 
     /// The bytes of groups that are wholly before `tag`.
     fn before(&self, tag: Tag) -> u64 {
-        self.0.iter().take_while(|group| group.last < tag).map(|group| group.bytes).sum()
+        self.0
+            .iter()
+            .take_while(|group| group.last < tag)
+            .map(|group| group.bytes)
+            .fold(0, u64::saturating_add)
     }
 }
 
@@ -131,7 +139,7 @@ impl Flow {
     pub(crate) fn sent(&mut self, to: FederateId, channel: ChannelId, tag: Tag, payload: &Payload) {
         let bytes = weight(payload);
         let receiver = self.receivers.entry(to).or_default();
-        receiver.bytes += bytes;
+        receiver.bytes = receiver.bytes.saturating_add(bytes);
         receiver.channels.entry(channel).or_default().push(tag, bytes, self.limit / GROUPS);
     }
 
@@ -153,7 +161,11 @@ impl Flow {
     pub(crate) fn is_ahead(&self, tag: Tag) -> bool {
         self.receivers.values().any(|receiver| {
             receiver.bytes > self.limit
-                && receiver.channels.values().map(|backlog| backlog.before(tag)).sum::<u64>()
+                && receiver
+                    .channels
+                    .values()
+                    .map(|backlog| backlog.before(tag))
+                    .fold(0, u64::saturating_add)
                     > self.limit
         })
     }
@@ -205,7 +217,7 @@ impl Incoming {
         {
             groups += 1;
             messages += group.messages;
-            bytes += group.bytes;
+            bytes = group.bytes.saturating_add(bytes);
             self.backlog.0.pop_front();
         }
         let frame = Frame::Processed { channel, messages, bytes };
@@ -215,11 +227,15 @@ impl Incoming {
 
 /// What a message counts.
 fn weight(payload: &Payload) -> u64 {
-    OVERHEAD + codec::buffers_of(payload).map(<[u8]>::len).sum::<usize>() as u64
+    let inline = codec::buffers_of(payload).map(|bytes| bytes.len() as u64);
+    // A length that somebody only claims may be any number.
+    let stored = payload.objects().map(|object| object.len / IN_STORE);
+    inline.chain(stored).fold(OVERHEAD, u64::saturating_add)
 }
 
 #[cfg(test)]
 mod tests {
+    use hprm_core::{ObjectRef, Part};
     use proptest::prelude::*;
 
     use super::*;
@@ -293,6 +309,20 @@ mod tests {
         let frame = Frame::Processed { channel: CHANNEL, messages: 1, bytes: 228 };
         assert_eq!(b.reached(Tag::START), [(A, frame)]);
         assert_eq!(b.reached(Tag::FOREVER), []);
+    }
+
+    #[test]
+    fn what_lies_in_the_store_counts_a_sixteenth() {
+        let mut a = flow(A_B, "a", 1_000_000);
+        let object = ObjectRef { owner: A, serial: 0, segment: 0, offset: 0, len: 10_000_000 };
+        let payload = Payload { parts: vec![Part::Object(object)], ..Payload::default() };
+        a.sent(B, CHANNEL, at(0), &payload);
+        assert_eq!(a.receivers[&B].bytes, 128 + 625_000);
+        assert!(!a.is_ahead(at(1)));
+        let all = ObjectRef { len: u64::MAX, ..object };
+        let payload = Payload { parts: vec![Part::Object(all); 20], ..Payload::default() };
+        (1..20).for_each(|time| a.sent(B, CHANNEL, at(time), &payload));
+        assert!(a.is_ahead(at(20)));
     }
 
     #[test]
