@@ -276,10 +276,13 @@ def _rates(directory: Path, cells: list[dict[str, Any]]) -> list[Result]:
 
 
 def _last_line(log: Path) -> str:
-    """The last words of the processes, which tell most."""
+    """What the processes said that tells most: an error that stands in one line, or the end."""
     lines = log.read_text(errors="replace").splitlines()
     said = [line.strip() for line in lines if line.strip()]
-    return f": {said[-1][:200]}" if said else ""
+    errors = [line for line in said if line.startswith("error:")]
+    traced = any(line.startswith("Traceback") for line in said)
+    chosen = (said if traced or not errors else errors)[-1:]
+    return f": {chosen[0][:200]}" if chosen else ""
 
 
 def _remove_segments(name: str, before: set[str]) -> None:
