@@ -718,3 +718,70 @@ def test_arrays_may_outlive_the_program(launch: Run) -> None:
         """)
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out == "[source] 1.0 1.0 100000.0\n"
+
+
+def test_threads_make_and_drop_arrays_in_the_store_meanwhile(launch: Run) -> None:
+    outcome = launch("""\
+        target Python { coordination: decentralized }
+        preamble {=
+          import contextvars, queue, threading
+          import numpy as np
+          N = 20_000
+          over, wrong, handed = threading.Event(), [], queue.SimpleQueue()
+          def work(number):
+              rounds = 0
+              while not over.is_set() or rounds < 50:
+                  array = np.full(N + rounds % 7, number)
+                  other = array * 2
+                  if (array != number).any() or (other != 2 * number).any():
+                      wrong.append(number)
+                  # Some are dropped by another thread, some are sent.
+                  handed.put(array)
+                  rounds += 1
+        =}
+        reactor Source {
+          output out
+          logical action next(1 msec)
+          state threads = {= [] =}
+          state count = 0
+          reaction(startup, next) -> out, next {=
+            if self.count == 0:
+                for number in range(3):
+                    run = contextvars.copy_context().run
+                    thread = threading.Thread(target=run, args=(work, number))
+                    thread.start()
+                    self.threads.append(thread)
+            latest = handed.get()
+            while not handed.empty():
+                latest = handed.get()
+            out.set(latest)
+            del latest
+            self.count += 1
+            if self.count == 50:
+                over.set()
+                for thread in self.threads:
+                    thread.join()
+                print(wrong, lf.store_stats()["bytes_copied"])
+                request_stop()
+            else:
+                next.schedule(0)
+          =}
+        }
+        reactor Sink {
+          input inp
+          state seen = {= [] =}
+          reaction(inp) {= self.seen.append((inp.value, int(inp.value[0]))) =}
+          reaction(shutdown) {=
+            print(len(self.seen), [n for array, n in self.seen if (array != n).any()])
+          =}
+        }
+        federated reactor {
+          source = new Source()
+          sink = new Sink()
+          source.out -> sink.inp
+        }
+        """)
+    assert outcome.code == 0, outcome.err
+    source, sink = sorted(outcome.out.splitlines(), reverse=True)
+    assert sink == "[sink] 50 []"
+    assert source.startswith("[source] [] "), source
