@@ -67,7 +67,7 @@ impl Passing {
             return Some(exported.number);
         }
         // Here rather than later, when it is too late for a copy.
-        if !Passage::to(view.fd()).is_ok_and(|passage| passage.mark(0, 1)) {
+        if !Passage::to(view.fd()?).is_ok_and(|passage| passage.mark(0, 1)) {
             return None;
         }
         let number = u32::MAX - self.exported;
@@ -100,11 +100,12 @@ impl Passing {
     /// Marks an object as in use by `reader`, if it is one that is passed on.
     pub(crate) fn mark(&mut self, object: &ObjectRef, reader: FederateId) {
         let Some(passed) = self.objects.get(&object.serial) else { return };
+        let Some(file) = passed.view.fd() else { return };
         let key = (reader, object.segment);
         let passage = match self.passages.entry(key) {
             Entry::Occupied(entry) => entry.into_mut(),
             // Without one, the reader gets the way by which the segment came.
-            Entry::Vacant(entry) => match Passage::to(passed.view.fd()) {
+            Entry::Vacant(entry) => match Passage::to(file) {
                 Ok(passage) => entry.insert(Arc::new(passage)),
                 Err(_) => return,
             },
@@ -128,7 +129,7 @@ impl Passing {
 
     /// Where to look for marks on the memory of an object that is passed on.
     pub(crate) fn file(&self, serial: u64) -> Option<BorrowedFd<'_>> {
-        self.objects.get(&serial).map(|passed| passed.view.fd())
+        self.objects.get(&serial).and_then(|passed| passed.view.fd())
     }
 
     /// Ends the passing on of an object that no reader holds any more.
@@ -171,6 +172,7 @@ pub(crate) struct Way {
 
 impl Way {
     pub(crate) fn fd(&self) -> BorrowedFd<'_> {
-        self.passage.as_ref().map_or_else(|| self.view.fd(), |passage| passage.fd())
+        let passage = self.passage.as_ref().map(|passage| passage.fd());
+        passage.or(self.view.fd()).expect("a segment without a descriptor is not exported")
     }
 }

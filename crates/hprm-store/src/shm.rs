@@ -267,7 +267,7 @@ impl Drop for Reading {
 #[derive(Debug)]
 pub(crate) struct SegmentView {
     mapping: Mapping,
-    file: OwnedFd,
+    file: Option<OwnedFd>,
 }
 
 impl SegmentView {
@@ -288,7 +288,7 @@ impl SegmentView {
             return Err(SegmentError::TooShort { announced: len, actual });
         }
         let mapping = Mapping::new(&file, size, ProtFlags::READ, MapFlags::POPULATE);
-        Ok(Self { mapping: mapping.map_err(error("mmap"))?, file })
+        Ok(Self { mapping: mapping.map_err(error("mmap"))?, file: Some(file) })
     }
 
     /// The length in bytes.
@@ -296,9 +296,14 @@ impl SegmentView {
         self.mapping.len as u64
     }
 
-    /// What came from the owner, or from who passed it on.
-    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
-        self.file.as_fd()
+    /// What came from the owner, or from who passed it on; none if it was [closed](Self::close).
+    pub(crate) fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.file.as_ref().map(AsFd::as_fd)
+    }
+
+    /// Gives up the descriptor: what is mapped stays, but cannot be passed on.
+    pub(crate) fn close(&mut self) {
+        self.file = None;
     }
 
     /// The range of `len` bytes from `offset`, if there is one.

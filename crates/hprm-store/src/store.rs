@@ -22,6 +22,10 @@ use crate::returns::{Returns, Wake};
 use crate::shm::{Segment, SegmentView, is_marked};
 use crate::{SegmentError, StoreError};
 
+/// How many descriptors of other federates' segments a store keeps, to pass their objects on. What
+/// lies in further ones is copied: a process may have only so many descriptors.
+const DESCRIPTORS: usize = 32;
+
 /// A segment that a reader has to map: send its number, its length and its descriptor.
 #[derive(Clone, Debug)]
 pub struct Announcement {
@@ -255,7 +259,10 @@ impl Store {
         if owner == self.owner || self.attached.contains_key(&(owner, segment)) {
             return Err(StoreError::KnownSegment { owner, segment });
         }
-        let view = SegmentView::map(fd, len)?;
+        let mut view = SegmentView::map(fd, len)?;
+        if self.attached.values().filter(|view| view.fd().is_some()).count() >= DESCRIPTORS {
+            view.close();
+        }
         self.attached.insert((owner, segment), Arc::new(view));
         Ok(())
     }

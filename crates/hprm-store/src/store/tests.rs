@@ -416,6 +416,24 @@ fn what_was_passed_on_can_be_sent_inline() {
     assert_eq!(b.open(object).unwrap().as_bytes(), b"point cloud");
 }
 
+#[test]
+fn who_has_many_segments_keeps_few_descriptors() {
+    let [mut a, mut b] = stores();
+    let object = a.put(b"point cloud", &[B]).unwrap();
+    let [announcement] = &a.unannounced(B)[..] else { panic!("one segment") };
+    let owner = |number: usize| FederateId(u16::try_from(number).unwrap() + 10);
+    for number in 0..DESCRIPTORS + 20 {
+        let fd = announcement.as_fd().try_clone_to_owned().unwrap();
+        b.attach(owner(number), 0, announcement.len, fd).unwrap();
+    }
+    assert_eq!(b.attached.values().filter(|view| view.fd().is_some()).count(), DESCRIPTORS);
+    let came = |number| ObjectRef { owner: owner(number), segment: 0, ..object };
+    let [first, last] = [0, DESCRIPTORS + 19].map(|number| b.open(came(number)).unwrap());
+    assert_eq!(last.as_bytes(), first.as_bytes());
+    assert!(b.pass_on(&first).is_some());
+    assert!(b.pass_on(&last).is_none());
+}
+
 /// Federates that send, pass on, drop and end as they like.
 struct Yards {
     stores: Vec<Option<Store>>,
