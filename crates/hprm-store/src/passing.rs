@@ -6,7 +6,9 @@
 //!
 //! If it ends before its readers, they go on reading. Nobody would tell the owner of the memory, so
 //! each of them has a [`Passage`] on which its objects are marked, and an owner that loses a
-//! reader looks for marks before it writes there again. Counting holds is the ledger's business.
+//! reader looks for marks before it writes there again. A mark tells how many hands an object has gone
+//! through: whoever looks wants to know of those behind the lost reader, not of those before him, who
+//! wait for him in turn. Counting holds is the ledger's business.
 
 #![forbid(unsafe_code)]
 
@@ -21,6 +23,30 @@ use hprm_core::{FederateId, ObjectRef};
 use crate::Object;
 use crate::shm::{Passage, SegmentView};
 
+/// A segment's number begins with how often it was passed on, in as many bits as are left.
+const COUNTER_BITS: u32 = 26;
+
+/// How often an object may be passed on without a copy: there is a byte for each mark, in the smallest
+/// block that an owner uses.
+const MOST_HANDS: u32 = 62;
+
+/// Through how many hands a segment has gone on its way from its owner to the one who calls it so.
+fn hands(segment: u32) -> u32 {
+    segment >> COUNTER_BITS
+}
+
+/// Where the readers of an object behind those who have it from here mark it: from which byte on, and
+/// how many bytes.
+pub(crate) fn marks_behind(object: &ObjectRef) -> (u64, u64) {
+    let next = u64::from(hands(object.segment)) + 1;
+    (object.offset + next, u64::from(MOST_HANDS) + 1 - next.min(u64::from(MOST_HANDS)))
+}
+
+/// The byte that is marked for a reader of an object that is passed on.
+fn mark_of(object: &ObjectRef) -> u64 {
+    object.offset + u64::from(hands(object.segment))
+}
+
 /// What is passed on, and under which names.
 #[derive(Debug, Default)]
 pub(crate) struct Passing {
@@ -28,12 +54,13 @@ pub(crate) struct Passing {
     segments: BTreeMap<usize, Exported>,
     /// The objects as they came, by the number that they have here.
     objects: BTreeMap<u64, Passed>,
-    /// The numbers here of objects that came.
-    numbers: BTreeMap<(FederateId, u64), u64>,
+    /// The numbers here of objects, by where their bytes are. One that comes again, perhaps by another
+    /// way, is passed on under the number that it has: if it had two, and came back from a reader of
+    /// the first one, each could wait for the other to end.
+    numbers: BTreeMap<Place, u64>,
     /// The ways of readers to segments, by their numbers here.
     passages: BTreeMap<(FederateId, u32), Arc<Passage>>,
-    /// How many numbers of segments are in use or were; they are given from the last one down, because
-    /// those of segments of its own are given from the first one up.
+    /// How many numbers of segments are in use or were.
     exported: u32,
 }
 
@@ -51,17 +78,22 @@ struct Passed {
     range: Range<usize>,
 }
 
+/// A segment, and a range of bytes in it.
+type Place = ((u64, u64), usize, usize);
+
+fn place(view: &SegmentView, range: &Range<usize>) -> Place {
+    (view.identity(), range.start, range.end)
+}
+
 impl Passing {
-    /// The number that an object which came has here, if it is being passed on already.
-    pub(crate) fn number_of(&self, came: &ObjectRef, view: &Arc<SegmentView>) -> Option<u64> {
-        let number = self.numbers.get(&(came.owner, came.serial))?;
-        // Its owner may have come back, and count anew.
-        let same = |it: &&Passed| Arc::ptr_eq(&it.view, view) && it.came.object_ref() == *came;
-        self.objects.get(number).filter(same).map(|_| *number)
+    /// The number that some bytes have here, if they are being passed on already.
+    pub(crate) fn number_of(&self, view: &SegmentView, range: &Range<usize>) -> Option<u64> {
+        self.numbers.get(&place(view, range)).copied()
     }
 
-    /// The number of the segment of a view; none if its readers could not be protected.
-    pub(crate) fn export(&mut self, view: &Arc<SegmentView>) -> Option<u32> {
+    /// The number of the segment of a view, which came as `segment`; none if its readers could not be
+    /// protected.
+    pub(crate) fn export(&mut self, view: &Arc<SegmentView>, segment: u32) -> Option<u32> {
         let key = Arc::as_ptr(view) as usize;
         if let Some(exported) = self.segments.get(&key) {
             return Some(exported.number);
@@ -70,7 +102,11 @@ impl Passing {
         if !Passage::to(view.fd()?).is_ok_and(|passage| passage.mark(0, 1)) {
             return None;
         }
-        let number = u32::MAX - self.exported;
+        let hands = hands(segment) + 1;
+        if hands > MOST_HANDS || self.exported >> COUNTER_BITS != 0 {
+            return None;
+        }
+        let number = hands << COUNTER_BITS | self.exported;
         self.exported += 1;
         self.segments.insert(key, Exported { number, view: Arc::clone(view), objects: 0 });
         Some(number)
@@ -86,9 +122,14 @@ impl Passing {
     ) {
         let exported = self.segments.get_mut(&(Arc::as_ptr(view) as usize));
         exported.expect("its segment was exported before").objects += 1;
-        let of = came.object_ref();
-        self.numbers.insert((of.owner, of.serial), serial);
+        self.numbers.insert(place(view, &range), serial);
         self.objects.insert(serial, Passed { came, view: Arc::clone(view), range });
+    }
+
+    /// The segment of an object that is passed on.
+    pub(crate) fn segment_of(&self, serial: u64) -> Option<u32> {
+        let passed = self.objects.get(&serial)?;
+        Some(self.segments.get(&(Arc::as_ptr(&passed.view) as usize))?.number)
     }
 
     /// Where the bytes of an object are that is passed on.
@@ -110,13 +151,13 @@ impl Passing {
                 Err(_) => return,
             },
         };
-        passage.mark(object.offset, object.len);
+        passage.mark(mark_of(object), 1);
     }
 
     /// Takes the mark away: `reader` has released the object.
     pub(crate) fn unmark(&self, object: &ObjectRef, reader: FederateId) {
         if let Some(passage) = self.passages.get(&(reader, object.segment)) {
-            passage.unmark(object.offset, object.len);
+            passage.unmark(mark_of(object), 1);
         }
     }
 
@@ -135,11 +176,8 @@ impl Passing {
     /// Ends the passing on of an object that no reader holds any more.
     #[must_use = "dropping it owes its release"]
     pub(crate) fn end(&mut self, serial: u64) -> Option<Object> {
-        let Passed { came, view, .. } = self.objects.remove(&serial)?;
-        let of = came.object_ref();
-        if self.numbers.get(&(of.owner, of.serial)) == Some(&serial) {
-            self.numbers.remove(&(of.owner, of.serial));
-        }
+        let Passed { came, view, range } = self.objects.remove(&serial)?;
+        self.numbers.remove(&place(&view, &range));
         if let Some(exported) = self.segments.get_mut(&(Arc::as_ptr(&view) as usize)) {
             exported.objects -= 1;
         }

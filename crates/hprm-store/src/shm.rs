@@ -266,6 +266,8 @@ impl Drop for Reading {
 /// Shared memory of another federate, mapped for reading.
 #[derive(Debug)]
 pub(crate) struct SegmentView {
+    /// Device and number of the file: the same for all ways to one segment.
+    identity: (u64, u64),
     mapping: Mapping,
     file: Option<OwnedFd>,
 }
@@ -282,18 +284,24 @@ impl SegmentView {
             Ok(_) | Err(Errno::INVAL) => return Err(SegmentError::NotSealed),
             Err(cause) => return Err(error("get seals")(cause)),
         }
-        let actual = fs::fstat(&file).map_err(error("fstat"))?.st_size;
-        let actual = u64::try_from(actual).unwrap_or(0);
+        let status = fs::fstat(&file).map_err(error("fstat"))?;
+        let actual = u64::try_from(status.st_size).unwrap_or(0);
         if actual < len {
             return Err(SegmentError::TooShort { announced: len, actual });
         }
         let mapping = Mapping::new(&file, size, ProtFlags::READ, MapFlags::POPULATE);
-        Ok(Self { mapping: mapping.map_err(error("mmap"))?, file: Some(file) })
+        let mapping = mapping.map_err(error("mmap"))?;
+        Ok(Self { identity: (status.st_dev, status.st_ino), mapping, file: Some(file) })
     }
 
     /// The length in bytes.
     pub(crate) fn len(&self) -> u64 {
         self.mapping.len as u64
+    }
+
+    /// Equal for views of one segment, whatever way they came.
+    pub(crate) fn identity(&self) -> (u64, u64) {
+        self.identity
     }
 
     /// What came from the owner, or from who passed it on; none if it was [closed](Self::close).

@@ -17,7 +17,7 @@ use crate::announce::Announcements;
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 use crate::loan::{LoanOf, WritableLoan};
 use crate::object::{Bytes, Object};
-use crate::passing::{Passing, Way};
+use crate::passing::{Passing, Way, marks_behind};
 use crate::returns::{Returns, Wake};
 use crate::shm::{Segment, SegmentView, is_marked};
 use crate::{SegmentError, StoreError};
@@ -328,16 +328,17 @@ impl Store {
         }
         let (view, range) = came.foreign()?;
         let of = came.object_ref();
-        let object = if let Some(serial) = self.passing.number_of(&of, view) {
+        if let Some(serial) = self.passing.number_of(view, range) {
             self.ledger.add_view(serial).ok()?;
-            let segment = self.passing.export(view)?;
-            ObjectRef { owner: self.owner, serial, segment, ..of }
-        } else {
-            let segment = self.passing.export(view)?;
-            let object = self.ledger.pass_on(segment, of.offset, of.len);
-            self.passing.keep(object.serial, came.clone(), view, range.clone());
-            object
-        };
+            let (view, range) = self.passing.bytes(serial)?;
+            let segment = self.passing.segment_of(serial)?;
+            let object = ObjectRef { owner: self.owner, serial, segment, ..of };
+            let bytes = Bytes::Foreign(view, range);
+            return Some(Object::new(object, bytes, Arc::clone(&self.ended)));
+        }
+        let segment = self.passing.export(view, of.segment)?;
+        let object = self.ledger.pass_on(segment, of.offset, of.len);
+        self.passing.keep(object.serial, came.clone(), view, range.clone());
         let bytes = Bytes::Foreign(Arc::clone(view), range.clone());
         Some(Object::new(object, bytes, Arc::clone(&self.ended)))
     }
@@ -426,7 +427,8 @@ impl Store {
     fn is_marked(&self, object: &ObjectRef) -> bool {
         let own = self.segments.get(&object.segment).map(|segment| segment.fd());
         let file = self.passing.file(object.serial).or(own);
-        file.is_some_and(|file| is_marked(file, object.offset, object.len))
+        let (from, len) = marks_behind(object);
+        file.is_some_and(|file| is_marked(file, from, len))
     }
 
     /// Owes back what was passed on and is not held any more.
