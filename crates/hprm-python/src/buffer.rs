@@ -47,6 +47,10 @@ impl Memory {
         view: *mut ffi::Py_buffer,
         flags: c_int,
     ) -> PyResult<()> {
+        if flags & ffi::PyBUF_WRITABLE != 0 {
+            // NumPy asks for this first, for every array: no detour to find that out.
+            return Err(PyBufferError::new_err("what has arrived is read-only"));
+        }
         let bytes = slf.get().0.as_bytes();
         // Benefit: arrays read the sender's memory in place.
         // SAFETY: `view` comes from the interpreter, and we are attached to it. The bytes belong to
