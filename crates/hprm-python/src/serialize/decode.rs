@@ -248,12 +248,17 @@ impl<'a, 'py> Walk<'a, 'py> {
             [1] => Order::Fortran,
             _ => return Err(malformed("an unknown order of an array")),
         };
-        let dimensions = self.count()?;
-        let shape = (0..dimensions).map(|_| self.number()).collect::<PyResult<Vec<_>>>()?;
+        let shape = match self.count()? {
+            // NumPy takes this too, and most arrays have one.
+            1 => self.number()?.into_pyobject(self.py)?.into_any(),
+            dimensions => {
+                let shape = (0..dimensions).map(|_| self.number()).collect::<PyResult<Vec<_>>>()?;
+                PyTuple::new(self.py, shape)?.into_any()
+            }
+        };
         let buffer = self.blob()?.into_buffer(self.py)?;
-        let shape = PyTuple::new(self.py, shape)?;
         let dtype = self.dtype(numpy, description)?;
-        let array = numpy.over(shape.as_any(), &dtype, &buffer, order)?;
+        let array = numpy.over(&shape, &dtype, &buffer, order)?;
         Ok(self.remember(array))
     }
 
