@@ -204,3 +204,62 @@ def test_what_may_not_come_is_not_unpickled(
     # It would have run what the sender likes.
     over_tcp(start, tmp_path, program, "allow", "allow")
     assert (tmp_path / "unpickled").exists()
+
+
+THREE = """\
+target Python {{ timeout: 0 sec }}
+preamble {{=
+class Plain:
+    pass
+=}}
+reactor Source {{
+  output out
+  reaction(startup) -> out {{= out.set([Plain()]) =}}
+}}
+reactor Relay {{
+  input inp
+  output out
+  reaction(inp) -> out {{= {relay} =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{= print("got", type(inp.value[0]).__name__, flush=True) =}}
+}}
+federated reactor {{
+  source = new Source()
+  relay = new Relay()
+  sink = new Sink()
+  {connections}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("sender", "relay", "connections"),
+    [
+        # The same value, to a neighbour and to somebody else.
+        ("source", "inp.value", "source.out, source.out -> relay.inp, sink.inp"),
+        # A value that has come from a neighbour.
+        ("relay", "out.set(inp.value)", "source.out, relay.out -> relay.inp, sink.inp"),
+    ],
+    ids=["to both", "passed on"],
+)
+def test_a_pickle_for_a_neighbour_goes_no_further(
+    start: Spawn, tmp_path: Path, sender: str, relay: str, connections: str
+) -> None:
+    (tmp_path / "Fed.lf").write_text(THREE.format(relay=relay, connections=connections))
+    secret = ["--federation-file", "secret"]
+    unix = f"unix:{tmp_path}/rti"
+    rti = start("rti", "Fed.lf", "--listen", unix, "--listen", "127.0.0.1:0", *secret)
+    assert listening(rti) == unix
+    addresses = {"source": unix, "relay": unix, "sink": listening(rti)}
+    federates = {
+        name: start("federate", "Fed.lf", name, "--rti", address, *secret)
+        for name, address in addresses.items()
+    }
+    ends = {name: finish(federate) for name, federate in federates.items()}
+    _, errors, code = ends[sender]
+    assert code == 1
+    assert "`value[0]` is of the type Plain" in errors
+    assert "-> Fed.sink.inp" in errors
+    assert "got" not in ends["sink"][0]
