@@ -70,10 +70,17 @@ _MAKERS = {
     45: ("arrow", "scalar"),
     46: ("frames", "periods"),
     47: ("frames", "intervals"),
+    48: ("zones", "zone"),
 }
 
 # Whose classes are whose, by the first name of their modules.
-_LIBRARIES = {"numpy": "arrays", "torch": "tensors", "pyarrow": "arrow", "pandas": "frames"}
+_LIBRARIES = {
+    "numpy": "arrays",
+    "torch": "tensors",
+    "pyarrow": "arrow",
+    "pandas": "frames",
+    "pytz": "zones",
+}
 
 # More classes than a program sends: forget all, rather than grow.
 _CACHE_LIMIT = 1024
