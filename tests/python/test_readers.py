@@ -129,7 +129,7 @@ reactor Hoarder {
   reaction(shutdown) {=
     right = [int(array[0]) for array in self.kept] == list(range(ARRAYS * MESSAGES))
     shared = not any(array.flags.writeable for array in self.kept)
-    print(len(self.kept), right and shared, len(os.listdir("/proc/self/fd")) <= 16)
+    print(len(self.kept), right and shared, len(os.listdir("/proc/self/fd")) <= 16 + 32)
   =}
 }
 federated reactor {

@@ -466,7 +466,7 @@ def test_what_is_sent_is_what_an_array_is_at_the_end_of_its_tag(
 
 def test_arrays_that_are_kept_leave_room_for_those_that_are_sent(launch: Run) -> None:
     outcome = launch("""\
-        target Python { coordination: decentralized }
+        target Python { coordination: decentralized, store-limit: "64 MB" }
         preamble {=
           import os
           import numpy as np
@@ -478,14 +478,14 @@ def test_arrays_that_are_kept_leave_room_for_those_that_are_sent(launch: Run) ->
           state weights = {= [] =}
           state count = 0
           reaction(startup, next) -> out, next {=
-            # In all 1.3 of the 2 GB that the store has; most of it is never touched on the heap.
-            self.weights.append(np.empty(130 * MB, np.uint8))
+            # In all 70 of the 64 MB that the store has.
+            self.weights.append(np.empty(7 * MB, np.uint8))
             out.set(np.full(MB, self.count, np.uint8))
             self.count += 1
             if self.count == 10:
                 stats = lf.store_stats()
-                half = 1 << 30
-                print(stats["bytes_in_use"] < half + 50 * MB, stats["heap_fallbacks"] > 0)
+                half = 32 * MB
+                print(stats["bytes_in_use"] < half + 3 * MB, stats["heap_fallbacks"] > 0)
                 print(stats["inline_fallbacks"], sum(map(len, self.weights)) // MB)
                 request_stop()
             else:
@@ -507,7 +507,7 @@ def test_arrays_that_are_kept_leave_room_for_those_that_are_sent(launch: Run) ->
     assert outcome.code == 0, outcome.err
     assert sorted(outcome.out.splitlines()) == [
         "[sink] 45",
-        "[source] 0 1300",
+        "[source] 0 70",
         "[source] True True",
     ]
 
