@@ -56,6 +56,16 @@ pub(crate) struct Properties {
     /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
     #[arg(long, value_name = "TIME")]
     spin: Option<String>,
+    /// Run federates and the RTI before all ordinary programs of this machine, in memory that is never
+    /// swapped out; with a priority from 1 to 99, which is 50 otherwise. An error if the system forbids
+    /// it. The same as --property realtime=PRIORITY.
+    #[arg(long, value_name = "PRIORITY", num_args = 0..=1, require_equals = true,
+          default_missing_value = "50", value_parser = clap::value_parser!(u8).range(1..=99))]
+    realtime: Option<u8>,
+    /// The processors of the federates, one each in the order of the program. The same as --property
+    /// cpus=[N,...].
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    cpus: Vec<u32>,
     /// The most memory of one federate's object store, such as 512MB or 2GB. The same as the target
     /// property store-limit.
     #[arg(long, value_name = "SIZE", env = STORE_LIMIT, value_parser = size)]
@@ -78,6 +88,8 @@ impl Properties {
         let limit = self.store_limit.map(|limit| format!("store-limit={limit}"));
         let full = self.store_full.map(|full| format!("store-full={}", full.word()));
         let workers = self.workers.map(|workers| format!("workers={workers}"));
+        let realtime = self.realtime.map(|priority| format!("realtime={priority}"));
+        let cpus = (!self.cpus.is_empty()).then(|| format!("cpus={:?}", self.cpus));
         let spin = self.spin.as_ref().map(|spin| format!("spin={spin}"));
         // The environment is for all programs; what is stated here is for this one.
         limit
@@ -86,6 +98,8 @@ impl Properties {
             .chain(self.stated.iter().cloned())
             .chain(workers)
             .chain(spin)
+            .chain(realtime)
+            .chain(cpus)
             .collect()
     }
 

@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
-use hprm::{Address, Rti, RtiHandle, RtiOptions, Security};
+use hprm::{Address, Rti, RtiHandle, RtiOptions, Security, enter_realtime};
 use hprm_core::Program;
 
 use crate::args::Properties;
@@ -126,7 +126,14 @@ fn start_rti(
     };
     let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());
+    let (entered, is_entered) = sync_channel(1);
+    let program = Arc::clone(program);
     let run = move || {
+        let allowed = enter_realtime(&program.properties, None);
+        let refused = allowed.is_err();
+        if entered.send(allowed).is_err() || refused {
+            return;
+        }
         let outcome = rti.run(|event| drop(events.send(Event::Rti(event))));
         drop(events.send(Event::RtiEnded(outcome)));
     };
@@ -134,6 +141,9 @@ fn start_rti(
         .name("rti".to_owned())
         .spawn(run)
         .map_err(|error| Error::new(format!("cannot start the RTI: {error}")))?;
+    // Before any federate is started, which would be refused the same.
+    let allowed = is_entered.recv().expect("the thread says so first of all");
+    allowed.map_err(|failure| Error::of(&failure))?;
     Ok((handle, address))
 }
 

@@ -55,6 +55,8 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
         message::print_line(&format!("federation {federation}"));
     }
 
+    hprm::enter_realtime(&compiled.program.properties, None)
+        .map_err(|failure| Error::of(&failure))?;
     let mut failure = None;
     let outcome = rti.run(|event| {
         if let RtiEvent::Started(_) = event {

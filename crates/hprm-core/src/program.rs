@@ -50,6 +50,11 @@ pub struct Properties {
     pub coordination: Coordination,
     /// Whether federates and the RTI look for messages before they sleep.
     pub spin: Spin,
+    /// The real-time priority of what runs the program, from 1 to 99, if it has one.
+    pub realtime: Option<u8>,
+    /// The processors of the federates: the first one of the first, and so on, from the start again if
+    /// there are more federates. If empty, wherever the system puts them.
+    pub cpus: Vec<u32>,
     /// How the federates' clocks are compared.
     pub clock_sync: ClockSyncOptions,
 }

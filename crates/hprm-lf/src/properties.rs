@@ -48,17 +48,19 @@ const IGNORED: [&str; 12] = [
 /// Known, and of consequence: whoever states one must not believe that it is in force.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 18] = [
+const OBEYED: [&str; 20] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
     "comm-type",
     "coordination",
+    "cpus",
     "fast",
     "files",
     "keepalive",
     "logging",
     "protobufs",
+    "realtime",
     "scheduler",
     "single-threaded",
     "spin",
@@ -134,6 +136,8 @@ impl Stated {
             "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
             "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
+            "realtime" => realtime(value).map(|priority| self.properties.realtime = priority),
+            "cpus" => cpus(value).map(|cpus| self.properties.cpus = cpus),
             "spin" => spin(value).map(|spin| self.properties.spin = spin),
             "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
             "auth" => boolean(value).map(|auth| self.settings.auth = auth),
@@ -302,6 +306,30 @@ fn scheduler(value: &Element) -> Read<bool> {
     }
 }
 
+/// A priority above that of ordinary threads, and below that of the system's own.
+const REALTIME: u8 = 50;
+
+fn realtime(value: &Element) -> Read<Option<u8>> {
+    if let Ok(wanted) = boolean(value) {
+        return Ok(wanted.then_some(REALTIME));
+    }
+    integer(value)
+        .and_then(|priority| u8::try_from(priority).ok())
+        .filter(|priority| (1..=99).contains(priority))
+        .map(Some)
+        .ok_or("`true`, `false`, or a priority from 1 to 99")
+}
+
+fn cpus(value: &Element) -> Read<Vec<u32>> {
+    let elements = match &value.kind {
+        ElementKind::List(elements) => elements.as_slice(),
+        _ => std::slice::from_ref(value),
+    };
+    let cpu = |element| integer(element).and_then(|cpu| u32::try_from(cpu).ok());
+    let cpus: Option<Vec<_>> = elements.iter().map(cpu).collect();
+    cpus.ok_or("the number of a processor, or a list of such numbers: `[2, 3]`")
+}
+
 /// The longest time that a process may look for messages without sleeping: longer is a mistake.
 const LONGEST_SPIN: Nanos = 1_000_000_000;
 
@@ -322,15 +350,20 @@ fn spin(value: &Element) -> Read<Spin> {
 const MOST_WORKERS: u32 = 1_000;
 
 fn workers(value: &Element) -> Read<u32> {
+    integer(value)
+        .and_then(|number| u32::try_from(number).ok())
+        .filter(|number| *number <= MOST_WORKERS)
+        .ok_or("a whole number from 0 to 1000")
+}
+
+fn integer(value: &Element) -> Option<i64> {
     match &value.kind {
         ElementKind::Value(expression) => match expression.kind {
-            ExpressionKind::Integer(number) => u32::try_from(number).ok(),
+            ExpressionKind::Integer(number) => Some(number),
             _ => None,
         },
         _ => None,
     }
-    .filter(|number| *number <= MOST_WORKERS)
-    .ok_or("a whole number from 0 to 1000")
 }
 
 fn size(value: &Element) -> Read<u64> {

@@ -131,7 +131,10 @@ fn start(
     let rti = room.rti(&options)?;
     let watch = Watch::new(compiled, arrivals, bell.clone(), rti.handle());
     let reports = reporter.clone();
+    let asked = Arc::clone(program);
     spawn("rti", move || {
+        // The federates ask for the same, and say so if it is refused.
+        let _ = hprm::enter_realtime(&asked.properties, None);
         let outcome = rti.run(|event| reports.tell(Event::Rti(event)));
         reports.tell(Event::RtiEnded(outcome));
     })?;

@@ -27,7 +27,7 @@ use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
 use crate::workers::Workers;
-use crate::{Clock, Failure, Host, Inbox, Room};
+use crate::{Clock, Failure, Host, Inbox, Room, enter_realtime};
 pub use membership::FederateOptions;
 pub use reach::Reach;
 
@@ -83,6 +83,8 @@ where
     H::Value: Send + Sync + 'static,
 {
     let network = room.map_or(Network::Sockets, Room::network);
+    let properties = &options.program.properties;
+    enter_realtime(properties, Some(options.federate.index()))?;
     let mut federation = Membership::join(options, inbox, network)?;
     let scope = Scope::Federate(options.federate);
     let made = load().and_then(|host| {

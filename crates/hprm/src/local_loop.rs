@@ -8,7 +8,7 @@ use hprm_core::{Program, Scheduler, Scope, Tag};
 use crate::trace::Trace;
 use crate::wait::wait_for;
 use crate::workers::Workers;
-use crate::{Clock, Failure, Host, Inbox};
+use crate::{Clock, Failure, Host, Inbox, enter_realtime};
 
 /// Runs an unfederated program, or a federated one whose federates share this process and its
 /// scheduler, to its end.
@@ -41,6 +41,7 @@ pub fn run_whole_traced<H: Host>(
 where
     H::Value: Send + Sync,
 {
+    enter_realtime(&program.properties, Some(0))?;
     let traced = trace.is_some();
     let mut workers = Workers::new(program, Scope::Whole, trace)?;
     let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
