@@ -6,11 +6,13 @@ use std::sync::Arc;
 
 use hprm::Clock;
 use hprm_core::{Coordination, Nanos, Scope};
+use hprm_store::StoreStats;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::action::nanos;
+use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
 use crate::tag::Tag;
 
@@ -135,12 +137,13 @@ impl Api {
 
     /// What the object store had done when a value was last sent.
     fn store_stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        stats(py, self.0.stats())
+        let heap_fallbacks = numpy_memory::refused();
+        stats(py, StoreStats { heap_fallbacks, ..self.0.stats() })
     }
 }
 
 /// The numbers of a store, by name.
-pub(crate) fn stats(py: Python<'_>, stats: hprm_store::StoreStats) -> PyResult<Bound<'_, PyDict>> {
+pub(crate) fn stats(py: Python<'_>, stats: StoreStats) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("objects_sealed", stats.objects_sealed)?;
     dict.set_item("objects_passed_on", stats.objects_passed_on)?;

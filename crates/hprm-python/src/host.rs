@@ -10,7 +10,7 @@ use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
 };
-use hprm_store::{Object, Store, StoreStats, Yard};
+use hprm_store::{Object, Store, Yard};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -228,8 +228,10 @@ impl Host for PyHost {
             let encoded = value.encoded(py, codec, store, self.federate, trust);
             encoded.map_err(|error| self.not_sent(py, channel, error))
         });
-        let heap_fallbacks = numpy_memory::refused();
-        self.runtime.note(StoreStats { heap_fallbacks, ..store.stats() });
+        // A small value leaves the store as it was.
+        if payload.as_ref().is_ok_and(|payload| !payload.parts.is_empty()) {
+            self.runtime.note(store.stats());
+        }
         payload
     }
 

@@ -109,7 +109,8 @@ where
         events: Vec::new(),
         looked_at: PhysicalTime(0),
         flushed_at: PhysicalTime(0),
-        longest_tag: 0,
+        waited_at: PhysicalTime(0),
+        usual_tag: 0,
         spin: spin::time(&options.program),
     };
     if federate.room.is_none() {
@@ -126,6 +127,13 @@ where
 /// How long what is to be written, and what is to be read, may wait while one tag follows another, in
 /// nanoseconds: about as long as it takes to wake up a process.
 const LINGER: Nanos = 50_000;
+
+/// The same for what is to be written by who has been busy for long.
+const LONGEST_LINGER: Nanos = 500_000;
+
+/// How many tags it takes to forget that one took long: one that is ten milliseconds late keeps what
+/// follows from waiting for more than a hundred.
+const MEMORY: Nanos = 64;
 
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
@@ -147,8 +155,10 @@ struct FederateLoop<'a, H: Host> {
     looked_at: PhysicalTime,
     /// When the links were last written.
     flushed_at: PhysicalTime,
-    /// How long a tag takes at the most, of late.
-    longest_tag: Nanos,
+    /// When this federate last had nothing to do.
+    waited_at: PhysicalTime,
+    /// How long a tag takes, of late: one that took long is forgotten slowly.
+    usual_tag: Nanos,
     /// How long to look for news before sleeping.
     spin: Nanos,
 }
@@ -170,24 +180,26 @@ where
     H::Value: Send + Sync,
 {
     fn run(&mut self) -> Result<(), Failure> {
+        let mut moved = false;
         while self.phase != Phase::Done {
             self.compare_clocks();
             // Before the inbox: whatever is scheduled from now on has a later time, so what the
             // machine promises the others by this reading stays true.
-            self.now = Clock::now();
+            let before = mem::replace(&mut self.now, Clock::now());
+            if moved {
+                self.note_duration(self.now.since(before));
+            }
             self.read_inbox()?;
             self.read_links()?;
             self.get_ready()?;
             self.give_back()?;
             self.handle(Input::Wake)?;
-            let moved = match self.phase {
+            moved = match self.phase {
                 Phase::Running => self.step()?,
                 Phase::Processing => self.go_on()?,
                 Phase::Joining | Phase::Done => false,
             };
-            if moved {
-                self.note_duration();
-            } else if self.phase != Phase::Done {
+            if !moved && self.phase != Phase::Done {
                 self.flush();
                 self.wait();
             }
@@ -304,8 +316,8 @@ where
         let tag = self.scheduler.next_tag();
         let start = self.scheduler.start_time();
         if tag == Tag::FOREVER
-            || tag.due(start) > Clock::now()
-            || self.federation.machine.permission(tag, Clock::now()) != Permission::Granted
+            || tag.due(start) > self.now
+            || self.federation.machine.permission(tag, self.now) != Permission::Granted
         {
             return Ok(false);
         }
@@ -335,9 +347,14 @@ where
     }
 
     /// Whether what the last tags have sent may wait for what the next one sends: while tags follow one
-    /// another so quickly that nobody notices, and one write is cheaper than many.
+    /// another so quickly that nobody notices, and one write is cheaper than many. Who has been busy
+    /// for long may take longer: what its messages wait for is not a small share of that.
     fn may_linger(&self) -> bool {
-        self.longest_tag < LINGER / 2 && self.now.since(self.flushed_at) < LINGER
+        let busy = self.now.since(self.waited_at);
+        let patience = (busy / 16).clamp(LINGER, LONGEST_LINGER);
+        self.usual_tag < LINGER / 2
+            && self.now.since(self.flushed_at) < patience
+            && !self.federation.wires.have_much_to_write()
     }
 
     fn flush(&mut self) {
@@ -345,11 +362,9 @@ where
         self.federation.wires.flush();
     }
 
-    /// Notes how long this round has taken. One that took long is forgotten slowly: where it came from
-    /// there may be more.
-    fn note_duration(&mut self) {
-        let duration = Clock::now().since(self.now);
-        self.longest_tag = duration.max(self.longest_tag - self.longest_tag / 256);
+    /// Notes how long a tag has taken.
+    fn note_duration(&mut self, duration: Nanos) {
+        self.usual_tag += duration.max(0) / MEMORY - self.usual_tag / MEMORY;
     }
 
     /// Runs the rest of the current tag as far as it may. Returns whether that was all.
@@ -512,7 +527,8 @@ where
         if self.host.idle(|| wires.wait(bell, until, spin)) {
             bell.waited();
         }
-        self.looked_at = Clock::now();
+        self.waited_at = Clock::now();
+        self.looked_at = self.waited_at;
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {

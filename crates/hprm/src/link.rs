@@ -192,6 +192,11 @@ impl Link {
         codec::encode(frame, &mut self.outbound.buffer);
     }
 
+    /// How many bytes of frames are to be written.
+    pub(crate) fn outbound_len(&self) -> usize {
+        self.outbound.buffer.len() - self.outbound.written
+    }
+
     /// Whether something is to be written, and may be.
     pub(crate) fn has_outbound(&self) -> bool {
         let more = match &self.handshake {

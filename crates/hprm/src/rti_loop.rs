@@ -15,7 +15,7 @@ use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput,
 use crate::bell::Bell;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::spin;
-use crate::wait::{Interest, Interests, wait};
+use crate::wait::{Interest, Interests, Ready, wait};
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Security};
 
@@ -403,15 +403,15 @@ impl Rti {
         let impatience = self.lobby.next_wakeup().map(Clock::at);
         let until = [until, impatience, unread];
         let mut ready = wait(&interests, until.into_iter().flatten().min()).into_iter();
-        news.bell = ready.next() == Some(true);
+        news.bell = ready.next().is_some_and(Ready::is_ready);
         if news.bell {
             self.control.bell.silence();
         }
         let links = self.links.iter().zip(&mut ready);
-        let links = links.filter(|((_, link), ready)| *ready || link.has_unread());
+        let links = links.filter(|((_, link), ready)| ready.can_be_read() || link.has_unread());
         news.links.extend(links.map(|((id, _), _)| *id));
         // Somebody may have taken too long, of which no descriptor tells.
-        news.lobby = impatience.is_some() || ready.any(|ready| ready);
+        news.lobby = impatience.is_some() || ready.any(Ready::is_ready);
     }
 }
 

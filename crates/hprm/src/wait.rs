@@ -16,7 +16,25 @@ type Few<T> = SmallVec<[T; 16]>;
 pub(crate) type Interests<'fd> = Few<Interest<'fd>>;
 
 /// Which of the descriptors that a loop has waited for are ready, in their order.
-pub(crate) type Readiness = Few<bool>;
+pub(crate) type Readiness = Few<Ready>;
+
+/// What a descriptor is ready for.
+#[derive(Clone, Copy)]
+pub(crate) struct Ready(PollFlags);
+
+impl Ready {
+    const NOT: Self = Self(PollFlags::empty());
+
+    /// Whether it is ready for anything.
+    pub(crate) fn is_ready(self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// Whether a read tells something: what has come, or that nothing more will.
+    pub(crate) fn can_be_read(self) -> bool {
+        !self.0.difference(PollFlags::OUT).is_empty()
+    }
+}
 
 /// What a loop waits for at a descriptor.
 #[derive(Clone, Copy)]
@@ -36,9 +54,9 @@ pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> R
         })
         .collect();
     if poll_until(&mut fds, until) {
-        fds.iter().map(|fd| !fd.revents().is_empty()).collect()
+        fds.iter().map(|fd| Ready(fd.revents())).collect()
     } else {
-        Few::from_elem(false, interests.len())
+        Few::from_elem(Ready::NOT, interests.len())
     }
 }
 

@@ -168,6 +168,14 @@ impl Wire {
         }
     }
 
+    /// How many bytes are still to be written. What goes to another thread has no bytes.
+    pub(crate) fn outbound_len(&self) -> usize {
+        match self {
+            Self::Socket(link) => link.outbound_len(),
+            Self::Memory(_) => 0,
+        }
+    }
+
     /// Whether something is still to be written.
     pub(crate) fn has_outbound(&self) -> bool {
         match self {

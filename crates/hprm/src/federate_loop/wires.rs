@@ -5,13 +5,14 @@
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 
+use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
 use hprm_federated::{FederationId, Frame, HostId};
 
 use super::FederateOptions;
 use super::reach;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
-use crate::wait::{Interest, Interests, wait};
+use crate::wait::{Interest, Interests, Ready, wait};
 use crate::wire::{Network, Wire};
 use crate::{Clock, Failure, Inbox};
 
@@ -163,6 +164,11 @@ impl Wires {
         self.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
     }
 
+    /// Whether there is as much to write as the other end reads at once.
+    pub(super) fn have_much_to_write(&self) -> bool {
+        self.links().any(|link| link.outbound_len() >= EAGER_BUFFER)
+    }
+
     /// Says goodbye: writes everything, until `until` at the latest, and makes sure that it arrives.
     pub(super) fn leave(&mut self, until: PhysicalTime) {
         self.drain(until);
@@ -234,10 +240,12 @@ impl Wires {
         let unread = self.lines().any(Line::may_be_read).then(Clock::now);
         let until = until.into_iter().chain(impatience).chain(unread).min();
         let mut ready = wait(&self.interests(bell), until).into_iter();
-        let bell_rings = ready.next() == Some(true);
-        self.lines_mut().zip(&mut ready).for_each(|(line, ready)| line.is_ready |= ready);
+        let bell_rings = ready.next().is_some_and(Ready::is_ready);
+        self.lines_mut()
+            .zip(&mut ready)
+            .for_each(|(line, ready)| line.is_ready |= ready.can_be_read());
         // Somebody may have taken too long, of which no descriptor tells.
-        self.lobby_is_ready |= impatience.is_some() || ready.any(|ready| ready);
+        self.lobby_is_ready |= impatience.is_some() || ready.any(Ready::is_ready);
         bell_rings
     }
 

@@ -241,7 +241,8 @@ fn connect_tcp(address: InternetAddr, until: PhysicalTime) -> io::Result<TcpStre
         Ok(()) => {}
         Err(Errno::INPROGRESS) => {
             // A signal ends a wait early.
-            while !wait(&[Interest { fd: socket.as_fd(), write: true }], Some(until))[0] {
+            while !wait(&[Interest { fd: socket.as_fd(), write: true }], Some(until))[0].is_ready()
+            {
                 if Clock::now() >= until {
                     return Err(io::ErrorKind::TimedOut.into());
                 }

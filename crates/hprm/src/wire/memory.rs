@@ -263,7 +263,7 @@ mod tests {
 
     /// Whether a loop that waits for this would wake up at once.
     fn rings(what: &impl AsFd) -> bool {
-        wait(&[Interest { fd: what.as_fd(), write: false }], Some(PhysicalTime(0)))[0]
+        wait(&[Interest { fd: what.as_fd(), write: false }], Some(PhysicalTime(0)))[0].is_ready()
     }
 
     fn address(name: &str) -> Address {
