@@ -110,6 +110,7 @@ where
         looked_at: PhysicalTime(0),
         flushed_at: PhysicalTime(0),
         waited_at: PhysicalTime(0),
+        in_a_row: 0,
         usual_tag: 0,
         spin: spin::time(&options.program),
     };
@@ -130,6 +131,10 @@ const LINGER: Nanos = 50_000;
 
 /// The same for what is to be written by who has been busy for long.
 const LONGEST_LINGER: Nanos = 500_000;
+
+/// How many tags follow one another without a pause before anything waits: a command must not wait for
+/// the long reaction that a short one precedes.
+const BURST: u32 = 16;
 
 /// How many tags it takes to forget that one took long: one that is ten milliseconds late keeps what
 /// follows from waiting for more than a hundred.
@@ -157,6 +162,8 @@ struct FederateLoop<'a, H: Host> {
     flushed_at: PhysicalTime,
     /// When this federate last had nothing to do.
     waited_at: PhysicalTime,
+    /// How many tags it has begun since.
+    in_a_row: u32,
     /// How long a tag takes, of late: one that took long is forgotten slowly.
     usual_tag: Nanos,
     /// How long to look for news before sleeping.
@@ -352,7 +359,8 @@ where
     fn may_linger(&self) -> bool {
         let busy = self.now.since(self.waited_at);
         let patience = (busy / 16).clamp(LINGER, LONGEST_LINGER);
-        self.usual_tag < LINGER / 2
+        self.in_a_row > BURST
+            && self.usual_tag < LINGER / 2
             && self.now.since(self.flushed_at) < patience
             && !self.federation.wires.have_much_to_write()
     }
@@ -364,6 +372,7 @@ where
 
     /// Notes how long a tag has taken.
     fn note_duration(&mut self, duration: Nanos) {
+        self.in_a_row = self.in_a_row.saturating_add(1);
         self.usual_tag += duration.max(0) / MEMORY - self.usual_tag / MEMORY;
     }
 
@@ -527,6 +536,7 @@ where
         if self.host.idle(|| wires.wait(bell, until, spin)) {
             bell.waited();
         }
+        self.in_a_row = 0;
         self.waited_at = Clock::now();
         self.looked_at = self.waited_at;
     }
