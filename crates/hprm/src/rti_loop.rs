@@ -411,7 +411,8 @@ impl Rti {
         let links = links.filter(|((_, link), ready)| ready.can_be_read() || link.has_unread());
         news.links.extend(links.map(|((id, _), _)| *id));
         // Somebody may have taken too long, of which no descriptor tells.
-        news.lobby = impatience.is_some() || ready.any(Ready::is_ready);
+        let too_long = impatience.is_some_and(|at| at <= Clock::now());
+        news.lobby = too_long || ready.any(Ready::is_ready);
     }
 }
 

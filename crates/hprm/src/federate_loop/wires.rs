@@ -245,7 +245,8 @@ impl Wires {
             .zip(&mut ready)
             .for_each(|(line, ready)| line.is_ready |= ready.can_be_read());
         // Somebody may have taken too long, of which no descriptor tells.
-        self.lobby_is_ready |= impatience.is_some() || ready.any(Ready::is_ready);
+        let too_long = impatience.is_some_and(|at| at <= Clock::now());
+        self.lobby_is_ready |= too_long || ready.any(Ready::is_ready);
         bell_rings
     }
 
