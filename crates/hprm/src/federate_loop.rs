@@ -10,6 +10,7 @@
 
 mod membership;
 mod objects;
+mod pace;
 mod reach;
 mod time;
 mod wires;
@@ -33,6 +34,7 @@ pub use reach::Reach;
 
 use membership::Membership;
 use objects::Changes;
+use pace::{LINGER, Pace, Used};
 use wires::Event;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
@@ -108,10 +110,7 @@ where
         interrupted: false,
         events: Vec::new(),
         looked_at: PhysicalTime(0),
-        flushed_at: PhysicalTime(0),
-        waited_at: PhysicalTime(0),
-        in_a_row: 0,
-        usual_tag: 0,
+        pace: Pace::new(),
         spin: spin::time(&options.program),
     };
     if federate.room.is_none() {
@@ -124,21 +123,6 @@ where
     inbox.close();
     federate.leave(outcome)
 }
-
-/// How long what is to be written, and what is to be read, may wait while one tag follows another, in
-/// nanoseconds: about as long as it takes to wake up a process.
-const LINGER: Nanos = 50_000;
-
-/// The same for what is to be written by who has been busy for long.
-const LONGEST_LINGER: Nanos = 500_000;
-
-/// How many tags follow one another without a pause before anything waits: a command must not wait for
-/// the long reaction that a short one precedes.
-const BURST: u32 = 16;
-
-/// How many tags it takes to forget that one took long: one that is ten milliseconds late keeps what
-/// follows from waiting for more than a hundred.
-const MEMORY: Nanos = 64;
 
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
@@ -158,14 +142,8 @@ struct FederateLoop<'a, H: Host> {
     events: Vec<Event>,
     /// When the links were last looked at: what had come by then has been read.
     looked_at: PhysicalTime,
-    /// When the links were last written.
-    flushed_at: PhysicalTime,
-    /// When this federate last had nothing to do.
-    waited_at: PhysicalTime,
-    /// How many tags it has begun since.
-    in_a_row: u32,
-    /// How long a tag takes, of late: one that took long is forgotten slowly.
-    usual_tag: Nanos,
+    /// Whether messages may wait for more.
+    pace: Pace,
     /// How long to look for news before sleeping.
     spin: Nanos,
 }
@@ -194,7 +172,7 @@ where
             // machine promises the others by this reading stays true.
             let before = mem::replace(&mut self.now, Clock::now());
             if moved {
-                self.note_duration(self.now.since(before));
+                self.pace.took(self.now.since(before), Used::by_this_thread);
             }
             self.read_inbox()?;
             self.read_links()?;
@@ -335,7 +313,7 @@ where
                 return Ok(true);
             }
         }
-        if !self.may_linger() {
+        if !self.pace.may_linger(self.now) || self.federation.wires.have_much_to_write() {
             self.flush();
         }
         self.handle(Input::Begun(tag))?;
@@ -353,27 +331,9 @@ where
         !was_safe || self.now.since(self.looked_at) > LINGER
     }
 
-    /// Whether what the last tags have sent may wait for what the next one sends: while tags follow one
-    /// another so quickly that nobody notices, and one write is cheaper than many. Who has been busy
-    /// for long may take longer: what its messages wait for is not a small share of that.
-    fn may_linger(&self) -> bool {
-        let busy = self.now.since(self.waited_at);
-        let patience = (busy / 16).clamp(LINGER, LONGEST_LINGER);
-        self.in_a_row > BURST
-            && self.usual_tag < LINGER / 2
-            && self.now.since(self.flushed_at) < patience
-            && !self.federation.wires.have_much_to_write()
-    }
-
     fn flush(&mut self) {
-        self.flushed_at = self.now;
+        self.pace.flushed(self.now);
         self.federation.wires.flush();
-    }
-
-    /// Notes how long a tag has taken.
-    fn note_duration(&mut self, duration: Nanos) {
-        self.in_a_row = self.in_a_row.saturating_add(1);
-        self.usual_tag += duration.max(0) / MEMORY - self.usual_tag / MEMORY;
     }
 
     /// Runs the rest of the current tag as far as it may. Returns whether that was all.
@@ -536,9 +496,8 @@ where
         if self.host.idle(|| wires.wait(bell, until, spin)) {
             bell.waited();
         }
-        self.in_a_row = 0;
-        self.waited_at = Clock::now();
-        self.looked_at = self.waited_at;
+        self.looked_at = Clock::now();
+        self.pace.waited(self.looked_at);
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
