@@ -1,7 +1,9 @@
-//! Processes that a body forks: they keep their hands off the memory that others read.
+//! Processes that a body forks: they keep their hands off the memory that others read, and what they
+//! read stays as it is.
 //!
 //! The memory of the store is shared, so without this a write in the new process would be seen by
 //! the receivers of this one. The new process gets copies of its own instead, as of any other memory.
+//! What it has received is held until it ends.
 //! What the program does there afterwards is not known here.
 
 use std::os::fd::OwnedFd;

@@ -16,6 +16,7 @@ use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
+use crate::fork::Forking;
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
@@ -213,6 +214,9 @@ impl Host for PyHost {
         // Who sends nothing needs no memory that others can read.
         if channels.any(|channel| channel.from == self.federate) {
             numpy_memory::furnish(yard);
+        }
+        if let Err(error) = Python::attach(|py| Forking::register(py, yard)) {
+            self.warn(&format!("processes that bodies fork may see arrays change: {error}"));
         }
     }
 

@@ -34,7 +34,6 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyCapsule, PyDict, PyTuple};
 
 use crate::buffer::{Memory, Part};
-use crate::fork::Forking;
 
 // Numbers in NumPy's table of functions (numpy/__multiarray_api.h).
 const GET_BINARY_VERSION: usize = 0;
@@ -226,6 +225,12 @@ pub(crate) fn publish(
     Ok(Some(object))
 }
 
+/// Whether counts of references say who has one: without a lock around the interpreter they do not.
+pub(crate) fn counts_tell(py: Python<'_>) -> PyResult<bool> {
+    let flags = py.import(intern!(py, "sys"))?.getattr(intern!(py, "abiflags"))?;
+    Ok(!flags.extract::<String>()?.contains('t'))
+}
+
 /// How many references there are to an object.
 pub(crate) fn count(object: &Bound<'_, PyAny>) -> isize {
     // SAFETY: the object is alive, and we are attached to the interpreter.
@@ -253,10 +258,7 @@ fn room(py: Python<'_>) -> Option<&'static Room> {
 impl Room {
     /// Makes the room, if this NumPy is one that is known.
     fn make(py: Python<'_>, yard: &Arc<Yard>) -> PyResult<Option<&'static Self>> {
-        // Without a lock around the interpreter, counts of references say nothing.
-        let flags: String =
-            py.import(intern!(py, "sys"))?.getattr(intern!(py, "abiflags"))?.extract()?;
-        if flags.contains('t') {
+        if !counts_tell(py)? {
             return Ok(None);
         }
         let module = py.import("numpy._core.multiarray");
@@ -270,7 +272,6 @@ impl Room {
         let Some(room) = room.filter(|room| room.is_as_expected(py).unwrap_or(false)) else {
             return Ok(None);
         };
-        Forking::register(py, yard)?;
         Ok(Some(room))
     }
 

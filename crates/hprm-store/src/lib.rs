@@ -16,6 +16,7 @@ mod announce;
 mod arena;
 mod claims;
 mod error;
+mod forks;
 mod ledger;
 mod loan;
 mod object;

@@ -4,14 +4,16 @@
 //! owed back to the owner. Sending that release is the business of who drains the store.
 
 #![forbid(unsafe_code)]
+#![allow(clippy::disallowed_types, reason = "one thread drains; nothing waits under it")]
 
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::ObjectRef;
 
-use crate::returns::Returns;
+use crate::forks::Forks;
+use crate::returns::{Returns, Wake};
 use crate::shm::{Reading, SegmentView};
 
 /// A sealed object that this process reads in place.
@@ -35,18 +37,59 @@ pub(crate) enum Bytes {
 /// The release that is due at the end.
 struct Owed {
     object: ObjectRef,
-    releases: Arc<Returns<ObjectRef>>,
+    /// How many forks there had been when it was opened.
+    forks: u64,
+    releases: Arc<Releases>,
+}
+
+/// Where releases are owed.
+#[derive(Debug)]
+pub(crate) struct Releases {
+    due: Returns<Release>,
+    forks: Arc<Forks>,
+    /// Of objects that forked processes may still read.
+    withheld: Mutex<Vec<Release>>,
+}
+
+/// A hold that has ended in this process.
+#[derive(Debug)]
+struct Release {
+    object: ObjectRef,
+    /// How many forks there had been when it began.
+    forks: u64,
+}
+
+impl Releases {
+    pub(crate) fn new(forks: &Arc<Forks>, wake: Option<Wake>) -> Self {
+        Self { due: Returns::new(wake), forks: Arc::clone(forks), withheld: Mutex::default() }
+    }
+
+    /// Owes the release of an object that nobody has opened.
+    pub(crate) fn push(&self, object: ObjectRef) {
+        self.due.push(Release { object, forks: self.forks.count() });
+    }
+
+    /// Takes all that are due.
+    pub(crate) fn drain(&self) -> Vec<ObjectRef> {
+        let mut withheld = self.withheld.lock().unwrap_or_else(PoisonError::into_inner);
+        withheld.extend(self.due.drain());
+        withheld
+            .extract_if(.., |release| !self.forks.may_read_since(release.forks))
+            .map(|release| release.object)
+            .collect()
+    }
 }
 
 impl Drop for Owed {
     fn drop(&mut self) {
-        self.releases.push(self.object);
+        self.releases.due.push(Release { object: self.object, forks: self.forks });
     }
 }
 
 impl Object {
-    pub(crate) fn new(object: ObjectRef, bytes: Bytes, releases: Arc<Returns<ObjectRef>>) -> Self {
-        Self(Arc::new(Hold { bytes, owed: Owed { object, releases } }))
+    pub(crate) fn new(object: ObjectRef, bytes: Bytes, releases: Arc<Releases>) -> Self {
+        let forks = releases.forks.count();
+        Self(Arc::new(Hold { bytes, owed: Owed { object, forks, releases } }))
     }
 
     /// The bytes. They do not change as long as this value or a clone of it lives.

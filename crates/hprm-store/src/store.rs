@@ -14,9 +14,10 @@ use bytemuck::Pod;
 use hprm_core::{FederateId, ObjectRef, WhenFull};
 
 use crate::announce::Announcements;
+use crate::forks::Forks;
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 use crate::loan::{LoanOf, WritableLoan};
-use crate::object::{Bytes, Object};
+use crate::object::{Bytes, Object, Releases};
 use crate::passing::{Passing, Way, marks_behind};
 use crate::returns::{Returns, Wake};
 use crate::shm::{Segment, SegmentView, is_marked};
@@ -70,11 +71,13 @@ pub struct Store {
     /// Objects that a reader had when it was lost, and that others may have from it.
     lingering: Vec<ObjectRef>,
     /// Releases that other federates wait for.
-    owed: Arc<Returns<ObjectRef>>,
+    owed: Arc<Releases>,
     /// Views of own objects that have ended.
-    ended: Arc<Returns<ObjectRef>>,
+    ended: Arc<Releases>,
     /// Loans that were dropped.
     abandoned: Arc<Returns<Loan>>,
+    /// The processes that this one has forked.
+    forks: Arc<Forks>,
 }
 
 impl Store {
@@ -91,6 +94,7 @@ impl Store {
     }
 
     fn build(owner: FederateId, limits: StoreLimits, wake: Option<Wake>) -> Self {
+        let forks = Arc::new(Forks::default());
         Self {
             owner,
             ledger: Ledger::new(owner, limits),
@@ -99,9 +103,10 @@ impl Store {
             attached: BTreeMap::new(),
             passing: Passing::default(),
             lingering: Vec::new(),
-            owed: Arc::new(Returns::new(wake)),
-            ended: Arc::new(Returns::new(None)),
+            owed: Arc::new(Releases::new(&forks, wake)),
+            ended: Arc::new(Releases::new(&forks, None)),
             abandoned: Arc::new(Returns::new(None)),
+            forks,
         }
     }
 
@@ -397,6 +402,11 @@ impl Store {
     pub fn drain_releases(&mut self) -> Vec<ObjectRef> {
         self.settle();
         self.owed.drain()
+    }
+
+    /// The processes that this one has forked: tell it before there is one more.
+    pub(crate) fn forks(&self) -> &Arc<Forks> {
+        &self.forks
     }
 
     /// What the store has done, and what it uses.

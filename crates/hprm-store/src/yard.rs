@@ -16,9 +16,11 @@
 )]
 
 use std::collections::BTreeMap;
+use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
 
+use crate::forks::Forks;
 use crate::shm::Segment;
 use crate::{Store, WritableLoan};
 
@@ -42,6 +44,9 @@ pub struct Yard {
     /// Whether this is a forked process, to which the memory does not belong.
     forked: AtomicBool,
     estate: Mutex<Estate>,
+    forks: Arc<Forks>,
+    /// What a forked process keeps until its end, so that others hear of that.
+    tethers: Mutex<Vec<Option<OwnedFd>>>,
 }
 
 /// What is being made.
@@ -67,6 +72,8 @@ impl Yard {
     pub fn new(store: Store) -> Self {
         Self {
             capacity: store.capacity(),
+            forks: Arc::clone(store.forks()),
+            tethers: Mutex::default(),
             store: Mutex::new(store),
             making: Mutex::default(),
             lowest: AtomicUsize::new(usize::MAX),
@@ -163,10 +170,12 @@ impl Yard {
         self.making().bytes
     }
 
-    /// Before this process forks: notes what the new one has to know without asking anybody, because
-    /// the threads that might have to answer are not in it. Returns whether anything is being made:
+    /// Before this process forks: what is open here stays open until the new one has ended. Notes
+    /// what that has to know without asking anybody, because the threads that might have to answer are
+    /// not in it. Returns whether anything is being made:
     /// then this process should wait until the new one has called [`Self::after_fork_in_child`].
     pub fn before_fork(&self) -> bool {
+        self.tethers().push(self.forks.begin());
         let making = self.making();
         let segments: Vec<_> = making.segments.values().filter_map(Weak::upgrade).collect();
         let blocks = making.loans.iter().map(|(address, loan)| (*address, loan.len())).collect();
@@ -178,6 +187,8 @@ impl Yard {
 
     /// In the process that forked, when the other one has what it needs.
     pub fn after_fork_in_parent(&self) {
+        // The last one: a process that was forked itself keeps its own.
+        self.tethers().pop();
         *self.estate() = Estate::default();
     }
 
@@ -212,6 +223,10 @@ impl Yard {
 
     fn making(&self) -> MutexGuard<'_, Making> {
         self.making.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn tethers(&self) -> MutexGuard<'_, Vec<Option<OwnedFd>>> {
+        self.tethers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn estate(&self) -> MutexGuard<'_, Estate> {

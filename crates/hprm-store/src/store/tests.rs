@@ -562,3 +562,22 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn what_a_forked_process_may_read_is_given_back_when_that_has_ended() {
+    let (mut a, mut b) = (Store::new(A, LIMITS), Store::new(B, LIMITS));
+    let mut send = |b: &mut Store| {
+        let object = a.put(&[7; 100_000], &[B]).unwrap();
+        announce(&mut a, b);
+        b.open(object).unwrap()
+    };
+    let before = send(&mut b);
+    let forked = b.forks().begin();
+    let after = send(&mut b);
+    let owed = [before.object_ref(), after.object_ref()];
+    drop((before, after));
+    assert_eq!(b.drain_releases(), owed[1..]);
+    assert_eq!(b.drain_releases(), []);
+    drop(forked);
+    assert_eq!(b.drain_releases(), owed[..1]);
+}
