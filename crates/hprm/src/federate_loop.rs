@@ -493,9 +493,8 @@ where
         let until = self.wakeup();
         let Membership { wires, .. } = &mut self.federation;
         let (bell, spin) = (self.inbox, self.spin);
-        if self.host.idle(|| wires.wait(bell, until, spin)) {
-            bell.waited();
-        }
+        let rings = bell.may_sleep() && self.host.idle(|| wires.wait(bell, until, spin));
+        bell.waited(rings);
         self.looked_at = Clock::now();
         self.pace.waited(self.looked_at);
     }

@@ -32,9 +32,13 @@ pub struct Inbox<V> {
 struct Shared<V> {
     pending: Mutex<Pending<V>>,
     bell: Bell,
-    /// Whether somebody has rung, or may have, since the bell was last silenced. A loop that runs
-    /// one tag after the other looks here, and spares the lock and the call of the kernel.
+    /// Whether somebody has rung, or may have, since the loop last looked. A loop that runs one tag
+    /// after the other looks here, and spares the lock and the call of the kernel.
     rung: AtomicBool,
+    /// Whether the loop waits, or is about to: else it looks soon anyway, and the bell is spared.
+    asleep: AtomicBool,
+    /// Whether the bell rings, or may.
+    loud: AtomicBool,
     /// Whether there are requests.
     requested: AtomicBool,
 }
@@ -65,6 +69,8 @@ impl<V> Inbox<V> {
                 pending,
                 bell: Bell::new()?,
                 rung: AtomicBool::new(false),
+                asleep: AtomicBool::new(true),
+                loud: AtomicBool::new(false),
                 requested: AtomicBool::new(false),
             }),
         })
@@ -93,8 +99,13 @@ impl<V> Inbox<V> {
 
     /// Wakes the loop without leaving anything.
     pub fn ring(&self) {
-        self.shared.rung.store(true, Ordering::Release);
-        self.shared.bell.ring();
+        // This and the question whether the loop sleeps are in one order with what `may_sleep` does:
+        // one of the two sees what the other has done.
+        self.shared.rung.store(true, Ordering::SeqCst);
+        if self.shared.asleep.load(Ordering::SeqCst) {
+            self.shared.loud.store(true, Ordering::Release);
+            self.shared.bell.ring();
+        }
     }
 
     /// A descriptor for those who can do no more than write a byte, such as a signal handler: that
@@ -110,9 +121,20 @@ impl<V> Inbox<V> {
         self.shared.bell.silence();
     }
 
-    /// Notes that a loop has waited: a signal handler may have rung, which leaves nothing but a byte.
-    pub(crate) fn waited(&self) {
-        self.shared.rung.store(true, Ordering::Release);
+    /// Whether a loop may wait: nobody has rung since it last looked. From now on the bell tells it.
+    pub(crate) fn may_sleep(&self) -> bool {
+        self.shared.asleep.store(true, Ordering::SeqCst);
+        !self.shared.rung.load(Ordering::SeqCst)
+    }
+
+    /// Notes that a loop has waited, and whether the bell has ended that: a signal handler may have
+    /// rung, which leaves nothing but a byte.
+    pub(crate) fn waited(&self, bell_rings: bool) {
+        self.shared.asleep.store(false, Ordering::Release);
+        if bell_rings {
+            self.shared.rung.store(true, Ordering::Release);
+            self.shared.loud.store(true, Ordering::Release);
+        }
     }
 
     /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
@@ -123,7 +145,9 @@ impl<V> Inbox<V> {
         }
         // Before the bell, so that whoever rings from here on is heard again.
         self.shared.rung.store(false, Ordering::Release);
-        self.shared.bell.silence();
+        if self.shared.loud.swap(false, Ordering::AcqRel) {
+            self.shared.bell.silence();
+        }
         std::mem::take(&mut self.pending().stop)
     }
 
@@ -154,6 +178,8 @@ impl<V> AsFd for Inbox<V> {
 
 #[cfg(test)]
 mod tests {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
     use super::*;
 
     #[test]
@@ -162,6 +188,26 @@ mod tests {
         inbox.ring();
         inbox.sleep(None);
         inbox.sleep(Some(Clock::now()));
+    }
+
+    #[test]
+    fn the_bell_rings_only_for_a_loop_that_sleeps() {
+        let is_ringing = |inbox: &Inbox<()>| {
+            let mut asked = [PollFd::new(inbox, PollFlags::IN)];
+            poll(&mut asked, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap() > 0
+        };
+        let inbox = Inbox::<()>::new().unwrap();
+        inbox.waited(false);
+        inbox.ring();
+        assert!(!is_ringing(&inbox) && !inbox.may_sleep());
+        inbox.waited(false);
+        inbox.take_stop();
+        assert!(inbox.may_sleep());
+        inbox.ring();
+        assert!(is_ringing(&inbox));
+        inbox.waited(true);
+        inbox.take_stop();
+        assert!(!is_ringing(&inbox) && inbox.may_sleep());
     }
 
     #[test]

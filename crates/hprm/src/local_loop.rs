@@ -84,8 +84,8 @@ where
         if !ready {
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
-            host.idle(|| wait_for(fd, until));
-            inbox.waited();
+            let rings = inbox.may_sleep() && host.idle(|| wait_for(fd, until));
+            inbox.waited(rings);
             continue;
         }
         scheduler.begin(tag);

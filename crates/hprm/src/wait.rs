@@ -60,9 +60,11 @@ pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> R
     }
 }
 
-/// Waits until one descriptor can be read, `until` has come, or a signal arrives. Allocates nothing.
-pub(crate) fn wait_for(fd: BorrowedFd<'_>, until: Option<PhysicalTime>) {
-    poll_until(&mut [PollFd::from_borrowed_fd(fd, PollFlags::IN)], until);
+/// Waits until one descriptor can be read, `until` has come, or a signal arrives. Returns whether it
+/// is known to be readable. Allocates nothing.
+pub(crate) fn wait_for(fd: BorrowedFd<'_>, until: Option<PhysicalTime>) -> bool {
+    let mut asked = [PollFd::from_borrowed_fd(fd, PollFlags::IN)];
+    poll_until(&mut asked, until) && !asked[0].revents().is_empty()
 }
 
 /// Returns whether `fds` tell what happened; not after a signal.
