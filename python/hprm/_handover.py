@@ -16,9 +16,10 @@ _UNCHANGING = {
 def frozen(value: Any, small: int) -> Any:
     """Return an array that nobody can change; numbers and the like as they are; otherwise None.
 
-    An array of up to ``small`` bytes is copied. A larger one becomes read-only, and so does what it
-    is a view of; over memory that is not an array's, and that somebody can write to, it is copied
-    as well.
+    An array of up to ``small`` bytes that somebody can write to is copied. A larger one becomes
+    read-only, and so does what it is a view of: the caller knows that nobody else has a reference
+    to them. Over memory that is not an array's, and that somebody can write to, it is copied as
+    well.
     """
     kind = type(value)
     if kind.__qualname__ in _UNCHANGING.get(kind.__module__, ()):

@@ -1,7 +1,7 @@
 //! Values on their way to another federate of the same process.
 //!
-//! What nobody can change is shared. Large arrays are made so; small ones are copied, because a
-//! program that goes on writing to them is none the worse for it. Lists, tuples and dicts of such things
+//! What nobody can change is shared. Large arrays that nobody else can reach are made so; others are
+//! copied, because a program may go on writing to them. Lists, tuples and dicts of such things
 //! are copied, their members are not. Anything else is encoded as if it went to another process: an
 //! object of a class must not be seen by two federates, each of which has classes of its own. So is
 //! what goes through a serializer that the program names, which may make something else of it.
@@ -18,7 +18,8 @@ use pyo3::types::{
 
 use crate::buffer::Part;
 use crate::codec::{self, Codec};
-use crate::serialize::{self, Place, Trust};
+use crate::numpy_memory::{count, counts_tell};
+use crate::serialize::{self, Place, Sole, Trust};
 
 /// Containers within containers beyond this are left to pickle.
 const DEPTH_LIMIT: u32 = 64;
@@ -49,7 +50,7 @@ impl Parcel {
             let head = codec::bytes(package.bind(value.py()), value)?.as_bytes().to_vec();
             return Ok(Self::Encoded { head, parts: Vec::new() });
         }
-        let mut copying = Copying::new(value.py());
+        let mut copying = Copying::new(value.py(), serialize::sole(value));
         match copying.value(value) {
             Ok(copy) if copying.containers == 0 => return Ok(Self::Object(copy.unbind())),
             Ok(copy) => return Ok(Self::Containers(copy.unbind())),
@@ -72,11 +73,13 @@ impl Parcel {
     pub(crate) fn open(&self, py: Python<'_>, codec: &Codec, trust: Trust) -> PyResult<Py<PyAny>> {
         match self {
             Self::Object(object) => Ok(object.clone_ref(py)),
-            Self::Containers(object) => match Copying::new(py).value(object.bind(py)) {
-                Ok(copy) => Ok(copy.unbind()),
-                Err(Stop::Raised(error)) => Err(error),
-                Err(Stop::Foreign) => unreachable!("it has been copied before"),
-            },
+            Self::Containers(object) => {
+                match Copying::new(py, Sole::new()).value(object.bind(py)) {
+                    Ok(copy) => Ok(copy.unbind()),
+                    Err(Stop::Raised(error)) => Err(error),
+                    Err(Stop::Foreign) => unreachable!("it has been copied before"),
+                }
+            }
             Self::Encoded { head, parts } => codec.decode(py, head, parts, trust),
         }
     }
@@ -99,6 +102,8 @@ impl<E: Into<PyErr>> From<E> for Stop {
 /// Copies the containers in a value, and not their members.
 struct Copying<'py> {
     py: Python<'py>,
+    /// The arrays to which nobody else has a reference.
+    sole: Sole,
     /// The copies of containers, by the address of the original. What occurs twice is copied once.
     seen: BTreeMap<usize, Bound<'py, PyAny>>,
     depth: u32,
@@ -107,8 +112,8 @@ struct Copying<'py> {
 }
 
 impl<'py> Copying<'py> {
-    fn new(py: Python<'py>) -> Self {
-        Self { py, seen: BTreeMap::new(), depth: 0, containers: 0 }
+    fn new(py: Python<'py>, sole: Sole) -> Self {
+        Self { py, sole, seen: BTreeMap::new(), depth: 0, containers: 0 }
     }
 
     fn value(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
@@ -184,9 +189,29 @@ impl<'py> Copying<'py> {
     /// Arrays and numbers of NumPy.
     fn foreign(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
         let module = self.py.import(intern!(self.py, "hprm._handover"))?;
-        let frozen = module.call_method1(intern!(self.py, "frozen"), (value, INLINE_LIMIT))?;
+        let alone = self.sole.contains_key(&address(value)) && has_its_memory_alone(value)?;
+        let small = if alone { INLINE_LIMIT } else { usize::MAX };
+        let frozen = module.call_method1(intern!(self.py, "frozen"), (value, small))?;
         if frozen.is_none() { Err(Stop::Foreign) } else { Ok(frozen) }
     }
+}
+
+/// Whether nobody has a reference to the arrays of which this one is a view. Who has one may have
+/// another view, or make one.
+fn has_its_memory_alone(array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    if !counts_tell(array.py())? {
+        return Ok(false);
+    }
+    let base = intern!(array.py(), "base");
+    let mut viewed = array.getattr_opt(base)?;
+    while let Some(array) = viewed.filter(|viewed| !viewed.is_none()) {
+        // The view's, and ours.
+        if count(&array) != 2 {
+            return Ok(false);
+        }
+        viewed = array.getattr_opt(base)?;
+    }
+    Ok(true)
 }
 
 fn address<T>(value: &Bound<'_, T>) -> usize {

@@ -22,6 +22,7 @@ use pyo3::prelude::*;
 
 use self::encode::Stop;
 pub(crate) use self::place::Place;
+pub(crate) use self::sole::{Sole, find as sole};
 pub(crate) use self::trust::Trust;
 use crate::buffer::Part;
 

@@ -19,12 +19,12 @@ use crate::numpy_memory::count;
 const LOOKED_AT: isize = 2;
 
 /// The arrays, by their addresses, with the references that they have when they are published: by the
-/// [`Source`](super::encode::Source), and by whatever passes the value.
-pub(super) type Sole = BTreeMap<usize, isize>;
+/// `Source` of an encoding, and by whatever passes the value.
+pub(crate) type Sole = BTreeMap<usize, isize>;
 
 /// The arrays to which only `value` leads; to that leads only its owner, and the reference that is
 /// passed.
-pub(super) fn find(value: &Bound<'_, PyAny>) -> Sole {
+pub(crate) fn find(value: &Bound<'_, PyAny>) -> Sole {
     let mut sole = Sole::new();
     visit(value, LOOKED_AT + 1, 0, &mut sole);
     sole
