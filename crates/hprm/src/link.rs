@@ -69,10 +69,12 @@ struct Inbound {
 }
 
 /// Bytes that have not left yet.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Outbound {
     buffer: Vec<u8>,
     written: usize,
+    /// Whether the other end took no more the last time.
+    clogged: bool,
     /// Descriptors, by the position of the frame that they travel with.
     descriptors: BTreeMap<usize, OwnedFd>,
 }
@@ -125,7 +127,7 @@ impl Link {
                 missing: 0,
                 descriptors: VecDeque::new(),
             },
-            outbound: Outbound { buffer: Vec::new(), written: 0, descriptors: BTreeMap::new() },
+            outbound: Outbound::default(),
         })
     }
 
@@ -192,9 +194,12 @@ impl Link {
         codec::encode(frame, &mut self.outbound.buffer);
     }
 
-    /// How many bytes of frames are to be written.
-    pub(crate) fn outbound_len(&self) -> usize {
-        self.outbound.buffer.len() - self.outbound.written
+    /// How many bytes of frames are to be written, unless the other end took no more the last time.
+    pub(crate) fn writable_len(&self) -> usize {
+        match self.outbound.clogged {
+            true => 0,
+            false => self.outbound.buffer.len() - self.outbound.written,
+        }
     }
 
     /// Whether something is to be written, and may be.
@@ -225,8 +230,11 @@ impl Link {
         while self.outbound.is_some() {
             match self.outbound.write(&mut self.stream) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(_) => {}
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Ok(_) => self.outbound.clogged = false,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.outbound.clogged = true;
+                    return Ok(());
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
@@ -425,6 +433,7 @@ impl Outbound {
         self.descriptors.clear();
         self.buffer.clear();
         self.written = 0;
+        self.clogged = false;
         if self.buffer.capacity() > 4 * EAGER_BUFFER {
             self.buffer = Vec::with_capacity(EAGER_BUFFER);
         }

@@ -168,10 +168,11 @@ impl Wire {
         }
     }
 
-    /// How many bytes are still to be written. What goes to another thread has no bytes.
-    pub(crate) fn outbound_len(&self) -> usize {
+    /// How many bytes are to be written, unless the other end took no more the last time. What goes to
+    /// another thread has no bytes.
+    pub(crate) fn writable_len(&self) -> usize {
         match self {
-            Self::Socket(link) => link.outbound_len(),
+            Self::Socket(link) => link.writable_len(),
             Self::Memory(_) => 0,
         }
     }

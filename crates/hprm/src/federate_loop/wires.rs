@@ -164,9 +164,10 @@ impl Wires {
         self.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
     }
 
-    /// Whether there is as much to write as the other end reads at once.
+    /// Whether there is as much to write as the other end reads at once. Where it took no more the last
+    /// time, it is not tried again each time there is something to add.
     pub(super) fn have_much_to_write(&self) -> bool {
-        self.links().any(|link| link.outbound_len() >= EAGER_BUFFER)
+        self.links().any(|link| link.writable_len() >= EAGER_BUFFER)
     }
 
     /// Says goodbye: writes everything, until `until` at the latest, and makes sure that it arrives.
