@@ -55,6 +55,8 @@ pub struct Properties {
     /// The processors of the federates: the first one of the first, and so on, from the start again if
     /// there are more federates. If empty, wherever the system puts them.
     pub cpus: Vec<u32>,
+    /// Whether centralized federates report every next event, even if nobody waits for it.
+    pub reports_all: bool,
     /// How the federates' clocks are compared.
     pub clock_sync: ClockSyncOptions,
 }

@@ -2,7 +2,11 @@
 //! advance beyond what the RTI has granted.
 //!
 //! It reports no more than somebody needs: a federate that nobody depends on is silent while it is
-//! within its grant, and one without neighbours says nothing at all.
+//! within its grant, and one without neighbours says nothing at all. The RTI may also say through
+//! which tag nobody waits for it. Then it is quiet until there is something beyond, or it sends a
+//! message, or it waits itself.
+
+use std::collections::BTreeSet;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
@@ -32,6 +36,12 @@ pub(crate) struct Centralized {
     acknowledged: u64,
     /// When it was last told how far the clock is.
     told_at: PhysicalTime,
+    /// Nobody needs to know what happens here up to this tag.
+    quiet: Tag,
+    /// How many messages have been sent.
+    sent: u64,
+    /// The tags of messages that have come, and that the RTI does not know to be processed.
+    unconfirmed: BTreeSet<Tag>,
 }
 
 impl Centralized {
@@ -47,6 +57,9 @@ impl Centralized {
             received: 0,
             acknowledged: 0,
             told_at: PhysicalTime(i64::MIN),
+            quiet: Tag::NEVER,
+            sent: 0,
+            unconfirmed: BTreeSet::new(),
         }
     }
 
@@ -71,6 +84,26 @@ impl Centralized {
     pub(crate) fn arrived(&mut self, tag: Tag) {
         self.received += 1;
         self.told = self.told.min(Step::begin(tag));
+        if self.has_downstream {
+            self.unconfirmed.insert(tag);
+        }
+    }
+
+    /// A message leaves. Somebody waits for what comes after it.
+    pub(crate) fn sent(&mut self) {
+        self.sent += 1;
+        self.quiet = Tag::NEVER;
+    }
+
+    /// The RTI, which knew of so many messages from here, says how long nobody needs reports.
+    pub(crate) fn quieten(&mut self, through: Tag, sent: u64) {
+        if sent < self.sent {
+            return;
+        }
+        if through < self.quiet {
+            self.told_at = PhysicalTime(i64::MIN);
+        }
+        self.quiet = through;
     }
 
     /// A message has come that means nothing here; the RTI counts it.
@@ -81,12 +114,20 @@ impl Centralized {
     /// The program ends at `tag`. Grants beyond it were given without knowing that.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.granted = self.granted.min(Step::end(tag.pred()));
+        self.quiet = Tag::NEVER;
     }
 
     /// A tag is complete. Returns whether the RTI wants to know; then it forgets what it was told
-    /// before.
-    pub(crate) fn completed(&mut self) -> bool {
+    /// before. It wants to know of messages that it has forwarded, always.
+    pub(crate) fn completed(&mut self, tag: Tag) -> bool {
         self.told = Step::NEVER;
+        let processed = self.unconfirmed.first().is_some_and(|message| *message <= tag);
+        if tag < self.quiet && !processed {
+            return false;
+        }
+        while self.unconfirmed.first().is_some_and(|message| *message <= tag) {
+            self.unconfirmed.pop_first();
+        }
         self.has_upstream || self.has_downstream
     }
 
@@ -101,19 +142,26 @@ impl Centralized {
     ) -> Option<Frame> {
         let clock = self.clock(now, start).map(|clock| Step::begin(clock.max(current.succ())));
         let certain = clock.map_or(next, |clock| next.min(clock));
+        let asks = self.has_upstream && !self.has(certain);
+        let rests = self.rest.is_some_and(|rest| certain.tag >= rest);
+        // What takes back a report is always needed.
+        let needed = self.has_downstream && (certain.tag > self.quiet || certain < self.told);
+        if !(needed || asks || rests) {
+            return None;
+        }
         if certain < next {
             if now < self.told_at.plus(CLOCK_REPORT) {
                 return None;
             }
             self.told_at = now;
         }
-        let asks = self.has_upstream && !self.has(certain);
-        let news = certain != self.told || self.stepwise && self.acknowledged < self.received;
-        let rests = self.rest.is_some_and(|rest| certain.tag >= rest);
-        if !news || !(self.has_downstream || asks || rests) {
+        if certain == self.told && !(self.stepwise && self.acknowledged < self.received) {
             return None;
         }
         self.told = certain;
+        if certain.tag > self.quiet {
+            self.quiet = Tag::NEVER;
+        }
         self.acknowledged = self.received;
         Some(match self.stepwise {
             true => Frame::NextEventLevel { step: certain, received: self.received },
@@ -128,9 +176,16 @@ impl Centralized {
     }
 
     /// When to report again how far the clock is.
-    pub(crate) fn next_wakeup(&self, next: Step) -> Option<PhysicalTime> {
-        let reports = self.by_clock.is_some() && self.has_downstream && self.told < next;
-        reports.then(|| self.told_at.plus(CLOCK_REPORT))
+    pub(crate) fn next_wakeup(&self, start: PhysicalTime, next: Step) -> Option<PhysicalTime> {
+        let delay = self.by_clock.filter(|_| self.has_downstream && self.told < next)?;
+        if next.tag <= self.quiet {
+            return None;
+        }
+        let needed = match self.quiet {
+            Tag::NEVER => PhysicalTime(i64::MIN),
+            quiet => quiet.due(start).plus(1).plus(delay.saturating_neg()),
+        };
+        Some(self.told_at.plus(CLOCK_REPORT).max(needed))
     }
 
     /// The earliest tag that a clock can still cause, if others depend on it.

@@ -53,6 +53,19 @@ impl Earliest {
         self.nodes[federate].arrivals.first().map_or(Step::FOREVER, |(tag, _)| *tag)
     }
 
+    /// From whom messages may still come, and the earliest tag that each can have, by tag.
+    pub(crate) fn arrivals(
+        &self,
+        federate: FederateId,
+    ) -> impl Iterator<Item = (Step, FederateId)> {
+        self.nodes[federate].arrivals.iter().copied()
+    }
+
+    /// Whether the federate does nothing more.
+    pub(crate) fn has_ended(&self, federate: FederateId) -> bool {
+        self.nodes[federate].ended
+    }
+
     /// Sets the federate's own next event. Returns whose `arrival` may have changed.
     pub(crate) fn set(
         &mut self,

@@ -202,7 +202,10 @@ impl Federate {
         }
         let report = match &self.coordinator {
             _ if self.startup.start().is_none() => None,
-            Coordinator::Centralized(machine) => machine.next_wakeup(self.next_step()?),
+            Coordinator::Centralized(machine) => {
+                let start = self.startup.start()?;
+                self.next_step().and_then(|next| machine.next_wakeup(start, next))
+            }
             Coordinator::Decentralized(machine) => {
                 self.next_step().and_then(|next| machine.next_wakeup(next))
             }
@@ -337,6 +340,10 @@ impl Federate {
                 Coordinator::Centralized(machine) => machine.grant(Step::end(tag)),
                 Coordinator::Decentralized(_) => return unexpected,
             },
+            Frame::DownstreamNextEventTag { tag, sent } => match &mut self.coordinator {
+                Coordinator::Centralized(machine) => machine.quieten(tag, sent),
+                Coordinator::Decentralized(_) => return unexpected,
+            },
             Frame::ProvisionalTagAdvanceGrant { through } => match &mut self.coordinator {
                 Coordinator::Centralized(machine) if machine.is_stepwise() => {
                     machine.grant(through);
@@ -439,7 +446,7 @@ impl Federate {
         self.activity = Activity::Unknown;
         self.passed(Step::end(tag), now);
         if let Coordinator::Centralized(machine) = &mut self.coordinator
-            && machine.completed()
+            && machine.completed(tag)
         {
             self.outputs.push_back(Output::ToRti(Frame::LatestTagConfirmed { tag }));
         }

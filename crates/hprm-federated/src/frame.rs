@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 5;
+pub const PROTOCOL: u32 = 6;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -221,6 +221,14 @@ pub enum Frame {
         /// The completed tag.
         tag: Tag,
     },
+    /// RTI to federate: nobody waits for what happens there up to this tag, so it need not be
+    /// reported; `NEVER` if everything is to be. A message that it sends ends this, too.
+    DownstreamNextEventTag {
+        /// The latest tag without need.
+        tag: Tag,
+        /// How many messages from that federate the RTI knew of. If there are more, this is void.
+        sent: u64,
+    },
     /// RTI to federate: every message up to this tag is before this frame.
     TagAdvanceGrant {
         /// The latest tag that it may process.
@@ -373,6 +381,7 @@ impl Frame {
             Self::NextEventTag { .. } => "NextEventTag",
             Self::NextEventLevel { .. } => "NextEventLevel",
             Self::LatestTagConfirmed { .. } => "LatestTagConfirmed",
+            Self::DownstreamNextEventTag { .. } => "DownstreamNextEventTag",
             Self::TagAdvanceGrant { .. } => "TagAdvanceGrant",
             Self::ProvisionalTagAdvanceGrant { .. } => "ProvisionalTagAdvanceGrant",
             Self::Message { .. } => "Message",

@@ -38,7 +38,7 @@ pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 pub use input::{End, Input, Output, Permission};
-pub use rti::{LinkId, Patience, Rti, RtiInput, RtiOutput};
+pub use rti::{LinkId, Patience, Quieting, Rti, RtiInput, RtiOutput};
 pub use slewed::SlewedClock;
 pub use step::{Edge, Step};
 pub use topology::Topology;

@@ -21,6 +21,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use hprm_core::{ChannelId, Coordination, FederateId, Nanos, Payload, PhysicalTime, Table, Tag};
 
 use self::advance::Advance;
+pub use self::advance::Quieting;
 use self::arriving::Arrivals;
 use self::ending::Negotiation;
 use self::join::Member;
@@ -192,6 +193,13 @@ impl Rti {
             outputs: VecDeque::new(),
             topology,
         }
+    }
+
+    /// Has the RTI tell federates at other times than usual that nobody needs their reports.
+    #[must_use]
+    pub fn quieting(mut self, quieting: Quieting) -> Self {
+        self.advance.set_quieting(&self.topology, quieting);
+        self
     }
 
     /// Tells the RTI what has happened.
@@ -380,12 +388,16 @@ impl Rti {
             if read <= granted {
                 return Err(Fault::InThePast { tag, granted: granted.tag });
             }
+            self.advance.sent(from);
             if self.pass_on(from, to, frame) {
                 self.advance.in_transit(&self.topology, to, read);
                 self.tell();
             }
-        } else if self.pass_on(from, to, frame) {
-            self.advance.count(to);
+        } else {
+            self.advance.sent(from);
+            if self.pass_on(from, to, frame) {
+                self.advance.count(to);
+            }
         }
         Ok(())
     }
@@ -406,6 +418,9 @@ impl Rti {
         self.advance.next(&self.topology, from, step, received);
         self.tell();
         self.end_if_starved();
+        if let Some(frame) = self.advance.quieten(&self.topology, from) {
+            self.send(from, frame);
+        }
     }
 
     /// Ends the program if no federate has anything left to do.
@@ -434,6 +449,9 @@ impl Rti {
                 true => Frame::TagAdvanceGrant { tag: through.whole() },
                 false => Frame::Safe { through },
             };
+            self.send(federate, frame);
+        }
+        for (federate, frame) in self.advance.call(&self.topology) {
             self.send(federate, frame);
         }
     }

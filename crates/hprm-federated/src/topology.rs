@@ -28,6 +28,7 @@ pub struct Topology {
     after_transient: Table<FederateId, bool>,
     /// The last tag that the program states.
     timeout: Tag,
+    reports_all: bool,
 }
 
 impl Topology {
@@ -52,6 +53,7 @@ impl Topology {
                 Some(timeout) => Tag::new(timeout.max(0), 0),
                 None => Tag::FOREVER,
             },
+            reports_all: program.properties.reports_all,
         };
         for channel in program.channels.values().filter(|channel| !channel.physical) {
             let Channel { from, to, .. } = *channel;
@@ -60,6 +62,11 @@ impl Topology {
             let wait = program.connections[channel.connection].absent_after;
             let wait = wait.saturating_add(program.federates[to].maxwait);
             topology.patient |= wait == Nanos::MAX;
+        }
+        for federate in topology.federates() {
+            for edges in [&mut topology.upstream, &mut topology.downstream] {
+                edges[federate].sort_unstable_by_key(|edge| edge.federate);
+            }
         }
         topology.find_clocks(program);
         let clocked = topology.by_clock.values().any(Option::is_some);
@@ -150,6 +157,14 @@ impl Topology {
         &self.downstream[federate]
     }
 
+    /// The least delay of what one federate sends directly to another, if it sends anything.
+    #[must_use]
+    pub fn delay(&self, from: FederateId, to: FederateId) -> Option<Delay> {
+        let edges = &self.upstream[to];
+        let at = edges.binary_search_by_key(&from, |edge| edge.federate).ok()?;
+        Some(edges[at].delay)
+    }
+
     /// If a clock can cause events at this federate: by how much, at least, their tags exceed it.
     #[must_use]
     pub fn by_clock(&self, federate: FederateId) -> Option<Nanos> {
@@ -210,6 +225,27 @@ impl Topology {
     #[must_use]
     pub fn timeout(&self) -> Tag {
         self.timeout
+    }
+
+    /// Whether federates report every next event to the RTI, whether somebody needs it or not.
+    #[must_use]
+    pub fn reports_all(&self) -> bool {
+        self.reports_all
+    }
+
+    /// For each federate, whether it is in a circle without a delay, or what it does can lead to a
+    /// message to one that is.
+    pub(crate) fn is_before_circle(&self) -> Table<FederateId, bool> {
+        let mut before = self.stepwise.clone();
+        let mut pending: Vec<_> = self.names.ids().filter(|federate| before[*federate]).collect();
+        while let Some(federate) = pending.pop() {
+            for edge in &self.upstream[federate] {
+                if !std::mem::replace(&mut before[edge.federate], true) {
+                    pending.push(edge.federate);
+                }
+            }
+        }
+        before
     }
 
     /// Whether the program ends when no federate has anything left to do.

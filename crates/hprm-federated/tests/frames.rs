@@ -70,6 +70,7 @@ fn samples() -> Vec<Frame> {
         Frame::NextEventTag { tag },
         Frame::NextEventLevel { step: Step { tag, level: 3 }, received: 9 },
         Frame::TagAdvanceGrant { tag },
+        Frame::DownstreamNextEventTag { tag, sent: 7 },
         Frame::LatestTagConfirmed { tag },
         message(vec![]),
         message(vec![Part::Inline(vec![7; 300]), Part::Object(object), Part::Inline(vec![])]),

@@ -30,13 +30,12 @@ pub struct Settings {
 }
 
 /// Known, and without meaning where nothing is generated or compiled; said to be so.
-const IGNORED: [&str; 12] = [
+const IGNORED: [&str; 11] = [
     "build",
     "build-type",
     "cmake-args",
     "cmake-include",
     "compile-definitions",
-    "dnet",
     "docker",
     "no-compile",
     "no-source-mapping",
@@ -48,13 +47,14 @@ const IGNORED: [&str; 12] = [
 /// Known, and of consequence: whoever states one must not believe that it is in force.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 20] = [
+const OBEYED: [&str; 21] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
     "comm-type",
     "coordination",
     "cpus",
+    "dnet",
     "fast",
     "files",
     "keepalive",
@@ -141,6 +141,7 @@ impl Stated {
             "spin" => spin(value).map(|spin| self.properties.spin = spin),
             "workers" => workers(value).map(|workers| self.properties.workers = Some(workers)),
             "auth" => boolean(value).map(|auth| self.settings.auth = auth),
+            "dnet" => boolean(value).map(|dnet| self.properties.reports_all = !dnet),
             "clock-sync" => {
                 clock_property::mode(value).map(|mode| self.properties.clock_sync.mode = mode)
             }

@@ -20,14 +20,13 @@ enum Form {
     OneOf(&'static [&'static str]),
 }
 
-const FORMS: [(&str, Form); 15] = [
+const FORMS: [(&str, Form); 14] = [
     ("build", Form::Texts),
     ("build-type", Form::OneOf(&["debug", "minsizerel", "release", "relwithdebinfo", "test"])),
     ("cmake-args", Form::Dictionary),
     ("cmake-include", Form::Texts),
     ("compile-definitions", Form::Dictionary),
     ("coordination-options", Form::Dictionary),
-    ("dnet", Form::Bool),
     ("docker", Form::BoolOrDictionary),
     ("no-compile", Form::Bool),
     ("no-source-mapping", Form::Bool),
@@ -72,9 +71,7 @@ pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
 /// Whether the property states what is the case without it.
 pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
     match name {
-        "dnet" | "docker" | "no-compile" | "no-source-mapping" | "verify" => {
-            boolean(value) == Some(false)
-        }
+        "docker" | "no-compile" | "no-source-mapping" | "verify" => boolean(value) == Some(false),
         _ => false,
     }
 }
@@ -91,7 +88,6 @@ pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
         return;
     }
     let why = match name {
-        "dnet" => "the RTI does not have this optimization",
         "docker" => "no containers are made",
         "python-version" => "a program runs in the interpreter in which `hprm` is installed",
         "threading" => "use `workers` or `single-threaded`",

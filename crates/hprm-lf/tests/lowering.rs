@@ -284,7 +284,7 @@ federated reactor at rti.example.org {
 #[test]
 fn files_and_settings_come_from_the_targets() {
     let main = "target Python { files: [agent.py, \"lib/a b.py\"], logging: DEBUG, workers: 2,
-        tracing: true, docker: false, Timeout: 2 min }
+        tracing: true, docker: false, Timeout: 2 min, DNET: false }
         import A from \"lib/A.lf\" main reactor { a = new A() }";
     let library = "target Python { files: gui/tool-kit.py, timeout: 1 s } reactor A { }";
     let compiled = compile_files(&[("Main.lf", main), ("lib/A.lf", library)])
@@ -299,5 +299,6 @@ fn files_and_settings_come_from_the_targets() {
     assert_eq!(compiled.settings.logging.as_deref(), Some("debug"));
     assert_eq!((compiled.program.properties.workers, compiled.settings.tracing), (Some(2), true));
     assert_eq!(compiled.program.properties.timeout, Some(120_000_000_000));
+    assert!(compiled.program.properties.reports_all, "without DNET everything is reported");
     assert!(compiled.warnings.is_empty());
 }

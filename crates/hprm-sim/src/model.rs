@@ -16,6 +16,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use hprm_core::{Nanos, PhysicalTime, Program};
+use hprm_federated::Quieting;
 
 use self::check::Judge;
 use self::state::State;
@@ -72,6 +73,8 @@ pub struct Setting {
     pub from_launch: bool,
     /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
+    /// When the RTI tells federates that nobody needs their reports.
+    pub quieting: Quieting,
 }
 
 /// Looks at every state that can be reached.
@@ -80,8 +83,8 @@ pub struct Setting {
 ///
 /// If something is wrong in one of them.
 pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
-    let mut state =
-        State::new(program, &setting.happenings, setting.start_delay, setting.flow_limit);
+    let Setting { happenings, start_delay, flow_limit, quieting, .. } = setting;
+    let mut state = State::new(program, happenings, *start_delay, *flow_limit, *quieting);
     if !setting.from_launch {
         assemble(&mut state);
     }

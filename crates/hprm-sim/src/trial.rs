@@ -9,7 +9,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
-use hprm_federated::Topology;
+use hprm_federated::{Quieting, Topology};
 
 use crate::rng::mix;
 use crate::{
@@ -28,6 +28,9 @@ const FLOW_LIMITS: [u64; 4] = [0, 150, 400, 1_500];
 
 /// Tells what is drawn for flow control from everything else that is drawn from a seed.
 const FLOW: u64 = 0xf10e;
+
+/// The same for when federates are told that nobody needs their reports.
+const QUIET: u64 = 0x5111;
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -73,6 +76,7 @@ impl Trial {
         let program = Arc::new(generate(&mut rng, shape));
         let mut plan = plan(&mut rng, shape, &program);
         plan.flow_limit = flow_limit(seed);
+        plan.quieting = quieting(seed);
         Self { seed, shape, plan, program, rng }
     }
 
@@ -221,6 +225,16 @@ fn flow_limit(seed: u64) -> Option<u64> {
     rng.percent(60).then(|| pick(&mut rng, &FLOW_LIMITS))
 }
 
+/// Most of the time as often as can be: programs are too short to make it worthwhile.
+fn quieting(seed: u64) -> Quieting {
+    let mut rng = Rng::new(mix(seed ^ QUIET));
+    match rng.below(10) {
+        0 => Quieting::Off,
+        1..=3 => Quieting::Usual,
+        _ => Quieting::Eager,
+    }
+}
+
 fn pick<T: Copy>(rng: &mut Rng, among: &[T]) -> T {
     among[usize::try_from(rng.below(among.len() as u64)).unwrap_or(0)]
 }
@@ -268,6 +282,11 @@ impl Trial {
         }
         if let Some(limit) = plan.flow_limit {
             writeln!(f, "  at most {limit} bytes are under way to a receiver when a tag begins")?;
+        }
+        match plan.quieting {
+            Quieting::Off => writeln!(f, "  every next event is reported")?,
+            Quieting::Eager => writeln!(f, "  nobody reports what is not needed, ever")?,
+            Quieting::Usual => {}
         }
         if let Some((who, tag)) = plan.stop {
             writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;

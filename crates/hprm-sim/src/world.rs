@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Topology,
+    Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Topology,
 };
 
 use crate::network::{Event, Latency, Network, Partition, Place};
@@ -29,6 +29,8 @@ pub struct Plan {
     pub cut: Option<(FederateId, PhysicalTime)>,
     /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
+    /// When the RTI tells federates that nobody needs their reports.
+    pub quieting: Quieting,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
 }
@@ -91,6 +93,8 @@ pub struct Outcome {
     pub stop: Tag,
     /// How many things happened.
     pub events: usize,
+    /// How many frames the federates sent to the RTI, and the RTI to them.
+    pub frames: (usize, usize),
 }
 
 /// See the module.
@@ -105,6 +109,7 @@ pub struct World {
     failed: Option<FederateId>,
     finished: bool,
     events: usize,
+    frames: (usize, usize),
     /// What the RTI was told, if that is of interest.
     tape: Option<Vec<RtiInput>>,
 }
@@ -127,13 +132,15 @@ impl World {
         let mut world = Self {
             program: Arc::clone(program),
             nodes: program.federates.ids().map(node).collect(),
-            rti: Rti::new(topology, federation, program.fingerprint(), START_DELAY),
+            rti: Rti::new(topology, federation, program.fingerprint(), START_DELAY)
+                .quieting(plan.quieting),
             network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
             clocks: program.federates.ids().map(clock).collect(),
             joined: Table::filled(program.federates.len(), false),
             failed: None,
             finished: false,
             events: 0,
+            frames: (0, 0),
             tape: None,
         };
         for federate in program.federates.ids() {
@@ -215,8 +222,8 @@ impl World {
         let lost = self.nodes.values().map(|node| node.sent).sum::<usize>()
             - self.nodes.values().map(|node| node.received).sum::<usize>();
         let stop = self.nodes.values().map(Node::stop_tag).min().unwrap_or(Tag::FOREVER);
-        let (failed, events) = (self.failed, self.events);
-        Ok(Outcome { log, last, tardy, lost, failed, stop, events })
+        let (failed, events, frames) = (self.failed, self.events, self.frames);
+        Ok(Outcome { log, last, tardy, lost, failed, stop, events, frames })
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {
@@ -322,6 +329,7 @@ impl World {
                 Output::ToRti(frame) => {
                     let link = LinkId(u32::from(federate.0));
                     let event = Event::Rti(RtiInput::Frame { link, frame });
+                    self.frames.0 += 1;
                     self.network.send(now, from, Place::Rti, event);
                 }
                 Output::ToPeer { to, frame } => {
@@ -352,6 +360,7 @@ impl World {
     fn announce(&mut self, now: PhysicalTime, link: LinkId, frame: Frame) {
         let to = FederateId(u16::try_from(link.0).expect("a link has its federate's number"));
         let event = Event::Federate(to, Input::FromRti(frame));
+        self.frames.1 += 1;
         self.network.send(now, Place::Rti, Place::Federate(to), event);
     }
 }

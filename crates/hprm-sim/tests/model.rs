@@ -5,6 +5,7 @@
 //! federations that take minutes.
 
 use hprm_core::{FederateId, Nanos};
+use hprm_federated::Quieting;
 use hprm_sim::Happening::{Crash, Disconnect, Event, Leave, Stop};
 use hprm_sim::{Happening, Setting, explore, scenario};
 
@@ -62,6 +63,25 @@ const CIRCLE_OF_THREE: &str = "
     b: on a > c
     c: on b > a
     a: on c";
+/// The receiver does something of its own less often than the sender, who is quiet meanwhile.
+const SLOW: &str = "
+    a: every 1
+    a: every 2 > b
+    b: every 3
+    b: on a";
+const SLOW_CHAIN: &str = "
+    a: every 1
+    a: every 2 > b
+    b: on a > c
+    c: every 2
+    c: on b";
+/// One is quiet until the other one has sent something to their receiver, which waits then.
+const CALLED: &str = "
+    a: every 1
+    a: every 3 > c
+    b: every 2 > c
+    c: on a
+    c: on b";
 /// A clock is read, so time matters: it is reported every ten million nanoseconds.
 const CLOCK: &str = "
     a: event > b
@@ -85,19 +105,19 @@ type Case<'a> = (&'a str, &'a str, Nanos, &'a [Happening]);
 
 /// Looks at all of them; each line of the table is one.
 fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
-    look_with(None, coordination, start_delay, cases);
+    let quieting = Quieting::Off;
+    look_with(Setting { start_delay, quieting, ..Setting::default() }, coordination, cases);
 }
 
-/// Looks at all of them, with so many bytes under way to a receiver when a tag begins.
+/// Looks at all of them in such a setting.
 #[expect(clippy::print_stdout, reason = "the table is what whoever asks for it wants to see")]
-fn look_with(flow_limit: Option<u64>, coordination: &str, start_delay: Nanos, cases: &[Case]) {
+fn look_with(given: Setting, coordination: &str, cases: &[Case]) {
     for (name, text, timeout, happenings) in cases {
         let program = scenario(&format!("{coordination}\n timeout {timeout}\n{text}"));
         let happenings = happenings.to_vec();
         let shown = format!("{happenings:?}").replace("FederateId", "");
-        let horizon = (start_delay + timeout).max(0) + 10_000_000;
-        let setting =
-            Setting { happenings, start_delay, horizon, flow_limit, ..Setting::default() };
+        let horizon = (given.start_delay + timeout).max(0) + 10_000_000;
+        let setting = Setting { happenings, horizon, ..given.clone() };
         let seen = explore(&program, &setting)
             .unwrap_or_else(|wrong| panic!("{coordination}: {name} {shown}: {wrong}"));
         println!(
@@ -205,6 +225,36 @@ fn decentralized_with_clocks() {
     look("decentralized", 1_000, &cases);
 }
 
+/// Federates that nobody waits for report nothing, and begin again when somebody does.
+#[test]
+fn quiet_federates() {
+    let cases: [Case; 16] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("circle", CIRCLE, 2, &[]),
+        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("chain", CHAIN, 2, &[]),
+        ("chain", CHAIN, 0, &[Stop(A), Stop(C)]),
+        ("fan-in", FAN_IN, 1, &[]),
+        ("diamond", DIAMOND, 1, &[]),
+        ("pair", PAIR, 1, &[Disconnect(B)]),
+        ("slow", SLOW, 4, &[]),
+        ("slow", SLOW, 3, &[Stop(A)]),
+        ("slow", SLOW, 3, &[Stop(B), Crash(A)]),
+        ("slow", SLOW, 3, &[Leave(A)]),
+        ("slow chain", SLOW_CHAIN, 2, &[]),
+        ("called", CALLED, 2, &[]),
+        ("called", CALLED, 1, &[Stop(C)]),
+    ];
+    let clocks: [Case; 2] = [
+        ("clock", CLOCK, 20_000_000, &[Event(A)]),
+        ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
+    ];
+    let setting = Setting { quieting: Quieting::Eager, ..Setting::default() };
+    look_with(Setting { start_delay: PAST, ..setting.clone() }, "centralized", &cases);
+    look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
+}
+
 /// Nobody begins a tag before its receivers have processed all that they got at earlier ones.
 #[test]
 fn flow_control() {
@@ -226,8 +276,10 @@ fn flow_control() {
         ("pair", PAIR, 1, &[Stop(B)]),
         ("pair", PAIR, 1, &[Leave(B)]),
     ];
-    look_with(Some(0), "centralized", PAST, &centralized);
-    look_with(Some(0), "decentralized", PAST, &decentralized);
+    let flow_limit = Some(0);
+    let setting = Setting { start_delay: PAST, flow_limit, ..Setting::default() };
+    look_with(setting.clone(), "centralized", &centralized);
+    look_with(setting, "decentralized", &decentralized);
 }
 
 #[test]

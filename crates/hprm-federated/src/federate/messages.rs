@@ -101,7 +101,14 @@ impl Federate {
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }
             }
-            _ => self.outputs.push_back(Output::ToRti(frame)),
+            coordinator => {
+                if let Coordinator::Centralized(machine) = coordinator
+                    && !channel.physical
+                {
+                    machine.sent();
+                }
+                self.outputs.push_back(Output::ToRti(frame));
+            }
         }
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! A federate between an RTI and peers that the test plays.
 
+mod quiet;
+
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
 use super::Federate;

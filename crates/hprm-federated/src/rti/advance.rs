@@ -4,10 +4,14 @@
 //! federates about every tag, or the occasional ones of decentralized federates; what comes out
 //! becomes a grant, or the news that nothing is to be waited for.
 
+mod needs;
+
 use std::collections::BTreeSet;
 
 use hprm_core::{FederateId, Table, Tag};
 
+use self::needs::Needs;
+pub use self::needs::Quieting;
 use crate::earliest::Earliest;
 use crate::{Step, Topology};
 
@@ -42,6 +46,7 @@ pub(super) struct Advance {
     touched: BTreeSet<FederateId>,
     /// The earliest tag that will be granted when it is due.
     due: Option<Tag>,
+    needs: Needs,
 }
 
 impl Report {
@@ -91,7 +96,13 @@ impl Advance {
             stop: topology.timeout(),
             touched: BTreeSet::new(),
             due: None,
+            needs: Needs::new(topology, Quieting::Usual),
         }
+    }
+
+    /// Tells federates at other times that they may be quiet.
+    pub(super) fn set_quieting(&mut self, topology: &Topology, quieting: Quieting) {
+        self.needs = Needs::new(topology, quieting);
     }
 
     /// The earliest last tag of the program, if no federate will do anything more before its
@@ -197,6 +208,7 @@ impl Advance {
     /// so whoever was told more than that was told too much.
     pub(super) fn stop_at(&mut self, topology: &Topology, tag: Tag) {
         self.stop = self.stop.min(tag);
+        self.hear_all(topology);
         for federate in topology.federates() {
             let told = &mut self.reports[federate].told;
             *told = (*told).min(Step::end(self.stop.pred()));
@@ -217,7 +229,11 @@ impl Advance {
             let report = &mut self.reports[federate];
             let wanted = report.wanted(self.stop);
             let depends = !topology.upstream(federate).is_empty();
-            if !depends || wanted.tag == Tag::FOREVER || wanted <= report.told || wanted > through {
+            if !depends || wanted.tag == Tag::FOREVER || wanted <= report.told {
+                continue;
+            }
+            if wanted > through {
+                self.needs.lacks(federate, wanted.tag);
                 continue;
             }
             let expects = topology.is_after_transient(federate);
@@ -227,6 +243,7 @@ impl Advance {
                 continue;
             }
             report.told = if expects { wanted } else { through };
+            self.needs.granted(federate);
             news.push((federate, report.told));
         }
         news

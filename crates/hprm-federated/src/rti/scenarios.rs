@@ -4,13 +4,14 @@
 //! the RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A
 //! tag is `time.microstep`, or the time alone; `before 10` is the last tag before 10. `at 10` is the
 //! clock. Of a transient federate that is `not there` at the start, each `joins` makes a new
-//! instance. The whole text is written anew from its inputs and must come out the same.
+//! instance. In an `eager` federation the RTI says whenever it can that a federate may be quiet. The
+//! whole text is written anew from its inputs and must come out the same.
 
 use std::fmt::Write as _;
 
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Table, Tag};
 
-use super::{LinkId, Rti, RtiInput, RtiOutput};
+use super::{LinkId, Quieting, Rti, RtiInput, RtiOutput};
 use crate::fixture::{federate, program};
 use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
 
@@ -27,7 +28,11 @@ impl Scenario {
     fn new(text: &str) -> Self {
         let program = program(text);
         let federation = FederationId(1);
-        let rti = Rti::new(Topology::new(&program), federation, 0, 0);
+        let quieting = match text.lines().any(|line| line == "eager") {
+            true => Quieting::Eager,
+            false => Quieting::Usual,
+        };
+        let rti = Rti::new(Topology::new(&program), federation, 0, 0).quieting(quieting);
         let links = Table::filled(program.federates.len(), (0, 0));
         let now = PhysicalTime(0);
         let mut scenario = Self { program, rti, now, links, next_link: 0 };
@@ -147,6 +152,12 @@ impl Scenario {
                         Frame::Safe { through } => {
                             format!("is safe through {}", show(through.whole()))
                         }
+                        Frame::DownstreamNextEventTag { tag: Tag::NEVER, .. } => {
+                            "reports everything".to_owned()
+                        }
+                        Frame::DownstreamNextEventTag { tag, .. } => {
+                            format!("is quiet through {}", show(tag))
+                        }
                         Frame::Message { tag, .. } => format!("gets a message for {}", show(tag)),
                         Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
                         Frame::StopGranted { tag } => format!("stops at {}", show(tag)),
@@ -223,6 +234,6 @@ macro_rules! scenarios {
 }
 
 scenarios! {
-    chain circle diamond cycle resign stop stop_twice stop_late patience
+    chain circle diamond cycle quiet resign stop stop_twice stop_late patience
     transient transient_swap transient_circle transient_end
 }

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Step, Topology,
+    Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Step,
+    Topology,
 };
 
 use super::digest::{Shared, digest};
@@ -79,10 +80,12 @@ impl State {
         happenings: &[Happening],
         start_delay: Nanos,
         flow_limit: Option<u64>,
+        quieting: Quieting,
     ) -> Self {
         let federation = FederationId(1);
         let topology = Topology::new(program);
         let rti = Rti::new(topology, federation, program.fingerprint(), start_delay);
+        let rti = rti.quieting(quieting);
         let seat = |me| {
             let node = Node::new(me, program, federation, None, flow_limit);
             Shared::new(Seat { node, granted: Step::NEVER })
