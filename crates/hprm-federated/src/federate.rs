@@ -336,24 +336,10 @@ impl Federate {
             Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(peer),
             Frame::Joined { federate, first } => self.joined(federate, first),
             Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),
-            Frame::TagAdvanceGrant { tag } => match &mut self.coordinator {
-                Coordinator::Centralized(machine) => machine.grant(Step::end(tag)),
-                Coordinator::Decentralized(_) => return unexpected,
-            },
-            Frame::DownstreamNextEventTag { tag, sent } => match &mut self.coordinator {
-                Coordinator::Centralized(machine) => machine.quieten(tag, sent),
-                Coordinator::Decentralized(_) => return unexpected,
-            },
-            Frame::ProvisionalTagAdvanceGrant { through } => match &mut self.coordinator {
-                Coordinator::Centralized(machine) if machine.is_stepwise() => {
-                    machine.grant(through);
-                }
-                _ => return unexpected,
-            },
-            Frame::Safe { through } => match &mut self.coordinator {
-                Coordinator::Decentralized(machine) => machine.safe(through),
-                Coordinator::Centralized(_) => return unexpected,
-            },
+            Frame::TagAdvanceGrant { .. }
+            | Frame::ProvisionalTagAdvanceGrant { .. }
+            | Frame::DownstreamNextEventTag { .. }
+            | Frame::Safe { .. } => return self.advance_frame(&frame),
             Frame::Message { channel, tag, payload } => {
                 let spec = self.topology.channel(channel, None, Some(self.me))?;
                 let Some(start) = self.startup.start() else {
@@ -393,6 +379,28 @@ impl Federate {
                 self.end(End::Failed { federate, message, code });
             }
             _ => return unexpected,
+        }
+        Ok(())
+    }
+
+    /// What the RTI says about advancing, and about reports of that.
+    fn advance_frame(&mut self, frame: &Frame) -> Result<(), Fault> {
+        match (&mut self.coordinator, frame) {
+            (Coordinator::Centralized(machine), Frame::TagAdvanceGrant { tag }) => {
+                machine.grant(Step::end(*tag));
+            }
+            (Coordinator::Centralized(machine), Frame::ProvisionalTagAdvanceGrant { through })
+                if machine.is_stepwise() =>
+            {
+                machine.grant(*through);
+            }
+            (Coordinator::Centralized(machine), Frame::DownstreamNextEventTag { tag, sent }) => {
+                machine.quieten(*tag, *sent);
+            }
+            (Coordinator::Decentralized(machine), Frame::Safe { through }) => {
+                machine.safe(*through);
+            }
+            _ => return Err(Fault::Unexpected { frame: frame.name() }),
         }
         Ok(())
     }

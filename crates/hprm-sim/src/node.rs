@@ -3,11 +3,13 @@
 //! It does what a driver does: handle everything that has come, say what is next, ask, process.
 
 use std::collections::VecDeque;
+use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
 use hprm_core::{
-    Action, FederateId, Origin, Payload, PhysicalTime, Program, Scheduled, Scheduler, Scope, Tag,
+    Action, FederateId, Nanos, Origin, Payload, PhysicalTime, Program, Scheduled, Scheduler, Scope,
+    Tag,
 };
 use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
 
@@ -23,6 +25,22 @@ pub(crate) enum Turn {
     Waits(Option<PhysicalTime>),
 }
 
+/// What an observer has noted of a federate, which tells it from no other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Noted(pub(crate) Nanos);
+
+impl PartialEq for Noted {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for Noted {}
+
+impl Hash for Noted {
+    fn hash<H: Hasher>(&self, _: &mut H) {}
+}
+
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Node {
     me: FederateId,
@@ -35,6 +53,8 @@ pub(crate) struct Node {
     pub(crate) received: usize,
     /// Those of them that came too late for their tag.
     pub(crate) tardy: usize,
+    /// By how much, at most, a tag has begun after it was due.
+    pub(crate) lag: Noted,
     start: Option<PhysicalTime>,
     /// Whether the scheduler is within a tag.
     open: bool,
@@ -69,6 +89,7 @@ impl Node {
             sent: 0,
             received: 0,
             tardy: 0,
+            lag: Noted(0),
             start: None,
             open: false,
             outputs: VecDeque::new(),
@@ -174,6 +195,7 @@ impl Node {
                 return Ok(Turn::Waits(Some(until).filter(|until| *until < PhysicalTime::FOREVER)));
             }
             self.scheduler.begin(tag);
+            self.lag.0 = self.lag.0.max(now.since(due));
             self.open = true;
             self.input(now, Input::Begun(tag))?;
         }

@@ -93,6 +93,8 @@ pub struct Outcome {
     pub stop: Tag,
     /// How many things happened.
     pub events: usize,
+    /// By how much, at most, a tag has begun after it was due by the federate's clock.
+    pub lag: Nanos,
     /// How many frames the federates sent to the RTI, and the RTI to them.
     pub frames: (usize, usize),
 }
@@ -222,8 +224,9 @@ impl World {
         let lost = self.nodes.values().map(|node| node.sent).sum::<usize>()
             - self.nodes.values().map(|node| node.received).sum::<usize>();
         let stop = self.nodes.values().map(Node::stop_tag).min().unwrap_or(Tag::FOREVER);
+        let lag = self.nodes.values().map(|node| node.lag.0).max().unwrap_or(0);
         let (failed, events, frames) = (self.failed, self.events, self.frames);
-        Ok(Outcome { log, last, tardy, lost, failed, stop, events, frames })
+        Ok(Outcome { log, last, tardy, lost, failed, stop, events, lag, frames })
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {

@@ -1,6 +1,10 @@
 //! Random federations, with whatever befalls them. `hprm sim --seed N` tells what a seed does.
 
-use hprm_sim::Trial;
+use std::sync::Arc;
+
+use hprm_core::{Coordination, Nanos};
+use hprm_federated::Quieting;
+use hprm_sim::{Latency, Plan, Rng, Shape, Trial, World, generate};
 
 /// Seeds of every build; `make sim-nightly` looks at a million.
 const SEEDS: u64 = 20_000;
@@ -25,5 +29,32 @@ fn random_federations_do_what_their_program_does() {
 fn a_seed_tells_the_same_each_time() {
     for seed in 0..50 {
         assert_eq!(Trial::draw(seed).tell(), Trial::draw(seed).tell(), "seed {seed}");
+    }
+}
+
+/// By how much a tag begins too late, at most, if nothing takes longer than a nanosecond or two, and
+/// events are hundreds of them apart.
+fn lag(seed: u64, quieting: Quieting) -> Nanos {
+    let shape = Shape {
+        coordination: Coordination::Centralized,
+        maxwait: 0,
+        physical: false,
+        circles: seed % 2 == 0,
+    };
+    let mut rng = Rng::new(seed);
+    let program = Arc::new(generate(&mut rng, shape));
+    let latency = Latency { least: 1, jitter: 2, spikes: 0 };
+    let plan = Plan { latency, quieting, ..Plan::default() };
+    let outcome = World::new(&program, rng, plan).run();
+    outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}")).lag
+}
+
+#[test]
+fn nobody_waits_for_a_federate_that_is_quiet() {
+    for quieting in [Quieting::Off, Quieting::Usual, Quieting::Eager] {
+        for seed in 0..2_000 {
+            let lag = lag(seed, quieting);
+            assert!(lag < 150, "seed {seed}: a tag begins {lag} ns late, {quieting:?}");
+        }
     }
 }
