@@ -428,8 +428,7 @@ impl Rti {
         if !self.topology.starves() || self.traffic.lags() {
             return;
         }
-        let ended = |federate| matches!(self.members[federate], Member::Gone);
-        if let Some(tag) = self.advance.rest(self.topology.timeout(), ended) {
+        if let Some(tag) = self.advance.rest() {
             self.ask_to_stop(tag);
         }
     }

@@ -33,6 +33,8 @@ struct Report {
     /// The tags between which it takes part: it may join late, and leave before the others.
     first: Tag,
     last: Tag,
+    /// What [`Advance::restless`] counts it as.
+    restless: (bool, bool),
 }
 
 /// See the module.
@@ -47,6 +49,9 @@ pub(super) struct Advance {
     /// The earliest tag that will be granted when it is due.
     due: Option<Tag>,
     needs: Needs,
+    /// How many federates will do something, and how many will do something before the program's
+    /// timeout.
+    restless: (usize, usize),
 }
 
 impl Report {
@@ -60,6 +65,7 @@ impl Report {
             stepwise: topology.is_stepwise(federate),
             first,
             last: Tag::FOREVER,
+            restless: (true, true),
         }
     }
 
@@ -97,6 +103,7 @@ impl Advance {
             touched: BTreeSet::new(),
             due: None,
             needs: Needs::new(topology, Quieting::Usual),
+            restless: (topology.federates().count(), topology.federates().count()),
         }
     }
 
@@ -106,17 +113,27 @@ impl Advance {
     }
 
     /// The earliest last tag of the program, if no federate will do anything more before its
-    /// `timeout`: each has reported so, unless it has `ended`. If they do nothing even then, they can
+    /// `timeout`: each has reported so, unless it has ended. If they do nothing even then, they can
     /// end at once.
-    pub(super) fn rest(&self, timeout: Tag, ended: impl Fn(FederateId) -> bool) -> Option<Tag> {
-        let live = self.reports.iter().filter(|(federate, _)| !ended(*federate));
-        let next = live.map(|(_, report)| {
-            report.in_transit.first().map_or(report.next, |(first, _)| report.next.min(*first))
-        });
-        match next.min().map_or(Tag::FOREVER, |next| next.tag) {
-            Tag::FOREVER => Some(Tag::START),
-            next => (next >= timeout).then_some(Tag::FOREVER),
+    pub(super) fn rest(&self) -> Option<Tag> {
+        match self.restless {
+            (0, _) => Some(Tag::START),
+            (_, 0) => Some(Tag::FOREVER),
+            _ => None,
         }
+    }
+
+    /// Counts a federate anew, whose next event, as far as is known, may be another one.
+    fn recount(&mut self, topology: &Topology, federate: FederateId) {
+        let report = &mut self.reports[federate];
+        let next =
+            report.in_transit.first().map_or(report.next, |(at, _)| report.next.min(*at)).tag;
+        let ended = self.earliest.has_ended(federate);
+        let is = (!ended && next < Tag::FOREVER, !ended && next < topology.timeout());
+        let was = std::mem::replace(&mut report.restless, is);
+        let (any, early) = &mut self.restless;
+        *any = *any + usize::from(is.0) - usize::from(was.0);
+        *early = *early + usize::from(is.1) - usize::from(was.1);
     }
 
     /// How far a federate has been told that it may advance.
@@ -140,8 +157,9 @@ impl Advance {
 
     /// A federate joins that has ended, or was not there.
     pub(super) fn join(&mut self, topology: &Topology, federate: FederateId, first: Tag) {
-        let forwarded = self.reports[federate].forwarded;
-        self.reports[federate] = Report { forwarded, ..Report::new(topology, federate, first) };
+        let Report { forwarded, restless, .. } = self.reports[federate];
+        self.reports[federate] =
+            Report { forwarded, restless, ..Report::new(topology, federate, first) };
         self.earliest.revive(federate);
         self.refresh(topology, federate);
     }
@@ -202,6 +220,7 @@ impl Advance {
         report.forwarded = 0;
         let touched = self.earliest.end(topology, federate);
         self.touched.extend(touched);
+        self.recount(topology, federate);
     }
 
     /// The program ends at `tag`. Who counted on doing nothing for longer will do something then,
@@ -259,5 +278,6 @@ impl Advance {
         self.touched.insert(federate);
         let touched = self.earliest.set(topology, federate, own);
         self.touched.extend(touched);
+        self.recount(topology, federate);
     }
 }
