@@ -17,7 +17,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-python bench-in-process mutants bench-grants fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -70,6 +70,9 @@ bench-python: build ## measure the scheduler with Python bodies
 
 bench-in-process: build ## compare federates as threads with federates as processes
 	@$(BIN)/python bench/in_process.py
+bench-frames: toolchain ## count the frames between federates and the RTI
+	cargo bench --quiet -p hprm-sim --bench frames
+
 bench-grants: toolchain ## measure what a grant costs, with up to a thousand federates
 	cargo bench --quiet -p hprm-sim --bench grants
 
