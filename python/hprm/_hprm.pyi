@@ -124,6 +124,13 @@ def die_with_parent(parent: int) -> bool:
 def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> T:
     """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
 
+def own(array: Any) -> Any:
+    """Return an array that may be written to of one that has arrived, copied no sooner than that.
+
+    It lies over the same memory, of which the kernel copies a page when it is first written, so that
+    nobody else sees it. An array that is small, or that has not come by shared memory, is copied.
+    """
+
 def digest(value: Any) -> tuple[str, str, bool]:
     """Return what a trace says of a value: digest, text, and whether something is opaque."""
 

@@ -1,14 +1,15 @@
 //! Bytes of ours as Python buffers: the crate's one room for unsafe code.
 //!
-//! Two classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
-//! has arrived, [`Staging`] for writing what will be sent. What the bytes mean is not known here.
+//! Three classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
+//! has arrived, [`OwnMemory`] for writing to it unseen, [`Staging`] for writing what will be sent. What
+//! the bytes mean is not known here.
 
 #![allow(unsafe_code)]
 
 use std::ffi::c_int;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use hprm_store::{Object, WritableLoan};
+use hprm_store::{Object, OwnObject, WritableLoan};
 use pyo3::exceptions::{PyBufferError, PyRuntimeError};
 use pyo3::ffi;
 use pyo3::prelude::*;
@@ -58,6 +59,26 @@ impl Memory {
         // changes or drops them, so they neither move nor change before `slf` is dropped. The view
         // is marked as read-only, so nobody writes through the pointer.
         unsafe { fill(&slf, view, bytes.as_ptr().cast_mut(), bytes.len(), true, flags) }
+    }
+}
+
+/// Bytes that have arrived, and that Python may write to: nobody else sees it.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct OwnMemory(pub(crate) Arc<OwnObject>);
+
+#[pymethods]
+impl OwnMemory {
+    unsafe fn __getbuffer__(
+        slf: Bound<'_, Self>,
+        view: *mut ffi::Py_buffer,
+        flags: c_int,
+    ) -> PyResult<()> {
+        let (start, len) = (slf.get().0.start(), slf.get().0.len());
+        // Benefit: libraries without read-only memory read the sender's memory in place.
+        // SAFETY: `view` comes from the interpreter, and we are attached to it. There are `len` bytes
+        // from `start` on, for reading and writing, as long as the object lives, which belongs to
+        // `slf`, to which the view keeps a reference; Rust does not touch them.
+        unsafe { fill(&slf, view, start, len, false, flags) }
     }
 }
 

@@ -54,6 +54,8 @@ mod _hprm {
     #[pymodule_export]
     use crate::run::{describe_program, die_with_parent, run_federate, run_program};
     #[pymodule_export]
+    use crate::serialize::array::own;
+    #[pymodule_export]
     use crate::tag::Tag;
     #[pymodule_export]
     use crate::testing::{decode, digest, encode, store_round_trip};

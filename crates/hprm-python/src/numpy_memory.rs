@@ -25,7 +25,7 @@ use std::sync::{Arc, OnceLock};
 
 use hprm_core::FederateId;
 use hprm_core::limits::INLINE_LIMIT;
-use hprm_store::{Object, Store, Yard};
+use hprm_store::{Object, OwnObject, Store, Yard};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::ffi;
 use pyo3::intern;
@@ -229,6 +229,13 @@ pub(crate) fn publish(
 pub(crate) fn counts_tell(py: Python<'_>) -> PyResult<bool> {
     let flags = py.import(intern!(py, "sys"))?.getattr(intern!(py, "abiflags"))?;
     Ok(!flags.extract::<String>()?.contains('t'))
+}
+
+/// An object that Python may write to without anybody else seeing it, not copied before that. None if
+/// there is no store, or if it cannot be done.
+pub(crate) fn own(py: Python<'_>, object: &Object) -> Option<Arc<OwnObject>> {
+    // Who has a room has it told of forks.
+    room(py)?.yard.own(object)
 }
 
 /// How many references there are to an object.

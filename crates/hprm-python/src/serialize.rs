@@ -5,7 +5,7 @@
 //! argument is never changed (paper, section III-C, adaptive serialization). What needs no pickle is
 //! in `docs/serialization.md`; who may send one says [`Trust`].
 
-mod array;
+pub(crate) mod array;
 mod culprit;
 mod decode;
 mod encode;

@@ -24,7 +24,7 @@ use std::ops::Range;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::ptr::{self, NonNull};
 use std::slice;
-use std::sync::{Arc, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard, OnceLock, PoisonError};
 
 use rustix::fs::{self, FallocateFlags, MemfdFlags, SealFlags};
 use rustix::io::Errno;
@@ -32,6 +32,7 @@ use rustix::mm::{self, Advice, MapFlags, ProtFlags};
 
 use crate::SegmentError;
 use crate::claims::Claims;
+use crate::own::Owned;
 
 /// No page is smaller, so every page is touched by steps of this many bytes.
 const OWN_STEP: usize = 4096;
@@ -56,9 +57,17 @@ unsafe impl Sync for Mapping {}
 
 impl Mapping {
     fn new(file: &OwnedFd, len: usize, prot: ProtFlags, flags: MapFlags) -> Result<Self, Errno> {
+        Self::with(file.as_fd(), len, prot, MapFlags::SHARED | flags)
+    }
+
+    fn with(
+        file: BorrowedFd<'_>,
+        len: usize,
+        prot: ProtFlags,
+        flags: MapFlags,
+    ) -> Result<Self, Errno> {
         // SAFETY: the kernel chooses the address, so no existing mapping is replaced.
-        let base =
-            unsafe { mm::mmap(ptr::null_mut(), len, prot, MapFlags::SHARED | flags, file, 0) }?;
+        let base = unsafe { mm::mmap(ptr::null_mut(), len, prot, flags, file, 0) }?;
         let base = NonNull::new(base.cast()).expect("the kernel maps nothing at address zero");
         Ok(Self { base, len })
     }
@@ -270,6 +279,8 @@ pub(crate) struct SegmentView {
     identity: (u64, u64),
     mapping: Mapping,
     file: Option<OwnedFd>,
+    /// The same once more, to be written to; none if the system does not do that.
+    twin: OnceLock<Option<Owned>>,
 }
 
 impl SegmentView {
@@ -291,7 +302,8 @@ impl SegmentView {
         }
         let mapping = Mapping::new(&file, size, ProtFlags::READ, MapFlags::POPULATE);
         let mapping = mapping.map_err(error("mmap"))?;
-        Ok(Self { identity: (status.st_dev, status.st_ino), mapping, file: Some(file) })
+        let identity = (status.st_dev, status.st_ino);
+        Ok(Self { identity, mapping, file: Some(file), twin: OnceLock::new() })
     }
 
     /// The length in bytes.
@@ -307,6 +319,12 @@ impl SegmentView {
     /// What came from the owner, or from who passed it on; none if it was [closed](Self::close).
     pub(crate) fn fd(&self) -> Option<BorrowedFd<'_>> {
         self.file.as_ref().map(AsFd::as_fd)
+    }
+
+    /// What of it is to be written to in this process; none if the system does not do that.
+    pub(crate) fn owned(&self) -> Option<&Owned> {
+        let owned = self.twin.get_or_init(|| Twin::of(self).ok().map(Owned::new));
+        owned.as_ref()
     }
 
     /// Gives up the descriptor: what is mapped stays, but cannot be passed on.
@@ -329,6 +347,96 @@ impl SegmentView {
         // SAFETY: the range lies in the mapping, which `self` keeps, and whose file cannot shrink;
         // this process cannot write it, and its owner does not while the object is held.
         Some(unsafe { slice::from_raw_parts(start, range.len()) })
+    }
+}
+
+/// A segment of another federate as this process may write to it: the kernel copies a page when it is
+/// first written, and nobody else sees it.
+///
+/// Pages that were not written are the segment's. So bytes are stable only as long as nobody writes
+/// them there. Which pages belong to whom in this process is not known here.
+#[derive(Debug)]
+pub(crate) struct Twin {
+    mapping: Mapping,
+    /// What the kernel tells of each page; none if it does not.
+    pages: Option<OwnedFd>,
+}
+
+/// In the kernel's entry for a page: it is in memory or swapped out, and not the file's.
+const PRESENT: u64 = 0b11 << 62;
+const OF_FILE: u64 = 1 << 61;
+
+impl Twin {
+    /// The bytes of the pages that a range touches.
+    pub(crate) fn pages_of(range: &Range<usize>) -> Range<usize> {
+        let page = rustix::param::page_size();
+        range.start - range.start % page..range.end.next_multiple_of(page)
+    }
+
+    fn of(view: &SegmentView) -> Result<Self, Errno> {
+        let file = view.fd().ok_or(Errno::BADF)?;
+        let prot = ProtFlags::READ | ProtFlags::WRITE;
+        let mapping = Mapping::with(file, view.mapping.len, prot, MapFlags::PRIVATE)?;
+        let flags = fs::OFlags::RDONLY | fs::OFlags::CLOEXEC;
+        let pages = fs::open("/proc/self/pagemap", flags, fs::Mode::empty()).ok();
+        let twin = Self { mapping, pages };
+        // Where memory is locked as soon as it is mapped, all of it has been copied.
+        match twin.written(&Self::pages_of(&(0..view.mapping.len))) {
+            0 => Ok(twin),
+            _ => Err(Errno::NOTSUP),
+        }
+    }
+
+    /// Where a byte is. All that follow in the twin may be read and written.
+    pub(crate) fn at(&self, offset: usize) -> *mut u8 {
+        self.mapping.at(offset)
+    }
+
+    /// How many of some pages were written, and are not the segment's any more. If the kernel does not
+    /// tell, all of them.
+    pub(crate) fn written(&self, pages: &Range<usize>) -> usize {
+        let page = rustix::param::page_size();
+        let count = pages.len() / page;
+        let Some(file) = &self.pages else { return count };
+        let mut entries = vec![0; count * size_of::<u64>()];
+        let first = (self.at(pages.start) as usize / page * size_of::<u64>()) as u64;
+        if rustix::io::pread(file, &mut entries[..], first) != Ok(entries.len()) {
+            return count;
+        }
+        let (entries, _) = entries.as_chunks();
+        let entries = entries.iter().map(|entry| u64::from_ne_bytes(*entry));
+        entries.filter(|entry| entry & PRESENT != 0 && entry & OF_FILE == 0).count()
+    }
+
+    /// Gives up what was written to some pages: they are the segment's again. Nobody may have a
+    /// pointer to them. Returns whether that is done.
+    pub(crate) fn discard(&self, pages: &Range<usize>) -> bool {
+        let len = pages.end.min(self.mapping.len) - pages.start;
+        // SAFETY: the range lies in the mapping, of which no slices are made, and by the contract no
+        // pointer is used; the bytes are then those of the file, which are valid.
+        unsafe { mm::madvise(self.at(pages.start).cast(), len, Advice::LinuxDontNeed) }.is_ok()
+    }
+
+    /// Has the kernel copy some pages now. Returns whether there is memory for that.
+    pub(crate) fn take(&self, pages: &Range<usize>) -> bool {
+        let len = pages.end.min(self.mapping.len) - pages.start;
+        let (start, advice) = (self.at(pages.start).cast(), Advice::LinuxPopulateWrite);
+        // SAFETY: the range lies in the mapping, and the advice changes no byte of it.
+        match unsafe { mm::madvise(start, len, advice) } {
+            Ok(()) => true,
+            // A kernel that does not know the advice copies a page when it is written.
+            Err(Errno::INVAL) => {
+                for at in pages.clone().step_by(OWN_STEP) {
+                    let byte = self.at(at);
+                    // SAFETY: the byte lies in the mapping, which is readable.
+                    let value = unsafe { byte.read_volatile() };
+                    // SAFETY: as above, and the mapping is writable; the byte keeps its value.
+                    unsafe { byte.write_volatile(value) };
+                }
+                true
+            }
+            Err(_) => false,
+        }
     }
 }
 
@@ -500,6 +608,33 @@ mod tests {
         let segment = Segment::create(4 << 20).unwrap();
         let blocks = fs::fstat(segment.fd()).unwrap().st_blocks;
         assert_eq!(u64::try_from(blocks).unwrap() * 512, segment.len());
+    }
+
+    #[test]
+    fn what_is_written_to_a_twin_is_nowhere_else_until_it_is_given_up() {
+        let segment = segment();
+        segment.writing(0, LEN).unwrap().bytes_mut().fill(7);
+        let view = SegmentView::map(dup(&segment), LEN).unwrap();
+        let twin = Twin::of(&view).unwrap();
+        let read = |at| {
+            // SAFETY: the byte lies in the twin, and the test has one thread.
+            unsafe { twin.at(at).read_volatile() }
+        };
+        let pages = Twin::pages_of(&(4_100..20_001));
+        assert_eq!((pages.start, read(4_100), twin.written(&pages)), (4_096, 7, 0));
+        // SAFETY: as above; nobody has a slice of it.
+        unsafe { twin.at(4_100).write_volatile(8) };
+        assert_eq!((read(4_100), twin.written(&pages)), (8, 1));
+        assert_eq!(view.bytes(&(4_100..4_101)), Some(&[7][..]));
+        segment.writing(0, LEN).unwrap().bytes_mut().fill(9);
+        assert_eq!((read(4_100), read(4_101), read(20_000)), (8, 7, 9));
+        assert!(twin.discard(&pages));
+        assert_eq!((read(4_100), read(4_101), twin.written(&pages)), (9, 9, 0));
+        // Pages that are taken do not change any more with the segment, and others do.
+        assert!(twin.take(&pages));
+        assert_eq!(twin.written(&pages), pages.len() / rustix::param::page_size());
+        segment.writing(0, LEN).unwrap().bytes_mut().fill(10);
+        assert_eq!((read(pages.end - 1), read(pages.end)), (9, 10));
     }
 
     #[test]

@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
 
 use crate::forks::Forks;
 use crate::shm::Segment;
-use crate::{Store, WritableLoan};
+use crate::{Object, OwnObject, Store, WritableLoan};
 
 /// The share of the capacity that values in the making may take: one part in this many.
 const SHARE: u64 = 2;
@@ -43,6 +43,8 @@ pub struct Yard {
     refused: AtomicU64,
     /// Whether this is a forked process, to which the memory does not belong.
     forked: AtomicBool,
+    /// What this process has received and may write to.
+    owned: Mutex<Vec<Weak<OwnObject>>>,
     estate: Mutex<Estate>,
     forks: Arc<Forks>,
     /// What a forked process keeps until its end, so that others hear of that.
@@ -64,6 +66,8 @@ struct Estate {
     segments: Vec<Arc<Segment>>,
     /// What is being made: address and length.
     blocks: Vec<(usize, usize)>,
+    /// What was received and may be written to.
+    owned: Vec<Arc<OwnObject>>,
 }
 
 impl Yard {
@@ -80,6 +84,7 @@ impl Yard {
             highest: AtomicUsize::new(0),
             refused: AtomicU64::new(0),
             forked: AtomicBool::new(false),
+            owned: Mutex::default(),
             estate: Mutex::default(),
         }
     }
@@ -160,6 +165,23 @@ impl Yard {
         making.loans.remove(&address)
     }
 
+    /// An object of another federate that this process may write to, without anybody else seeing it.
+    /// Nothing is copied before that. None if the system does not do it, or if objects are written to
+    /// so much that a copy costs less; then copy.
+    pub fn own(&self, object: &Object) -> Option<Arc<OwnObject>> {
+        if self.forked.load(Ordering::Acquire) {
+            return None;
+        }
+        let own = Arc::new(OwnObject::of(object)?);
+        let mut owned = self.owned();
+        if owned.len() == owned.capacity() {
+            // Before it grows, so that it is no longer than twice what there is at a time.
+            owned.retain(|own| own.strong_count() > 0);
+        }
+        owned.push(Arc::downgrade(&own));
+        Some(own)
+    }
+
     /// How many requests were refused because the share of values in the making was used up.
     pub fn refused(&self) -> u64 {
         self.refused.load(Ordering::Relaxed)
@@ -172,32 +194,35 @@ impl Yard {
 
     /// Before this process forks: what is open here stays open until the new one has ended. Notes
     /// what that has to know without asking anybody, because the threads that might have to answer are
-    /// not in it. Returns whether anything is being made:
-    /// then this process should wait until the new one has called [`Self::after_fork_in_child`].
+    /// not in it. Returns whether there is anything that the new one has to copy: then this process
+    /// should wait until it has called [`Self::after_fork_in_child`].
     pub fn before_fork(&self) -> bool {
         self.tethers().push(self.forks.begin());
         let making = self.making();
         let segments: Vec<_> = making.segments.values().filter_map(Weak::upgrade).collect();
         let blocks = making.loans.iter().map(|(address, loan)| (*address, loan.len())).collect();
         drop(making);
+        let owned = self.owned().iter().filter_map(Weak::upgrade).collect();
         let mut estate = self.estate();
-        *estate = Estate { segments, blocks };
-        !estate.blocks.is_empty()
+        *estate = Estate { segments, blocks, owned };
+        !estate.blocks.is_empty() || !estate.owned.is_empty()
     }
 
     /// In the process that forked, when the other one has what it needs.
     pub fn after_fork_in_parent(&self) {
         // The last one: a process that was forked itself keeps its own.
         self.tethers().pop();
-        *self.estate() = Estate::default();
+        let estate = std::mem::take(&mut *self.estate());
+        // Not under the lock: an object that ends here tells its owner.
+        drop(estate);
     }
 
     /// In the process that was forked: what it writes is seen by nobody else from now on, what was
-    /// being made stays as it is for it, and it allocates elsewhere. If this returns false, the system
+    /// being made or was received to be written to stays as it is for it, and it allocates elsewhere. If this returns false, the system
     /// has no memory for that, and the process must end.
     pub fn after_fork_in_child(&self) -> bool {
         self.forked.store(true, Ordering::Release);
-        let estate = self.estate();
+        let mut estate = self.estate();
         for segment in &estate.segments {
             if !segment.make_private() {
                 return false;
@@ -206,7 +231,7 @@ impl Yard {
                 segment.own(*address, *len);
             }
         }
-        true
+        std::mem::take(&mut estate.owned).iter().all(|own| own.copy_now())
     }
 
     fn remove(&self, address: usize) -> Option<WritableLoan> {
@@ -227,6 +252,10 @@ impl Yard {
 
     fn tethers(&self) -> MutexGuard<'_, Vec<Option<OwnedFd>>> {
         self.tethers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn owned(&self) -> MutexGuard<'_, Vec<Weak<OwnObject>>> {
+        self.owned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn estate(&self) -> MutexGuard<'_, Estate> {

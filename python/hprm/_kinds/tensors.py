@@ -1,13 +1,14 @@
 """Tensors of PyTorch.
 
 Elements travel as an array of NumPy. A tensor on another device goes through this machine's memory,
-and arrives there. PyTorch knows no read-only memory, so its tensors lie over a copy that the
-receiver may write to.
+and arrives there. PyTorch knows no read-only memory, so the receiver may write to its tensors: they
+lie over the sender's memory, of which the kernel copies a page when it is first written.
 """
 
 import sys
 from typing import Any
 
+from hprm import _hprm
 from hprm._kinds import Parts
 
 # By how many bytes elements have: what NumPy can carry them as, if it does not know their type.
@@ -18,7 +19,7 @@ def tensor(array: Any, dtype: str | None, requires_grad: bool, parameter: bool) 
     """Make a tensor of PyTorch."""
     import torch
 
-    made = torch.from_numpy(array.copy(order="K"))
+    made = torch.from_numpy(_hprm.own(array))
     if dtype is not None:
         kind = getattr(torch, dtype)
         if not isinstance(kind, torch.dtype):

@@ -10,7 +10,8 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
-use crate::buffer::{Memory, Part};
+use crate::buffer::{Memory, OwnMemory, Part};
+use crate::numpy_memory;
 
 /// The names of NumPy that encoding needs.
 pub(super) struct Numpy {
@@ -217,6 +218,28 @@ pub(super) fn object_under(
         && start == bytes.as_ptr() as usize
         && layout.len == bytes.len();
     Ok(whole.then(|| object.clone()))
+}
+
+/// From how many bytes on mapping an array costs less than copying it.
+const OWN_LIMIT: usize = 1 << 20;
+
+/// An array that may be written to, and is nobody else's, of one that has arrived: over the same memory,
+/// of which a page is copied when it is first written, or else a copy.
+#[pyfunction]
+pub(crate) fn own<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let py = array.py();
+    let numpy = Numpy::imported(py)?;
+    if numpy.is_array(array)
+        && let Some(layout) = numpy.layout(array)?.filter(|layout| layout.len >= OWN_LIMIT)
+        && let Some(object) = object_under(array, &layout)?
+        && let Some(own) = numpy_memory::own(py, &object)
+    {
+        let memory = Bound::new(py, OwnMemory(own))?;
+        return numpy.over(layout.shape.as_any(), &layout.dtype, memory.as_any(), layout.order);
+    }
+    let keep_order = PyDict::new(py);
+    keep_order.set_item(intern!(py, "order"), "K")?;
+    array.call_method(intern!(py, "copy"), (), Some(&keep_order))
 }
 
 /// Which index varies fastest.
