@@ -127,8 +127,8 @@ def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) ->
 def own(array: Any) -> Any:
     """Return an array that may be written to of one that has arrived, copied no sooner than that.
 
-    It lies over the same memory, of which the kernel copies a page when it is first written, so that
-    nobody else sees it. An array that is small, or that has not come by shared memory, is copied.
+    It lies over the same memory, of which the kernel copies a page when it is first written, so
+    that nobody else sees it. An array that is small, or that came by no shared memory, is copied.
     """
 
 def digest(value: Any) -> tuple[str, str, bool]:

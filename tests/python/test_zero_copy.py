@@ -7,33 +7,13 @@ import ast
 import numpy as np
 import pytest
 from conftest import Run
+from scenarios import EXPECTED, program
 
 import hprm
 
 COORDINATIONS = ["centralized", "decentralized"]
 
-# Each scenario returns a value that has its number in all elements, and may keep what it likes in
-# `keep`. At the next tag, everything that was kept and can be written to is overwritten.
 SCENARIOS = """
-import asyncio, copy, threading, weakref
-import numpy as np
-import hprm
-
-N = 50_000
-keep = []
-expected = {}
-
-def scenario(outcome):
-    def enter(function):
-        expected[function] = outcome
-        return function
-    return enter
-
-def full(number):
-    return np.full(N, number, dtype=np.float64)
-
-moved, copied = scenario("moved"), scenario("copied")
-
 @moved
 def new(number):
     return full(number)
@@ -279,93 +259,6 @@ def of_a_subclass(number):
     array = Child((2, N))
     array[:] = number
     return array
-
-def overwrite(what):
-    if isinstance(what, weakref.ref):
-        what = what()
-    if isinstance(what, list | tuple) and what and isinstance(what[0], threading.Event):
-        what[0].set()
-        what[1].wait()
-    elif isinstance(what, list | tuple):
-        for member in what:
-            overwrite(member)
-    elif isinstance(what, np.ndarray | np.flatiter):
-        what[:] = -1
-    elif isinstance(what, memoryview):
-        np.asarray(what)[:] = -1
-    elif callable(what):
-        overwrite(what())
-    elif hasattr(what, "send"):
-        next(what)
-    elif hasattr(what, "contents"):
-        for at in range(N):
-            what[at] = -1
-    elif what is not None:
-        for at in range(len(what)):
-            what[at] = -1
-
-def arrays(value):
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        for member in value:
-            yield from arrays(member)
-    elif isinstance(value, np.ndarray):
-        yield value
-"""
-
-PROGRAM = """\
-target Python {{ coordination: {coordination} }}
-preamble {{=
-{scenarios}
-=}}
-reactor Source {{
-  output out
-  logical action next(1 msec)
-  state number = 0
-  state before = 0
-  state wrong = {{= [] =}}
-  reaction(startup, next) -> out, next {{=
-    scenarios = list(expected)
-    copied = lf.store_stats()["bytes_copied"]
-    if self.number > 0:
-        last = scenarios[self.number - 1]
-        was = "moved" if copied == self.before else "copied"
-        if was != expected[last]:
-            self.wrong.append((last.__name__, was))
-        overwrite(keep)
-        keep.clear()
-    self.before = copied
-    if self.number == len(scenarios):
-        print(self.wrong)
-        request_stop()
-        return
-    out.set(scenarios[self.number](self.number))
-    self.number += 1
-    next.schedule(0)
-  =}}
-}}
-reactor Sink {{
-  input inp
-  state seen = {{= [] =}}
-  reaction(inp) {{= self.seen.append(inp.value) =}}
-  reaction(shutdown) {{=
-    names = [scenario.__name__ for scenario in expected]
-    changed = []
-    for number, value in enumerate(self.seen):
-        for array in arrays(value):
-            if array.dtype.names:
-                array = array["y"]
-            if not (array == number).all():
-                changed.append(names[number])
-    print(len(self.seen) == len(names), changed)
-  =}}
-}}
-federated reactor {{
-  source = new Source()
-  sink = new[2] Sink()
-  (source.out)+ -> sink.inp
-}}
 """
 
 
@@ -373,13 +266,9 @@ federated reactor {{
 def test_what_a_peer_sees_never_changes_whatever_the_sender_keeps(
     launch: Run, coordination: str
 ) -> None:
-    outcome = launch(PROGRAM.format(coordination=coordination, scenarios=SCENARIOS))
+    outcome = launch(program(SCENARIOS, coordination))
     assert outcome.code == 0, outcome.err
-    assert sorted(outcome.out.splitlines()) == [
-        "[sink__0] True []",
-        "[sink__1] True []",
-        "[source] []",
-    ]
+    assert sorted(outcome.out.splitlines()) == EXPECTED
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

@@ -239,7 +239,7 @@ pub(crate) fn own(py: Python<'_>, object: &Object) -> Option<Arc<OwnObject>> {
 }
 
 /// How many references there are to an object.
-pub(crate) fn count(object: &Bound<'_, PyAny>) -> isize {
+pub(crate) fn count<T>(object: &Bound<'_, T>) -> isize {
     // SAFETY: the object is alive, and we are attached to the interpreter.
     unsafe { ffi::Py_REFCNT(object.as_ptr()) }
 }

@@ -50,7 +50,7 @@ impl Parcel {
             let head = codec::bytes(package.bind(value.py()), value)?.as_bytes().to_vec();
             return Ok(Self::Encoded { head, parts: Vec::new() });
         }
-        let mut copying = Copying::new(value.py(), serialize::sole(value));
+        let mut copying = Copying::new(value.py(), serialize::sole(value)?);
         match copying.value(value) {
             Ok(copy) if copying.containers == 0 => return Ok(Self::Object(copy.unbind())),
             Ok(copy) => return Ok(Self::Containers(copy.unbind())),

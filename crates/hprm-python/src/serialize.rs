@@ -74,7 +74,7 @@ pub(crate) fn encode(
     trust: Trust,
 ) -> PyResult<Encoded> {
     let py = value.py();
-    place.reach(value);
+    place.reach(value)?;
     let (draft, pickled) = match encode::encode(value) {
         Ok(draft) => (draft, false),
         Err(Stop::Raised(error)) => return Err(error),

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pickle import PickleBuffer
 from typing import Any
 
-__all__ = ["PickleBuffer", "Written", "make", "place", "take_apart"]
+__all__ = ["PickleBuffer", "Written", "make", "place", "slots_alone", "take_apart"]
 
 # The function that makes a value again, and of what.
 Parts = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -91,6 +91,7 @@ _TRUSTING = ("classes", "arrow", "shared")
 _Taker = Callable[[Any], Parts | None]
 
 _takers: dict[type, _Taker | None] = {}
+_slots: dict[type, tuple[Any, ...] | None] = {}
 _makers: dict[int, tuple[Callable[..., Any], bool]] = {}
 _codes: dict[Callable[..., Any], int] = {}
 
@@ -130,6 +131,23 @@ def make(code: int, members: tuple[Any, ...], trusted: bool) -> Any:
     except KeyError:
         maker, asks = _maker(code)
     return maker(*members, trusted=trusted) if asks else maker(*members)
+
+
+def slots_alone(kind: type) -> tuple[Any, ...] | None:
+    """Return the descriptors of a class's slots, if taking its objects apart runs no code of it.
+
+    Then their attributes are in these slots, in their dict or, for a named tuple, among its
+    members, and nowhere else. None if that is not sure.
+    """
+    try:
+        return _slots[kind]
+    except KeyError:
+        from hprm._kinds import classes
+
+        if len(_slots) >= _CACHE_LIMIT:
+            _slots.clear()
+        _slots[kind] = found = classes.slots_alone(kind)
+        return found
 
 
 def place(code: int, members: tuple[Any, ...], index: int) -> str:

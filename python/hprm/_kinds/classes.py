@@ -12,6 +12,7 @@ import dataclasses
 import enum
 import importlib
 import sys
+import types
 from typing import Any
 
 from hprm._kinds import Parts
@@ -96,6 +97,35 @@ def taker(kind: type) -> Any:
         return None
     slots = [name for name in fields if _is_slot(kind, name)]
     return lambda value: _take_instance(value, slots)
+
+
+def slots_alone(kind: type) -> tuple[Any, ...] | None:
+    """Return the descriptors of the slots of a class whose objects are taken apart unseen, or None.
+
+    Whoever is called while an object is looked at could keep it.
+    """
+    fields = _fields(kind)
+    if issubclass(kind, tuple):
+        if not _is_named_tuple(kind) or _static(kind, "__iter__") is not tuple.__iter__:
+            return None
+    elif fields is None or not _is_ordinary(kind):
+        return None
+    plain = tuple if issubclass(kind, tuple) else object
+    seen = _static(kind, "__getattribute__") is not plain.__getattribute__
+    if seen or any(_static(kind, name) is not None for name in ("__getattr__", _FINALIZER)):
+        return None
+    attributes = _static(kind, "__dict__")
+    slots = tuple(_static(kind, name) for name in fields or () if _is_slot(kind, name))
+    if attributes is not None and type(attributes) is not types.GetSetDescriptorType:
+        return None
+    if any(type(slot) is not types.MemberDescriptorType for slot in slots):
+        return None
+    return slots if _is_found(kind) else None
+
+
+def _static(kind: type, name: str) -> Any:
+    """Return what a class has by a name for its objects, without asking it."""
+    return next((base.__dict__[name] for base in kind.__mro__ if name in base.__dict__), None)
 
 
 def _take_instance(value: Any, slots: list[str]) -> Parts:

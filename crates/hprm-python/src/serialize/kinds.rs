@@ -12,6 +12,8 @@ pub(super) struct Kinds {
     take_apart: Py<PyAny>,
     make: Py<PyAny>,
     place: Py<PyAny>,
+    slots_alone: Py<PyAny>,
+    weak_references: Py<PyAny>,
     written: Py<PyType>,
     buffer: Py<PyType>,
 }
@@ -36,6 +38,8 @@ impl Kinds {
                 take_apart: module.getattr(intern!(py, "take_apart"))?.unbind(),
                 make: module.getattr(intern!(py, "make"))?.unbind(),
                 place: module.getattr(intern!(py, "place"))?.unbind(),
+                slots_alone: module.getattr(intern!(py, "slots_alone"))?.unbind(),
+                weak_references: py.import("_weakref")?.getattr("getweakrefcount")?.unbind(),
                 written: class("Written")?,
                 buffer: class("PickleBuffer")?,
             })
@@ -63,6 +67,21 @@ impl Kinds {
         trusted: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         self.make.bind(members.py()).call1((code, members, trusted))
+    }
+
+    /// The descriptors of the slots of `value`, if only those who refer to it, or to its dict, can reach
+    /// its attributes, and if it can be taken apart without anybody seeing it; else none.
+    pub(super) fn slots_alone<'py>(
+        &self,
+        value: &Bound<'py, PyAny>,
+    ) -> PyResult<Option<Bound<'py, PyTuple>>> {
+        let py = value.py();
+        let slots = self.slots_alone.bind(py).call1((value.get_type(),))?;
+        if slots.is_none() {
+            return Ok(None);
+        }
+        let weak: usize = self.weak_references.bind(py).call1((value,))?.extract()?;
+        Ok(if weak == 0 { Some(slots.cast_into::<PyTuple>()?) } else { None })
     }
 
     /// Where the member at `index` is in a value, for people: `.field`, or nothing.

@@ -48,10 +48,15 @@ impl<'s> Place<'s> {
     }
 
     /// Looks at the value, before anything else refers to what is in it.
-    pub(super) fn reach(&mut self, value: &Bound<'_, PyAny>) {
+    ///
+    /// # Errors
+    ///
+    /// What Python raises.
+    pub(super) fn reach(&mut self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         if self.store.is_some() && numpy_memory::is_in_use(value.py()) {
-            self.sole = sole::find(value);
+            self.sole = sole::find(value)?;
         }
+        Ok(())
     }
 
     /// Places one buffer.

@@ -5,13 +5,20 @@
 //! attribute, a view, an iterator, a thread. An array to which nothing refers but the value
 //! itself will never be seen by the program again. Reference counts tell; the memory of the array is
 //! looked at by who publishes it, and the count once more, in case that something has changed.
+//!
+//! An object is a container, too, if its class lets nobody see when it is looked at: that is decided in
+//! `hprm._kinds`. There may be weak references to it, and its attributes may be in a dict, which others
+//! may have got hold of.
 
 use std::collections::BTreeMap;
 
+use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 
+use super::array::Numpy;
 use super::format::DEPTH_LIMIT;
+use super::kinds::Kinds;
 use crate::numpy_memory::count;
 
 /// References to an object of the value while we look at it: the value's, or that of the container
@@ -24,26 +31,76 @@ pub(crate) type Sole = BTreeMap<usize, isize>;
 
 /// The arrays to which only `value` leads; to that leads only its owner, and the reference that is
 /// passed.
-pub(crate) fn find(value: &Bound<'_, PyAny>) -> Sole {
+///
+/// # Errors
+///
+/// What Python raises; nothing has changed then.
+pub(crate) fn find(value: &Bound<'_, PyAny>) -> PyResult<Sole> {
     let mut sole = Sole::new();
-    visit(value, LOOKED_AT + 1, 0, &mut sole);
-    sole
+    if let Some(numpy) = Numpy::if_imported(value.py())? {
+        visit(numpy, value, (LOOKED_AT + 1, 0), &mut sole)?;
+    }
+    Ok(sole)
 }
 
 /// `references` are those that it has when it is published, if it is an array.
-fn visit(value: &Bound<'_, PyAny>, references: isize, depth: u32, sole: &mut Sole) {
+fn visit(
+    numpy: &Numpy,
+    value: &Bound<'_, PyAny>,
+    (references, depth): (isize, u32),
+    sole: &mut Sole,
+) -> PyResult<()> {
     if count(value) != LOOKED_AT || depth > DEPTH_LIMIT {
-        return;
+        return Ok(());
     }
-    let below = depth + 1;
-    if let Ok(list) = value.cast_exact::<PyList>() {
-        list.iter().for_each(|member| visit(&member, LOOKED_AT, below, sole));
-    } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
-        tuple.iter().for_each(|member| visit(&member, LOOKED_AT, below, sole));
-    } else if let Ok(dict) = value.cast_exact::<PyDict>() {
-        // Nothing here runs Python code, so nobody changes the dict meanwhile.
-        dict.iter().for_each(|(_, member)| visit(&member, LOOKED_AT, below, sole));
-    } else {
+    let mut below = |member: &Bound<'_, PyAny>| visit(numpy, member, (LOOKED_AT, depth + 1), sole);
+    if numpy.is_array(value) {
         sole.insert(value.as_ptr() as usize, references);
+    } else if let Ok(list) = value.cast_exact::<PyList>() {
+        list.iter().try_for_each(|member| below(&member))?;
+    } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+        tuple.iter().try_for_each(|member| below(&member))?;
+    } else if let Ok(dict) = value.cast_exact::<PyDict>() {
+        // Nothing here runs code of the program, so nobody changes the dict meanwhile.
+        dict.iter().try_for_each(|(_, member)| below(&member))?;
+    } else if !is_leaf(value)
+        && let Some(slots) = Kinds::get(value.py())?.slots_alone(value)?
+    {
+        attributes(value, &slots, &mut below)?;
+    }
+    Ok(())
+}
+
+/// Whether it is of one of the types of which there may be many, and that lead nowhere.
+fn is_leaf(value: &Bound<'_, PyAny>) -> bool {
+    value.is_exact_instance_of::<PyFloat>()
+        || value.is_exact_instance_of::<PyString>()
+        || value.is_exact_instance_of::<PyInt>()
+        || value.is_exact_instance_of::<PyBytes>()
+}
+
+/// Visits what an object leads to, of which `slots` are the descriptors.
+fn attributes(
+    value: &Bound<'_, PyAny>,
+    slots: &Bound<'_, PyTuple>,
+    below: &mut dyn FnMut(&Bound<'_, PyAny>) -> PyResult<()>,
+) -> PyResult<()> {
+    let py = value.py();
+    if let Ok(tuple) = value.cast::<PyTuple>() {
+        return tuple.iter().try_for_each(|member| below(&member));
+    }
+    for slot in slots.iter() {
+        // One that is not set raises, and leads nowhere.
+        if let Ok(member) = slot.call_method1(intern!(py, "__get__"), (value,)) {
+            below(&member)?;
+        }
+    }
+    let Ok(dict) = value.getattr(intern!(py, "__dict__")) else { return Ok(()) };
+    match dict.cast_exact::<PyDict>() {
+        Ok(dict) if count(dict) == LOOKED_AT => {
+            dict.iter().try_for_each(|(_, member)| below(&member))
+        }
+        // Somebody has the dict itself.
+        _ => Ok(()),
     }
 }
