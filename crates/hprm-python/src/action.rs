@@ -11,7 +11,6 @@ use pyo3::prelude::*;
 use pyo3::types::PyFloat;
 
 use crate::runtime::Runtime;
-use crate::value::Value;
 
 /// An action.
 #[pyclass(frozen, name = "action_capsule_t", module = "hprm")]
@@ -67,7 +66,7 @@ impl Action {
             let category = offset.py().get_type::<PyRuntimeWarning>();
             PyErr::warn(offset.py(), &category, &CString::new(message)?, 1)?;
         }
-        self.runtime.schedule(self.action, nanos, value.map(Value::new))
+        self.runtime.schedule(self.action, nanos, value)
     }
 
     fn __repr__(&self) -> String {

@@ -12,6 +12,7 @@
 
 mod action;
 mod api;
+mod backlog;
 mod buffer;
 mod codec;
 mod console;

@@ -14,6 +14,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::action::Action;
 use crate::api::Api;
+use crate::backlog::Backlog;
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
 use crate::host::{self, Bodies, PyHost};
@@ -36,12 +37,15 @@ pub(crate) fn load(
     scope: Scope,
     inbox: &Inbox<Value>,
 ) -> Result<PyHost, Failure> {
-    let runtime = Arc::new(Runtime::new(Arc::clone(&compiled.program), scope, inbox.clone()));
+    let wrong = |reason| Failure::new(format!("error: {reason}"));
+    let backlog = Backlog::from_environment().map_err(wrong)?;
+    let program = Arc::clone(&compiled.program);
+    let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
     let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
-    let pickling = pickling.map_err(|reason| Failure::new(format!("error: {reason}")))?;
+    let pickling = pickling.map_err(wrong)?;
     // Last, so that Ctrl-C breaks into a preamble at once.
     let interrupt = Interrupt::install(py, scope, inbox.wakeup()).map_err(loading)?;
     let federate = match scope {

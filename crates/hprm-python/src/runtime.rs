@@ -17,6 +17,7 @@ use hprm_store::StoreStats;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
+use crate::backlog::Backlog;
 use crate::host::Arguments;
 use crate::value::Value;
 
@@ -25,6 +26,8 @@ pub(crate) struct Runtime {
     program: Arc<Program>,
     scope: Scope,
     inbox: Inbox<Value>,
+    /// What other threads have scheduled.
+    backlog: Backlog,
     cell: Mutex<Cell>,
 }
 
@@ -71,7 +74,12 @@ pub(crate) enum Access {
 
 impl Runtime {
     /// Of a program of which nothing runs yet.
-    pub(crate) fn new(program: Arc<Program>, scope: Scope, inbox: Inbox<Value>) -> Self {
+    pub(crate) fn new(
+        program: Arc<Program>,
+        scope: Scope,
+        inbox: Inbox<Value>,
+        backlog: Backlog,
+    ) -> Self {
         let cell = Cell {
             running: Vec::new(),
             latest: None,
@@ -81,7 +89,7 @@ impl Runtime {
             maxwait: None,
             maxwait_is_news: false,
         };
-        Self { program, scope, inbox, cell: Mutex::new(cell) }
+        Self { program, scope, inbox, backlog, cell: Mutex::new(cell) }
     }
 
     // For the host.
@@ -179,10 +187,11 @@ impl Runtime {
         &self,
         action: ActionId,
         extra: Nanos,
-        value: Option<Value>,
+        value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
+        let known = value.map(Value::new);
         if let Some(Running { scheduler, effects, .. }) = self.cell().reacting() {
-            effects.schedule(scheduler, action, extra, value, Clock::now);
+            effects.schedule(scheduler, action, extra, known, Clock::now);
             return Ok(());
         }
         let spec = &self.program.actions[action];
@@ -193,6 +202,9 @@ impl Runtime {
                 spec.name
             )));
         }
+        let scheduled =
+            |value| Ok::<_, PyErr>(Value::scheduled(value, self.backlog.admit(&spec.name, value)?));
+        let value = value.map(scheduled).transpose()?;
         // Refused if the program has ended: the thread will soon notice.
         let _ = self.inbox.schedule(action, extra, value);
         Ok(())

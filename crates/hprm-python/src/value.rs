@@ -11,6 +11,7 @@ use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
+use crate::backlog::Share;
 use crate::buffer::Part;
 use crate::codec::Codec;
 use crate::parcel::Parcel;
@@ -23,6 +24,8 @@ pub(crate) struct Value(Arc<Shared>);
 struct Shared {
     object: PyOnceLock<Py<PyAny>>,
     origin: Origin,
+    /// Not read: as long as it lives, the value waits among those that threads have scheduled.
+    _share: Option<Share>,
     /// The encodings that were made, each with the codec that made it.
     encodings: Mutex<Vec<(Arc<Codec>, Arc<Encoded>)>>,
     /// The parcels that were made, likewise.
@@ -62,6 +65,13 @@ impl Value {
         // A new cell is empty, so this cannot fail.
         let _ = cell.set(object.py(), object.clone().unbind());
         Self::of(cell, Origin::Here)
+    }
+
+    /// A value of this process that a thread schedules.
+    pub(crate) fn scheduled(object: &Bound<'_, PyAny>, share: Share) -> Self {
+        let cell = PyOnceLock::new();
+        let _ = cell.set(object.py(), object.clone().unbind());
+        Self::with(cell, Origin::Here, Some(share))
     }
 
     /// A value that arrived at `at`; `objects` are those of the payload, in its order.
@@ -112,8 +122,12 @@ impl Value {
     }
 
     fn of(object: PyOnceLock<Py<PyAny>>, origin: Origin) -> Self {
+        Self::with(object, origin, None)
+    }
+
+    fn with(object: PyOnceLock<Py<PyAny>>, origin: Origin, share: Option<Share>) -> Self {
         let (encodings, parcels) = (Mutex::default(), Mutex::default());
-        Self(Arc::new(Shared { object, origin, encodings, parcels }))
+        Self(Arc::new(Shared { object, origin, _share: share, encodings, parcels }))
     }
 
     /// The object, decoded if it has not been.

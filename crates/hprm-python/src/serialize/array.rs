@@ -183,6 +183,15 @@ impl Numpy {
     }
 }
 
+/// How many bytes the elements of an array take; none if the value is no array.
+pub(crate) fn len_of(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    let py = value.py();
+    if !Numpy::if_imported(py)?.is_some_and(|numpy| numpy.is_array(value)) {
+        return Ok(None);
+    }
+    value.getattr(intern!(py, "nbytes"))?.extract().map(Some)
+}
+
 /// What an array is made of.
 pub(super) struct Layout<'py> {
     pub(super) dtype: Bound<'py, PyAny>,

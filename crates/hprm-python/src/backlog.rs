@@ -1,0 +1,177 @@
+//! What other threads have scheduled and no reaction has dealt with yet: how much it is, and may be.
+//!
+//! A thread that schedules a physical action faster than reactions follow fills the memory. That is
+//! told once, and an error for the thread from a limit on, if there is one. Only events with a value
+//! count. What a loop does with events is not known here: one has been dealt with when its value is
+//! dropped.
+
+use std::ffi::OsStr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use hprm_core::read_size;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyList, PyString, PyTuple};
+
+use crate::console::say;
+use crate::serialize;
+
+/// The environment variable with the limit.
+const NAME: &str = "HPRM_EVENT_LIMIT";
+
+/// From here on it is told that events pile up.
+const MANY: Limit = Limit { events: 100_000, bytes: 1 << 30 };
+
+/// What to do about it.
+const ADVICE: &str = "schedule less often, or declare the action with a minimum spacing and the \
+    policy \"drop\" or \"replace\"";
+
+/// The events of a program that wait.
+pub(crate) struct Backlog {
+    waiting: Arc<Waiting>,
+    limit: Limit,
+    told: AtomicBool,
+}
+
+#[derive(Default)]
+struct Waiting {
+    events: AtomicUsize,
+    bytes: AtomicUsize,
+}
+
+/// The most that may wait.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Limit {
+    events: usize,
+    bytes: usize,
+}
+
+impl Limit {
+    const NONE: Self = Self { events: usize::MAX, bytes: usize::MAX };
+
+    fn is_exceeded(self, events: usize, bytes: usize) -> bool {
+        events > self.events || bytes > self.bytes
+    }
+}
+
+/// An event that waits, until this is dropped.
+pub(crate) struct Share {
+    waiting: Arc<Waiting>,
+    bytes: usize,
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        self.waiting.events.fetch_sub(1, Ordering::Relaxed);
+        self.waiting.bytes.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+impl Backlog {
+    /// An empty one, with the limit that the environment names.
+    ///
+    /// # Errors
+    ///
+    /// A message, if that is no limit.
+    pub(crate) fn from_environment() -> Result<Self, String> {
+        Self::of(std::env::var_os(NAME).as_deref())
+    }
+
+    fn of(variable: Option<&OsStr>) -> Result<Self, String> {
+        let limit = match variable.filter(|text| !text.is_empty()) {
+            None => Limit::NONE,
+            Some(text) => read(text).ok_or_else(|| {
+                let text = text.to_string_lossy();
+                format!(
+                    "{NAME}={text} means nothing; it is a number of events, as in 1000, or a size \
+                     with a unit, as in 200 MB"
+                )
+            })?,
+        };
+        Ok(Self { waiting: Arc::default(), limit, told: AtomicBool::new(false) })
+    }
+
+    /// Lets a thread schedule an event of an action.
+    ///
+    /// # Errors
+    ///
+    /// `queue.Full`, if too much waits already. One event may always wait.
+    pub(crate) fn admit(&self, action: &str, value: &Bound<'_, PyAny>) -> PyResult<Share> {
+        let len = len_of(value, true)?;
+        let Waiting { events, bytes } = &*self.waiting;
+        let before = events.fetch_add(1, Ordering::Relaxed);
+        let held = bytes.fetch_add(len, Ordering::Relaxed);
+        // From here on, its end takes it away again.
+        let share = Share { waiting: Arc::clone(&self.waiting), bytes: len };
+        let (count, total) = (before + 1, held.saturating_add(len));
+        if before > 0 && self.limit.is_exceeded(count, total) {
+            let full = value.py().import(intern!(value.py(), "queue"))?.getattr("Full")?;
+            return Err(PyErr::from_value(full.call1((format!(
+                "{action} cannot be scheduled: {before} events that threads have scheduled, with \
+                 {held} bytes, wait for reactions, and {NAME} permits no more; {ADVICE}"
+            ),))?));
+        }
+        if MANY.is_exceeded(count, total) && !self.told.swap(true, Ordering::Relaxed) {
+            say(&format!(
+                "warning: {count} events that threads have scheduled, with {total} bytes, wait for \
+                 reactions, now of {action}; they come faster than they are dealt with, so memory will \
+                 run out: {ADVICE}, or limit them with {NAME}"
+            ));
+        }
+        Ok(share)
+    }
+}
+
+/// A number of events, or a size with its unit.
+fn read(text: &OsStr) -> Option<Limit> {
+    let text = text.to_str()?;
+    match text.trim().parse() {
+        Ok(events) => Some(Limit { events, ..Limit::NONE }),
+        Err(_) => Some(Limit { bytes: read_size(text)?.try_into().ok()?, ..Limit::NONE }),
+    }
+}
+
+/// How many bytes are in arrays, bytes and text, and in those of a container, if it is asked for.
+fn len_of(value: &Bound<'_, PyAny>, within: bool) -> PyResult<usize> {
+    if let Ok(bytes) = value.cast_exact::<PyBytes>() {
+        Ok(bytes.as_bytes().len())
+    } else if let Ok(bytes) = value.cast_exact::<PyByteArray>() {
+        Ok(bytes.len())
+    } else if let Ok(text) = value.cast_exact::<PyString>() {
+        text.len()
+    } else if let Some(len) = serialize::array::len_of(value)? {
+        Ok(len)
+    } else if !within {
+        Ok(0)
+    } else if let Ok(list) = value.cast_exact::<PyList>() {
+        sum_of(list.iter())
+    } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+        sum_of(tuple.iter())
+    } else if let Ok(dict) = value.cast_exact::<PyDict>() {
+        sum_of(dict.values().iter())
+    } else {
+        Ok(0)
+    }
+}
+
+fn sum_of<'py>(mut members: impl Iterator<Item = Bound<'py, PyAny>>) -> PyResult<usize> {
+    members.try_fold(0_usize, |sum, member| Ok(sum.saturating_add(len_of(&member, false)?)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_is_a_number_or_a_size() {
+        let limit = |text: &str| Backlog::of(Some(OsStr::new(text))).map(|backlog| backlog.limit);
+        assert_eq!(Backlog::of(None).map(|backlog| backlog.limit), Ok(Limit::NONE));
+        assert_eq!(limit(""), Ok(Limit::NONE));
+        assert_eq!(limit("17"), Ok(Limit { events: 17, ..Limit::NONE }));
+        assert_eq!(limit("2 MB"), Ok(Limit { bytes: 2_000_000, ..Limit::NONE }));
+        for text in ["-1", "many", "1.5 MB"] {
+            assert!(limit(text).unwrap_err().contains("a number of events"), "{text}");
+        }
+    }
+}
