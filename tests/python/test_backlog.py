@@ -89,8 +89,11 @@ def test_that_events_pile_up_is_told_once(run: Run) -> None:
     assert "HPRM_EVENT_LIMIT" in line
 
 
-def test_a_limit_that_is_none_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HPRM_EVENT_LIMIT", "plenty")
+@pytest.mark.parametrize("text", ["plenty", "-1", "1.5 MB"])
+def test_a_limit_that_is_none_is_an_error(
+    run: Run, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.setenv("HPRM_EVENT_LIMIT", text)
     outcome = run(PROGRAM.replace("VALUES", "[]"))
     assert outcome.code == 1
-    assert "error: HPRM_EVENT_LIMIT=plenty means nothing; it is a number of events" in outcome.err
+    assert f"error: HPRM_EVENT_LIMIT={text} means nothing; it is a number of" in outcome.err

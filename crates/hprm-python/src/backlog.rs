@@ -41,7 +41,7 @@ struct Waiting {
 }
 
 /// The most that may wait.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy)]
 struct Limit {
     events: usize,
     bytes: usize,
@@ -75,13 +75,9 @@ impl Backlog {
     ///
     /// A message, if that is no limit.
     pub(crate) fn from_environment() -> Result<Self, String> {
-        Self::of(std::env::var_os(NAME).as_deref())
-    }
-
-    fn of(variable: Option<&OsStr>) -> Result<Self, String> {
-        let limit = match variable.filter(|text| !text.is_empty()) {
+        let limit = match std::env::var_os(NAME).filter(|text| !text.is_empty()) {
             None => Limit::NONE,
-            Some(text) => read(text).ok_or_else(|| {
+            Some(text) => read(&text).ok_or_else(|| {
                 let text = text.to_string_lossy();
                 format!(
                     "{NAME}={text} means nothing; it is a number of events, as in 1000, or a size \
@@ -157,21 +153,4 @@ fn len_of(value: &Bound<'_, PyAny>, within: bool) -> PyResult<usize> {
 
 fn sum_of<'py>(mut members: impl Iterator<Item = Bound<'py, PyAny>>) -> PyResult<usize> {
     members.try_fold(0_usize, |sum, member| Ok(sum.saturating_add(len_of(&member, false)?)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_limit_is_a_number_or_a_size() {
-        let limit = |text: &str| Backlog::of(Some(OsStr::new(text))).map(|backlog| backlog.limit);
-        assert_eq!(Backlog::of(None).map(|backlog| backlog.limit), Ok(Limit::NONE));
-        assert_eq!(limit(""), Ok(Limit::NONE));
-        assert_eq!(limit("17"), Ok(Limit { events: 17, ..Limit::NONE }));
-        assert_eq!(limit("2 MB"), Ok(Limit { bytes: 2_000_000, ..Limit::NONE }));
-        for text in ["-1", "many", "1.5 MB"] {
-            assert!(limit(text).unwrap_err().contains("a number of events"), "{text}");
-        }
-    }
 }
