@@ -39,7 +39,7 @@ fn lag(seed: u64, quieting: Quieting) -> Nanos {
         coordination: Coordination::Centralized,
         maxwait: 0,
         physical: false,
-        circles: seed % 2 == 0,
+        circles: seed.is_multiple_of(2),
     };
     let mut rng = Rng::new(seed);
     let program = Arc::new(generate(&mut rng, shape));
