@@ -73,43 +73,76 @@ impl<T> Agenda<T> {
     }
 
     /// Appends an entry at `tag`.
+    #[inline]
     pub(crate) fn push(&mut self, tag: Tag, entry: T) {
-        match self.first {
-            None => {
-                self.first = Some(tag);
-                self.entries.push(entry);
+        self.list(tag).push(entry);
+    }
+
+    /// Appends an entry at `tag`, or at the next microstep where it clashes with none that is there.
+    /// Returns where.
+    // An entry that is made where it stays need not be copied.
+    #[inline(always)]
+    pub(crate) fn pile(&mut self, mut tag: Tag, entry: T, clash: impl Fn(&T, &T) -> bool) -> Tag {
+        loop {
+            let list = self.list(tag);
+            // A list that is new is empty: it gets the entry, and no list stays empty.
+            if !list.iter().any(|other| clash(other, &entry)) {
+                list.push(entry);
+                return tag;
             }
-            Some(first) if first == tag => self.entries.push(entry),
-            Some(first) if first < tag => {
-                let spare = &mut self.spare;
-                let later = self.later.entry(tag);
-                later.or_insert_with(|| spare.pop().unwrap_or_default()).push(entry);
-            }
-            Some(first) => {
-                let entries = self.spare.pop().unwrap_or_default();
-                self.later.insert(first, mem::replace(&mut self.entries, entries));
-                self.first = Some(tag);
-                self.entries.push(entry);
-            }
+            tag = tag.succ();
         }
     }
 
-    /// Removes the entries at `tag`. The list may be given back with [`Self::recycle`].
-    pub(crate) fn take(&mut self, tag: Tag) -> Vec<T> {
-        if self.first != Some(tag) {
-            return self.later.remove(&tag).unwrap_or_default();
+    /// The list of `tag`, to which an entry is to be added.
+    #[inline]
+    fn list(&mut self, tag: Tag) -> &mut Vec<T> {
+        match self.first {
+            Some(first) if first == tag => {}
+            None => self.first = Some(tag),
+            Some(first) if first < tag => return self.later_list(tag),
+            Some(first) => self.put_off(first, tag),
         }
-        let entries = match self.later.pop_first() {
-            Some((next, entries)) => {
-                self.first = Some(next);
-                entries
+        &mut self.entries
+    }
+
+    /// Makes room for the list of `tag`, which comes before `first`.
+    #[inline(never)]
+    fn put_off(&mut self, first: Tag, tag: Tag) {
+        let entries = self.spare();
+        self.later.insert(first, mem::replace(&mut self.entries, entries));
+        self.first = Some(tag);
+    }
+
+    /// The list of a tag after the first.
+    #[inline(never)]
+    fn later_list(&mut self, tag: Tag) -> &mut Vec<T> {
+        let spare = &mut self.spare;
+        self.later.entry(tag).or_insert_with(|| spare.pop().unwrap_or_default())
+    }
+
+    /// Exchanges the entries at `tag` for an empty list, whose memory serves tags to come.
+    #[inline]
+    pub(crate) fn take(&mut self, tag: Tag, list: &mut Vec<T>) {
+        debug_assert!(list.is_empty(), "what the list holds would happen at another tag");
+        if self.first != Some(tag) {
+            if let Some(entries) = self.later.remove(&tag) {
+                self.recycle(mem::replace(list, entries));
             }
-            None => {
-                self.first = None;
-                self.spare.pop().unwrap_or_default()
-            }
-        };
-        mem::replace(&mut self.entries, entries)
+            return;
+        }
+        mem::swap(&mut self.entries, list);
+        self.first = None;
+        if let Some((next, entries)) = self.later.pop_first() {
+            self.first = Some(next);
+            let empty = mem::replace(&mut self.entries, entries);
+            self.recycle(empty);
+        }
+    }
+
+    /// An empty list, for [`Self::take`].
+    pub(crate) fn spare(&mut self) -> Vec<T> {
+        self.spare.pop().unwrap_or_default()
     }
 
     /// Keeps the memory of a list for tags to come.
@@ -176,12 +209,13 @@ mod tests {
         let (mut used, fresh) = (Agenda::new(), Agenda::new());
         used.push(Tag::START, 'a');
         assert_ne!(used, fresh);
-        let entries = used.take(Tag::START);
+        let mut entries = used.spare();
+        used.take(Tag::START, &mut entries);
         used.recycle(entries);
         assert_eq!(used.spare.len(), 1);
         assert_eq!(used, fresh);
-        used.push(Tag::START, 'b');
-        used.take(Tag::START);
+        used.push(at(1), 'b');
+        used.push(at(2), 'c');
         assert!(used.spare.is_empty());
     }
 
@@ -196,7 +230,12 @@ mod tests {
                         agenda.push(tag, index);
                         model.entry(tag).or_default().push(index);
                     }
-                    2 => prop_assert_eq!(agenda.take(tag), model.remove(&tag).unwrap_or_default()),
+                    2 => {
+                        let mut taken = agenda.spare();
+                        agenda.take(tag, &mut taken);
+                        prop_assert_eq!(&taken, &model.remove(&tag).unwrap_or_default());
+                        agenda.recycle(taken);
+                    }
                     3 => {
                         agenda.truncate(tag);
                         model.retain(|other, _| *other <= tag);

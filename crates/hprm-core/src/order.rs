@@ -2,15 +2,65 @@
 //!
 //! Reactions of one rank do not depend on one another; whatever precedes a reaction has a lower
 //! rank. Within a rank the order is that of the program.
+//!
+//! Whatever triggers reactions triggers the same ones each time, so they are kept as [`Batch`]es: a set
+//! of positions that is made of words takes a word of them at once.
 
 use std::ops::Range;
 
+use crate::id::Id;
 use crate::wiring::Scope;
 use crate::{Program, Reaction, ReactionId, Table};
 
 /// A place in the order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub(crate) struct Position(pub(crate) u32);
+
+/// Positions that share a word of a set of positions.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub(crate) struct Batch {
+    /// Which word that is.
+    pub(crate) word: u32,
+    /// A bit for every position.
+    pub(crate) bits: u64,
+}
+
+impl Position {
+    /// The word of a set that has the bit of this position.
+    pub(crate) const fn word(self) -> u32 {
+        self.0 / u64::BITS
+    }
+
+    /// Its bit there.
+    pub(crate) const fn bit(self) -> u64 {
+        1 << (self.0 % u64::BITS)
+    }
+}
+
+impl Batch {
+    /// The positions that are listed for each id, which come out in batches.
+    pub(crate) fn all<I: Id>(mut listed: Vec<(I, Position)>) -> Vec<(I, Self)> {
+        listed.sort_unstable_by_key(|(id, position)| (id.index(), *position));
+        let mut batches: Vec<(I, Self)> = Vec::new();
+        for (id, position) in listed {
+            match batches.last_mut() {
+                Some((last, batch))
+                    if last.index() == id.index() && batch.word == position.word() =>
+                {
+                    batch.bits |= position.bit();
+                }
+                _ => batches.push((id, Self { word: position.word(), bits: position.bit() })),
+            }
+        }
+        batches
+    }
+
+    /// Its positions, in order.
+    pub(crate) fn positions(self) -> impl Iterator<Item = Position> {
+        let offsets = (0..u64::BITS).filter(move |offset| self.bits >> offset & 1 != 0);
+        offsets.map(move |offset| Position(self.word * u64::BITS + offset))
+    }
+}
 
 /// The order of the reactions of one scope.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -74,4 +124,22 @@ impl Order {
 
 fn as_u32(index: usize) -> u32 {
     u32::try_from(index).expect("reactions are counted in u32")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TimerId;
+
+    #[test]
+    fn a_batch_holds_what_shares_a_word_and_an_id() {
+        let listed = [(1, 3), (0, 70), (1, 64), (1, 0), (1, 65), (2, 65)];
+        let listed = listed.map(|(id, position)| (TimerId(id), Position(position)));
+        let batches = Batch::all(listed.to_vec());
+        let held: Vec<_> = batches
+            .iter()
+            .map(|(id, batch)| (id.0, batch.positions().map(|position| position.0).collect()))
+            .collect::<Vec<(u32, Vec<u32>)>>();
+        assert_eq!(held, [(0, vec![70]), (1, vec![0, 3]), (1, vec![64, 65]), (2, vec![65])]);
+    }
 }

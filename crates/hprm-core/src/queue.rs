@@ -62,12 +62,9 @@ impl<V> EventQueue<V> {
 
     /// Inserts at `tag`, or at the next microstep at which the same trigger has no event yet:
     /// events pile up in superdense time and never merge. Returns where it ended.
-    pub(crate) fn pile(&mut self, mut tag: Tag, event: Event<V>) -> Tag {
-        while self.events.at(tag).iter().any(|other| other.is_same_trigger(&event)) {
-            tag = tag.succ();
-        }
-        self.insert(tag, event);
-        tag
+    #[inline(always)]
+    pub(crate) fn pile(&mut self, tag: Tag, event: Event<V>) -> Tag {
+        self.events.pile(tag, event, Event::is_same_trigger)
     }
 
     /// Whether an event of the action waits at `tag`.
@@ -93,26 +90,23 @@ impl<V> EventQueue<V> {
 
     /// Removes the action's event at `tag`. Returns its value.
     pub(crate) fn remove(&mut self, tag: Tag, action: ActionId) -> Option<V> {
-        let mut events = self.take(tag);
+        let mut events = self.events.spare();
+        self.take(tag, &mut events);
         let removed = events.iter().position(|event| event.is_of(action)).map(|i| events.remove(i));
         for event in events.drain(..) {
             self.insert(tag, event);
         }
-        self.recycle(events);
+        self.events.recycle(events);
         match removed? {
             Event::Action { value, .. } => value,
             Event::Timer(_) | Event::Message { .. } => None,
         }
     }
 
-    /// Removes the events of `tag`. The vector may be given back with [`Self::recycle`].
-    pub(crate) fn take(&mut self, tag: Tag) -> Vec<Event<V>> {
-        self.events.take(tag)
-    }
-
-    /// Keeps the memory of a vector for tags to come.
-    pub(crate) fn recycle(&mut self, events: Vec<Event<V>>) {
-        self.events.recycle(events);
+    /// Exchanges the events of `tag` for an empty vector, whose memory serves tags to come.
+    #[inline]
+    pub(crate) fn take(&mut self, tag: Tag, events: &mut Vec<Event<V>>) {
+        self.events.take(tag, events);
     }
 
     /// Whether an event of the timer waits.

@@ -16,15 +16,16 @@
 //! may run at the same time. Each of them gets its own [`Effects`], which the driver commits.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::mem;
 use std::sync::Arc;
 
 pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
 use self::record::Recorder;
-use crate::order::Position;
+use crate::order::{Batch, Position};
 use crate::queue::{Event, EventQueue};
-use crate::wiring::{Scope, Wiring};
+use crate::wiring::{Outlet, Scope, Wiring};
 use crate::{
     ActionId, ChannelId, ConnectionId, Delay, Nanos, PhysicalTime, PortId, Program, ReactionId,
     Reading, Table, Tag, Trigger,
@@ -93,6 +94,8 @@ pub struct Scheduler<V> {
     stop: Tag,
     stop_requested: bool,
     queue: EventQueue<V>,
+    /// Empty but for a moment; the room for the events of a tag.
+    happening: Vec<Event<V>>,
     ports: Table<PortId, Option<V>>,
     present_ports: Vec<PortId>,
     /// Of those, the ones whose values go on when the tag is done.
@@ -137,6 +140,7 @@ impl<V: Clone> Scheduler<V> {
             stop: program.properties.timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0)),
             stop_requested: false,
             queue: EventQueue::new(),
+            happening: Vec::new(),
             ports: Table::filled(program.ports.len(), None),
             present_ports: Vec::new(),
             departing: Vec::new(),
@@ -198,13 +202,13 @@ impl<V: Clone> Scheduler<V> {
     /// The value at a port, if it is present.
     #[must_use]
     pub fn port(&self, port: PortId) -> Option<&V> {
-        self.ports[self.wiring.root[port]].as_ref()
+        self.ports[self.wiring.root(port)].as_ref()
     }
 
     /// The tag that a message at the port was meant for, if it came too late.
     #[must_use]
     pub fn intended_tag(&self, port: PortId) -> Option<Tag> {
-        let root = self.wiring.root[port];
+        let root = self.wiring.root(port);
         self.tardy_ports.iter().find(|(port, _)| *port == root).map(|(_, intended)| *intended)
     }
 
@@ -276,11 +280,12 @@ impl<V: Clone> Scheduler<V> {
             self.stop = self.stop.min(tag);
         }
         self.queue_due();
-        let mut events = self.queue.take(tag);
+        let mut events = mem::take(&mut self.happening);
+        self.queue.take(tag, &mut events);
         for event in events.drain(..) {
             self.happen(event);
         }
-        self.queue.recycle(events);
+        self.happening = events;
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
             self.queue_shutdown();
@@ -289,6 +294,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// The next reaction to run at this tag and which of its bodies, given the physical time.
     /// None once the tag is complete.
+    #[inline]
     pub fn next_reaction(&mut self, now: impl Reading) -> Option<(ReactionId, Body)> {
         assert!(self.running.is_none(), "one reaction at a time");
         let position = self.ready.pop()?;
@@ -299,9 +305,15 @@ impl<V: Clone> Scheduler<V> {
             self.record_start(reaction, Body::Main);
             return Some((reaction, Body::Main));
         }
+        Some((reaction, self.take_turn_at(position, now)))
+    }
+
+    /// Begins the turn of the reaction at a position. Returns which of its bodies runs.
+    #[inline(never)]
+    fn take_turn_at(&mut self, position: Position, now: impl Reading) -> Body {
         let turn = self.turn(position, now);
         self.take_turn(&turn);
-        Some((reaction, turn.body))
+        turn.body
     }
 
     /// The reaction at a position, and how it runs.
@@ -356,7 +368,8 @@ impl<V: Clone> Scheduler<V> {
     /// Reports that the running reaction has returned.
     #[inline]
     pub fn finish(&mut self, reaction: ReactionId) {
-        assert_eq!(self.running.take(), Some(reaction), "the reaction that finishes is running");
+        assert!(self.running == Some(reaction), "the reaction that finishes is running");
+        self.running = None;
         self.tardy = None;
         self.record_finish();
     }
@@ -367,9 +380,10 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
         self.remember();
         self.send_present(now);
-        for action in self.present_actions.drain(..) {
-            self.actions[action] = None;
+        for action in &self.present_actions {
+            self.actions[*action] = None;
         }
+        self.present_actions.clear();
         self.tardy_ports.clear();
         self.sent.clear();
         self.level = None;
@@ -386,19 +400,21 @@ impl<V: Clone> Scheduler<V> {
 
     /// Whether a reaction has asked the federation to stop since this was last called.
     pub fn take_stop_request(&mut self) -> bool {
-        std::mem::take(&mut self.stop_requested)
+        mem::take(&mut self.stop_requested)
     }
 
     // Commands of a reaction.
 
     /// Sets a port. The last value set at a tag wins; an earlier one is returned.
+    #[inline]
     pub fn set(&mut self, port: PortId, value: V) -> Option<V> {
         self.record_port(port);
-        self.make_present(self.wiring.root[port], value, self.tardy, self.is_marked())
+        self.make_present(self.wiring.outlets[port], value, self.tardy, self.is_marked())
     }
 
     // What happens inside.
 
+    #[inline]
     fn happen(&mut self, event: Event<V>) {
         match event {
             Event::Timer(timer) => {
@@ -412,56 +428,67 @@ impl<V: Clone> Scheduler<V> {
                 self.queue_all(|wiring| &wiring.triggered_by_timer[timer]);
             }
             Event::Action { action, value, physical } => {
+                self.actions[action] = Some(value);
+                self.present_actions.push(action);
                 if physical {
                     self.mark_action(action);
                 }
-                self.actions[action] = Some(value);
-                self.present_actions.push(action);
                 self.queue_all(|wiring| &wiring.triggered_by_action[action]);
             }
             Event::Message { connection, value, intended, physical } => {
-                let root = self.wiring.root[self.program.connections[connection].to];
-                let earlier = self.make_present(root, value, intended, physical);
+                let outlet = self.wiring.outlets[self.program.connections[connection].to];
+                let earlier = self.make_present(outlet, value, intended, physical);
                 assert!(earlier.is_none(), "two messages at one port and tag");
             }
         }
     }
 
+    // A call would cost as much as what is inside, for most values.
+    #[inline(always)]
     fn make_present(
         &mut self,
-        root: PortId,
+        Outlet { root, triggers, leads_on, leads_away }: Outlet,
         value: V,
         intended: Option<Tag>,
         physical: bool,
     ) -> Option<V> {
         let earlier = self.ports[root].replace(value);
-        let leads = self.wiring.leads[root];
         if intended.is_some() || !self.tardy_ports.is_empty() {
-            self.tardy_ports.retain(|(port, _)| *port != root);
-            self.tardy_ports.extend(intended.map(|tag| (root, tag)));
+            self.intend(root, intended);
         }
         self.mark_port(root, physical);
         if earlier.is_none() {
             self.present_ports.push(root);
-            if leads.away {
+            if leads_away {
                 self.departing.push(root);
             }
-            self.queue_all(|wiring| &wiring.triggered_by_port[root]);
+            match triggers {
+                Some(batch) => self.ready.add(batch),
+                None => self.queue_readers(root),
+            }
         }
-        if leads.on {
+        if leads_on {
             self.relay(root, intended, physical);
         }
         earlier
     }
 
+    /// Notes the tag that the value at a root was meant for, if it came too late.
+    #[cold]
+    fn intend(&mut self, root: PortId, intended: Option<Tag>) {
+        self.tardy_ports.retain(|(port, _)| *port != root);
+        self.tardy_ports.extend(intended.map(|tag| (root, tag)));
+    }
+
     /// Carries the value at a root on along the connections of active modes.
+    #[inline(never)]
     fn relay(&mut self, root: PortId, intended: Option<Tag>, physical: bool) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.relays[root] {
             if self.modes.is_active(wiring.modes.of_connection[*connection])
                 && let Some(value) = self.ports[root].clone()
             {
-                let to = wiring.root[self.program.connections[*connection].to];
+                let to = wiring.outlets[self.program.connections[*connection].to];
                 self.make_present(to, value, intended, physical);
             }
         }
@@ -472,12 +499,19 @@ impl<V: Clone> Scheduler<V> {
         self.program.properties.keepalive || self.scope != Scope::Whole
     }
 
-    fn queue_all(&mut self, triggered: impl Fn(&Wiring) -> &[Position]) {
+    #[inline(never)]
+    fn queue_readers(&mut self, root: PortId) {
+        self.queue_all(|wiring| &wiring.triggered_by_port[root]);
+    }
+
+    /// Queues the reactions that something present triggers, unless their modes are not active.
+    #[inline]
+    fn queue_all(&mut self, triggered: impl Fn(&Wiring) -> &[Batch]) {
         let wiring = &*self.wiring;
-        for position in triggered(wiring) {
-            if self.modes.all_active() || self.modes.lets_run(wiring, *position) {
-                self.ready.push(*position);
-            }
+        let all_active = self.modes.all_active();
+        for batch in triggered(wiring) {
+            let runs = if all_active { *batch } else { self.modes.active_of(wiring, *batch) };
+            self.ready.add(runs);
         }
     }
 }

@@ -4,6 +4,7 @@
 //! what an `after` clause does to a tag. A [`PhysicalTime`] is the reading of a clock. Permissions
 //! to advance are not tags; they live with the coordination.
 
+use std::cmp::Ordering;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,7 @@ pub type Nanos = i64;
 /// A point in superdense time, relative to the start of the program.
 ///
 /// Tags are ordered by time, then by microstep (handbook, "superdense time").
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Tag {
     /// Nanoseconds since the start of the program.
     pub time: Nanos,
@@ -64,6 +65,23 @@ impl Tag {
     #[must_use]
     pub fn due(self, start: PhysicalTime) -> PhysicalTime {
         start.plus(self.time)
+    }
+}
+
+// Tags are compared several times at each tag. As one number that takes two instructions, and no
+// branch; field by field it takes a dozen.
+impl Ord for Tag {
+    #[inline]
+    fn cmp(&self, other: &Self) -> Ordering {
+        let number = |tag: &Self| i128::from(tag.time) << 64 | i128::from(tag.microstep);
+        number(self).cmp(&number(other))
+    }
+}
+
+impl PartialOrd for Tag {
+    #[inline]
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
     }
 }
 

@@ -9,8 +9,10 @@ mod modal;
 
 pub(crate) use modal::ModeWiring;
 
+use std::collections::BTreeSet;
+
 use crate::lists::Lists;
-use crate::order::{Order, Position};
+use crate::order::{Batch, Order, Position};
 use crate::{
     ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, ReactionId, ReactorId, Table,
     TimerId, Trigger,
@@ -28,14 +30,14 @@ pub enum Scope {
 /// Tables derived from a program for one scope.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Wiring {
-    /// The port that holds each port's value.
-    pub(crate) root: Table<PortId, PortId>,
+    /// What becomes of a value at each port.
+    pub(crate) outlets: Table<PortId, Outlet>,
     /// Reactions that a value at a root triggers.
-    pub(crate) triggered_by_port: Lists<PortId, Position>,
+    pub(crate) triggered_by_port: Lists<PortId, Batch>,
     /// Reactions that an action's event triggers.
-    pub(crate) triggered_by_action: Lists<ActionId, Position>,
+    pub(crate) triggered_by_action: Lists<ActionId, Batch>,
     /// Reactions that a timer's event triggers.
-    pub(crate) triggered_by_timer: Lists<TimerId, Position>,
+    pub(crate) triggered_by_timer: Lists<TimerId, Batch>,
     /// Reactions to the start.
     pub(crate) startup: Vec<ReactionId>,
     /// Reactions to the end.
@@ -48,8 +50,6 @@ pub(crate) struct Wiring {
     pub(crate) delayed: Lists<PortId, ConnectionId>,
     /// Channels to other federates, by root.
     pub(crate) outgoing: Lists<PortId, ChannelId>,
-    /// Whether there is any of those, by root: most ports have none, and this is quick to see.
-    pub(crate) leads: Table<PortId, Leads>,
     /// Timers in the scope.
     pub(crate) timers: Vec<TimerId>,
     /// When each reaction takes its turn.
@@ -58,13 +58,18 @@ pub(crate) struct Wiring {
     pub(crate) modes: ModeWiring,
 }
 
-/// What a value at a root does besides triggering reactions.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-pub(crate) struct Leads {
-    /// It may appear elsewhere at the same tag.
-    pub(crate) on: bool,
-    /// It goes somewhere when the tag is done.
-    pub(crate) away: bool,
+/// Where a value at a port is kept, and what it does there. For nearly all there is no need to look
+/// further.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Outlet {
+    /// The port that holds the value.
+    pub(crate) root: PortId,
+    /// All reactions that it triggers, if they fit in one batch and there are no modes.
+    pub(crate) triggers: Option<Batch>,
+    /// It may appear elsewhere at the same tag: there are relays.
+    pub(crate) leads_on: bool,
+    /// It goes somewhere when the tag is done: there are delayed connections or channels.
+    pub(crate) leads_away: bool,
 }
 
 impl Scope {
@@ -86,26 +91,31 @@ impl Wiring {
         let ports = program.ports.len();
         let timers = program.timers.iter();
         let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
-        let mut leads = Table::filled(ports, Leads::default());
-        leaving.relays.iter().for_each(|(root, _)| leads[*root].on = true);
-        leaving.delayed.iter().for_each(|(root, _)| leads[*root].away = true);
-        leaving.outgoing.iter().for_each(|(root, _)| leads[*root].away = true);
+        let triggered_by_port = Lists::new(ports, Batch::all(triggers.by_port));
         Self {
-            triggered_by_port: Lists::new(ports, triggers.by_port),
-            triggered_by_action: Lists::new(program.actions.len(), triggers.by_action),
-            triggered_by_timer: Lists::new(program.timers.len(), triggers.by_timer),
+            outlets: leaving.outlets(&root, |root| match triggered_by_port[root] {
+                [] => Some(Batch::default()),
+                [batch] if program.modes.is_empty() => Some(batch),
+                _ => None,
+            }),
+            triggered_by_port,
+            triggered_by_action: Lists::new(program.actions.len(), Batch::all(triggers.by_action)),
+            triggered_by_timer: Lists::new(program.timers.len(), Batch::all(triggers.by_timer)),
             startup: triggers.startup,
             shutdown: triggers.shutdown,
             resets: triggers.resets,
             relays: Lists::new(ports, leaving.relays),
             delayed: Lists::new(ports, leaving.delayed),
             outgoing: Lists::new(ports, leaving.outgoing),
-            leads,
             timers: local.map(|(id, _)| id).collect(),
             modes: ModeWiring::new(program, scope),
             order,
-            root,
         }
+    }
+
+    /// The port that holds a port's value.
+    pub(crate) fn root(&self, port: PortId) -> PortId {
+        self.outlets[port].root
     }
 }
 
@@ -172,6 +182,24 @@ impl Leaving {
             }
         }
         leaving
+    }
+
+    fn outlets(
+        &self,
+        roots: &Table<PortId, PortId>,
+        triggers: impl Fn(PortId) -> Option<Batch>,
+    ) -> Table<PortId, Outlet> {
+        let relays: BTreeSet<_> = self.relays.iter().map(|(root, _)| *root).collect();
+        let delayed = self.delayed.iter().map(|(root, _)| *root);
+        let outgoing = self.outgoing.iter().map(|(root, _)| *root);
+        let away: BTreeSet<_> = delayed.chain(outgoing).collect();
+        let outlet = |root: &PortId| Outlet {
+            root: *root,
+            triggers: triggers(*root),
+            leads_on: relays.contains(root),
+            leads_away: away.contains(root),
+        };
+        roots.values().map(outlet).collect()
     }
 }
 

@@ -82,6 +82,28 @@ fn a_timer_stands_still_while_its_mode_is_left() {
 }
 
 #[test]
+fn of_many_readers_only_those_of_the_active_mode_run() {
+    let mut b = builder(10);
+    let main = b.main();
+    let modes = two_modes(&mut b, main);
+    let timer = b.timer(main, "t", 5, 0);
+    let out = b.port(main, "out", Direction::Output);
+    let effects = vec![Effect::Port(out)];
+    let set = b.reaction(main, ReactionSpec { effects, ..on(&[Trigger::Timer(timer)]) });
+    let readers: Vec<_> =
+        (0..140).map(|i| reaction_in(&mut b, modes[i % 2], main, Trigger::Port(out))).collect();
+    let program = b.build().unwrap();
+    let active: Vec<_> =
+        readers.iter().step_by(2).map(|reader| program.reaction_name(*reader)).collect();
+    let log = run(program, |scheduler, reaction| {
+        if reaction == set {
+            scheduler.set(out, 1);
+        }
+    });
+    assert!(log.iter().skip(1).map(|(_, _, name)| name).eq(&active));
+}
+
+#[test]
 fn a_reset_starts_the_timers_of_a_mode_over() {
     let mut b = builder(80);
     let main = b.main();

@@ -242,6 +242,34 @@ fn levels_order_what_is_connected_and_the_program_orders_the_rest() {
 }
 
 #[test]
+fn a_value_reaches_many_readers_once_each_in_their_order() {
+    let mut b = ProgramBuilder::new("Main", timeout(1));
+    let main = b.main();
+    let timer = b.timer(main, "t", 0, 1);
+    let outs = ["even", "all"].map(|name| b.port(main, name, Direction::Output));
+    let effects = outs.map(Effect::Port).to_vec();
+    b.reaction(main, ReactionSpec { effects, ..on(&[Trigger::Timer(timer)]) });
+    let readers: Vec<_> = (0..150)
+        .map(|index| {
+            let reads = if index % 2 == 0 { outs.as_slice() } else { &outs[1..] };
+            b.reaction(main, on(&reads.iter().copied().map(Trigger::Port).collect::<Vec<_>>()))
+        })
+        .collect();
+    let program = b.build().unwrap();
+    let expected: Vec<_> = readers.iter().map(|reader| program.reaction_name(*reader)).collect();
+    let log = run(program, |scheduler, id| {
+        // Only the first of them at the second tag.
+        let set = if scheduler.tag() == Tag::START { &outs[..] } else { &outs[..1] };
+        if id == ReactionId(0) {
+            set.iter().for_each(|out| _ = scheduler.set(*out, 1));
+        }
+    });
+    let at_tag = |time| log.iter().filter(move |entry| entry.0 == time).map(|entry| &entry.2);
+    assert!(at_tag(0).skip(1).eq(&expected));
+    assert!(at_tag(1).skip(1).eq(expected.iter().step_by(2)));
+}
+
+#[test]
 fn a_deadline_handler_runs_instead_when_physical_time_is_ahead() {
     let mut b = ProgramBuilder::new("Main", timeout(0));
     b.reaction(b.main(), ReactionSpec { deadline: Some(0), ..on(&[Trigger::Startup]) });

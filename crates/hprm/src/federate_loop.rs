@@ -267,7 +267,8 @@ where
             self.interrupted = true;
             stop = true;
         }
-        if matches!(self.phase, Phase::Running | Phase::Processing) {
+        let is_running = matches!(self.phase, Phase::Running | Phase::Processing);
+        if is_running && self.inbox.has_requests() {
             for request in self.inbox.take_requests() {
                 // Its time may have been read from a clock that was still ahead.
                 let at = request.at.min(Clock::now());

@@ -139,10 +139,12 @@ impl<V> Inbox<V> {
 
     /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
     /// this, not before.
+    #[inline]
     pub(crate) fn take_stop(&self) -> bool {
-        if !self.shared.rung.load(Ordering::Acquire) {
-            return false;
-        }
+        self.shared.rung.load(Ordering::Acquire) && self.silence()
+    }
+
+    fn silence(&self) -> bool {
         // Before the bell, so that whoever rings from here on is heard again.
         self.shared.rung.store(false, Ordering::Release);
         if self.shared.loud.swap(false, Ordering::AcqRel) {
@@ -151,11 +153,14 @@ impl<V> Inbox<V> {
         std::mem::take(&mut self.pending().stop)
     }
 
+    /// Whether actions may have been scheduled since they were last taken.
+    #[inline]
+    pub(crate) fn has_requests(&self) -> bool {
+        self.shared.requested.load(Ordering::Acquire)
+    }
+
     /// Takes the actions that have been scheduled, in the order of their times.
     pub(crate) fn take_requests(&self) -> Vec<Request<V>> {
-        if !self.shared.requested.load(Ordering::Acquire) {
-            return Vec::new();
-        }
         self.shared.requested.store(false, Ordering::Release);
         std::mem::take(&mut self.pending().requests)
     }
@@ -222,7 +227,9 @@ mod tests {
         .join()
         .unwrap();
         let stop = inbox.take_stop();
+        assert!(inbox.has_requests());
         let requests = inbox.take_requests();
+        assert!(!inbox.has_requests());
         assert_eq!(
             requests.iter().map(|r| r.value).collect::<Vec<_>>(),
             [Some(0), Some(1), Some(2)]

@@ -68,8 +68,10 @@ where
     let mut interrupted = false;
     loop {
         let stop = inbox.take_stop();
-        for request in inbox.take_requests() {
-            scheduler.schedule(request.action, request.extra, request.value, request.at);
+        if inbox.has_requests() {
+            for request in inbox.take_requests() {
+                scheduler.schedule(request.action, request.extra, request.value, request.at);
+            }
         }
         if stop {
             scheduler.request_stop();

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-use hprm_core::{Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
+use hprm_core::{Body, Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
 use crate::trace::Trace;
@@ -88,7 +88,14 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        while self.run_next(scheduler, host)? {}
+        if self.team.is_none() && self.trace.is_none() {
+            // Most programs: nobody asks after each reaction whether there is anything else to do.
+            while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
+                run_alone(scheduler, host, reaction, body)?;
+            }
+        } else {
+            while self.run_next(scheduler, host)? {}
+        }
         Ok(())
     }
 
@@ -121,7 +128,13 @@ impl<V: Clone> Workers<V> {
     {
         let ran = match &mut self.team {
             Some(team) if host.shared_bodies().is_some() => team.run_next(scheduler, host)?,
-            _ => run_next(scheduler, host)?,
+            _ => match scheduler.next_reaction(Clock::now) {
+                Some((reaction, body)) => {
+                    run_alone(scheduler, host, reaction, body)?;
+                    true
+                }
+                None => false,
+            },
         };
         if let Some(trace) = &mut self.trace {
             // At once: a value may change later, when others have it.
@@ -146,16 +159,20 @@ impl<V: Clone> Workers<V> {
     }
 }
 
-fn run_next<H: Host>(scheduler: &mut Scheduler<H::Value>, host: &mut H) -> Result<bool, Failure> {
-    let Some((reaction, body)) = scheduler.next_reaction(Clock::now) else {
-        return Ok(false);
-    };
+/// Runs a body of the reaction whose turn it is.
+#[inline]
+fn run_alone<H: Host>(
+    scheduler: &mut Scheduler<H::Value>,
+    host: &mut H,
+    reaction: ReactionId,
+    body: Body,
+) -> Result<(), Failure> {
     if let Some(intended) = scheduler.unhandled_tardy() {
-        host.warn(&tardy_warning(scheduler, reaction, intended));
+        warn_of_tardy(scheduler, host, reaction, intended);
     }
     host.react(scheduler, reaction, body)?;
     scheduler.finish(reaction);
-    Ok(true)
+    Ok(())
 }
 
 impl<V: Clone + Send + Sync> Team<V> {
@@ -167,7 +184,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         scheduler.next_turns(Clock::now, &mut self.turns);
         for turn in &self.turns {
             if let Some(intended) = turn.unhandled_tardy {
-                host.warn(&tardy_warning(scheduler, turn.reaction, intended));
+                warn_of_tardy(scheduler, host, turn.reaction, intended);
             }
         }
         match self.turns.as_slice() {
@@ -249,17 +266,19 @@ impl<V: Clone> Default for Ran<V> {
     }
 }
 
-fn tardy_warning<V: Clone>(
-    scheduler: &Scheduler<V>,
+#[cold]
+fn warn_of_tardy<H: Host>(
+    scheduler: &Scheduler<H::Value>,
+    host: &mut H,
     reaction: ReactionId,
     intended: Tag,
-) -> String {
+) {
     let start = scheduler.start_time();
     let lag = Clock::now().since(intended.due(start));
-    format!(
+    host.warn(&format!(
         "reaction {} runs at {} for an input that was meant for {intended} and came {lag} ns after \
          that time. Give the federate a longer maxwait, or the reaction a `tardy` handler",
         scheduler.program().reaction_name(reaction),
         scheduler.tag(),
-    )
+    ));
 }

@@ -59,9 +59,9 @@ impl<V> Default for Effects<V> {
 impl<V: Clone> Effects<V> {
     /// The value at a port as the reaction sees it, which may have set it.
     pub fn port<'a>(&'a self, scheduler: &'a Scheduler<V>, port: PortId) -> Option<&'a V> {
-        let root = &scheduler.wiring.root;
+        let root = scheduler.wiring.root(port);
         let own = self.commands.iter().rev().find_map(|command| match command {
-            Command::Set { port: set, value } if root[*set] == root[port] => Some(value),
+            Command::Set { port: set, value } if scheduler.wiring.root(*set) == root => Some(value),
             _ => None,
         });
         own.or_else(|| scheduler.port(port))

@@ -20,7 +20,14 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Has persistent ports remember what is present, before it is made absent.
+    #[inline]
     pub(super) fn remember(&mut self) {
+        if !self.kept.is_empty() {
+            self.remember_present();
+        }
+    }
+
+    fn remember_present(&mut self) {
         let mut kept = std::mem::take(&mut self.kept);
         for (port, value) in &mut kept {
             if let Some(present) = self.port(*port) {

@@ -27,9 +27,9 @@ impl<V: Clone> Scheduler<V> {
     ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
         if tag == self.tag && self.is_in_time(channel) {
-            let root = self.wiring.root[self.program.connections[connection].to];
+            let outlet = self.wiring.outlets[self.program.connections[connection].to];
             self.last_assigned[connection] = tag;
-            self.make_present(root, value, None, physical);
+            self.make_present(outlet, value, None, physical);
             return Some(tag);
         }
         // A tardy message must neither overtake nor displace another one of its connection.
@@ -68,9 +68,10 @@ impl<V: Clone> Scheduler<V> {
             }
             self.departing = ports;
         }
-        for root in self.present_ports.drain(..) {
-            self.ports[root] = None;
+        for root in &self.present_ports {
+            self.ports[*root] = None;
         }
+        self.present_ports.clear();
     }
 
     /// Sends the value at a root along what leaves from there.

@@ -6,7 +6,7 @@
 //! when that happens.
 
 use super::Scheduler;
-use crate::order::Position;
+use crate::order::Batch;
 use crate::queue::Event;
 use crate::wiring::{ModeWiring, Wiring};
 use crate::{Delay, ModeId, Nanos, Program, ReactionId, Table, Tag, TimerId, Transition};
@@ -68,9 +68,15 @@ impl<V> Modes<V> {
         self.requested.is_empty()
     }
 
-    /// Whether the mode around a reaction is active.
-    pub(super) fn lets_run(&self, wiring: &Wiring, position: Position) -> bool {
-        self.is_active(wiring.modes.of_reaction[wiring.order.reaction(position)])
+    /// Those of some reactions that lie in active modes.
+    #[inline(never)]
+    pub(super) fn active_of(&self, wiring: &Wiring, mut batch: Batch) -> Batch {
+        for position in batch.positions() {
+            if !self.is_active(wiring.modes.of_reaction[wiring.order.reaction(position)]) {
+                batch.bits &= !position.bit();
+            }
+        }
+        batch
     }
 
     /// Whether what lies in `mode` has ever been active.
@@ -175,7 +181,15 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Queues the reactions that the change of modes before this tag has called for.
+    #[inline]
     pub(super) fn queue_due(&mut self) {
+        if self.modes.has_due() {
+            self.queue_those_due();
+        }
+    }
+
+    #[inline(never)]
+    fn queue_those_due(&mut self) {
         for reaction in self.modes.due.drain(..) {
             self.ready.push(self.wiring.order.position(reaction));
         }

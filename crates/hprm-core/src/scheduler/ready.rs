@@ -1,19 +1,39 @@
 //! Reactions that wait for their turn at the current tag: a set of positions, of which the first is
 //! taken again and again. This file knows their order, not what queued them.
 
-use crate::order::Position;
+use std::hash::{Hash, Hasher};
+
+use crate::order::{Batch, Position};
 
 const BITS: u32 = u64::BITS;
 
 /// Reactions that wait for their turn.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+///
+/// What one reaction sets decides which one is next, and so on, so what counts is how long it takes from
+/// [`Self::add`] to what [`Self::pop`] finds: one word is written and read, and nothing computed.
+#[derive(Clone, Debug)]
 pub(super) struct Ready {
     /// A bit for every position.
     words: Vec<u64>,
     /// A bit for every word that is not zero, so that the first one is found at a glance.
     summary: Vec<u64>,
-    /// No word of the summary before this one has a bit.
-    first: usize,
+    /// No word before this one has a bit. Most programs have but one.
+    first: u32,
+}
+
+// Where one looks first is no part of the state.
+impl PartialEq for Ready {
+    fn eq(&self, other: &Self) -> bool {
+        self.words == other.words
+    }
+}
+
+impl Eq for Ready {}
+
+impl Hash for Ready {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.words.hash(state);
+    }
 }
 
 impl Ready {
@@ -21,28 +41,35 @@ impl Ready {
     pub(super) fn new(reactions: usize) -> Self {
         let words = reactions.div_ceil(BITS as usize);
         let summary = words.div_ceil(BITS as usize);
-        Self { words: vec![0; words], summary: vec![0; summary], first: summary }
+        Self { words: vec![0; words], summary: vec![0; summary], first: 0 }
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.first == self.summary.len()
+        self.first_word().is_none()
     }
 
     /// Adds a reaction, unless it waits already.
     pub(super) fn push(&mut self, position: Position) {
-        let word = position.0 / BITS;
-        let summary = (word / BITS) as usize;
-        self.words[word as usize] |= 1 << (position.0 % BITS);
-        self.summary[summary] |= 1 << (word % BITS);
-        self.first = self.first.min(summary);
+        self.add(Batch { word: position.word(), bits: position.bit() });
+    }
+
+    /// Adds those of some reactions that do not wait already.
+    #[inline]
+    pub(super) fn add(&mut self, Batch { word, bits }: Batch) {
+        if bits == 0 {
+            return;
+        }
+        self.words[word as usize] |= bits;
+        self.summary[(word / BITS) as usize] |= 1 << (word % BITS);
+        if word < self.first {
+            self.first = word;
+        }
     }
 
     /// The reaction that comes first.
     pub(super) fn first(&self) -> Option<Position> {
-        let summary = self.summary.get(self.first)?;
-        let word = self.first * BITS as usize + summary.trailing_zeros() as usize;
-        let position = word * BITS as usize + self.words[word].trailing_zeros() as usize;
-        u32::try_from(position).ok().map(Position)
+        let word = self.first_word()?;
+        Some(Position(word * BITS + self.words[word as usize].trailing_zeros()))
     }
 
     /// Takes the reaction that comes first, if it comes before `end`.
@@ -52,19 +79,24 @@ impl Ready {
     }
 
     /// Takes the reaction that comes first.
+    #[inline]
     pub(super) fn pop(&mut self) -> Option<Position> {
-        let summary = self.summary.get_mut(self.first)?;
-        let word = self.first * BITS as usize + summary.trailing_zeros() as usize;
-        let bits = &mut self.words[word];
-        let position = word * BITS as usize + bits.trailing_zeros() as usize;
+        if matches!(self.words.get(self.first as usize), None | Some(0)) {
+            self.first = self.first_word()?;
+        }
+        let bits = &mut self.words[self.first as usize];
+        let position = Position(self.first * BITS + bits.trailing_zeros());
         *bits &= *bits - 1;
         if *bits == 0 {
-            *summary &= *summary - 1;
-            while self.summary.get(self.first) == Some(&0) {
-                self.first += 1;
-            }
+            self.summary[(self.first / BITS) as usize] &= !(1 << (self.first % BITS));
         }
-        u32::try_from(position).ok().map(Position)
+        Some(position)
+    }
+
+    /// The first word that is not zero.
+    fn first_word(&self) -> Option<u32> {
+        let (index, summary) = (0..).zip(&self.summary).find(|(_, summary)| **summary != 0)?;
+        Some(index * BITS + summary.trailing_zeros())
     }
 }
 
@@ -99,6 +131,12 @@ mod tests {
         assert_eq!(ready.pop(), Some(Position(128)));
         assert_eq!(ready.pop(), Some(Position(299)));
         assert_eq!(ready.pop(), None);
+        // The next tag begins before the word that was looked at last.
+        ready.push(Position(200));
+        ready.push(Position(3));
+        assert_eq!(ready.pop(), Some(Position(3)));
+        assert_eq!(ready.pop(), Some(Position(200)));
+        assert!(ready.is_empty());
         assert_eq!(Ready::new(0).pop(), None);
     }
 }

@@ -16,7 +16,9 @@
 use std::collections::{BTreeSet, VecDeque};
 
 use super::{Body, Scheduled, Scheduler};
-use crate::{ActionId, ModeId, PortId, Program, ReactionId, ReactorId, Tag, Transition, Trigger};
+use crate::{
+    ActionId, ModeId, Origin, PortId, Program, ReactionId, ReactorId, Tag, Transition, Trigger,
+};
 
 /// What one reaction did at one tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -90,6 +92,26 @@ impl<V> Recorder<V> {
         }
     }
 
+    #[cold]
+    fn note_port(&mut self, port: PortId) {
+        if let Some(open) = &mut self.open {
+            open.set.push(port);
+        }
+    }
+
+    #[cold]
+    fn mark_port(&mut self, root: PortId) {
+        self.ports.insert(root);
+    }
+
+    #[cold]
+    fn marks_action(&mut self, action: ActionId, origin: Origin) -> bool {
+        if origin == Origin::Physical || self.is_marked() {
+            self.actions.insert(action);
+        }
+        self.actions.contains(&action)
+    }
+
     #[inline]
     fn is_marked(&self) -> bool {
         self.open.as_ref().is_some_and(|open| open.record.physical)
@@ -131,17 +153,18 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
+    #[cold]
     fn open_record(&mut self, reaction: ReactionId, body: Body) {
         let tardy = self.earliest_intended(reaction);
         let Some(recorder) = &mut self.recorder else { return };
         let spec = &self.program.reactions[reaction];
         let read = spec.triggers.iter().any(|trigger| match trigger {
-            Trigger::Port(port) => recorder.ports.contains(&self.wiring.root[*port]),
+            Trigger::Port(port) => recorder.ports.contains(&self.wiring.root(*port)),
             Trigger::Action(action) => recorder.present_actions.contains(action),
             _ => false,
         });
         let may_read =
-            spec.sources.iter().any(|port| recorder.ports.contains(&self.wiring.root[*port]));
+            spec.sources.iter().any(|port| recorder.ports.contains(&self.wiring.root(*port)));
         if read || may_read {
             recorder.reactors.insert(spec.reactor);
         }
@@ -162,8 +185,8 @@ impl<V: Clone> Scheduler<V> {
     /// The running reaction has set a port.
     #[inline]
     pub(super) fn record_port(&mut self, port: PortId) {
-        if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
-            open.set.push(port);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note_port(port);
         }
     }
 
@@ -204,13 +227,14 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
+    #[cold]
     fn close_record(&mut self) {
         let Some(recorder) = &mut self.recorder else { return };
         let Some(Open { mut record, mut set }) = recorder.open.take() else { return };
         set.sort_unstable();
         set.dedup();
         let left = set.into_iter().filter_map(|port| {
-            let present = self.ports[self.wiring.root[port]].clone()?;
+            let present = self.ports[self.wiring.root(port)].clone()?;
             Some((port, present))
         });
         record.ports = left.collect();
@@ -236,18 +260,17 @@ impl<V: Clone> Scheduler<V> {
     /// Whether an event of the action is marked that is scheduled now.
     #[inline]
     pub(super) fn marks_action(&mut self, action: ActionId) -> bool {
-        let Some(recorder) = &mut self.recorder else { return false };
-        if self.program.actions[action].origin == crate::Origin::Physical || recorder.is_marked() {
-            recorder.actions.insert(action);
+        match &mut self.recorder {
+            Some(recorder) => recorder.marks_action(action, self.program.actions[action].origin),
+            None => false,
         }
-        recorder.actions.contains(&action)
     }
 
     /// Marks the value at a root, if it is `physical` or takes the place of one that was.
     #[inline]
     pub(super) fn mark_port(&mut self, root: PortId, physical: bool) {
         if let Some(recorder) = self.recorder.as_mut().filter(|_| physical) {
-            recorder.ports.insert(root);
+            recorder.mark_port(root);
         }
     }
 
