@@ -1,5 +1,6 @@
 //! The bodies of an app, with the states that they work on: the host of its program.
 
+use std::any::Any;
 use std::fmt::Display;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -38,72 +39,63 @@ impl<E: Display> Outcome for Result<(), E> {
 /// Why a body failed, in words. A boxed text fits into registers, together with there being none.
 pub(super) type Words = Box<str>;
 
-/// A closure, of any type.
-pub(super) type BodyFn<S, V> =
-    Box<dyn FnMut(&mut S, &mut Context<'_, V>) -> Result<(), Words> + Send>;
+/// A closure, of any type, for a reactor whose state has any type: what it is given is the state of its
+/// own reactor.
+pub(super) type BodyFn<V> =
+    Box<dyn FnMut(&mut dyn Any, &mut Context<'_, V>) -> Result<(), Words> + Send>;
 
 /// What a reaction runs.
-pub(super) struct Code<S, V> {
-    pub(super) main: BodyFn<S, V>,
-    pub(super) deadline: Option<BodyFn<S, V>>,
+pub(super) struct Code<V> {
+    pub(super) main: BodyFn<V>,
+    pub(super) deadline: Option<BodyFn<V>>,
 }
 
-/// A reactor's state and bodies.
-pub(super) struct Live<S, V> {
-    pub(super) state: S,
-    pub(super) reactions: Vec<Code<S, V>>,
-}
-
-/// A reactor whose state has any type.
-pub(super) trait Behaviour<V>: Send {
-    /// Runs a body of the reaction at `index` among the reactor's own.
-    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), Words>;
-}
-
-impl<S: Send, V> Behaviour<V> for Live<S, V> {
-    fn react(&mut self, index: usize, body: Body, ctx: &mut Context<'_, V>) -> Result<(), Words> {
-        let code = &mut self.reactions[index];
-        let function = match (body, &mut code.deadline) {
+impl<V> Code<V> {
+    fn body(&mut self, body: Body) -> &mut BodyFn<V> {
+        match (body, &mut self.deadline) {
             (Body::Deadline, Some(handler)) => handler,
-            _ => &mut code.main,
-        };
-        function(&mut self.state, ctx)
+            _ => &mut self.main,
+        }
     }
 }
 
-/// A reactor that several threads know, of which one at a time runs it.
-type Shared<V> = Mutex<Box<dyn Behaviour<V>>>;
-
-/// What a reaction may touch, and where its code is.
+/// What a reaction may touch.
 pub(super) struct Site {
     reactor: ReactorId,
-    index: usize,
     /// Sorted.
     reads: Box<[Key]>,
     /// Sorted.
     effects: Box<[Key]>,
 }
 
-/// All bodies of an app.
+/// All bodies of an app, and the states that they work on.
+///
+/// Only workers lock anything, and nobody waits for a lock: two reactions of one reactor never run at
+/// the same time.
 pub(super) struct Bodies<V> {
-    /// None while the reactor is being assembled, and for the main reactor, which has no body.
-    ///
-    /// Locked only by workers; two reactions of one reactor never run at the same time.
-    reactors: Table<ReactorId, Option<Shared<V>>>,
+    /// Nothing for the main reactor, which has no body, and for one that is being assembled.
+    states: Table<ReactorId, Mutex<Box<dyn Any + Send>>>,
+    codes: Table<ReactionId, Mutex<Code<V>>>,
+    /// Empty while reactors are assembled.
     sites: Table<ReactionId, Site>,
 }
 
 impl<V> Bodies<V> {
     pub(super) fn new() -> Self {
-        Self { reactors: Table::new(), sites: Table::new() }
+        Self { states: Table::new(), codes: Table::new(), sites: Table::new() }
     }
 
-    /// Puts the bodies of a reactor in their place.
-    pub(super) fn insert(&mut self, reactor: ReactorId, behaviour: Box<dyn Behaviour<V>>) {
-        while self.reactors.len() <= reactor.index() {
-            self.reactors.push(None);
+    /// Puts the state of a reactor in its place.
+    pub(super) fn insert(&mut self, reactor: ReactorId, state: Box<dyn Any + Send>) {
+        while self.states.len() <= reactor.index() {
+            self.states.push(Mutex::new(Box::new(())));
         }
-        self.reactors[reactor] = Some(Mutex::new(behaviour));
+        self.states[reactor] = Mutex::new(state);
+    }
+
+    /// Adds the code of the next reaction of the program.
+    pub(super) fn push(&mut self, code: Code<V>) {
+        self.codes.push(Mutex::new(code));
     }
 
     /// The same, with what the reactions of `program` declare.
@@ -133,7 +125,6 @@ impl Site {
         };
         Self {
             reactor: reaction.reactor,
-            index: reaction.number as usize - 1,
             effects: sorted(&mut written.clone()),
             reads: sorted(&mut triggers.chain(sources).chain(written)),
         }
@@ -153,12 +144,17 @@ impl Site {
 /// Whether a sorted slice holds an item. Most have few items, and a search costs more than a look.
 #[inline]
 fn contains(sorted: &[Key], item: Key) -> bool {
-    if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
+    if sorted.len() <= 8 {
+        sorted.iter().any(|key| *key == item)
+    } else {
+        sorted.binary_search(&item).is_ok()
+    }
 }
 
 impl<V: Clone + Send + Sync> Host for Bodies<V> {
     type Value = V;
 
+    #[inline]
     fn react(
         &mut self,
         scheduler: &mut Scheduler<V>,
@@ -166,12 +162,10 @@ impl<V: Clone + Send + Sync> Host for Bodies<V> {
         body: Body,
     ) -> Result<(), Failure> {
         let site = &self.sites[reaction];
-        let Some(reactor) = &mut self.reactors[site.reactor] else {
-            unreachable!("a reaction belongs to a reactor that was assembled");
-        };
-        let reactor = reactor.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let state = self.states[site.reactor].get_mut().unwrap_or_else(PoisonError::into_inner);
+        let code = self.codes[reaction].get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut context = Context { access: Access::Alone(scheduler), reaction, site };
-        match reactor.react(site.index, body, &mut context) {
+        match code.body(body)(&mut **state, &mut context) {
             Ok(()) => Ok(()),
             Err(error) => Err(failed(scheduler.program(), reaction, &error)),
         }
@@ -204,16 +198,15 @@ impl<V: Clone + Send + Sync> SharedBodies<V> for Bodies<V> {
     ) -> Result<(), Failure> {
         let Turn { reaction, body, .. } = *turn;
         let site = &self.sites[reaction];
-        let Some(reactor) = &self.reactors[site.reactor] else {
-            unreachable!("a reaction belongs to a reactor that was assembled");
-        };
-        let mut reactor = reactor.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.states[site.reactor].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut code = self.codes[reaction].lock().unwrap_or_else(PoisonError::into_inner);
         let mut context = Context { access: Access::Shared(scheduler, effects), reaction, site };
-        let outcome = reactor.react(site.index, body, &mut context);
+        let outcome = code.body(body)(&mut **state, &mut context);
         outcome.map_err(|error| failed(scheduler.program(), reaction, &error))
     }
 }
 
+#[cold]
 fn failed(program: &Program, reaction: ReactionId, error: &str) -> Failure {
     let name = program.reaction_name(reaction);
     Failure::new(format!("error: reaction {name} failed: {error}"))

@@ -62,7 +62,7 @@ impl<V: Clone> Context<'_, V> {
     pub fn set(&mut self, port: impl Into<PortId>, value: V) {
         let port = port.into();
         if !self.site.affects(Readable::Port(port)) {
-            self.undeclared("set", &self.scheduler().program().port_name(port), "sets");
+            self.undeclared("set", Readable::Port(port), "sets");
         }
         match &mut self.access {
             Access::Alone(scheduler) => _ = scheduler.set(port, value),
@@ -85,8 +85,7 @@ impl<V: Clone> Context<'_, V> {
     ) {
         let action = action.into();
         if !self.site.affects(Readable::Action(action)) {
-            let name = &self.scheduler().program().actions[action].name;
-            self.undeclared("schedule", name, "schedules");
+            self.undeclared("schedule", Readable::Action(action), "schedules");
         }
         let (extra, value) = (nanos(extra), value.into());
         match &mut self.access {
@@ -171,20 +170,20 @@ impl<V: Clone> Context<'_, V> {
     #[track_caller]
     fn readable(&self, readable: Readable) -> Readable {
         if !self.site.reads(readable) {
-            let program = self.scheduler().program();
-            let name = match readable {
-                Readable::Port(port) => program.port_name(port),
-                Readable::Action(action) => program.actions[action].name.clone(),
-            };
-            self.undeclared("read", &name, "reads");
+            self.undeclared("read", readable, "reads");
         }
         readable
     }
 
     #[cold]
     #[track_caller]
-    fn undeclared(&self, verb: &str, name: &str, method: &str) -> ! {
-        let reaction = self.scheduler().program().reaction_name(self.reaction);
+    fn undeclared(&self, verb: &str, readable: Readable, method: &str) -> ! {
+        let program = self.scheduler().program();
+        let reaction = program.reaction_name(self.reaction);
+        let name = match readable {
+            Readable::Port(port) => program.port_name(port),
+            Readable::Action(action) => program.actions[action].name.clone(),
+        };
         panic!(
             "reaction {reaction} cannot {verb} {name}, which it does not declare; add \
              `.{method}(...)` to the reaction"

@@ -1,12 +1,13 @@
 //! Assembling a reactor: its ports, timers and actions, its reactions, the reactors inside it.
 
+use std::marker::PhantomData;
 use std::time::Duration;
 
 use hprm_core::{
     ActionId, Delay, Direction, Effect, Origin, PortId, ReactionSpec, ReactorId, Spacing, Trigger,
 };
 
-use super::bodies::{BodyFn, Code, Live, Outcome};
+use super::bodies::{BodyFn, Code, Outcome};
 use super::handle::{Input, LogicalAction, Output, PhysicalAction, Timer};
 use super::{Context, Graph, nanos};
 
@@ -15,7 +16,7 @@ use super::{Context, Graph, nanos};
 pub struct Reactor<'a, S, V> {
     graph: &'a mut Graph<V>,
     id: ReactorId,
-    reactions: Vec<Code<S, V>>,
+    state: PhantomData<fn(S)>,
 }
 
 impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> {
@@ -27,11 +28,8 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
         assemble: impl FnOnce(&mut Reactor<'_, S, V>) -> R,
     ) -> R {
         let id = graph.builder.reactor(parent, name);
-        let mut reactor = Reactor { graph, id, reactions: Vec::new() };
-        let result = assemble(&mut reactor);
-        let Reactor { graph, reactions, .. } = reactor;
-        graph.bodies.insert(id, Box::new(Live { state, reactions }));
-        result
+        graph.bodies.insert(id, Box::new(state));
+        assemble(&mut Reactor { graph, id, state: PhantomData })
     }
 
     /// An input.
@@ -106,10 +104,10 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
 pub struct NewReaction<'r, 'a, S, V> {
     reactor: &'r mut Reactor<'a, S, V>,
     spec: ReactionSpec,
-    late: Option<BodyFn<S, V>>,
+    late: Option<BodyFn<V>>,
 }
 
-impl<S, V> NewReaction<'_, '_, S, V> {
+impl<S: 'static, V> NewReaction<'_, '_, S, V> {
     /// Runs it when this is present: a port, a timer, an action, [`Trigger::Startup`] or
     /// [`Trigger::Shutdown`].
     pub fn on(mut self, trigger: impl Into<Trigger>) -> Self {
@@ -152,14 +150,17 @@ impl<S, V> NewReaction<'_, '_, S, V> {
         self,
         body: impl FnMut(&mut S, &mut Context<'_, V>) -> O + Send + 'static,
     ) {
-        let Reactor { graph, id, reactions } = self.reactor;
+        let Reactor { graph, id, .. } = self.reactor;
         graph.builder.reaction(*id, self.spec);
-        reactions.push(Code { main: boxed(body), deadline: self.late });
+        graph.bodies.push(Code { main: boxed(body), deadline: self.late });
     }
 }
 
-fn boxed<S, V, O: Outcome>(
+fn boxed<S: 'static, V, O: Outcome>(
     mut body: impl FnMut(&mut S, &mut Context<'_, V>) -> O + Send + 'static,
-) -> BodyFn<S, V> {
-    Box::new(move |state, ctx| body(state, ctx).outcome().map_err(String::into_boxed_str))
+) -> BodyFn<V> {
+    Box::new(move |state, ctx| {
+        let state = state.downcast_mut().expect("a reaction is given the state of its reactor");
+        body(state, ctx).outcome().map_err(String::into_boxed_str)
+    })
 }
