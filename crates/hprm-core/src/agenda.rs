@@ -80,7 +80,7 @@ impl<T> Agenda<T> {
 
     /// Appends an entry at `tag`, or at the next microstep where it clashes with none that is there.
     /// Returns where.
-    // An entry that is made where it stays need not be copied.
+    // Always inline, so that an entry is made where it stays, and not copied.
     #[inline(always)]
     pub(crate) fn pile(&mut self, mut tag: Tag, entry: T, clash: impl Fn(&T, &T) -> bool) -> Tag {
         loop {

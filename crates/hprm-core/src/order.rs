@@ -3,8 +3,8 @@
 //! Reactions of one rank do not depend on one another; whatever precedes a reaction has a lower
 //! rank. Within a rank the order is that of the program.
 //!
-//! Whatever triggers reactions triggers the same ones each time, so they are kept as [`Batch`]es: a set
-//! of positions that is made of words takes a word of them at once.
+//! Whatever triggers reactions triggers the same ones each time, so they are kept as [`Batch`]es: a
+//! set of positions that is made of words takes a word of them at once.
 
 use std::ops::Range;
 

@@ -499,6 +499,7 @@ impl<V: Clone> Scheduler<V> {
         self.program.properties.keepalive || self.scope != Scope::Whole
     }
 
+    /// Queues the reactions that a value at a root triggers, where its outlet does not name them.
     #[inline(never)]
     fn queue_readers(&mut self, root: PortId) {
         self.queue_all(|wiring| &wiring.triggered_by_port[root]);

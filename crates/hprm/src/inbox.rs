@@ -144,6 +144,7 @@ impl<V> Inbox<V> {
         self.shared.rung.load(Ordering::Acquire) && self.silence()
     }
 
+    /// The same, after somebody has rung.
     fn silence(&self) -> bool {
         // Before the bell, so that whoever rings from here on is heard again.
         self.shared.rung.store(false, Ordering::Release);

@@ -9,8 +9,8 @@ const BITS: u32 = u64::BITS;
 
 /// Reactions that wait for their turn.
 ///
-/// What one reaction sets decides which one is next, and so on, so what counts is how long it takes from
-/// [`Self::add`] to what [`Self::pop`] finds: one word is written and read, and nothing computed.
+/// What one reaction sets decides which one is next, and so on, so what counts is how long it takes
+/// from [`Self::add`] to what [`Self::pop`] finds: a word is written and read, and nothing computed.
 #[derive(Clone, Debug)]
 pub(super) struct Ready {
     /// A bit for every position.

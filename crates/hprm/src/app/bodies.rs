@@ -39,8 +39,8 @@ impl<E: Display> Outcome for Result<(), E> {
 /// Why a body failed, in words. A boxed text fits into registers, together with there being none.
 pub(super) type Words = Box<str>;
 
-/// A closure, of any type, for a reactor whose state has any type: what it is given is the state of its
-/// own reactor.
+/// A closure, of any type, for a reactor whose state has any type. It is given the state of its own
+/// reactor.
 pub(super) type BodyFn<V> =
     Box<dyn FnMut(&mut dyn Any, &mut Context<'_, V>) -> Result<(), Words> + Send>;
 
@@ -70,10 +70,10 @@ pub(super) struct Site {
 
 /// All bodies of an app, and the states that they work on.
 ///
-/// Only workers lock anything, and nobody waits for a lock: two reactions of one reactor never run at
-/// the same time.
+/// Only workers lock anything, and nobody waits for a lock: two reactions of one reactor never run
+/// at the same time.
 pub(super) struct Bodies<V> {
-    /// Nothing for the main reactor, which has no body, and for one that is being assembled.
+    /// Nothing for the main reactor, which has no body.
     states: Table<ReactorId, Mutex<Box<dyn Any + Send>>>,
     codes: Table<ReactionId, Mutex<Code<V>>>,
     /// Empty while reactors are assembled.
