@@ -144,11 +144,7 @@ impl Site {
 /// Whether a sorted slice holds an item. Most have few items, and a search costs more than a look.
 #[inline]
 fn contains(sorted: &[Key], item: Key) -> bool {
-    if sorted.len() <= 8 {
-        sorted.iter().any(|key| *key == item)
-    } else {
-        sorted.binary_search(&item).is_ok()
-    }
+    if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
 }
 
 impl<V: Clone + Send + Sync> Host for Bodies<V> {
