@@ -331,7 +331,7 @@ pub enum Frame {
     Resign,
     /// Federate to RTI: I leave before the last tag, and the others go on without me.
     Leave,
-    /// RTI to all: this federate has ended, in order or not.
+    /// RTI to the neighbours of a federate: it has ended, in order or not.
     Gone {
         /// Who.
         federate: FederateId,

@@ -461,6 +461,14 @@ impl Rti {
         }
     }
 
+    /// Tells those whom it concerns that a federate has ended, or does not join after all.
+    fn send_gone(&mut self, federate: FederateId) {
+        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
+        for neighbour in neighbours {
+            self.send(neighbour, Frame::Gone { federate });
+        }
+    }
+
     fn send_all(&mut self, frame: &Frame) {
         for federate in self.topology.federates() {
             self.send(federate, frame.clone());

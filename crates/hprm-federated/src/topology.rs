@@ -18,6 +18,7 @@ pub struct Topology {
     channels: Table<ChannelId, Channel>,
     upstream: Table<FederateId, Vec<Edge>>,
     downstream: Table<FederateId, Vec<Edge>>,
+    neighbours: Table<FederateId, BTreeSet<FederateId>>,
     by_clock: Table<FederateId, Option<Nanos>>,
     patient: bool,
     stepwise: Table<FederateId, bool>,
@@ -42,6 +43,7 @@ impl Topology {
             channels: program.channels.values().copied().collect(),
             upstream: Table::filled(federates, Vec::new()),
             downstream: Table::filled(federates, Vec::new()),
+            neighbours: Table::filled(federates, BTreeSet::new()),
             by_clock: Table::filled(federates, None),
             patient: false,
             stepwise: Table::filled(federates, false),
@@ -55,6 +57,10 @@ impl Topology {
             },
             reports_all: program.properties.reports_all,
         };
+        for Channel { from, to, .. } in program.channels.values().filter(|c| c.from != c.to) {
+            topology.neighbours[*from].insert(*to);
+            topology.neighbours[*to].insert(*from);
+        }
         for channel in program.channels.values().filter(|channel| !channel.physical) {
             let Channel { from, to, .. } = *channel;
             note(&mut topology.upstream[to], from, channel);
@@ -212,13 +218,8 @@ impl Topology {
 
     /// Whom a channel of any kind connects with a federate.
     #[must_use]
-    pub fn neighbours(&self, federate: FederateId) -> BTreeSet<FederateId> {
-        let ends = self.channels.values().filter_map(|channel| match *channel {
-            Channel { from, to, .. } if from == federate => Some(to),
-            Channel { from, to, .. } if to == federate => Some(from),
-            _ => None,
-        });
-        ends.filter(|neighbour| *neighbour != federate).collect()
+    pub fn neighbours(&self, federate: FederateId) -> &BTreeSet<FederateId> {
+        &self.neighbours[federate]
     }
 
     /// The last tag that the program states; `FOREVER` if it states none.

@@ -158,7 +158,7 @@ impl Rti {
     fn withdraw(&mut self, federate: FederateId) {
         let Some(arrival) = self.arrivals.arrivals.remove(&federate) else { return };
         if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
-            self.send_all(&Frame::Gone { federate });
+            self.send_gone(federate);
         }
     }
 
@@ -167,7 +167,7 @@ impl Rti {
         for (federate, arrival) in std::mem::take(&mut self.arrivals.arrivals) {
             self.refuse(arrival.link, Refusal::TooLate);
             if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
-                self.send_all(&Frame::Gone { federate });
+                self.send_gone(federate);
             }
         }
     }
@@ -180,7 +180,7 @@ impl Rti {
             return;
         }
         self.members[federate] = Member::Absent;
-        self.send_all(&Frame::Gone { federate });
+        self.send_gone(federate);
         self.gather();
         self.start_together();
     }
@@ -240,7 +240,7 @@ impl Rti {
 
     /// Tells the neighbours of a federate that it is about to join.
     fn introduce(&mut self, federate: FederateId) {
-        let neighbours = self.topology.neighbours(federate).into_iter();
+        let neighbours = self.topology.neighbours(federate).iter().copied();
         let unanswered: BTreeSet<_> = neighbours.filter(|n| self.members[*n].is_live()).collect();
         let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else { return };
         let frame = Frame::Joining { peer: arrival.peer.clone() };
@@ -311,7 +311,7 @@ impl Rti {
         let first = entry.max(after.succ());
         if first > self.topology.timeout() {
             self.refuse(link, Refusal::TooLate);
-            self.send_all(&Frame::Gone { federate });
+            self.send_gone(federate);
             return;
         }
         let Peer { host, listen, .. } = peer;
@@ -320,7 +320,8 @@ impl Rti {
         self.advance.join(&self.topology, federate, first);
         let at = self.start;
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Start { at, first } });
-        for neighbour in self.topology.neighbours(federate) {
+        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
+        for neighbour in neighbours {
             self.send(neighbour, Frame::Joined { federate, first });
         }
         self.tell();

@@ -104,7 +104,7 @@ impl Rti {
     /// A federate has ended in order, at the last tag or before.
     pub(super) fn gone(&mut self, federate: FederateId) {
         self.members[federate] = Member::Gone;
-        self.send_all(&Frame::Gone { federate });
+        self.send_gone(federate);
         self.advance.end(&self.topology, federate);
         self.traffic.end(&self.topology, federate);
         self.arrivals.forget(federate);
