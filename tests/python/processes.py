@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+COORDINATIONS = ["centralized", "decentralized"]
+
 DEADLINE_S = 30.0
 
 

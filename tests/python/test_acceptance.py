@@ -21,10 +21,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from processes import Bench, Outcome, finish
+from processes import COORDINATIONS, Bench, Outcome, finish
+from snippets import TELL
 
 FULL = bool(os.environ.get("HPRM_ACCEPTANCE"))
-COORDINATIONS = ["centralized", "decentralized"]
 
 
 @contextmanager
@@ -50,15 +50,15 @@ def report(outcome: Outcome, federate: str) -> dict[str, object]:
 
 # A process that is paused.
 
-PAUSED = """\
+PAUSED = (
+    """\
 target Python { coordination: COORDINATION }
 preamble {=
 import json, os, pathlib
 TICKS, PERIOD = 120, 10_000_000
-def here(name):
-    draft = pathlib.Path(f"{name}.draft")
-    draft.write_text(f"{os.getpid()}\\n")
-    draft.rename(f"{name}.pid")
+"""
+    + TELL
+    + """\
 =}
 reactor Source {
   output out
@@ -115,6 +115,7 @@ federated reactor {
   relay.out -> sink.relayed
 }
 """
+)
 
 
 WAITS = {

@@ -9,9 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import Bench, finish, until
-
-COORDINATIONS = ["centralized", "decentralized"]
+from processes import COORDINATIONS, Bench, finish, until
 
 MAIN = """\
 target Python

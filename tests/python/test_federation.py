@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import Run
-
-COORDINATIONS = ["centralized", "decentralized"]
+from processes import COORDINATIONS
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

@@ -11,9 +11,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from processes import Bench, finish, until
+from processes import COORDINATIONS, Bench, finish, until
+from snippets import TELL
 
-COORDINATIONS = ["centralized", "decentralized"]
 MESSAGES = 2_000
 SIZE = 60_000
 """In one piece just small enough to travel in a message; all of them are 120 MB."""
@@ -23,14 +23,14 @@ LIMIT = 8 << 20
 
 # The number of a message is in its first bytes. The source says how many it has sent, as the length
 # of a file.
-PROGRAM = """\
+PROGRAM = (
+    """\
 target Python { coordination: COORDINATION, keepalive: true }
 preamble {=
 import os, pathlib, time
-def here(name):
-    draft = pathlib.Path(f"{name}.draft")
-    draft.write_text(f"{os.getpid()}\\n")
-    draft.rename(f"{name}.pid")
+"""
+    + TELL
+    + """\
 =}
 reactor Source {
   output out
@@ -65,6 +65,7 @@ federated reactor {
   source.out ARROW sink.inp
 }
 """
+)
 
 
 def program(coordination: str, arrow: str, busy: bool) -> str:

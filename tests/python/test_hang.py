@@ -12,19 +12,18 @@ import subprocess
 import time
 
 import pytest
-from processes import Bench, finish, hear, until
-
-COORDINATIONS = ["centralized", "decentralized"]
+from processes import COORDINATIONS, Bench, finish, hear, until
+from snippets import TELL
 
 # The source sends for ever, but stops when there is a file `stop`.
-PROGRAM = """\
+PROGRAM = (
+    """\
 target Python { coordination: COORDINATION }
 preamble {=
 import os, pathlib, socket, time
-def here(name):
-    draft = pathlib.Path(f"{name}.draft")
-    draft.write_text(f"{os.getpid()}\\n")
-    draft.rename(f"{name}.pid")
+"""
+    + TELL
+    + """\
 def cut(part):
     "Shut the link that has this in one of its addresses."
     for entry in pathlib.Path("/proc/self/fd").iterdir():
@@ -68,6 +67,7 @@ federated reactor {
   source.out -> sink.inp
 }
 """
+)
 FEDERATES = ["source", "sink", "bystander"]
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 from conftest import runner
-
-COORDINATIONS = ["centralized", "decentralized"]
+from processes import COORDINATIONS
 
 
 @pytest.fixture(params=COORDINATIONS)

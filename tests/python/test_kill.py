@@ -13,9 +13,9 @@ import signal
 import time
 
 import pytest
-from processes import Bench, Federation, Outcome, finish, until
+from processes import COORDINATIONS, Bench, Federation, Outcome, finish, until
+from snippets import TELL
 
-COORDINATIONS = ["centralized", "decentralized"]
 FEDERATES = ["sender", "receiver", "bystander"]
 MOMENTS = ["start", "steady", "stop"]
 
@@ -27,15 +27,17 @@ ORPHANS_END_WITHIN_S = 1.0
 
 # Every federate leaves the file NAME.MOMENT when it gets there, with its process number, and stays
 # there while there is a file hold.NAME.MOMENT.
-PROGRAM = """\
+PROGRAM = (
+    """\
 target Python { coordination: COORDINATION }
 preamble {=
 import os, pathlib, time
 import numpy as np
+"""
+    + TELL
+    + """\
 def reach(name, moment):
-    draft = pathlib.Path(f"draft.{name}")
-    draft.write_text(f"{os.getpid()}\\n")
-    draft.rename(f"{name}.{moment}")
+    tell(f"{name}.{moment}", f"{os.getpid()}\\n")
     while pathlib.Path(f"hold.{name}.{moment}").exists():
         time.sleep(0.002)
 =}
@@ -77,6 +79,7 @@ federated reactor {
   sender.out -> receiver.inp
 }
 """
+)
 
 
 class Stage:
@@ -112,7 +115,7 @@ class Stage:
         """What lies about that neither the test nor the program has put there."""
         ours = {"Main.lf", "stop"} | {hold.name for hold in self._holds}
         ours |= {f"{name}.{moment}" for name in FEDERATES for moment in MOMENTS}
-        ours |= {f"draft.{name}" for name in FEDERATES}
+        ours |= {f"{name}.{moment}.draft" for name in FEDERATES for moment in MOMENTS}
         return {path.name for path in self._folder.iterdir()} - ours
 
 

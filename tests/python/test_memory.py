@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from processes import Bench, Federation, finish, stores, until
+from processes import COORDINATIONS, Bench, Federation, finish, stores, until
+from snippets import TELL
 
 FULL = bool(os.environ.get("HPRM_ACCEPTANCE"))
-COORDINATIONS = ["centralized", "decentralized"]
 KILLS = 200 if FULL else 6
 
 SEGMENT = 16 << 20
@@ -38,15 +38,17 @@ FREE_WITHIN_S = 1.0
 # The hub says how it is in a file, at each tag, and notes it in another one: the time, when the
 # last array came, the bytes in its store, what it keeps, and how many segments of others it has
 # mapped.
-PROGRAM = """\
+PROGRAM = (
+    """\
 target Python { coordination: COORDINATION }
 preamble {=
 import json, os, pathlib, time
 import numpy as np
-def tell(name, **what):
-    draft = pathlib.Path(f"{name}.draft")
-    draft.write_text(json.dumps({"pid": os.getpid()} | what))
-    draft.rename(f"{name}.json")
+"""
+    + TELL
+    + """\
+def say(name, **what):
+    tell(f"{name}.json", json.dumps({"pid": os.getpid()} | what))
 def is_whole(array):
     return not array.flags.writeable and bool((array == array[0]).all())
 =}
@@ -57,7 +59,7 @@ reactor Source {
   reaction(t) -> out {=
     self.count += 1
     out.set(np.full(SOURCE_WORDS, self.count))
-    if self.count == 10: tell("source")
+    if self.count == 10: say("source")
   =}
 }
 reactor Hub {
@@ -82,7 +84,7 @@ reactor Hub {
     assert all(is_whole(array) for _, array in self.kept)
     now, stats = time.monotonic(), lf.store_stats()
     self.kept = [(at, array) for at, array in self.kept if now - at < KEPT_S][-20:]
-    tell("hub", count=self.count, arrived=self.arrived, kept=len(self.kept), **stats)
+    say("hub", count=self.count, arrived=self.arrived, kept=len(self.kept), **stats)
     mapped = pathlib.Path("/proc/self/maps").read_text().count("memfd:hprm") - stats["segments"]
     numbers = (now, self.arrived_at, stats["bytes_in_use"], len(self.kept), mapped)
     print(*numbers, file=self.log)
@@ -95,7 +97,7 @@ reactor Viewer {
   reaction(inp) {=
     assert is_whole(inp.value)
     self.kept = [*self.kept[-15:], inp.value]
-    if len(self.kept) == 16: tell("viewer")
+    if len(self.kept) == 16: say("viewer")
   =}
 }
 reactor Anchor {
@@ -117,6 +119,7 @@ federated reactor {
   hub.beat -> anchor.beat
 }
 """
+)
 
 
 @dataclass(frozen=True)
@@ -265,15 +268,15 @@ def test_memory_is_where_it_began_after_any_number_of_kills(
 
 
 # Every member says at each tick who it is and how far.
-CHAIN = """\
+CHAIN = (
+    """\
 target Python { coordination: COORDINATION }
 preamble {=
 import os, pathlib
 import numpy as np
-def tell(name, count):
-    draft = pathlib.Path(f"{name}.draft")
-    draft.write_text(f"{os.getpid()} {count}")
-    draft.rename(f"{name}.now")
+"""
+    + TELL
+    + """\
 =}
 reactor Sender {
   output out
@@ -282,7 +285,7 @@ reactor Sender {
   reaction(t) -> out {=
     self.count += 1
     out.set(np.full(20_000, self.count))
-    tell("sender", self.count)
+    tell("sender.now", f"{os.getpid()} {self.count}")
   =}
 }
 reactor Receiver {
@@ -290,7 +293,7 @@ reactor Receiver {
   state kept = {= [] =}
   reaction(inp) {=
     self.kept = [*self.kept[-9:], inp.value]
-    tell("receiver", int(inp.value[0]))
+    tell("receiver.now", f"{os.getpid()} {int(inp.value[0])}")
   =}
 }
 federated reactor {
@@ -299,6 +302,7 @@ federated reactor {
   sender.out -> receiver.inp
 }
 """
+)
 
 
 def progress(file: Path, tick: int) -> int:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import pytest
 from conftest import Run
-
-COORDINATIONS = ["centralized", "decentralized"]
+from processes import COORDINATIONS
+from snippets import PLACE
 
 # How a value is made of a number, and how the receiver comes to an array that it may write to.
 WAYS = {
@@ -40,15 +40,10 @@ def make(number):
 def writable(value):
     return WRITABLE
 
+PLACE
 def mode(array):
-    "How the memory of an array is mapped."
-    address = array.__array_interface__["data"][0]
-    with open("/proc/self/maps") as maps:
-        for line in maps:
-            span, mode, _, _, _, *name = line.split()
-            start, end = (int(number, 16) for number in span.split("-"))
-            if start <= address < end:
-                return mode, "memfd:hprm" in " ".join(name)
+    _, _, mode, name = place(array)
+    return mode, "memfd:hprm" in name
 
 def is_all(value, number):
     return bool((value == make(number)).all())
@@ -130,7 +125,9 @@ def program(text: str, coordination: str, way: str) -> str:
     make, writable = WAYS[way]
     if "torch" in make:
         pytest.importorskip("torch")
-    text = text.replace("COMMON", COMMON).replace("COORDINATION", coordination)
+    text = (
+        text.replace("COMMON", COMMON).replace("PLACE", PLACE).replace("COORDINATION", coordination)
+    )
     return text.replace("MAKE", make).replace("WRITABLE", writable)
 
 

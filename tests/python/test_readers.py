@@ -6,10 +6,9 @@ import os
 import signal
 
 import pytest
-from processes import Bench, finish
+from processes import COORDINATIONS, Bench, finish
 
 FULL = bool(os.environ.get("HPRM_ACCEPTANCE"))
-COORDINATIONS = ["centralized", "decentralized"]
 
 # Witness and vandal read one array in the memory of the owner, which waits until both are there.
 VANDALISM = """\

@@ -10,8 +10,9 @@ import json
 
 import pytest
 from conftest import Run
+from processes import COORDINATIONS
+from snippets import PLACE
 
-COORDINATIONS = ["centralized", "decentralized"]
 SIZE = 10_000_000
 """Bytes of an array."""
 
@@ -31,16 +32,7 @@ import json
 import numpy as np
 import hprm
 SIZE = ARRAY_BYTES
-
-def place(array):
-    "Where an array lies: the number of the file, the position in it, and how it is mapped."
-    address = array.__array_interface__["data"][0]
-    with open("/proc/self/maps") as maps:
-        for line in maps:
-            span, mode, offset, _, inode, *name = line.split()
-            start, end = (int(number, 16) for number in span.split("-"))
-            if start <= address < end:
-                return [int(inode), int(offset, 16) + address - start, mode, " ".join(name)]
+PLACE
 =}
 reactor Source {
   output out
@@ -85,7 +77,7 @@ def test_an_array_is_in_one_place_however_many_receive_it(
     launch: Run, receivers: int, way: str, coordination: str
 ) -> None:
     array, copied = WAYS[way]
-    text = PROGRAM.replace("ARRAY_BYTES", str(SIZE)).replace("ARRAY", array)
+    text = PROGRAM.replace("PLACE", PLACE).replace("ARRAY_BYTES", str(SIZE)).replace("ARRAY", array)
     text = text.replace("COORDINATION", coordination)
     text = text.replace("RECEIVERS", str(receivers)).replace("ROUNDS", str(ROUNDS))
     outcome = launch(text)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from processes import Bench, Outcome
+from processes import COORDINATIONS, Bench, Outcome
 
-COORDINATIONS = ["centralized", "decentralized"]
 ROUNDS = 24
 WORDS = 131_072
 """Numbers in an array of 1 MiB."""

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 from conftest import Outcome, Run
+from processes import COORDINATIONS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-COORDINATIONS = ["centralized", "decentralized"]
 
 #: A federate that starts `mid` at a given time, and one that sends it a number every 20 ms.
 REACTORS = """

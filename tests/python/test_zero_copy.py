@@ -7,11 +7,10 @@ import ast
 import numpy as np
 import pytest
 from conftest import Run
+from processes import COORDINATIONS
 from scenarios import EXPECTED, program
 
 import hprm
-
-COORDINATIONS = ["centralized", "decentralized"]
 
 SCENARIOS = """
 @moved
