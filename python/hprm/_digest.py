@@ -25,6 +25,9 @@ _TEXT = 60
 # More bits than these make a number unreadable.
 _BITS = 128
 
+# Classes of paths, of which `str` says all.
+_PATHS = ("PosixPath", "WindowsPath", "PurePosixPath", "PureWindowsPath")
+
 
 def take_apart(value: Any) -> Parts:
     """Say what a value that is not of a basic type consists of.
@@ -73,6 +76,10 @@ def _take_apart(value: Any) -> Parts:
         return "named", f"{_label(kind)}.{value.name}", None
     if isinstance(value, pickle.PickleBuffer):
         return "bytes", "buffer", value.raw()
+    pathlib = sys.modules.get("pathlib")
+    if pathlib is not None and kind in (getattr(pathlib, name) for name in _PATHS):
+        # What pickle takes of a path is how it was written, from Python 3.13 on.
+        return "members", f"path {kind.__name__}", [str(value)]
     if isinstance(value, (set, frozenset)):
         if kind in (set, frozenset):
             return "unordered", kind.__name__, list(value)
