@@ -367,3 +367,23 @@ def test_values_go_without_libraries_that_are_not_installed() -> None:
     folder = str(kinds.pathlib.Path(kinds.__file__).parent)
     command = [sys.executable, "-c", textwrap.dedent(program), folder]
     subprocess.run(command, check=True)
+
+
+def test_a_frequency_that_its_name_does_not_tell_is_left_to_pickle() -> None:
+    pd = pytest.importorskip("pandas")
+    offsets = pd.offsets
+    frequencies = [
+        pd.DateOffset(days=1),
+        pd.DateOffset(months=1, days=2),
+        offsets.CustomBusinessDay(weekmask="Mon Wed Fri"),
+        offsets.CustomBusinessDay(holidays=["2026-01-20"]),
+        offsets.BusinessHour(start="08:00", end="12:00"),
+    ]
+    for frequency in frequencies:
+        days = pd.date_range("2026-01-05 09:00", periods=4, freq=frequency)
+        for value in (days, pd.Series(range(4), index=days), pd.DataFrame(index=days)):
+            back = decode(*encode(value))
+            assert kinds.same(back, value)
+            index = back if value is days else back.index
+            assert index.freq == frequency
+            assert index.shift(9).equals(days.shift(9))

@@ -150,11 +150,22 @@ def _take_series(value: Any) -> Parts:
     return series, (_elements(value), value.index, value.name, value.attrs, unique)
 
 
-def _take_index(value: Any) -> Parts:
-    frequency = getattr(value, "freqstr", None) if hasattr(type(value), "freq") else None
+def _take_index(value: Any) -> Parts | None:
+    frequency = getattr(value, "freq", None) if hasattr(type(value), "freq") else None
     if type(value).__name__ == "PeriodIndex":
         frequency = None
-    return index, (_elements(value), value.name, frequency)
+    if frequency is None:
+        return index, (_elements(value), value.name, None)
+    name = frequency.freqstr
+    return (index, (_elements(value), value.name, name)) if _is_told(frequency, name) else None
+
+
+def _is_told(frequency: Any, name: str) -> bool:
+    """Whether the name of a frequency tells all of it: not the holidays of one, for example."""
+    try:
+        return bool(_library().tseries.frequencies.to_offset(name) == frequency)
+    except ValueError:
+        return False
 
 
 def _take_multi_index(value: Any) -> Parts:
