@@ -4,14 +4,13 @@ The command ``hprm`` starts these; it does more for a person.
 """
 
 import argparse
-import atexit
-import contextlib
 import os
 import signal
 import sys
 from typing import NoReturn
 
 from hprm import _hprm, _threads
+from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
 
 
@@ -29,6 +28,7 @@ def main() -> NoReturn:
         leave(0)
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
+    _threads.let_bodies_start_threads()
     if options.command == "run" and options.in_process:
         code = _hprm.run_in_process(
             options.file, options.property, logical_traces=options.logical_trace
@@ -59,7 +59,9 @@ def main() -> NoReturn:
                 "properties": options.property,
             },
         )
-    leave(code)
+    # Whoever has failed keeps no federation from ending.
+    alone = options.command == "run" and not options.in_process
+    leave(code, patience=None if alone or code == 0 else AFTER_FAILURE)
 
 
 def _tls(
@@ -124,23 +126,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def leave(code: int) -> NoReturn:
-    """End the process, whatever threads the program has left."""
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        # Closed by the program or at the other end: then nobody is listening.
-        with contextlib.suppress(OSError, ValueError):
-            if isinstance(stream, _threads.Lines):
-                stream.end()
-            stream.flush()
-    # The kernel keeps eight bits, and a failure must not become a zero.
-    os._exit(code if 0 <= code <= 255 else 1)
-
-
 if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
         # Of several Ctrl-C in a row, the last may come when all is over.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        leave(130)
+        leave(130, patience=0.0)

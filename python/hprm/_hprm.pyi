@@ -79,6 +79,12 @@ class Api:
     def set_maxwait(self, maxwait: float) -> None: ...
     def store_stats(self) -> dict[str, int]: ...
 
+@final
+class Interrupt:
+    """The handler of the signals that ask a running program for its end."""
+
+    def __call__(self, number: int, frame: object, /) -> None: ...
+
 class Membership(TypedDict):
     """Where a federate belongs, and what its launcher has asked for."""
 
@@ -117,6 +123,9 @@ def run_in_process(
 
 def current_federate() -> int | None:
     """Return the number of the federate that this thread belongs to, if it shares a process."""
+
+def runs_bodies() -> bool:
+    """Return whether this thread runs bodies, whoever has started it."""
 
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""

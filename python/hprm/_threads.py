@@ -24,6 +24,18 @@ def begin(federates: list[tuple[int, str]]) -> None:
     sys.stderr = Lines(sys.stderr, names)  # type: ignore[assignment]
 
 
+def let_bodies_start_threads() -> None:
+    """Let the threads that bodies start be like those of the main thread, wherever bodies run.
+
+    Python takes a thread that it has not started for a daemon, and what such a thread starts too.
+    """
+
+    def daemon(thread: threading.Thread) -> bool:
+        return not (thread.ident == threading.get_ident() and _hprm.runs_bodies())
+
+    threading._DummyThread.daemon = property(daemon)  # type: ignore[attr-defined]
+
+
 def publish(name: str, module: ModuleType) -> None:
     """Let ``module`` be imported by a name; if there are federates, by that of this thread."""
     federate = _hprm.current_federate()
@@ -35,6 +47,14 @@ def publish(name: str, module: ModuleType) -> None:
         if not isinstance(shared, PerFederate):
             shared = sys.modules[name] = PerFederate(name)
         object.__getattribute__(shared, "_modules")[federate] = module
+
+
+def versions(module: ModuleType) -> list[ModuleType]:
+    """Return what ``module`` is for each federate, or itself if it is one for all."""
+    if not isinstance(module, PerFederate):
+        return [module]
+    with _lock:
+        return list(object.__getattribute__(module, "_modules").values())
 
 
 class PerFederate(ModuleType):

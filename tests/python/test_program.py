@@ -442,7 +442,7 @@ def test_exit_codes(run: Any) -> None:
         assert (outcome.code, outcome.err) == (code, err), statement
 
 
-def test_threads_do_not_keep_a_program_alive(run: Any) -> None:
+def test_daemons_do_not_keep_a_program_alive(run: Any) -> None:
     outcome = run(
         """
         target Python
@@ -452,7 +452,7 @@ def test_threads_do_not_keep_a_program_alive(run: Any) -> None:
         =}
         main reactor {
           reaction(startup) {=
-            threading.Thread(target=threading.Event().wait).start()
+            threading.Thread(target=threading.Event().wait, daemon=True).start()
             print("no newline", end="")
           =}
         }

@@ -88,9 +88,10 @@ impl PyHost {
         turn: (ReactionId, Body),
         effects: &mut Effects<Value>,
     ) -> Result<(), Failure> {
-        if self.is_thread {
-            // Perhaps a worker's thread.
-            thread::belong_to(self.federate);
+        // Perhaps a worker's thread.
+        match self.is_thread {
+            true => thread::belong_to(self.federate),
+            false => thread::run_bodies(),
         }
         Python::attach(|py| {
             if !self.is_thread {
@@ -135,7 +136,7 @@ fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> Failure {
         }
         code
     });
-    let left = py.import("hprm.__main__").and_then(|main| main.call_method1("leave", (code,)));
+    let left = py.import("hprm._ending").and_then(|ending| ending.call_method1("leave", (code,)));
     // That does not return, unless the package is broken.
     left.err().map_or(Failure { message: String::new(), code }, |error| {
         failure(py, error, "a process that a body has forked")

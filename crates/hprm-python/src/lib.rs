@@ -47,6 +47,8 @@ mod _hprm {
     #[pymodule_export]
     use crate::api::Api;
     #[pymodule_export]
+    use crate::interrupt::Interrupt;
+    #[pymodule_export]
     use crate::measuring::{ArrivedValue, describe_value};
     #[pymodule_export]
     use crate::numpy_memory::in_store;
@@ -61,7 +63,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::testing::{decode, digest, encode, store_round_trip};
     #[pymodule_export]
-    use crate::thread::current_federate;
+    use crate::thread::{current_federate, runs_bodies};
     #[pymodule_export]
     use crate::threads::run_in_process;
 }

@@ -1,7 +1,8 @@
 //! Which federate a thread belongs to, where several run in one process.
 //!
 //! Python asks, for what a process has once and each federate expects for itself: the module
-//! `__main__`, and the name in front of a line of output.
+//! `__main__`, and the name in front of a line of output. It also asks whether a thread that it has
+//! not started runs bodies, for the threads that those start.
 
 use std::cell::Cell;
 
@@ -10,11 +11,24 @@ use pyo3::prelude::*;
 
 thread_local! {
     static FEDERATE: Cell<Option<FederateId>> = const { Cell::new(None) };
+    static RUNS_BODIES: Cell<bool> = const { Cell::new(false) };
 }
 
 /// From now on, this thread runs bodies of `federate`.
 pub(crate) fn belong_to(federate: FederateId) {
     FEDERATE.set(Some(federate));
+    run_bodies();
+}
+
+/// From now on, this thread runs bodies.
+pub(crate) fn run_bodies() {
+    RUNS_BODIES.set(true);
+}
+
+/// Whether this thread runs bodies: the main thread, a worker's or a federate's.
+#[pyfunction]
+pub(crate) fn runs_bodies() -> bool {
+    RUNS_BODIES.get()
 }
 
 /// The number of the federate to which this thread belongs. None of a thread that the program has

@@ -1,0 +1,209 @@
+"""The end of a process that has run a program: what Python does at its own.
+
+Threads that are no daemons are waited for, exit handlers run, what the program's modules hold is
+dropped, and what is still in the buffers of files is written. The interpreter itself is left as it
+is, so whatever else runs in the process, such as a daemon's C code, keeps nobody.
+"""
+
+import _io
+import atexit
+import contextlib
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+import weakref
+from collections.abc import Iterator
+from types import FrameType, ModuleType
+from typing import Any, NoReturn
+
+from hprm import _hprm, _threads
+
+#: How long a federation that has failed waits for the threads of a federate, in seconds.
+AFTER_FAILURE = 2.0
+
+# When a person is told what the process waits for, in seconds.
+_TOLD_AFTER = 1.0
+# How long after a signal another one is the same, in seconds; as in interrupt.rs.
+_TOGETHER = 0.1
+# How long files may take whose readers are slow, or which a daemon keeps, in seconds.
+_WRITING = 5.0
+
+# The exit code of a process that a signal has ended is higher than its number by this.
+_SIGNALLED = 128
+
+# Where modules are that are not the program's.
+_LIBRARIES = (
+    f"{os.sep}site-packages{os.sep}",
+    f"{os.sep}dist-packages{os.sep}",
+    os.path.dirname(os.__file__) + os.sep,
+)
+
+# Taken by whoever comes first: the main thread, or the one that has lost patience.
+_last = threading.Lock()
+
+
+class _Stopped(KeyboardInterrupt):
+    """A signal has come that ends whatever is waited for."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.code = _SIGNALLED + number
+
+
+def leave(code: int, patience: float | None = None) -> NoReturn:
+    """End the process with an exit code, after ``patience`` seconds whatever its threads do.
+
+    None is as long as they take.
+    """
+    # The kernel keeps eight bits, and a failure must not become a zero.
+    code = code if 0 <= code <= 255 else 1
+    try:
+        _listen(code)
+        if patience != 0:
+            _wait_for_threads(code, patience)
+    except _Stopped as stopped:
+        code = code or stopped.code
+    _finish(code)
+
+
+def _listen(code: int) -> None:
+    """Let signals end what follows, unless the program has handlers of its own."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    # The one that has stopped the program may come by another way too.
+    until = time.monotonic() + _TOGETHER if code > _SIGNALLED else 0.0
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        if time.monotonic() >= until:
+            raise _Stopped(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        current = signal.getsignal(number)
+        if isinstance(current, _hprm.Interrupt) or current is signal.default_int_handler:
+            signal.signal(number, stop)
+
+
+def _wait_for_threads(code: int, patience: float | None) -> None:
+    done = threading.Event()
+    if _waited_for():
+        arguments = (done, code, patience)
+        threading.Thread(target=_watch, args=arguments, name="hprm", daemon=True).start()
+    try:
+        # What the interpreter calls: executors are told, and end what they have been given.
+        threading._shutdown()  # type: ignore[attr-defined]
+    except Exception:
+        traceback.print_exc()
+    finally:
+        done.set()
+
+
+def _waited_for() -> list[str]:
+    """The threads that keep a process, apart from this one."""
+    threads = threading.enumerate()
+    kept = [it for it in threads if not it.daemon and it is not threading.main_thread()]
+    return [it.name for it in kept if it is not threading.current_thread()]
+
+
+def _watch(done: threading.Event, code: int, patience: float | None) -> None:
+    """Tell what the process waits for, and end it once that has taken too long."""
+    if done.wait(_TOLD_AFTER if patience is None else min(_TOLD_AFTER, patience)):
+        return
+    if names := ", ".join(_waited_for()):
+        hint = "Ctrl-C ends it; daemon=True makes a thread that is not waited for"
+        _say(f"warning: the program has ended, but not its threads: {names}\n  hint: {hint}")
+    if patience is None or done.wait(max(patience - _TOLD_AFTER, 0.0)):
+        return
+    _say(f"warning: did not wait longer than {patience:g} s for threads: {names}")
+    _finish(code)
+
+
+def _say(message: str) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        print(message, file=sys.stderr, flush=True)
+
+
+def _finish(code: int) -> NoReturn:
+    _last.acquire()
+    steps = [atexit._run_exitfuncs, _flush_streams, _drop_modules, _flush_streams, _write_files]
+    for step in steps:
+        # A signal ends what takes too long, as it does with Python.
+        with contextlib.suppress(_Stopped):
+            step()
+    os._exit(code)
+
+
+def _flush_streams() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        # Closed by the program or at the other end: then nobody is listening.
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            if isinstance(stream, _threads.Lines):
+                stream.end()
+            stream.flush()
+
+
+def _drop_modules() -> None:
+    """Let go of all that the program's modules hold, so that it is closed and finalized.
+
+    That is left out if others still run Python code, which may need it.
+    """
+    if len(sys._current_frames()) > 1:
+        return
+    found = {id(module): weakref.ref(module) for module in _program_modules()}
+    for name in [name for name, module in sys.modules.items() if _is_program(name, module)]:
+        del sys.modules[name]
+    # First with all names in place, for the sake of finalizers.
+    gc.collect()
+    left = [module for reference in found.values() if (module := reference()) is not None]
+    for module in reversed(left):
+        names = vars(module)
+        # Those with an underscore first, as the interpreter does.
+        for name in sorted(names, key=lambda name: not name.startswith("_")):
+            if name != "__builtins__":
+                names[name] = None
+    if left:
+        gc.collect()
+
+
+def _program_modules() -> Iterator[ModuleType]:
+    for name, module in list(sys.modules.items()):
+        if _is_program(name, module):
+            yield from _threads.versions(module)
+
+
+def _is_program(name: str, module: Any) -> bool:
+    """Whether a module is the program's own, rather than a library's."""
+    if isinstance(module, _threads.PerFederate):
+        return True
+    if not isinstance(module, ModuleType) or vars(module).get("__package__") == "hprm":
+        return False
+    if name == "__main__":
+        return True
+    package = name.partition(".")[0]
+    path = vars(module).get("__file__")
+    if package == "hprm" or package in sys.stdlib_module_names or not isinstance(path, str):
+        return False
+    return not any(folder in path for folder in _LIBRARIES)
+
+
+def _write_files() -> None:
+    """Write what the buffers of files hold that somebody still refers to."""
+    # By their types: `isinstance` would run code of objects that stand for others.
+    files = [it for it in gc.get_objects() if issubclass(type(it), _io._IOBase)]
+    # Texts first: their bytes go to the buffers of others.
+    files.sort(key=lambda it: not issubclass(type(it), _io._TextIOBase))
+    # Whoever is writing to one keeps it.
+    work = threading.Thread(target=_flush, args=(files,), daemon=True)
+    work.start()
+    work.join(_WRITING)
+
+
+def _flush(files: list[Any]) -> None:
+    for file in files:
+        # Closed, unreadable, or of a type that is not complete: it has nothing to write.
+        with contextlib.suppress(Exception):
+            if not file.closed and file.writable():
+                file.flush()

@@ -1,0 +1,184 @@
+"""The end of a program: what Python does at its own happens, and nobody is kept without a word."""
+
+from __future__ import annotations
+
+import gzip
+import signal
+import zipfile
+from typing import Any
+
+import pytest
+from processes import Bench, finish, hear
+
+# The ways to run a program: in one process, a process for each federate, a thread for each.
+WAYS = [
+    pytest.param("main", [], id="main"),
+    pytest.param("federated", [], id="processes"),
+    pytest.param("federated", ["--in-process"], id="threads"),
+]
+
+WAITS = """
+target Python {{ timeout: 0 ms }}
+preamble {{=
+  import pathlib, threading, time
+  def save():
+      while not pathlib.Path("go").exists():
+          time.sleep(0.01)
+      pathlib.Path("saved").write_text("all")
+=}}
+reactor Saver {{
+  reaction(startup) {{= threading.Thread(target=save, name="saver").start() =}}
+  reaction(shutdown) {{= {at_the_end} =}}
+}}
+{kind} reactor {{ a = new Saver() }}
+"""
+
+NOTICE = "the program has ended, but not its threads: saver"
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_threads_are_waited_for(bench: Bench, kind: str, options: list[str]) -> None:
+    process = bench.start(WAITS.format(kind=kind, at_the_end="pass"), *options)
+    hear(process.stderr, NOTICE)
+    (bench.folder / "go").touch()
+    assert finish(process).code == 0
+    assert (bench.folder / "saved").read_text() == "all"
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_an_interrupt_ends_the_waiting(bench: Bench, kind: str, options: list[str]) -> None:
+    process = bench.start(WAITS.format(kind=kind, at_the_end="pass"), *options)
+    hear(process.stderr, NOTICE)
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors, outcome.out) == (130, [], "")
+    assert "Traceback" not in outcome.err
+    assert not (bench.folder / "saved").exists()
+
+
+def test_threads_of_workers_are_waited_for(bench: Bench) -> None:
+    text = WAITS.format(kind="main", at_the_end="pass").replace(
+        "a = new Saver()", "a = new[2] Saver()"
+    )
+    process = bench.start(text, "--property=workers=2")
+    hear(process.stderr, f"{NOTICE}, saver")
+    (bench.folder / "go").touch()
+    assert finish(process).code == 0
+
+
+def test_a_request_to_end_ends_the_waiting(bench: Bench) -> None:
+    process = bench.start(WAITS.format(kind="main", at_the_end="pass"))
+    hear(process.stderr, NOTICE)
+    process.send_signal(signal.SIGTERM)
+    assert finish(process).code == 128 + signal.SIGTERM
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS[1:])
+def test_who_has_failed_is_not_waited_for(bench: Bench, kind: str, options: list[str]) -> None:
+    outcome = bench.run(WAITS.format(kind=kind, at_the_end="1 / 0"), *options)
+    assert outcome.code == 1
+    outcome.assert_one_error("ZeroDivisionError")
+    assert "warning: did not wait longer than 2 s for threads: saver" in outcome.err
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_executors_end_what_they_have_been_given(
+    bench: Bench, kind: str, options: list[str]
+) -> None:
+    text = f"""
+target Python {{ timeout: 0 ms }}
+preamble {{=
+  import time
+  from concurrent.futures import ThreadPoolExecutor
+  def save(number):
+      time.sleep(0.01)
+      with open("saved", "a") as file:
+          print(number, file=file)
+=}}
+reactor Saver {{
+  state pool = {{= ThreadPoolExecutor(1) =}}
+  reaction(startup) {{=
+    for number in range(20):
+        self.pool.submit(save, number)
+  =}}
+}}
+{kind} reactor {{ a = new Saver() }}
+"""
+    outcome = bench.run(text, *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    saved = (bench.folder / "saved").read_text()
+    assert [int(line) for line in saved.splitlines()] == list(range(20))
+
+
+FILES = """
+target Python {{ timeout: 0 ms }}
+preamble {{=
+  import gzip, threading, zipfile
+  import beside
+  rows = open("rows", "w")
+  packed = gzip.open("packed", "wt")
+  archive = zipfile.ZipFile("archive", "w")
+  class Last:
+      def __del__(self): print("last", beside.name, rows.name)
+  last = Last()
+=}}
+reactor Writer {{
+  state own = {{= open("own", "w") =}}
+  reaction(startup) {{=
+    for file in (rows, packed, self.own, beside.rows):
+        file.write("row")
+    archive.writestr("member", "row")
+    {also}
+  =}}
+}}
+{kind} reactor {{ a = new Writer() }}
+"""
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_what_modules_hold_is_closed(bench: Bench, kind: str, options: list[str]) -> None:
+    (bench.folder / "beside.py").write_text('name = "beside"\nrows = open("module", "w")\n')
+    outcome = bench.run(FILES.format(kind=kind, also="pass"), *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.endswith("last beside rows\n")
+    for name in ("rows", "own", "module"):
+        assert (bench.folder / name).read_text() == "row", name
+    with gzip.open(bench.folder / "packed", "rt") as packed:
+        assert packed.read() == "row"
+    with zipfile.ZipFile(bench.folder / "archive") as archive:
+        assert archive.read("member") == b"row"
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_files_are_written_while_a_daemon_runs(bench: Bench, kind: str, options: list[str]) -> None:
+    (bench.folder / "beside.py").write_text('name = "beside"\nrows = open("module", "w")\n')
+    daemon = "threading.Thread(target=threading.Event().wait, daemon=True).start()"
+    outcome = bench.run(FILES.format(kind=kind, also=daemon), *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    for name in ("rows", "own", "module"):
+        assert (bench.folder / name).read_text() == "row", name
+
+
+def test_arrays_outlive_the_store_that_they_lie_in(launch: Any) -> None:
+    outcome = launch(
+        """
+        target Python { timeout: 0 ms }
+        preamble {=
+          import numpy as np
+          kept = []
+          class Last:
+              def __del__(self): print(sum(int(array.sum()) for array in kept))
+          last = Last()
+        =}
+        reactor Camera { output out
+          reaction(startup) -> out {=
+            kept.append(np.full(100_000, 2))
+            out.set(kept[0])
+          =}
+        }
+        reactor Viewer { input inp  reaction(inp) {= kept.append(inp.value) =} }
+        federated reactor { a = new Camera()  b = new Viewer()  a.out -> b.inp }
+        """
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    assert sorted(outcome.out.splitlines()) == ["[a] 200000", "[b] 200000"]
