@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from processes import COORDINATIONS, Bench, Outcome
+from processes import COORDINATIONS, Bench, Outcome, finish
 
 ROUNDS = 24
 WORDS = 131_072
@@ -91,6 +91,8 @@ def test_a_full_store_can_be_a_failure(bench: Bench, coordination: str) -> None:
     outcome = bench.run(text, "--store-full", "error")
     assert outcome.code == 1
     outcome.assert_one_error("federate sender", "is full", "raise --store-limit")
+    # By its name, which its number does not tell anybody.
+    assert "federate 0" not in outcome.err
 
 
 def test_the_environment_limits_the_store(bench: Bench) -> None:
@@ -100,6 +102,27 @@ def test_the_environment_limits_the_store(bench: Bench) -> None:
     outcome = Outcome(process.returncode, out, err)
     assert_nothing_is_lost(outcome, "0 bytes of at most 0 are in use")
     assert stats(outcome)["inline_fallbacks"] == ROUNDS
+
+
+@pytest.mark.parametrize("name", ["HPRM_STORE_LIMIT", "HPRM_STORE_FULL"])
+def test_a_wrong_variable_is_named_and_an_empty_one_is_none(bench: Bench, name: str) -> None:
+    (bench.folder / "Main.lf").write_text("target Python\nmain reactor { }\n")
+
+    def run(value: str, *options: str) -> Outcome:
+        return finish(bench.call("run", *options, "Main.lf", environment={name: value}))
+
+    wrong = run("odd")
+    assert wrong.code == 2
+    wrong.assert_one_error(f"the environment variable {name}=odd is wrong: not ")
+    assert "--store" not in wrong.err
+    assert (run("").code, run("").err) == (0, "")
+    # What is typed counts, and is named if it is wrong.
+    option = "--" + name.removeprefix("HPRM_").lower().replace("_", "-")
+    right = {"--store-limit": "1GB", "--store-full": "error"}[option]
+    assert run("odd", option, right).code == 0
+    typed = run("odd", option, "odd")
+    assert typed.code == 2
+    typed.assert_one_error(option)
 
 
 @pytest.mark.parametrize("full", ["inline", "error"])

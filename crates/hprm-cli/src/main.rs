@@ -30,17 +30,17 @@ mod source;
 mod supervisor;
 mod threads;
 mod trace;
+mod variables;
 mod verdict;
 mod verify;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
-use crate::args::{Arguments, Command};
+use crate::args::Command;
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
+    let arguments = variables::parse().unwrap_or_else(|error| error.exit());
+    let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),
         Command::Diff(diff) => diff::diff(&diff),
