@@ -57,9 +57,9 @@ pub enum SegmentError {
 pub enum StoreError {
     /// The capacity is reached.
     #[error(
-        "the object store of federate {} is full: {asked} bytes were asked for and {in_use} bytes of \
+        "the federate's object store is full: {asked} bytes were asked for and {in_use} bytes of \
          at most {capacity} are in use; receivers keep them until they drop the values, so drop \
-         values sooner or raise --store-limit", owner.0
+         values sooner or raise --store-limit"
     )]
     Full {
         /// The federate whose store it is.
