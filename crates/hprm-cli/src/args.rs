@@ -424,7 +424,8 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 fn size(text: &str) -> Result<u64, String> {
-    read_size(text).ok_or_else(|| "not a size, such as 2GB".to_owned())
+    read_size(text)
+        .ok_or_else(|| "not a size, which is a whole number with a unit, such as 2GB".to_owned())
 }
 
 fn when_full(text: &str) -> Result<WhenFull, String> {

@@ -328,6 +328,7 @@ fn cpus(value: &Element) -> Read<Vec<u32>> {
     };
     let cpu = |element| integer(element).and_then(|cpu| u32::try_from(cpu).ok());
     let cpus: Option<Vec<_>> = elements.iter().map(cpu).collect();
+    let cpus = cpus.filter(|cpus| !cpus.is_empty());
     cpus.ok_or("the number of a processor, or a list of such numbers: `[2, 3]`")
 }
 
@@ -375,7 +376,8 @@ fn size(value: &Element) -> Read<u64> {
         },
         _ => None,
     };
-    size.or_else(|| read_size(word(value)?)).ok_or("a size, such as `\"2 GB\"`")
+    size.or_else(|| read_size(word(value)?))
+        .ok_or("a size, which is a whole number with a unit, such as `\"2 GB\"`")
 }
 
 fn when_full(value: &Element) -> Read<WhenFull> {

@@ -128,6 +128,7 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0603", "target Python { cmake-include: { a: 1 } } main reactor { }"),
     ("LF0603", "target Python { store-limit: \"2 parsec\" } main reactor { }"),
     ("LF0603", "target Python { store-limit: -1 } main reactor { }"),
+    ("LF0603", "target Python { cpus: [] } main reactor { }"),
     ("LF0603", "target Python { store-full: panic } main reactor { }"),
     ("LF0604", "target Python { fast: true, FAST: false } main reactor { }"),
     ("LF0605", "target Python { fast: true } federated reactor { }"),
