@@ -69,6 +69,18 @@ pub(crate) fn unit(name: &str) -> Option<Nanos> {
     })
 }
 
+/// How to write `number` of a unit as a whole number of a smaller one, if it is one.
+pub(crate) fn smaller(number: f64, unit_name: &str) -> Option<String> {
+    let nanos = number * unit(unit_name)? as f64;
+    // Rounding takes away what the multiplication has added: 4.35 s are 4350 ms.
+    let whole = |name: &&str| {
+        let number = nanos / unit(name)? as f64;
+        let error = (number - number.round()).abs();
+        (error <= 1e-9 * number).then(|| format!("{} {name}", number.round()))
+    };
+    ["s", "ms", "us", "ns"].iter().find_map(|name| whole(&name))
+}
+
 /// The text that a literal denotes, with Python's escapes. An unknown escape stays as it is, as in
 /// Python.
 pub(crate) fn unescape(literal: &str) -> String {
@@ -133,5 +145,13 @@ mod tests {
         assert_eq!(unit("ms"), Some(1_000_000));
         assert_eq!(unit("weeks"), Some(604_800_000_000_000));
         assert_eq!(unit("parsec"), None);
+    }
+
+    #[test]
+    fn a_part_of_a_unit_is_a_number_of_smaller_ones() {
+        assert_eq!(smaller(0.5, "ms").as_deref(), Some("500 us"));
+        assert_eq!(smaller(4.35, "s").as_deref(), Some("4350 ms"));
+        assert_eq!(smaller(1.5, "min").as_deref(), Some("90 s"));
+        assert_eq!(smaller(0.3, "ns"), None);
     }
 }

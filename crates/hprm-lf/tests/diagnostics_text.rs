@@ -385,3 +385,76 @@ fn a_missing_main_file() {
       | ^
     "#);
 }
+
+#[test]
+fn values_that_only_python_understands() {
+    assert_snapshot!(errors("
+main reactor {
+  state names = {}
+  state both = [1, {2, 3}]
+  state pi = np.pi
+  state made = dict()
+  timer t(0, 0.5 ms)
+}
+"), @r"
+    error[LF0006]: braces alone make no value in Python
+     --> Main.lf:3:17
+      |
+    3 |   state names = {}
+      |                 ^
+      |
+      = help: write a dict or a set as `{= {...} =}`, and a list as `[...]`
+
+    error[LF0006]: braces alone make no value in Python
+     --> Main.lf:4:20
+      |
+    4 |   state both = [1, {2, 3}]
+      |                    ^
+      |
+      = help: write a dict or a set as `{= {...} =}`, and a list as `[...]`
+
+    error[LF0006]: `np` begins what only Python understands
+     --> Main.lf:5:14
+      |
+    5 |   state pi = np.pi
+      |              ^^
+      |
+      = help: write it between `{=` and `=}`
+
+    error[LF0006]: `dict` begins what only Python understands
+     --> Main.lf:6:16
+      |
+    6 |   state made = dict()
+      |                ^^^^
+      |
+      = help: write it between `{=` and `=}`
+
+    error[LF0401]: a time is a whole number of a unit
+     --> Main.lf:7:14
+      |
+    7 |   timer t(0, 0.5 ms)
+      |              ^^^^^^
+      |
+      = help: write `500 us`
+    ");
+    assert_snapshot!(errors("
+reactor A(start = None) { state nothing = None }
+main reactor { a = new A() }
+"), @r"
+    error[LF0203]: a default cannot be a parameter, `None`
+     --> Main.lf:2:19
+      |
+    2 | reactor A(start = None) { state nothing = None }
+      |                   ^^^^
+      |
+      = help: a value of Python is written `{= None =}`
+
+    error[LF0306]: there is no parameter `None`
+     --> Main.lf:2:43
+      |
+    2 | reactor A(start = None) { state nothing = None }
+      |                                           ^^^^
+      |
+      = help: a value of Python is written `{= None =}`
+    ");
+}

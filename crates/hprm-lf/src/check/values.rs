@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use crate::ast::{Expression, ExpressionKind, Width, WidthTerm};
-use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::diagnostic::{Diagnostic, Report, did_you_mean, existing};
 use crate::model::{Declarations, Model};
 
 use super::Models;
@@ -32,23 +32,37 @@ fn defaults(declared: &Declarations<'_>, report: &mut Report) {
             }
             Some(default) => {
                 let hint = "write the value; where instances are made, parameters may be used";
-                no_parameters(default, "a default", hint, report);
+                no_parameters(default, declared, ("a default", hint), report);
             }
         }
     }
 }
 
-fn no_parameters(expression: &Expression, what: &str, hint: &str, report: &mut Report) {
+fn no_parameters(
+    expression: &Expression,
+    declared: &Declarations<'_>,
+    (what, hint): (&str, &str),
+    report: &mut Report,
+) {
     match &expression.kind {
         ExpressionKind::Parameter(other) => {
             let message = format!("{what} cannot be a parameter, `{other}`");
+            let hint = match declared.parameter(other) {
+                Some(_) => hint.to_owned(),
+                None => of_python(other),
+            };
             report.add(Diagnostic::error("LF0203", expression.span, message).hint(hint));
         }
         ExpressionKind::List(items) | ExpressionKind::Tuple(items) => {
-            items.iter().for_each(|item| no_parameters(item, what, hint, report));
+            items.iter().for_each(|item| no_parameters(item, declared, (what, hint), report));
         }
         _ => {}
     }
+}
+
+/// What to write if a name is none of the program but one of Python.
+fn of_python(name: &str) -> String {
+    format!("a value of Python is written `{{= {name} =}}`")
 }
 
 /// Python evaluates the default of an argument where the method is defined.
@@ -60,7 +74,8 @@ fn methods(declared: &Declarations<'_>, report: &mut Report) {
             match &argument.default {
                 Some(default) => {
                     let hint = "write the value, or read `self` in the body";
-                    no_parameters(default, "the default of an argument", hint, report);
+                    let what = "the default of an argument";
+                    no_parameters(default, declared, (what, hint), report);
                     defaults = true;
                 }
                 None if defaults => {
@@ -146,7 +161,7 @@ fn parameters_exist(expression: &Expression, declared: &Declarations<'_>, report
         {
             let message = format!("there is no parameter `{name}`");
             let all = declared.parameters.iter().map(|p| p.name.text.as_str());
-            let hint = existing(name, "parameters", all);
+            let hint = did_you_mean(name, all).unwrap_or_else(|| of_python(name));
             report.add(Diagnostic::error("LF0306", expression.span, message).hint(hint));
         }
         ExpressionKind::List(items) | ExpressionKind::Tuple(items) => {

@@ -36,7 +36,12 @@ impl Parser<'_> {
             }
             Kind::Code => ExpressionKind::Code(self.body()?),
             Kind::Mark('[') => ExpressionKind::List(self.expressions('[', ']')?),
-            Kind::Mark('{') => ExpressionKind::List(self.expressions('{', '}')?),
+            Kind::Mark('{') => {
+                return self.lose(
+                    Diagnostic::error("LF0006", start, "braces alone make no value in Python")
+                        .hint("write a dict or a set as `{= {...} =}`, and a list as `[...]`"),
+                );
+            }
             Kind::Mark('(') => ExpressionKind::Tuple(self.expressions('(', ')')?),
             Kind::Identifier => self.word()?,
             _ => return self.fail("a value"),
@@ -55,8 +60,21 @@ impl Parser<'_> {
             "forever" => ExpressionKind::Time(i64::MAX),
             "never" => ExpressionKind::Time(i64::MIN),
             text if boolean => ExpressionKind::Bool(text.eq_ignore_ascii_case("true")),
+            _ if self.goes_on_as_python(name.span) => {
+                let message = format!("`{}` begins what only Python understands", name.text);
+                return self.lose(
+                    Diagnostic::error("LF0006", name.span, message)
+                        .hint("write it between `{=` and `=}`"),
+                );
+            }
             _ => ExpressionKind::Parameter(name.text),
         })
+    }
+
+    /// Whether an attribute or a call follows a name without a gap: `np.pi`, `dict()`.
+    fn goes_on_as_python(&self, name: Span) -> bool {
+        let next = self.token();
+        next.span.start == name.end && matches!(next.kind, Kind::Mark('.' | '('))
     }
 
     fn integer_or_time(&mut self, negative: bool) -> Parsed<ExpressionKind> {
@@ -107,9 +125,25 @@ impl Parser<'_> {
     fn float(&mut self, negative: bool) -> Parsed<ExpressionKind> {
         let token = self.advance();
         match self.text_of(token).parse::<f64>() {
+            Ok(number) if self.is_unit() => self.broken_time(token.span, number),
             Ok(number) => Ok(ExpressionKind::Float(if negative { -number } else { number })),
             Err(_) => self.lose(Diagnostic::error("LF0005", token.span, "this is not a number")),
         }
+    }
+
+    fn is_unit(&self) -> bool {
+        self.is(Kind::Identifier) && value::unit(self.text_of(self.token())).is_some()
+    }
+
+    /// `0.5 ms`, at whose unit the cursor is.
+    fn broken_time(&mut self, number: Span, magnitude: f64) -> Parsed<ExpressionKind> {
+        let unit = self.advance();
+        let message = "a time is a whole number of a unit";
+        let smaller = value::smaller(magnitude, self.text_of(unit));
+        self.lose(
+            Diagnostic::error("LF0401", number.to(unit.span), message)
+                .maybe_hint(smaller.map(|time| format!("write `{time}`"))),
+        )
     }
 
     /// The contents of a string or a character, which stands at the cursor.
