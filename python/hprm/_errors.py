@@ -16,9 +16,10 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
         case SystemExit(code=None):
             return 0, ""
         case SystemExit(code=int(code)):
-            return code, ""
+            # As the process ends, which keeps eight bits: a failure must not become a zero.
+            return code if 0 <= code <= 255 else 1, ""
         case SystemExit(code=reason):
-            return 1, str(reason)
+            return 1, _text(reason)
         case KeyboardInterrupt():
             return 130, ""
         case SyntaxError(filename=str()):
@@ -26,7 +27,7 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
-    reason = str(error).partition("\n")[0]
+    reason = _text(error).partition("\n")[0]
     title = f"error: {what} raised {name}" + (f": {reason}" if reason else "")
     frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")]
     frames = frames or ([] if place else list(trace.stack))
@@ -38,6 +39,13 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
     if text not in (name, f"{name}: {reason}"):
         lines.append(text)
     return 1, "\n".join(lines)
+
+
+def _text(thing: object) -> str:
+    try:
+        return str(thing)
+    except Exception as second:
+        return f"(no text, because __str__ raised {type(second).__name__})"
 
 
 def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> None:

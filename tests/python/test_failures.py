@@ -374,6 +374,23 @@ def test_semaphores_do_not_outlive_a_federation(bench: Bench) -> None:
     assert made and not made & set(os.listdir("/dev/shm"))
 
 
+UNPRINTABLE = """
+    class Weird(Exception):
+        def __str__(self): raise RuntimeError("no")
+    raise Weird("hm")"""
+
+
+@pytest.mark.parametrize("options", [[], ["--in-process"]], ids=["processes", "threads"])
+def test_an_exception_without_a_text_is_told(bench: Bench, options: list[str]) -> None:
+    text = program("centralized", UNPRINTABLE)
+    outcome = bench.run(text, *options)
+    assert outcome.code == 1
+    line = line_of(text, "raise Weird")
+    told = "raised Weird: (no text, because __str__ raised RuntimeError)"
+    outcome.assert_one_error("error: federate pong: ", told, f"Main.lf:{line}")
+    assert "Exception ignored" not in outcome.err
+
+
 # Federates that are threads of one process.
 
 # The process that a person starts is the program itself, or waits for it to have written a trace.
@@ -416,7 +433,7 @@ def test_an_exit_code_of_a_thread_is_passed_on(
     outcome = bench.run(program("centralized", leave), *options)
     assert outcome.code == code
     assert "Traceback" not in outcome.err
-    outcome.assert_one_error("error: federate pong exited with code")
+    outcome.assert_one_error(f"error: federate pong exited with code {code}")
 
 
 @pytest.mark.parametrize("options", THREADS)
