@@ -124,6 +124,9 @@ def run_in_process(
 def current_federate() -> int | None:
     """Return the number of the federate that this thread belongs to, if it shares a process."""
 
+def belong_to_federate(number: int) -> None:
+    """Let this thread belong to a federate, if several share a process."""
+
 def runs_bodies() -> bool:
     """Return whether this thread runs bodies, whoever has started it."""
 

@@ -18,10 +18,32 @@ _lock = threading.Lock()
 
 
 def begin(federates: list[tuple[int, str]]) -> None:
-    """Show what federates print behind their names, from now on."""
+    """Show what federates print behind their names, and know whose a thread is, from now on."""
     names = dict(federates)
     sys.stdout = Lines(sys.stdout, names)  # type: ignore[assignment]
     sys.stderr = Lines(sys.stderr, names)  # type: ignore[assignment]
+    start = threading.Thread.start
+
+    def start_for_federate(thread: threading.Thread) -> None:
+        federate = _hprm.current_federate()
+        if federate is not None:
+            _hand_down(thread, federate)
+        start(thread)
+
+    threading.Thread.start = start_for_federate  # type: ignore[method-assign]
+
+
+def _hand_down(thread: threading.Thread, federate: int) -> None:
+    """Let a thread that is about to start belong to a federate, as the one that starts it does."""
+    run = thread.run
+
+    def run_for_federate() -> None:
+        # The name is that of the class again, and nothing refers to the thread in a circle.
+        del thread.run
+        _hprm.belong_to_federate(federate)
+        run()
+
+    thread.run = run_for_federate  # type: ignore[method-assign]
 
 
 def let_bodies_start_threads() -> None:
@@ -60,7 +82,7 @@ def versions(module: ModuleType) -> list[ModuleType]:
 class PerFederate(ModuleType):
     """A module that is another one for each federate.
 
-    A thread that the program has started belongs to none, and sees that of the first.
+    A thread that native code has started belongs to none, and sees that of the first.
     """
 
     def __init__(self, name: str) -> None:

@@ -319,3 +319,52 @@ def test_what_a_thread_of_the_program_schedules_arrives(threads: Any) -> None:
         }
     """)
     assert lines(outcome) == ["hello True"]
+
+
+def test_a_thread_belongs_to_the_federate_that_has_started_it(threads: Any) -> None:
+    outcome = threads("""\
+        target Python
+        preamble {=
+          import threading
+          class Named(threading.Thread):
+              def run(self):
+                  import __main__
+                  print(__main__.who, self.run.__name__)
+        =}
+        reactor Part {
+          reaction(startup) {=
+            global who
+            who = f"part {self.bank_index}"
+            inner = lambda: threading.Thread(target=print, args=("inner",)).start()
+            for thread in (Named(), threading.Thread(target=inner)):
+                thread.start()
+                thread.join()
+          =}
+        }
+        federated reactor { part = new[2] Part() }
+    """)
+    assert (outcome.code, outcome.err) == (0, "")
+    said = sorted(outcome.out.splitlines())
+    assert said == [f"[part__{n}] {line}" for n in "01" for line in ("inner", f"part {n} run")]
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_every_federate_may_use_other_processes(threads: Any, method: str) -> None:
+    outcome = threads(f"""\
+        target Python
+        preamble {{=
+          import multiprocessing
+          from concurrent.futures import ProcessPoolExecutor
+          def doubled(number): return 2 * number
+        =}}
+        reactor Part {{
+          reaction(startup) {{=
+            context = multiprocessing.get_context("{method}")
+            with ProcessPoolExecutor(1, mp_context=context) as executor:
+                print(executor.submit(doubled, 4).result())
+          =}}
+        }}
+        federated reactor {{ part = new[2] Part() }}
+    """)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert sorted(outcome.out.splitlines()) == ["[part__0] 8", "[part__1] 8"]

@@ -63,7 +63,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::testing::{decode, digest, encode, store_round_trip};
     #[pymodule_export]
-    use crate::thread::{current_federate, runs_bodies};
+    use crate::thread::{belong_to_federate, current_federate, runs_bodies};
     #[pymodule_export]
     use crate::threads::run_in_process;
 }

@@ -31,8 +31,14 @@ pub(crate) fn runs_bodies() -> bool {
     RUNS_BODIES.get()
 }
 
-/// The number of the federate to which this thread belongs. None of a thread that the program has
-/// started, and where each federate has a process.
+/// The same, for a thread that a body of the federate of that number has started.
+#[pyfunction]
+pub(crate) fn belong_to_federate(number: u16) {
+    FEDERATE.set(Some(FederateId(number)));
+}
+
+/// The number of the federate to which this thread belongs. None of one that native code has started,
+/// and where each federate has a process.
 #[pyfunction]
 pub(crate) fn current_federate() -> Option<u16> {
     FEDERATE.get().map(|federate| federate.0)
