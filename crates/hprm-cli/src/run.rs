@@ -70,7 +70,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
         let message = format!("{} has no federate {}", arguments.file.display(), arguments.name);
         return Err(Error::new(message).hint(format!("its federates: {}", names.join(", "))));
     }
-    let secret = secret::of_federate(&arguments.secret)?;
+    let secret = secret::of_federate(&arguments.secret, arguments.connect_timeout)?;
     let python = python::find()?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());

@@ -4,9 +4,10 @@
 //! or in a file with the permissions 600.
 
 use std::fs::OpenOptions;
-use std::io::{self, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use hprm::federated::FederationId;
 
@@ -15,6 +16,9 @@ use crate::message::Error;
 
 /// More is not a secret of this kind, whatever it is.
 const LONGEST: u64 = 64;
+
+/// How often to look whether the file is there.
+const LOOKING: Duration = Duration::from_millis(20);
 
 /// The secret, if one is given. A file that is missing is made.
 ///
@@ -29,13 +33,19 @@ pub(crate) fn of_rti(secret: &Secret) -> Result<Option<FederationId>, Error> {
     }
 }
 
-/// The secret of a federation that somebody else has started.
+/// The secret of a federation that somebody else has started, or starts within `patience`: then the
+/// file may still be missing.
 ///
 /// # Errors
 ///
 /// If none is given, or as [`of_rti`].
-pub(crate) fn of_federate(secret: &Secret) -> Result<FederationId, Error> {
-    let read = secret.federation_file.as_deref().map(read).transpose()?;
+pub(crate) fn of_federate(secret: &Secret, patience: Duration) -> Result<FederationId, Error> {
+    let until = Instant::now() + patience;
+    let pause = || {
+        std::thread::sleep(LOOKING);
+        Instant::now() < until
+    };
+    let read = secret.federation_file.as_deref().map(|path| await_file(path, pause)).transpose()?;
     read.or(secret.federation).ok_or_else(|| {
         Error::new("the secret of the federation is missing")
             .hint("name the file with it, --federation-file FILE, or set HPRM_FEDERATION_ID")
@@ -64,6 +74,16 @@ pub(crate) fn random_bytes<const N: usize>() -> Result<[u8; N], Error> {
     Ok(bytes)
 }
 
+/// Reads the file once it is there, or once `pause` says that it has been waited for long enough.
+fn await_file(path: &Path, mut pause: impl FnMut() -> bool) -> Result<FederationId, Error> {
+    while !path.exists() && pause() {}
+    let missing = !path.exists();
+    read(path).map_err(|error| match missing {
+        true => error.hint("`hprm rti --federation-file FILE` makes it"),
+        false => error,
+    })
+}
+
 fn read(path: &Path) -> Result<FederationId, Error> {
     let failed = |error: io::Error| Error::new(format!("cannot read {}: {error}", path.display()));
     let file = std::fs::File::open(path).map_err(failed)?;
@@ -78,15 +98,30 @@ fn read(path: &Path) -> Result<FederationId, Error> {
     text.trim().parse().map_err(|error| Error::new(format!("{}: {error}", path.display())))
 }
 
+/// Makes the file, which is whole as soon as it is there.
 fn write(path: &Path) -> Result<FederationId, Error> {
     let secret = random()?;
-    OpenOptions::new()
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".{}", std::process::id()));
+    let draft = Path::new(&name);
+    let written = OpenOptions::new()
         .write(true)
         .create_new(true)
         .mode(0o600)
-        .open(path)
+        .open(draft)
         .and_then(|mut file| writeln!(file, "{secret}"))
-        .map_err(|error| Error::new(format!("cannot write {}: {error}", path.display())))?;
+        // Unlike a change of its name, this leaves alone what somebody else has made meanwhile.
+        .and_then(|()| std::fs::hard_link(draft, path))
+        .or_else(|error| match error.kind() {
+            // Some file systems know no links.
+            ErrorKind::PermissionDenied | ErrorKind::Unsupported if !path.exists() => {
+                std::fs::rename(draft, path)
+            }
+            _ => Err(error),
+        });
+    // There may be none.
+    let _ = std::fs::remove_file(draft);
+    written.map_err(|error| Error::new(format!("cannot write {}: {error}", path.display())))?;
     Ok(secret)
 }
 
@@ -104,10 +139,10 @@ mod tests {
     fn the_rti_makes_the_file_and_federates_read_it() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("secret");
-        assert!(of_federate(&in_file(&path)).is_err());
+        assert!(of_federate(&in_file(&path), Duration::ZERO).is_err());
         let secret = of_rti(&in_file(&path)).unwrap();
         assert_eq!(path.metadata().unwrap().mode() & 0o777, 0o600);
-        assert_eq!(Some(of_federate(&in_file(&path)).unwrap()), secret);
+        assert_eq!(Some(of_federate(&in_file(&path), Duration::ZERO).unwrap()), secret);
         assert_eq!(of_rti(&in_file(&path)).unwrap(), secret);
     }
 
@@ -129,12 +164,37 @@ mod tests {
         of_rti(&in_file(&path)).unwrap();
         for text in ["", "12", &"a".repeat(80)] {
             std::fs::write(&path, text).unwrap();
-            assert!(of_federate(&in_file(&path)).is_err(), "{text}");
+            assert!(of_federate(&in_file(&path), Duration::ZERO).is_err(), "{text}");
         }
     }
 
     #[test]
     fn nobody_is_a_federate_without_a_secret() {
-        assert!(of_federate(&Secret { federation: None, federation_file: None }).is_err());
+        let secret = Secret { federation: None, federation_file: None };
+        assert!(of_federate(&secret, Duration::ZERO).is_err());
+    }
+
+    #[test]
+    fn a_federate_waits_for_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("secret");
+        let mut made = None;
+        let waited = await_file(&path, || {
+            made = of_rti(&in_file(&path)).unwrap();
+            true
+        });
+        assert_eq!(Some(waited.unwrap()), made);
+        assert!(await_file(&folder.path().join("other"), || false).is_err());
+    }
+
+    #[test]
+    fn what_is_there_already_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("secret");
+        std::fs::write(&path, "").unwrap();
+        assert!(write(&path).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
+        // Nothing is left beside it, either.
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }
