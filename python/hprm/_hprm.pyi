@@ -133,6 +133,9 @@ def runs_bodies() -> bool:
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
 
+def link_descriptors() -> list[int]:
+    """Return the descriptors by which this process speaks to the RTI and to other federates."""
+
 def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> T:
     """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import pytest
 from conftest import Run
+from processes import Bench
 
 #: What a program defines, and a body that has other processes use it.
 PREAMBLE = """
@@ -124,3 +128,78 @@ def test_such_a_process_has_no_runtime_to_ask(run: Run) -> None:
     )
     assert (outcome.code, outcome.err) == (0, "")
     assert "lf knows of times and tags only where reactions run" in outcome.out
+
+
+@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+def test_a_forked_process_does_not_hide_that_its_parent_is_dead(
+    bench: Bench, coordination: str
+) -> None:
+    text = f"""
+target Python {{ coordination: {coordination} }}
+preamble {{=
+  import os, pathlib, time
+=}}
+reactor Source {{
+  output out
+  timer t(0, 10 ms)
+  state forks = True
+  reaction(t) -> out {{=
+    out.set(1)
+    if self.forks:
+        self.forks = False
+        if os.fork() == 0:
+            while not pathlib.Path("go").exists():
+                time.sleep(0.01)
+            os._exit(0)
+        pathlib.Path("source.pid").write_text(f"{{os.getpid()}}\\n")
+  =}}
+}}
+reactor Sink {{ input inp  reaction(inp) {{= pass =}} }}
+federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sink.inp }}
+"""
+    federation = bench.by_hand(text, "source", "sink")
+    os.kill(bench.pid("source"), signal.SIGKILL)
+    # The forked process lives on, and what it has inherited keeps nobody.
+    for outcome in federation.finish("rti", "sink").values():
+        assert outcome.code == 1
+        assert "source ended before its last tag" in outcome.err
+    (bench.folder / "go").touch()
+
+
+@pytest.mark.parametrize("kind", ["main", "federated"])
+def test_what_a_forked_process_asks_of_the_program_is_refused(launch: Run, kind: str) -> None:
+    outcome = launch(
+        f"""
+        target Python
+        preamble {{=
+            import multiprocessing
+            def ask(tell, *requests):
+                for request in requests:
+                    try:
+                        request()
+                    except RuntimeError as error:
+                        tell.put(str(error))
+        =}}
+        reactor Part {{
+          output out
+          physical action came
+          logical action next
+          reaction(startup) -> out, came, next {{=
+            context = multiprocessing.get_context("fork")
+            told = context.Queue()
+            requests = [
+                lambda: out.set(1), came.schedule, next.schedule, lf.request_stop, lf.stop,
+            ]
+            child = context.Process(target=ask, args=(told, *requests))
+            child.start()
+            child.join()
+            for _ in requests:
+                print("forked by a body" in told.get(timeout=50))
+            lf.request_stop()
+          =}}
+        }}
+        {kind} reactor {{ part = new Part() }}
+        """
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.split().count("True") == 5

@@ -56,12 +56,12 @@ impl Api {
     }
 
     /// Ends the program at its next tag.
-    fn request_stop(&self) {
-        self.0.request_stop();
+    fn request_stop(&self) -> PyResult<()> {
+        self.0.request_stop()
     }
 
     /// Ends this federate at its next tag, while the others go on; where the whole program runs, that.
-    fn stop(&self) {
+    fn stop(&self) -> PyResult<()> {
         match self.0.scope() {
             Scope::Whole => self.0.request_stop(),
             Scope::Federate(_) => self.0.depart(),

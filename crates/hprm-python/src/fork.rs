@@ -7,9 +7,11 @@
 //! What the program does there afterwards is not known here.
 
 use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_store::Yard;
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -19,6 +21,34 @@ use rustix::pipe::{PipeFlags, pipe_with};
 /// The longest that a process waits until one that it has forked has its copies. That takes
 /// milliseconds, and is told by the end of a pipe, so this is for what cannot be foreseen.
 const PATIENCE: Timespec = Timespec { tv_sec: 10, tv_nsec: 0 };
+
+/// Whether this is a process that a body has forked.
+static FORKED: AtomicBool = AtomicBool::new(false);
+
+/// From now on, this is a process that a body has forked.
+pub(crate) fn note_child() {
+    FORKED.store(true, Ordering::Relaxed);
+}
+
+/// Whether this is a process that a body has forked.
+pub(crate) fn is_child() -> bool {
+    FORKED.load(Ordering::Relaxed)
+}
+
+/// Refuses what would have an effect on the program, which such a process is no part of.
+///
+/// # Errors
+///
+/// `RuntimeError`, if this is one.
+pub(crate) fn refuse_in_child() -> PyResult<()> {
+    if !is_child() {
+        return Ok(());
+    }
+    Err(PyRuntimeError::new_err(
+        "this needs the runtime of the program, and the process was forked by a body: ports, actions \
+         and the stop are set where reactions run, so send the result there, through a queue",
+    ))
+}
 
 /// What Python calls when the process forks.
 #[pyclass(frozen, module = "hprm._hprm")]

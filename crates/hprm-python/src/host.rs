@@ -16,7 +16,7 @@ use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
-use crate::fork::Forking;
+use crate::fork::{self, Forking};
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
@@ -101,7 +101,7 @@ impl PyHost {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, &format!("reaction {name}"))
             });
-            match self.interrupt.get().is_forked() {
+            match fork::is_child() {
                 true => Err(leave(py, outcome)),
                 false => outcome,
             }

@@ -11,6 +11,8 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::fork;
+
 // Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
 const SIGINT: i32 = 2;
 const SIGTERM: i32 = 15;
@@ -35,8 +37,6 @@ pub(crate) struct Interrupt {
     pending: AtomicBool,
     /// Whether the program has ended, so that nothing is left to be broken into.
     over: AtomicBool,
-    /// Whether this is a process that a body has forked.
-    forked: AtomicBool,
 }
 
 impl Interrupt {
@@ -112,11 +112,6 @@ impl Interrupt {
     pub(crate) fn exit_code(&self) -> Option<i32> {
         Some(self.asked.load(Ordering::Relaxed)).filter(|it| *it != 0).map(|it| SIGNALLED + it)
     }
-
-    /// Whether this is a process that a body has forked.
-    pub(crate) fn is_forked(&self) -> bool {
-        self.forked.load(Ordering::Relaxed)
-    }
 }
 
 #[pymethods]
@@ -145,7 +140,7 @@ impl Interrupt {
 
     /// In a process that a body has forked: it is to obey its parent like any other.
     fn _forked(slf: &Bound<'_, Self>) -> PyResult<()> {
-        slf.get().forked.store(true, Ordering::Relaxed);
+        fork::note_child();
         [SIGTERM, SIGHUP].into_iter().try_for_each(|number| Self::restore(slf, number))
     }
 }

@@ -18,6 +18,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::backlog::Backlog;
+use crate::fork;
 use crate::host::Arguments;
 use crate::value::Value;
 
@@ -170,6 +171,7 @@ impl Runtime {
 
     /// Sets a port.
     pub(crate) fn set(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
+        fork::refuse_in_child()?;
         self.during(owner, port, Access::Write, |running| running.effects.set(port, value))
     }
 
@@ -189,6 +191,7 @@ impl Runtime {
         extra: Nanos,
         value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
+        fork::refuse_in_child()?;
         let known = value.map(Value::new);
         if let Some(Running { scheduler, effects, .. }) = self.cell().reacting() {
             effects.schedule(scheduler, action, extra, known, Clock::now);
@@ -217,6 +220,7 @@ impl Runtime {
         mode: ModeId,
         transition: Transition,
     ) -> PyResult<()> {
+        fork::refuse_in_child()?;
         let name = &self.program.modes[mode].name;
         let mut cell = self.cell();
         match cell.reacting() {
@@ -235,18 +239,21 @@ impl Runtime {
     // For the module `lf`.
 
     /// Ends the program at its next tag.
-    pub(crate) fn request_stop(&self) {
-        if let Some(running) = self.cell().reacting() {
-            running.effects.request_stop();
-            return;
+    pub(crate) fn request_stop(&self) -> PyResult<()> {
+        fork::refuse_in_child()?;
+        match self.cell().reacting() {
+            Some(running) => running.effects.request_stop(),
+            None => self.inbox.request_stop(),
         }
-        self.inbox.request_stop();
+        Ok(())
     }
 
     /// Ends this federate at its next tag; the others go on.
-    pub(crate) fn depart(&self) {
+    pub(crate) fn depart(&self) -> PyResult<()> {
+        fork::refuse_in_child()?;
         self.cell().departs = true;
         self.inbox.ring();
+        Ok(())
     }
 
     /// The tag at which the reactors here started, and the time of tag zero.

@@ -7,6 +7,7 @@
 //! kernel vouches for the other end.
 
 mod address;
+mod ends;
 mod keys;
 mod lobby;
 mod proof;
@@ -26,6 +27,7 @@ use hprm_federated::codec::{self, CodecError, Decoded};
 use crate::Clock;
 use crate::wait::{Interest, wait};
 pub use address::{Address, AddressError};
+pub use ends::link_descriptors;
 pub(crate) use keys::Keys;
 pub use keys::Security;
 pub(crate) use lobby::Lobby;

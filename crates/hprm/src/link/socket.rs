@@ -17,6 +17,7 @@ use rustix::net::{
 };
 
 use super::Address;
+use super::ends::End;
 use crate::Clock;
 use crate::wait::{Interest, wait};
 
@@ -36,6 +37,7 @@ const DESCRIPTORS: usize = 8;
 /// A connected socket.
 #[derive(Debug)]
 pub(crate) struct Socket {
+    _end: End,
     fd: OwnedFd,
     unix: bool,
 }
@@ -43,6 +45,7 @@ pub(crate) struct Socket {
 /// A listening socket.
 #[derive(Debug)]
 pub(crate) struct Listener {
+    _end: End,
     kind: Kind,
     address: Address,
 }
@@ -82,7 +85,7 @@ impl Socket {
                 "the process at the other end belongs to another user",
             ));
         }
-        Ok(Self { fd: stream.into(), unix: true })
+        Ok(Self { _end: End::of(&stream), fd: stream.into(), unix: true })
     }
 
     fn tcp(stream: TcpStream) -> io::Result<Self> {
@@ -93,7 +96,7 @@ impl Socket {
         sockopt::set_tcp_keepintvl(&stream, QUESTION_INTERVAL)?;
         sockopt::set_tcp_keepcnt(&stream, QUESTIONS)?;
         sockopt::set_tcp_user_timeout(&stream, UNHEARD)?;
-        Ok(Self { fd: stream.into(), unix: false })
+        Ok(Self { _end: End::of(&stream), fd: stream.into(), unix: false })
     }
 
     /// The address of the other end, if it is TCP.
@@ -158,21 +161,21 @@ impl AsFd for Socket {
 
 impl Listener {
     pub(crate) fn bind(address: &Address) -> io::Result<Self> {
-        let (kind, address) = match address {
+        let (end, kind, address) = match address {
             Address::Abstract(_) | Address::Path(_) => {
                 let listener = UnixListener::bind_addr(&unix_address(address)?)?;
                 listener.set_nonblocking(true)?;
-                (Kind::Unix(listener), address.clone())
+                (End::of(&listener), Kind::Unix(listener), address.clone())
             }
             Address::Tcp(host) => {
                 let listener = TcpListener::bind(host.as_str())?;
                 listener.set_nonblocking(true)?;
                 // The port may have been zero.
                 let address = Address::Tcp(listener.local_addr()?.to_string());
-                (Kind::Tcp(listener), address)
+                (End::of(&listener), Kind::Tcp(listener), address)
             }
         };
-        Ok(Self { kind, address })
+        Ok(Self { _end: end, kind, address })
     }
 
     /// Where it listens; a port of zero has become a real one.
