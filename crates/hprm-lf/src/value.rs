@@ -78,7 +78,7 @@ pub(crate) fn smaller(number: f64, unit_name: &str) -> Option<String> {
         let error = (number - number.round()).abs();
         (error <= 1e-9 * number).then(|| format!("{} {name}", number.round()))
     };
-    ["s", "ms", "us", "ns"].iter().find_map(|name| whole(name))
+    ["s", "ms", "us", "ns"].iter().find_map(whole)
 }
 
 /// The text that a literal denotes, with Python's escapes. An unknown escape stays as it is, as in
