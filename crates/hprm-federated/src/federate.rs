@@ -181,7 +181,9 @@ impl Federate {
     }
 
     fn allows(&self, step: Step, now: PhysicalTime) -> Permission {
-        let Some(start) = self.startup.start().filter(|_| !self.over) else {
+        // What was sent on a link that has broken may be lost, unless its other end has ended.
+        let intact = !self.over && self.missing.is_empty();
+        let Some(start) = self.startup.start().filter(|_| intact) else {
             return Permission::Wait;
         };
         match &self.coordinator {

@@ -1,9 +1,10 @@
 //! A federation in virtual time: the RTI, the federates, and what is on its way between them.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Nanos, PhysicalTime, Program, Table, Tag};
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
     Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Topology,
 };
@@ -319,7 +320,7 @@ impl World {
         let from = Place::Federate(federate);
         let closed = RtiInput::Closed { link: LinkId(u32::from(federate.0)) };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
-        for to in self.program.federates.ids().filter(|to| *to != federate) {
+        for to in linked(&self.program, federate) {
             let lost = Event::Federate(to, Input::PeerLost(federate));
             self.network.send(now, from, Place::Federate(to), lost);
         }
@@ -366,4 +367,14 @@ impl World {
         self.frames.1 += 1;
         self.network.send(now, Place::Rti, Place::Federate(to), event);
     }
+}
+
+/// With whom a federate has direct links.
+pub(crate) fn linked(program: &Program, me: FederateId) -> BTreeSet<FederateId> {
+    let decentralized = program.properties.coordination == Coordination::Decentralized;
+    let channels = program.channels.values().filter(|channel| decentralized && !channel.physical);
+    channels
+        .flat_map(|channel| [(channel.from, channel.to), (channel.to, channel.from)])
+        .filter_map(|(one, other)| (one == me && other != me).then_some(other))
+        .collect()
 }

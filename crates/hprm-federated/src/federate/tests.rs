@@ -223,13 +223,17 @@ fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
 #[test]
 fn a_link_that_breaks_must_be_explained() {
     let from = FederateId(0);
-    let lost = || started("decentralized\na -> b", "b", 2, &[0]);
+    let lost = || started("decentralized\nmaxwait 1\na -> b", "b", 2, &[0]);
     let second = 1_000 * MILLISECOND;
     let mut machine = lost();
+    let late = START.plus(2 * second);
+    assert_eq!(machine.permission(at(5), late), Permission::Granted);
     input(&mut machine, 0, Input::PeerLost(from));
-    assert_eq!(machine.next_wakeup(), Some(START.plus(2 * second)));
+    assert_eq!(machine.next_wakeup(), Some(late));
+    assert_eq!(machine.permission(at(5), late), Permission::Wait);
     input(&mut machine, second, Input::FromRti(Frame::Gone { federate: from }));
     assert_eq!(machine.next_wakeup(), None);
+    assert_eq!(machine.permission(at(5), late), Permission::Granted);
     let mut machine = lost();
     input(&mut machine, 0, Input::FromPeer { from, frame: Frame::Resign });
     input(&mut machine, 0, Input::PeerLost(from));

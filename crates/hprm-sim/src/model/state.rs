@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Table, Tag};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
     Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Step,
     Topology,
@@ -12,6 +12,7 @@ use hprm_federated::{
 use super::digest::{Shared, digest};
 use crate::network::{Event, Place};
 use crate::node::{Node, Turn};
+use crate::world::linked;
 
 /// When the processes are launched: late enough for a start in the past.
 const LAUNCH: PhysicalTime = PhysicalTime(1_000_000_000);
@@ -308,17 +309,7 @@ impl State {
         let closed = RtiInput::Closed { link: LinkId(u32::from(me.0)) };
         self.send(from, Place::Rti, Event::Rti(closed));
         let program = self.seats[me].get().node.program().clone();
-        if program.properties.coordination == Coordination::Centralized {
-            return;
-        }
-        let peers: BTreeSet<_> = program
-            .channels
-            .values()
-            .filter(|channel| !channel.physical)
-            .flat_map(|channel| [(channel.from, channel.to), (channel.to, channel.from)])
-            .filter_map(|(one, other)| (one == me && other != me).then_some(other))
-            .collect();
-        for peer in peers {
+        for peer in linked(&program, me) {
             self.send(from, Place::Federate(peer), Event::Federate(peer, Input::PeerLost(me)));
         }
     }
