@@ -15,6 +15,7 @@ GENERATED = {"target", "out", "__pycache__", "corpus"}
 LONGEST_FILE = 800
 UNSAFE_ROOMS = {
     "crates/hprm-store/src/shm.rs",
+    "crates/hprm-store/src/shm/words.rs",
     "crates/hprm-python/src/buffer.rs",
     "crates/hprm-python/src/numpy_memory.rs",
 }

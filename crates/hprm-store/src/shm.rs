@@ -1,4 +1,4 @@
-//! The mapping of shared memory: the one file of this crate with unsafe code.
+//! The mapping of shared memory: the one place of this crate with unsafe code, with `words` below it.
 //!
 //! What it buys: 50 MB that several processes read where they were written, without a copy. What it
 //! owns: memfds, mappings, and slices into them. What it does not: who may read or write which bytes
@@ -17,8 +17,11 @@
 //!   that the owner made before. That the owner itself does not write what a reader holds is the
 //!   protocol of the store (an object is freed only by its releases), and the one thing a reader has
 //!   to trust its peer for; the bytes are plain `u8`, valid whatever they are.
+//! - Memory that two processes write is never seen as bytes: [`SharedWords`] are atomic words.
 
 #![allow(unsafe_code)]
+
+mod words;
 
 use std::ops::Range;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
@@ -33,6 +36,7 @@ use rustix::mm::{self, Advice, MapFlags, ProtFlags};
 use crate::SegmentError;
 use crate::claims::Claims;
 use crate::own::Owned;
+pub(crate) use words::SharedWords;
 
 /// No page is smaller, so every page is touched by steps of this many bytes.
 const OWN_STEP: usize = 4096;

@@ -1,0 +1,258 @@
+//! Bytes come as they were written, whatever the other side does, and nobody sleeps on.
+
+use std::collections::VecDeque;
+use std::sync::mpsc;
+
+use proptest::prelude::*;
+
+use super::*;
+
+type Heap = Arc<[AtomicU64]>;
+
+/// The ends of one ring, and its memory.
+fn ring() -> (Writer<Heap>, Reader<Heap>, Ring<Heap>) {
+    let (ring, _) = ends((0..2 * RING_WORDS).map(|_| AtomicU64::new(0)).collect::<Heap>());
+    (Writer::new(ring.clone()), Reader::new(ring.clone()), ring)
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Write(usize),
+    Read(usize),
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    // A word or less, some words, and what fills the ring.
+    let len = || prop_oneof![1_usize..20, 20_usize..3_000, 30_000_usize..70_000];
+    let step = prop_oneof![len().prop_map(Step::Write), len().prop_map(Step::Read)];
+    prop::collection::vec(step, 1..80)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn carries_what_was_written_and_as_much_as_it_holds(steps in steps()) {
+        let (mut writer, mut reader, _) = ring();
+        let mut model = VecDeque::new();
+        let mut next = 0_u8;
+        for step in steps {
+            match step {
+                Step::Write(len) => {
+                    let bytes: Vec<_> = (0..len).map(|at| next.wrapping_add(at as u8)).collect();
+                    let room = RING_CAPACITY - model.len();
+                    let count = writer.write(&bytes).unwrap();
+                    // Odd steps, so that a byte in a wrong place does not look right.
+                    next = next.wrapping_add(count as u8).wrapping_add(91);
+                    prop_assert_eq!(count, len.min(room));
+                    model.extend(&bytes[..count]);
+                    prop_assert_eq!(writer.has_room_or_waits().unwrap(), model.len() < RING_CAPACITY);
+                }
+                Step::Read(len) => {
+                    let mut buffer = vec![0; len];
+                    let count = reader.read(&mut buffer).unwrap();
+                    prop_assert_eq!(count, len.min(model.len()));
+                    let expected: Vec<_> = model.drain(..count).collect();
+                    prop_assert_eq!(&buffer[..count], &expected[..]);
+                    prop_assert_eq!(reader.is_empty(), model.is_empty());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_side_that_lies_is_an_error_or_costs_bytes_and_never_more(
+        written in any::<u64>(), read in any::<u64>(), len in 1_usize..200,
+    ) {
+        let (mut writer, mut reader, ring) = ring();
+        writer.write(&[7; 100]).unwrap();
+        ring.tell(WRITTEN, written);
+        let mut buffer = vec![0; len];
+        match reader.read(&mut buffer) {
+            Ok(count) => prop_assert!(count <= len && written <= RING_CAPACITY as u64),
+            Err(RingError) => prop_assert!(written > RING_CAPACITY as u64),
+        }
+        ring.tell(READ, read);
+        prop_assert_eq!(writer.has_room_or_waits().is_err(), read > 100);
+    }
+}
+
+#[test]
+fn a_reader_who_takes_back_what_he_has_read_lies() {
+    let (mut writer, mut reader, ring) = ring();
+    assert_eq!(writer.write(&[1; RING_CAPACITY + 5]), Ok(RING_CAPACITY));
+    assert_eq!(reader.read(&mut [0; 10]), Ok(10));
+    assert_eq!(writer.write(&[2; 20]), Ok(10));
+    ring.tell(READ, 9);
+    assert_eq!(writer.write(&[3; 20]), Err(RingError));
+}
+
+#[test]
+fn a_writer_who_takes_back_what_he_has_written_lies() {
+    let (mut writer, mut reader, ring) = ring();
+    writer.write(&[1; 10]).unwrap();
+    assert_eq!(reader.read(&mut [0; 10]), Ok(10));
+    ring.tell(WRITTEN, 9);
+    assert_eq!(reader.read(&mut [0; 10]), Err(RingError));
+}
+
+/// One side that sleeps when it has nothing to do, as the other one sees it between two steps.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Mind {
+    Busy,
+    /// It has said that it is about to sleep, and has not looked once more.
+    Drowsy,
+    Asleep,
+    Done,
+}
+
+const WRITER: usize = 0;
+const READER: usize = 1;
+
+/// How many bytes each side writes or reads, one at a time.
+const GOAL: u32 = 2;
+
+/// Two sides, one step at a time.
+#[derive(Clone)]
+struct Scene {
+    writer: Writer<Heap>,
+    reader: Reader<Heap>,
+    minds: [Mind; 2],
+    done: [u32; 2],
+    /// Whether a side has done something and not yet looked whether the other one sleeps.
+    owes: [bool; 2],
+    /// Whose bell has been rung since it last woke up.
+    bells: [bool; 2],
+}
+
+impl Scene {
+    /// With so many bytes in the ring.
+    fn new(filled: u64) -> Self {
+        let (mut writer, reader, ring) = ring();
+        writer.written = filled;
+        ring.tell(WRITTEN, filled);
+        Self {
+            writer,
+            reader,
+            minds: [Mind::Busy; 2],
+            done: [0; 2],
+            owes: [false; 2],
+            bells: [false; 2],
+        }
+    }
+
+    fn may_go_on(&self, who: usize) -> bool {
+        matches!(self.minds[who], Mind::Busy | Mind::Drowsy)
+    }
+
+    fn step(&mut self, who: usize) {
+        if std::mem::take(&mut self.owes[who]) {
+            let other = 1 - who;
+            self.bells[other] |= self.writer.ring.take_sleeper([READER_SLEEPS, WRITER_WAITS][who]);
+            if self.minds[other] == Mind::Asleep && std::mem::take(&mut self.bells[other]) {
+                self.minds[other] = Mind::Busy;
+            }
+            return;
+        }
+        if self.done[who] == GOAL {
+            self.minds[who] = Mind::Done;
+            return;
+        }
+        let count = match who {
+            WRITER => self.writer.write(&[1]).unwrap(),
+            _ => self.reader.read(&mut [0]).unwrap(),
+        };
+        if count > 0 {
+            self.done[who] += 1;
+            self.owes[who] = true;
+            self.minds[who] = Mind::Busy;
+        } else if self.minds[who] == Mind::Drowsy {
+            let rings = std::mem::take(&mut self.bells[who]);
+            self.minds[who] = if rings { Mind::Busy } else { Mind::Asleep };
+        } else {
+            self.writer.ring.announce([WRITER_WAITS, READER_SLEEPS][who]);
+            self.minds[who] = Mind::Drowsy;
+        }
+    }
+
+    /// Goes every way from here, and counts their ends.
+    fn explore(&self, way: &mut Vec<usize>) -> usize {
+        const SHARED: [usize; 4] = [WRITTEN, READ, READER_SLEEPS, WRITER_WAITS];
+        let ring = &self.writer.ring;
+        let before = SHARED.map(|at| ring.heard(at));
+        let mut ends = 0;
+        for who in [WRITER, READER].into_iter().filter(|who| self.may_go_on(*who)) {
+            let mut next = self.clone();
+            way.push(who);
+            next.step(who);
+            ends += next.explore(way);
+            way.pop();
+            SHARED.into_iter().zip(before).for_each(|(at, value)| ring.tell(at, value));
+        }
+        if ends == 0 {
+            assert_eq!(self.minds, [Mind::Done; 2], "somebody sleeps on: {way:?}");
+            return 1;
+        }
+        ends
+    }
+}
+
+#[test]
+fn no_reader_sleeps_on_whoever_takes_the_next_step() {
+    let ends = Scene::new(0).explore(&mut Vec::new());
+    assert!(ends > 100, "only {ends} ways were gone");
+}
+
+#[test]
+fn no_writer_sleeps_on_whoever_takes_the_next_step() {
+    let ends = Scene::new(RING_CAPACITY as u64).explore(&mut Vec::new());
+    assert!(ends > 100, "only {ends} ways were gone");
+}
+
+#[test]
+fn two_threads_exchange_bytes_and_wake_one_another() {
+    const TOTAL: usize = 40 * RING_CAPACITY;
+    let (mut writer, mut reader, file) = ring_pair().unwrap();
+    let (mut back, mut there) = map_ring_pair(&file).unwrap();
+    let (bell, ear) = mpsc::channel();
+    let (other_bell, other_ear) = mpsc::channel();
+    let echo = std::thread::spawn(move || {
+        let (mut buffer, mut done) = (vec![0; 1000], 0);
+        while done < TOTAL {
+            let count = there.read(&mut buffer).unwrap();
+            assert!((done..).zip(&buffer[..count]).all(|(at, byte)| at as u8 == *byte));
+            if count == 0 {
+                there.fall_asleep();
+                if there.is_empty() {
+                    ear.recv().unwrap();
+                }
+                there.wake_up();
+            }
+            if there.take_waiter() {
+                other_bell.send(()).unwrap();
+            }
+            done += count;
+        }
+        back.open(17);
+        back.write(b"done").unwrap();
+    });
+    let bytes: Vec<_> = (0..TOTAL).map(|at| at as u8).collect();
+    let mut done = 0;
+    while done < TOTAL {
+        // In odd pieces.
+        let until = TOTAL.min(done + 777);
+        let count = writer.write(&bytes[done..until]).unwrap();
+        done += count;
+        if writer.take_sleeper() {
+            bell.send(()).unwrap();
+        }
+        if count == 0 && !writer.has_room_or_waits().unwrap() {
+            other_ear.recv().unwrap();
+        }
+    }
+    echo.join().unwrap();
+    assert_eq!(reader.opened(), Some(17));
+    let mut buffer = [0; 8];
+    assert_eq!(reader.read(&mut buffer), Ok(4));
+    assert_eq!(&buffer[..4], b"done");
+}
