@@ -84,7 +84,11 @@ fn run<H: Host>(
 where
     H::Value: Send + Sync + 'static,
 {
-    let network = room.map_or(Network::Sockets, Room::network);
+    let network = match room {
+        Some(room) => room.network(),
+        None => Network::sockets()
+            .map_err(|error| Failure::new(format!("error: cannot make a doorbell: {error}")))?,
+    };
     let properties = &options.program.properties;
     enter_realtime(properties, Some(options.federate.index()))?;
     let mut federation = Membership::join(options, inbox, network)?;

@@ -10,6 +10,7 @@ mod app;
 mod bell;
 mod clock;
 mod disk;
+mod doorbell;
 mod federate_loop;
 mod host;
 mod inbox;

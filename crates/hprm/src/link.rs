@@ -1,6 +1,6 @@
 //! Links: ordered frames in, ordered frames out, and a typed end.
 //!
-//! A link is a Unix stream socket on one machine, and TCP without Nagle's delay otherwise (paper,
+//! A link is a Unix stream socket on one machine, with memory through which the bytes go, and TCP without Nagle's delay otherwise (paper,
 //! section III-C, real-time sockets). Its buffers are allocated once; a message that fits into the
 //! eager limit is read and written without another allocation. It knows frames, not what they mean.
 //! Before the first frame, both ends prove that they belong to the federation (`proof`), unless the
@@ -11,6 +11,7 @@ mod ends;
 mod keys;
 mod lobby;
 mod proof;
+mod rings;
 mod socket;
 mod stream;
 mod tls;
@@ -25,6 +26,7 @@ use hprm_federated::Frame;
 use hprm_federated::codec::{self, CodecError, Decoded};
 
 use crate::Clock;
+use crate::doorbell::Doorbell;
 use crate::wait::{Interest, wait};
 pub use address::{Address, AddressError};
 pub use ends::link_descriptors;
@@ -101,23 +103,35 @@ impl Link {
         address: &Address,
         purpose: Purpose,
         keys: &Keys,
+        doorbell: &Doorbell,
         until: PhysicalTime,
     ) -> io::Result<Self> {
         let socket = Socket::connect(address, until)?;
-        let mut link = Self::new(socket, Role::Opener, purpose, keys)?;
+        let mut link = Self::new(socket, Role::Opener, purpose, keys, doorbell)?;
         link.trust();
         Ok(link)
     }
 
     /// A link that somebody has opened, who has not said who he is.
-    pub(crate) fn accepted(socket: Socket, purpose: Purpose, keys: &Keys) -> io::Result<Self> {
-        Self::new(socket, Role::Acceptor, purpose, keys)
+    pub(crate) fn accepted(
+        socket: Socket,
+        purpose: Purpose,
+        keys: &Keys,
+        doorbell: &Doorbell,
+    ) -> io::Result<Self> {
+        Self::new(socket, Role::Acceptor, purpose, keys, doorbell)
     }
 
-    fn new(socket: Socket, role: Role, purpose: Purpose, keys: &Keys) -> io::Result<Self> {
+    fn new(
+        socket: Socket,
+        role: Role,
+        purpose: Purpose,
+        keys: &Keys,
+        doorbell: &Doorbell,
+    ) -> io::Result<Self> {
         let handshake = keys.handshake(&socket, role, purpose)?;
         Ok(Self {
-            stream: keys.stream(socket, role)?,
+            stream: keys.stream(socket, role, doorbell)?,
             handshake: handshake.map(Box::new),
             trusted: false,
             mute: false,
@@ -213,6 +227,28 @@ impl Link {
         !self.mute && (more || self.stream.has_outbound())
     }
 
+    /// Whether something is to be written, and can be once the socket takes more. If it is to be
+    /// written into memory, the doorbell rings then.
+    pub(crate) fn waits_for_socket(&self) -> bool {
+        self.has_outbound() && self.stream.waits_for_socket()
+    }
+
+    /// Whether what comes is seen without asking the system, apart from the other end's end.
+    pub(crate) fn is_in_memory(&self) -> bool {
+        self.stream.is_in_memory()
+    }
+
+    /// Says that this process is about to sleep: whoever sends something then rings its doorbell. It
+    /// must look once more after that.
+    pub(crate) fn fall_asleep(&mut self) {
+        self.stream.fall_asleep();
+    }
+
+    /// Says that this process does not sleep any more.
+    pub(crate) fn wake_up(&mut self) {
+        self.stream.wake_up();
+    }
+
     /// Whether something has been received of which the socket knows nothing any more.
     pub(crate) fn has_unread(&self) -> bool {
         self.stream.has_unread()
@@ -229,6 +265,7 @@ impl Link {
         if !self.is_established() {
             return Ok(());
         }
+        self.meet()?;
         while self.outbound.is_some() {
             match self.outbound.write(&mut self.stream) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
@@ -267,6 +304,11 @@ impl Link {
                 Ok(Arrival::Closed) | Err(_) => return false,
             }
         }
+    }
+
+    /// Takes what the other end offers, once it is trusted.
+    fn meet(&mut self) -> io::Result<()> {
+        if self.trusted { self.stream.meet(&mut self.inbound.descriptors) } else { Ok(()) }
     }
 
     /// Writes what the handshake has to say, and notices when it is over.
@@ -316,6 +358,7 @@ impl Link {
         if self.handshake.is_some() {
             return self.read_handshake();
         }
+        self.meet()?;
         self.inbound.make_room();
         let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
         let (room, held) = (buffer.len() - *end, descriptors.len());
@@ -349,7 +392,10 @@ impl Link {
             }
         };
         let descriptor = match frame {
-            Frame::Segment { .. } => descriptors.pop_front(),
+            Frame::Segment { .. } => {
+                self.stream.receive_descriptor(descriptors);
+                descriptors.pop_front()
+            }
             _ => None,
         };
         Ok(Some((frame, descriptor)))
@@ -453,7 +499,8 @@ mod tests {
         let listener = Listener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
         let keys = Keys::new(FederationId(7), Security::default()).unwrap();
         let until = Clock::now().plus(10_000_000_000);
-        let connect = Link::connect(listener.address(), Purpose::Messages, &keys, until);
+        let doorbell = Doorbell::new().unwrap();
+        let connect = Link::connect(listener.address(), Purpose::Messages, &keys, &doorbell, until);
         let mut link = connect.unwrap();
         link.queue(&Frame::Resign);
         assert!(link.has_outbound());

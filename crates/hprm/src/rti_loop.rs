@@ -13,9 +13,10 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput, Topology};
 
 use crate::bell::Bell;
+use crate::doorbell::Doorbell;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::spin;
-use crate::wait::{Interest, Interests, Ready, wait};
+use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Security};
 
@@ -93,6 +94,10 @@ pub struct Rti {
     /// The first address that the lobby listens at.
     address: Address,
     links: BTreeMap<LinkId, Wire>,
+    /// What others ring who have left something in memory.
+    doorbell: Option<Doorbell>,
+    /// When the system was last asked what has come.
+    asked_at: PhysicalTime,
     next_link: u32,
     /// Descriptors of segments on their way from owner to reader.
     descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
@@ -139,7 +144,9 @@ impl Rti {
     ///
     /// If an address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
-        Self::bind_on(options, &Network::Sockets)
+        let network = Network::sockets()
+            .map_err(|error| Failure::new(format!("error: cannot make a doorbell: {error}")))?;
+        Self::bind_on(options, &network)
     }
 
     pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
@@ -165,6 +172,8 @@ impl Rti {
             address: gates[0].address().clone(),
             lobby: Lobby::new(gates, Purpose::Coordination, keys),
             links: BTreeMap::new(),
+            doorbell: network.doorbell().cloned(),
+            asked_at: PhysicalTime(0),
             next_link: 0,
             descriptors: BTreeMap::new(),
             closing: Vec::new(),
@@ -375,12 +384,24 @@ impl Rti {
 
     /// Waits until something may have happened; for the first nanoseconds, perhaps, without going to
     /// sleep.
-    fn wait(&self, news: &mut News) {
+    fn wait(&mut self, news: &mut News) {
         news.wakeup = self.machine.next_wakeup();
+        let in_memory = self.links.values().all(Wire::is_in_memory);
+        if in_memory && Clock::local().since(self.asked_at) < GLANCE && self.glance(news) {
+            return;
+        }
         if self.spin > 0 {
             let give_up = Clock::local().plus(self.spin);
-            while Clock::local() < give_up {
-                self.sleep(news, Some(PhysicalTime(0)));
+            loop {
+                let now = Clock::local();
+                if now >= give_up {
+                    break;
+                }
+                if !in_memory || now.since(self.asked_at) > SPIN_GLANCE {
+                    self.sleep(news, Some(PhysicalTime(0)));
+                } else {
+                    self.glance(news);
+                }
                 let due = news.wakeup.is_some_and(|at| at <= Clock::now());
                 if due || news.bell || news.lobby || !news.links.is_empty() {
                     return;
@@ -390,13 +411,37 @@ impl Rti {
         self.sleep(news, news.wakeup);
     }
 
-    fn sleep(&self, news: &mut News, until: Option<PhysicalTime>) {
+    /// Looks at what has come through memory, without asking the system. Returns whether there is
+    /// anything.
+    fn glance(&self, news: &mut News) -> bool {
+        (news.bell, news.lobby) = (false, false);
+        let links = self.links.iter().filter(|(_, link)| link.has_unread());
+        news.links.extend(links.map(|(id, _)| *id));
+        !news.links.is_empty()
+    }
+
+    fn sleep(&mut self, news: &mut News, until: Option<PhysicalTime>) {
+        let sleeps = until != Some(PhysicalTime(0));
+        if sleeps {
+            self.links.values_mut().for_each(Wire::fall_asleep);
+        }
+        // After that: whoever has seen nobody sleep has left something.
+        self.ask(news, until);
+        if sleeps {
+            self.links.values_mut().for_each(Wire::wake_up);
+        }
+        self.asked_at = Clock::local();
+    }
+
+    fn ask(&self, news: &mut News, until: Option<PhysicalTime>) {
         let mut interests = Interests::new();
         interests.push(Interest { fd: self.control.bell.as_fd(), write: false });
+        let doorbell = self.doorbell.iter();
+        interests.extend(doorbell.map(|bell| Interest { fd: bell.as_fd(), write: false }));
         interests.extend(
             self.links
                 .values()
-                .map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }),
+                .map(|link| Interest { fd: link.as_fd(), write: link.waits_for_socket() }),
         );
         interests.extend(self.lobby.interests());
         let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
@@ -406,6 +451,11 @@ impl Rti {
         news.bell = ready.next().is_some_and(Ready::is_ready);
         if news.bell {
             self.control.bell.silence();
+        }
+        if let Some(doorbell) = &self.doorbell
+            && ready.next().is_some_and(Ready::is_ready)
+        {
+            doorbell.silence();
         }
         let links = self.links.iter().zip(&mut ready);
         let links = links.filter(|((_, link), ready)| ready.can_be_read() || link.has_unread());

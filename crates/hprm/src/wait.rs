@@ -2,12 +2,18 @@
 
 use std::os::fd::BorrowedFd;
 
-use hprm_core::PhysicalTime;
+use hprm_core::{Nanos, PhysicalTime};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use smallvec::SmallVec;
 
 use crate::Clock;
+
+/// How long the ends of links, strangers and signals may wait while messages come through memory.
+pub(crate) const GLANCE: Nanos = 50_000;
+
+/// The same for a loop that looks for messages instead of sleeping.
+pub(crate) const SPIN_GLANCE: Nanos = 5_000;
 
 /// As many as a federate of usual size has: waiting for that many allocates nothing.
 type Few<T> = SmallVec<[T; 16]>;
@@ -65,6 +71,13 @@ pub(crate) fn wait(interests: &[Interest<'_>], until: Option<PhysicalTime>) -> R
 pub(crate) fn wait_for(fd: BorrowedFd<'_>, until: Option<PhysicalTime>) -> bool {
     let mut asked = [PollFd::from_borrowed_fd(fd, PollFlags::IN)];
     poll_until(&mut asked, until) && !asked[0].revents().is_empty()
+}
+
+/// Whether the other end of a socket is gone. It does not wait.
+pub(crate) fn is_hung_up(fd: BorrowedFd<'_>) -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(fd, PollFlags::empty())];
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut fds, Some(&now)).is_ok() && fds[0].revents().contains(PollFlags::HUP)
 }
 
 /// Returns whether `fds` tell what happened; not after a signal.

@@ -15,6 +15,7 @@ use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::Address;
+use crate::doorbell::Doorbell;
 use crate::link::{Arrival, Keys, Link, Listener, Purpose};
 pub(crate) use memory::Hub;
 use memory::{MemoryGate, MemoryLink};
@@ -29,20 +30,33 @@ pub(crate) enum Wire {
 /// Where others connect.
 #[derive(Debug)]
 pub(crate) enum Gate {
-    Socket(Listener),
+    Socket(Listener, Doorbell),
     Memory(MemoryGate),
 }
 
 /// Where addresses mean something.
 #[derive(Clone, Debug)]
 pub(crate) enum Network {
-    /// On this machine, and beyond.
-    Sockets,
+    /// On this machine, and beyond. Who shares memory with this process rings the doorbell.
+    Sockets(Doorbell),
     /// In this process.
     Process(Arc<Hub>),
 }
 
 impl Network {
+    /// This machine, and beyond.
+    pub(crate) fn sockets() -> io::Result<Self> {
+        Doorbell::new().map(Self::Sockets)
+    }
+
+    /// What others ring who have left something in memory.
+    pub(crate) fn doorbell(&self) -> Option<&Doorbell> {
+        match self {
+            Self::Sockets(doorbell) => Some(doorbell),
+            Self::Process(_) => None,
+        }
+    }
+
     /// Connects to an address at which somebody listens, by `until` at the latest.
     pub(crate) fn connect(
         &self,
@@ -52,7 +66,9 @@ impl Network {
         until: PhysicalTime,
     ) -> io::Result<Wire> {
         match self {
-            Self::Sockets => Link::connect(address, purpose, keys, until).map(Wire::Socket),
+            Self::Sockets(doorbell) => {
+                Link::connect(address, purpose, keys, doorbell, until).map(Wire::Socket)
+            }
             Self::Process(hub) => hub.connect(address).map(Wire::Memory),
         }
     }
@@ -60,7 +76,9 @@ impl Network {
     /// Listens at an address.
     pub(crate) fn listen(&self, address: &Address) -> io::Result<Gate> {
         match self {
-            Self::Sockets => Listener::bind(address).map(Gate::Socket),
+            Self::Sockets(doorbell) => {
+                Listener::bind(address).map(|listener| Gate::Socket(listener, doorbell.clone()))
+            }
             Self::Process(hub) => hub.listen(address).map(Gate::Memory),
         }
     }
@@ -70,7 +88,7 @@ impl Gate {
     /// Where it listens; a port of zero has become a real one.
     pub(crate) fn address(&self) -> &Address {
         match self {
-            Self::Socket(listener) => listener.address(),
+            Self::Socket(listener, _) => listener.address(),
             Self::Memory(gate) => gate.address(),
         }
     }
@@ -78,10 +96,10 @@ impl Gate {
     /// The next connection, if one waits: of somebody who has not said who he is.
     pub(crate) fn accept(&self, purpose: Purpose, keys: &Keys) -> io::Result<Option<Wire>> {
         match self {
-            Self::Socket(listener) => {
+            Self::Socket(listener, doorbell) => {
                 while let Some(socket) = listener.accept()? {
                     // A connection that is bad is nobody's loss.
-                    if let Ok(link) = Link::accepted(socket, purpose, keys) {
+                    if let Ok(link) = Link::accepted(socket, purpose, keys, doorbell) {
                         return Ok(Some(Wire::Socket(link)));
                     }
                 }
@@ -95,7 +113,7 @@ impl Gate {
 impl AsFd for Gate {
     fn as_fd(&self) -> BorrowedFd<'_> {
         match self {
-            Self::Socket(listener) => listener.as_fd(),
+            Self::Socket(listener, _) => listener.as_fd(),
             Self::Memory(gate) => gate.as_fd(),
         }
     }
@@ -148,6 +166,40 @@ impl Wire {
         match self {
             Self::Socket(link) => link.has_unread(),
             Self::Memory(_) => false,
+        }
+    }
+
+    /// Whether what comes is seen without asking the system, apart from the other end's end.
+    pub(crate) fn is_in_memory(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_in_memory(),
+            // Its descriptor tells.
+            Self::Memory(_) => false,
+        }
+    }
+
+    /// Says that this process is about to sleep: whoever sends something then rings its doorbell. It
+    /// must look once more after that.
+    pub(crate) fn fall_asleep(&mut self) {
+        match self {
+            Self::Socket(link) => link.fall_asleep(),
+            Self::Memory(_) => {}
+        }
+    }
+
+    /// Says that this process does not sleep any more.
+    pub(crate) fn wake_up(&mut self) {
+        match self {
+            Self::Socket(link) => link.wake_up(),
+            Self::Memory(_) => {}
+        }
+    }
+
+    /// Whether something is to be written, and can be once the descriptor says so.
+    pub(crate) fn waits_for_socket(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.waits_for_socket(),
+            Self::Memory(link) => link.has_outbound(),
         }
     }
 

@@ -12,7 +12,7 @@ use hprm_federated::{FederationId, Frame, HostId};
 use super::FederateOptions;
 use super::reach;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
-use crate::wait::{Interest, Interests, Ready, wait};
+use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
 use crate::{Clock, Failure, Inbox};
 
@@ -53,6 +53,8 @@ pub(super) struct Wires {
     outgoing: BTreeMap<FederateId, Line>,
     /// Links that peers opened: their messages come from there.
     incoming: BTreeMap<FederateId, Line>,
+    /// When the system was last asked what has come.
+    asked_at: PhysicalTime,
     host: HostId,
     descriptors: Descriptors,
 }
@@ -79,6 +81,7 @@ impl Wires {
             advertised,
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
+            asked_at: NOW,
             descriptors: BTreeMap::new(),
         })
     }
@@ -191,15 +194,17 @@ impl Wires {
         while Clock::now() < until {
             // A link that cannot be written has nobody left to read it.
             self.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
-            let blocked: Vec<_> = self
-                .links()
-                .filter(|link| link.has_outbound())
-                .map(|link| Interest { fd: link.as_fd(), write: true })
+            let blocked = self.links().filter(|link| link.has_outbound());
+            let mut interests: Interests = blocked
+                .map(|link| Interest { fd: link.as_fd(), write: link.waits_for_socket() })
                 .collect();
-            if blocked.is_empty() {
+            if interests.is_empty() {
                 return;
             }
-            wait(&blocked, Some(until));
+            let doorbell = self.network.doorbell();
+            interests.extend(doorbell.map(|bell| Interest { fd: bell.as_fd(), write: false }));
+            wait(&interests, Some(until));
+            doorbell.iter().for_each(|bell| bell.silence());
         }
     }
 
@@ -223,10 +228,19 @@ impl Wires {
         until: Option<PhysicalTime>,
         spin: Nanos,
     ) -> bool {
+        let in_memory = self.lines().all(|line| line.wire.is_in_memory());
+        if in_memory && Clock::local().since(self.asked_at) < GLANCE && self.has_news() {
+            return false;
+        }
         if spin > 0 {
             let give_up = Clock::local().plus(spin);
-            while Clock::local() < give_up {
-                let bell_rings = self.sleep(bell, Some(NOW));
+            loop {
+                let now = Clock::local();
+                if now >= give_up {
+                    break;
+                }
+                let ask = !in_memory || now.since(self.asked_at) > SPIN_GLANCE;
+                let bell_rings = ask && self.sleep(bell, Some(NOW));
                 let due = until.is_some_and(|until| until <= Clock::now());
                 if bell_rings || due || self.has_news() {
                     return bell_rings;
@@ -237,11 +251,30 @@ impl Wires {
     }
 
     fn sleep<V>(&mut self, bell: &Inbox<V>, until: Option<PhysicalTime>) -> bool {
+        let sleeps = until != Some(NOW);
+        if sleeps {
+            self.links_mut().for_each(Wire::fall_asleep);
+        }
+        // After that: whoever has seen nobody sleep has left something.
+        let bell_rings = self.ask(bell, until);
+        if sleeps {
+            self.links_mut().for_each(Wire::wake_up);
+        }
+        self.asked_at = Clock::local();
+        bell_rings
+    }
+
+    fn ask<V>(&mut self, bell: &Inbox<V>, until: Option<PhysicalTime>) -> bool {
         let impatience = self.lobby.as_ref().and_then(Lobby::next_wakeup).map(Clock::at);
         let unread = self.lines().any(Line::may_be_read).then(Clock::now);
         let until = until.into_iter().chain(impatience).chain(unread).min();
         let mut ready = wait(&self.interests(bell), until).into_iter();
         let bell_rings = ready.next().is_some_and(Ready::is_ready);
+        if let Some(doorbell) = self.network.doorbell()
+            && ready.next().is_some_and(Ready::is_ready)
+        {
+            doorbell.silence();
+        }
         self.lines_mut()
             .zip(&mut ready)
             .for_each(|(line, ready)| line.is_ready |= ready.can_be_read());
@@ -254,16 +287,22 @@ impl Wires {
     fn interests<'a, V>(&'a self, bell: &'a Inbox<V>) -> Interests<'a> {
         let mut interests = Interests::new();
         interests.push(Interest { fd: bell.as_fd(), write: false });
+        let doorbell = self.network.doorbell();
+        interests.extend(doorbell.map(|bell| Interest { fd: bell.as_fd(), write: false }));
         let links = self.links();
-        interests
-            .extend(links.map(|link| Interest { fd: link.as_fd(), write: link.has_outbound() }));
+        interests.extend(
+            links.map(|link| Interest { fd: link.as_fd(), write: link.waits_for_socket() }),
+        );
         interests.extend(self.lobby.iter().flat_map(Lobby::interests));
         interests
     }
 
     /// Whether there is something to read by now. It does not wait.
     pub(super) fn look<V>(&mut self, bell: &Inbox<V>) -> bool {
-        self.sleep(bell, Some(NOW));
+        let in_memory = self.lines().all(|line| line.wire.is_in_memory());
+        if !in_memory || Clock::local().since(self.asked_at) >= GLANCE {
+            self.sleep(bell, Some(NOW));
+        }
         self.has_news()
     }
 

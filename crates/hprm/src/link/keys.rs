@@ -6,9 +6,11 @@ use hprm_federated::FederationId;
 use rustix::rand::{GetRandomFlags, getrandom};
 
 use super::proof::{self, Handshake, Nonce, Purpose, Role};
+use super::rings::Rings;
 use super::socket::Socket;
-use super::stream::Stream;
+use super::stream::{Stream, Way};
 use super::tls::{Channel, Configs, TlsFiles};
+use crate::doorbell::Doorbell;
 use crate::{Address, Failure};
 
 /// How the links of a federation are protected. All of its processes must agree on it.
@@ -55,11 +57,24 @@ impl Keys {
         )))
     }
 
-    /// A new connection, encrypted if it should be.
-    pub(super) fn stream(&self, socket: Socket, role: Role) -> io::Result<Stream> {
-        let configs = self.configs.as_ref().filter(|_| !socket.is_unix());
-        let channel = configs.map(|configs| Channel::new(configs, role)).transpose()?;
-        Ok(Stream::new(socket, channel))
+    /// A new connection, encrypted if it should be, and with memory if both ends can share it.
+    pub(super) fn stream(
+        &self,
+        socket: Socket,
+        role: Role,
+        doorbell: &Doorbell,
+    ) -> io::Result<Stream> {
+        let way = match (&self.configs, role) {
+            (_, Role::Opener) if socket.is_unix() => {
+                Way::Rings(Box::new(Rings::offered(doorbell.clone())?))
+            }
+            (_, Role::Acceptor) if socket.is_unix() => {
+                Way::Rings(Box::new(Rings::expected(doorbell.clone())))
+            }
+            (Some(configs), role) => Way::Encrypted(Box::new(Channel::new(configs, role)?)),
+            (None, _) => Way::Plain,
+        };
+        Ok(Stream::new(socket, way))
     }
 
     /// The handshake that a new connection begins with, if it needs one.

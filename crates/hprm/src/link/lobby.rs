@@ -118,7 +118,7 @@ mod tests {
     const NOW: PhysicalTime = PhysicalTime(1_000);
 
     fn lobby() -> (Lobby, String) {
-        let gate = Network::Sockets.listen(&"127.0.0.1:0".parse().unwrap()).unwrap();
+        let gate = Network::sockets().unwrap().listen(&"127.0.0.1:0".parse().unwrap()).unwrap();
         let Address::Tcp(address) = gate.address().clone() else { panic!("it is TCP") };
         let keys = Keys::new(FederationId(7), Security::default()).unwrap();
         (Lobby::new(vec![gate], Purpose::Coordination, keys), address)

@@ -31,7 +31,7 @@ const QUESTION_INTERVAL: Duration = Duration::from_secs(2);
 /// take together.
 const UNHEARD: u32 = 15_000;
 
-/// The most descriptors that one read brings.
+/// The most descriptors that one read brings, or one write sends.
 const DESCRIPTORS: usize = 8;
 
 /// A connected socket.
@@ -124,13 +124,12 @@ impl Socket {
         Ok(rustix::net::shutdown(&self.fd, rustix::net::Shutdown::Write)?)
     }
 
-    /// Sends bytes, and a descriptor with the first of them.
-    pub(super) fn send_with(&self, bytes: &[u8], fd: BorrowedFd<'_>) -> io::Result<usize> {
-        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+    /// Sends bytes, and descriptors with the first of them.
+    pub(super) fn send_with(&self, bytes: &[u8], fds: &[BorrowedFd<'_>]) -> io::Result<usize> {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(DESCRIPTORS))];
         let mut control = SendAncillaryBuffer::new(&mut space);
-        let fds = [fd];
-        let fits = control.push(SendAncillaryMessage::ScmRights(&fds));
-        assert!(fits, "there is space for one descriptor");
+        let fits = control.push(SendAncillaryMessage::ScmRights(fds));
+        assert!(fits, "there is space for a few descriptors");
         Ok(sendmsg(&self.fd, &[IoSlice::new(bytes)], &mut control, SendFlags::NOSIGNAL)?)
     }
 

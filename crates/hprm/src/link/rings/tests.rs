@@ -1,0 +1,216 @@
+//! Two links to one another on one machine.
+
+use std::fs::File;
+use std::io::Read;
+
+use hprm_core::{FederateId, PhysicalTime};
+use hprm_federated::{FederationId, Frame};
+use rustix::pipe::pipe;
+
+use super::*;
+use crate::Clock;
+use crate::link::{Arrival, Keys, Link, Listener, Purpose, Security};
+use crate::wait::{Interest, wait};
+
+/// Two ends that are opened and trust one another, with their doorbells.
+struct Pair {
+    near: (Link, Doorbell),
+    far: (Link, Doorbell),
+}
+
+fn soon() -> PhysicalTime {
+    Clock::now().plus(20_000_000_000)
+}
+
+fn pair(name: &str) -> Pair {
+    let keys = Keys::new(FederationId(7), Security::default()).unwrap();
+    let address = format!("unix:@hprm-rings-{}-{name}", std::process::id()).parse().unwrap();
+    let listener = Listener::bind(&address).unwrap();
+    let (here, there) = (Doorbell::new().unwrap(), Doorbell::new().unwrap());
+    let near = Link::connect(&address, Purpose::Messages, &keys, &here, soon()).unwrap();
+    let socket = listener.accept().unwrap().unwrap();
+    let far = Link::accepted(socket, Purpose::Messages, &keys, &there).unwrap();
+    Pair { near: (near, here), far: (far, there) }
+}
+
+/// The same, through rings by now.
+fn acquainted(name: &str) -> Pair {
+    let mut pair = pair(name);
+    let (near, far) = (&mut pair.near.0, &mut pair.far.0);
+    near.queue(&Frame::Ping);
+    near.flush().unwrap();
+    assert_eq!(read_all(far), [Frame::Ping]);
+    assert!(!far.is_in_memory());
+    far.trust();
+    far.queue(&Frame::Pong);
+    far.flush().unwrap();
+    // The first read brings the doorbell, without which this end does not know of the ring.
+    assert_eq!(read_all(near), [Frame::Pong]);
+    assert!(near.is_in_memory());
+    near.queue(&Frame::Resign);
+    near.flush().unwrap();
+    assert_eq!(read_all(far), [Frame::Resign]);
+    assert!(far.is_in_memory());
+    pair
+}
+
+fn failed(number: i32, len: usize) -> Frame {
+    let byte = char::from(b'a' + u8::try_from(number % 20).unwrap());
+    let message = String::from_iter(vec![byte; len]);
+    Frame::Failed { federate: FederateId(1), message, code: number }
+}
+
+fn segment(number: u32) -> Frame {
+    Frame::Segment { owner: FederateId(0), reader: FederateId(1), segment: number, len: 4096 }
+}
+
+/// The frames that have come by now.
+fn read_all(link: &mut Link) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    while matches!(link.read().unwrap(), Arrival::Bytes | Arrival::Rest) || link.has_unread() {
+        while let Some((frame, _)) = link.next_frame().unwrap() {
+            frames.push(frame);
+        }
+    }
+    frames
+}
+
+fn is_rung(doorbell: &Doorbell) -> bool {
+    let now = Some(PhysicalTime(0));
+    let ready = wait(&[Interest { fd: doorbell.as_fd(), write: false }], now);
+    doorbell.silence();
+    ready[0].is_ready()
+}
+
+#[test]
+fn only_who_sleeps_is_rung_for() {
+    let Pair { near: (mut near, _), far: (mut far, bell) } = acquainted("sleep");
+    near.queue(&Frame::Ping);
+    near.flush().unwrap();
+    assert!(!is_rung(&bell));
+    assert!(far.has_unread());
+    assert_eq!(read_all(&mut far), [Frame::Ping]);
+    far.fall_asleep();
+    assert!(!far.has_unread());
+    near.queue(&Frame::Ping);
+    near.flush().unwrap();
+    assert!(is_rung(&bell));
+    // Once is enough.
+    near.queue(&Frame::Pong);
+    near.flush().unwrap();
+    assert!(!is_rung(&bell));
+    far.wake_up();
+    assert_eq!(read_all(&mut far), [Frame::Ping, Frame::Pong]);
+}
+
+#[test]
+fn more_than_a_ring_holds_waits_and_comes_in_order() {
+    let Pair { near: (mut near, bell), far: (mut far, _) } = acquainted("full");
+    let frames: Vec<_> = (0..50).map(|number| failed(number, 10_007)).collect();
+    frames.iter().for_each(|frame| near.queue(frame));
+    near.flush().unwrap();
+    assert!(near.has_outbound());
+    // The socket could be written at once, and that would not help.
+    assert!(!near.waits_for_socket());
+    let mut come = Vec::new();
+    while come.len() < frames.len() {
+        let more = read_all(&mut far);
+        assert!(!more.is_empty() || near.has_outbound());
+        assert_eq!(is_rung(&bell), near.has_outbound());
+        near.flush().unwrap();
+        come.extend(more);
+    }
+    assert_eq!(come, frames);
+    assert!(!near.has_outbound());
+}
+
+#[test]
+fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("descriptors");
+    let mut ropes = Vec::new();
+    for number in 0..20 {
+        near.queue(&failed(number, 5_000));
+        let (ear, rope) = pipe().unwrap();
+        near.queue_with(&segment(u32::try_from(number).unwrap()), ear);
+        ropes.push(rope);
+    }
+    let (mut frames, mut next) = (0, 0);
+    while next < ropes.len() {
+        near.flush().unwrap();
+        far.read().unwrap();
+        while let Some((frame, descriptor)) = far.next_frame().unwrap() {
+            frames += 1;
+            if let Frame::Segment { segment, .. } = frame {
+                assert_eq!(usize::try_from(segment), Ok(next));
+                rustix::io::write(&ropes[next], &[7]).unwrap();
+                let mut byte = [0];
+                File::from(descriptor.unwrap()).read_exact(&mut byte).unwrap();
+                assert_eq!(byte, [7]);
+                next += 1;
+            }
+        }
+    }
+    assert_eq!(frames, 40);
+}
+
+#[test]
+fn what_was_written_before_an_end_is_read_and_then_the_end() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("end");
+    near.queue(&failed(1, 60_000));
+    near.queue_with(&segment(3), pipe().unwrap().0);
+    near.flush().unwrap();
+    drop(near);
+    let mut frames = Vec::new();
+    while far.read().unwrap() != Arrival::Closed {
+        while let Some((frame, descriptor)) = far.next_frame().unwrap() {
+            assert_eq!(descriptor.is_some(), matches!(frame, Frame::Segment { .. }));
+            frames.push(frame);
+        }
+    }
+    assert_eq!(frames, [failed(1, 60_000), segment(3)]);
+}
+
+#[test]
+fn an_end_before_the_first_answer_is_an_end() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair("early");
+    near.queue(&Frame::Ping);
+    near.flush().unwrap();
+    assert_eq!(read_all(&mut far), [Frame::Ping]);
+    far.trust();
+    far.queue(&Frame::Pong);
+    far.flush().unwrap();
+    drop(far);
+    let mut frames = Vec::new();
+    while near.read().unwrap() != Arrival::Closed {
+        while let Some((frame, _)) = near.next_frame().unwrap() {
+            frames.push(frame);
+        }
+    }
+    assert_eq!(frames, [Frame::Pong]);
+}
+
+#[test]
+fn who_fills_the_ring_of_one_who_has_ended_hears_of_it() {
+    let Pair { near: (mut near, _), far: (far, _) } = acquainted("gone");
+    drop(far);
+    near.queue(&failed(1, 200_000));
+    assert_eq!(near.flush().unwrap_err().kind(), io::ErrorKind::BrokenPipe);
+    near.discard();
+    assert!(!near.has_outbound());
+}
+
+#[test]
+fn what_is_no_memory_for_rings_breaks_the_link() {
+    let keys = Keys::new(FederationId(7), Security::default()).unwrap();
+    let address = format!("unix:@hprm-rings-{}-lie", std::process::id()).parse().unwrap();
+    let listener = Listener::bind(&address).unwrap();
+    let liar = Socket::connect(&address, soon()).unwrap();
+    let doorbell = Doorbell::new().unwrap();
+    let socket = listener.accept().unwrap().unwrap();
+    let mut link = Link::accepted(socket, Purpose::Messages, &keys, &doorbell).unwrap();
+    let (ear, rope) = pipe().unwrap();
+    liar.send_with(b"x", &[ear.as_fd(), rope.as_fd()]).unwrap();
+    assert_eq!(link.read().unwrap(), Arrival::Bytes);
+    link.trust();
+    assert!(link.flush().is_err());
+}
