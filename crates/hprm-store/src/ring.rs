@@ -18,8 +18,9 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 use crate::SegmentError;
 use crate::shm::SharedWords;
 
-/// How many bytes a ring holds.
-pub const RING_CAPACITY: usize = 1 << 16;
+/// How many bytes a ring holds: more than the largest frame that is usual, so that nobody waits in
+/// the middle of one.
+pub const RING_CAPACITY: usize = 1 << 17;
 
 /// How many words a line of the cache has, and the one that is fetched with it: words that
 /// different sides write lie so far apart.
@@ -235,22 +236,12 @@ impl<M: AsRef<[AtomicU64]>> Writer<M> {
         Ok(())
     }
 
-    /// Copies bytes for which there is room, word by word. What else is in a word may not be read yet.
-    fn put(&mut self, mut bytes: &[u8]) {
-        let data = self.ring.data();
-        let mut at = position(self.written);
-        while !bytes.is_empty() {
-            let within = at % WORD;
-            let count = (WORD - within).min(bytes.len());
-            let mut word = [0; WORD];
-            if count < WORD {
-                word = data[at / WORD].load(Ordering::Relaxed).to_ne_bytes();
-            }
-            word[within..within + count].copy_from_slice(&bytes[..count]);
-            data[at / WORD].store(u64::from_ne_bytes(word), Ordering::Relaxed);
-            bytes = &bytes[count..];
-            at = (at + count) % RING_CAPACITY;
-        }
+    /// Copies bytes for which there is room.
+    fn put(&mut self, bytes: &[u8]) {
+        let at = position(self.written);
+        let (now, later) = bytes.split_at(bytes.len().min(RING_CAPACITY - at));
+        put(self.ring.data(), at, now);
+        put(self.ring.data(), 0, later);
     }
 }
 
@@ -286,20 +277,64 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
         Ok(count)
     }
 
-    /// Copies bytes that are there, word by word.
-    fn take(&self, mut buffer: &mut [u8]) {
-        let data = self.ring.data();
-        let mut at = position(self.read);
-        while !buffer.is_empty() {
-            let within = at % WORD;
-            let count = (WORD - within).min(buffer.len());
-            let word = data[at / WORD].load(Ordering::Relaxed).to_ne_bytes();
-            let (now, later) = buffer.split_at_mut(count);
-            now.copy_from_slice(&word[within..within + count]);
-            buffer = later;
-            at = (at + count) % RING_CAPACITY;
-        }
+    /// Copies bytes that are there.
+    fn take(&self, buffer: &mut [u8]) {
+        let at = position(self.read);
+        let (now, later) = buffer.split_at_mut(buffer.len().min(RING_CAPACITY - at));
+        take(self.ring.data(), at, now);
+        take(self.ring.data(), 0, later);
     }
+}
+
+/// Copies bytes into memory, from byte `at` on.
+fn put(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
+    let (head, rest) = bytes.split_at(bytes.len().min(up_to_word(at)));
+    put_part(memory, at, head);
+    let at = at + head.len();
+    let words = rest.chunks_exact(WORD);
+    let tail = words.remainder();
+    for (word, chunk) in memory[at / WORD..].iter().zip(words) {
+        let chunk = chunk.try_into().expect("each has the length of a word");
+        word.store(u64::from_ne_bytes(chunk), Ordering::Relaxed);
+    }
+    put_part(memory, at + rest.len() - tail.len(), tail);
+}
+
+/// Copies a part of one word. What else is in it may not be read yet.
+fn put_part(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
+    if bytes.is_empty() {
+        return;
+    }
+    let word = &memory[at / WORD];
+    let mut changed = word.load(Ordering::Relaxed).to_ne_bytes();
+    changed[at % WORD..][..bytes.len()].copy_from_slice(bytes);
+    word.store(u64::from_ne_bytes(changed), Ordering::Relaxed);
+}
+
+/// Copies bytes out of memory, from byte `at` on.
+fn take(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
+    let (head, rest) = buffer.split_at_mut(buffer.len().min(up_to_word(at)));
+    take_part(memory, at, head);
+    let (at, len) = (at + head.len(), rest.len());
+    let mut words = rest.chunks_exact_mut(WORD);
+    for (word, chunk) in memory[at / WORD..].iter().zip(&mut words) {
+        chunk.copy_from_slice(&word.load(Ordering::Relaxed).to_ne_bytes());
+    }
+    let tail = words.into_remainder();
+    take_part(memory, at + len - tail.len(), tail);
+}
+
+/// Copies a part of one word.
+fn take_part(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
+    if !buffer.is_empty() {
+        let word = memory[at / WORD].load(Ordering::Relaxed).to_ne_bytes();
+        buffer.copy_from_slice(&word[at % WORD..][..buffer.len()]);
+    }
+}
+
+/// How many bytes a word has left from byte `at` on; none if a whole one begins there.
+fn up_to_word(at: usize) -> usize {
+    at.next_multiple_of(WORD) - at
 }
 
 /// Where in a ring the byte of this number lies.

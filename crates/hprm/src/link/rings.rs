@@ -11,7 +11,8 @@ use std::collections::VecDeque;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use hprm_store::{RingReader, RingWriter, map_ring_pair, ring_pair};
+use hprm_core::limits::EAGER_BUFFER;
+use hprm_store::{RING_CAPACITY, RingReader, RingWriter, map_ring_pair, ring_pair};
 
 use super::socket::Socket;
 use crate::doorbell::{Doorbell, Rope};
@@ -19,6 +20,9 @@ use crate::wait::is_hung_up;
 
 /// What a descriptor travels with.
 const CARRIER: [u8; 1] = [0];
+
+/// A message that travels inside its frame fits.
+const _: () = assert!(RING_CAPACITY >= EAGER_BUFFER);
 
 /// This end of two rings, from before the other end knows them.
 #[derive(Debug)]

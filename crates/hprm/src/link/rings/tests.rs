@@ -129,7 +129,7 @@ fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
     let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("descriptors");
     let mut ropes = Vec::new();
     for number in 0..20 {
-        near.queue(&failed(number, 5_000));
+        near.queue(&failed(number, 12_000));
         let (ear, rope) = pipe().unwrap();
         near.queue_with(&segment(u32::try_from(number).unwrap()), ear);
         ropes.push(rope);
