@@ -87,7 +87,7 @@ reactor Hub {
     say("hub", count=self.count, arrived=self.arrived, kept=len(self.kept), **stats)
     # Looking takes a while, so the hub looks only when there may be none.
     maps = "" if self.kept else pathlib.Path("/proc/self/maps").read_text()
-    mapped = maps.count("memfd:hprm") - stats["segments"]
+    mapped = maps.count("memfd:hprm-store") - stats["segments"]
     numbers = (now, self.arrived_at, stats["bytes_in_use"], len(self.kept), mapped)
     print(*numbers, file=self.log)
     if pathlib.Path("stop").exists(): request_stop()

@@ -43,7 +43,7 @@ def writable(value):
 PLACE
 def mode(array):
     _, _, mode, name = place(array)
-    return mode, "memfd:hprm" in name
+    return mode, "memfd:hprm-store" in name
 
 def is_all(value, number):
     return bool((value == make(number)).all())
