@@ -259,6 +259,21 @@ def test_other_signals_stop_in_order_too(
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_a_federate_by_hand_stops_all_in_order(
+    bench: Bench, coordination: str, number: signal.Signals
+) -> None:
+    federation = bench.by_hand(program(coordination, "pass"), "ping", "pong")
+    bench.pid("pong")
+    federation.members["pong"].send_signal(number)
+    outcomes = federation.finish()
+    codes = {name: (outcome.code, outcome.err) for name, outcome in outcomes.items()}
+    assert codes == {"rti": (0, ""), "ping": (0, ""), "pong": (128 + number, "")}
+    assert outcomes["ping"].out == "ping stops\n"
+    assert outcomes["pong"].out == "pong stops\n"
+
+
 @pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
 def test_a_signal_that_comes_twice_at_once_is_one(bench: Bench, coordination: str | None) -> None:
     body = 'while not pathlib.Path("go").exists(): pass\n        print("finished")'

@@ -45,7 +45,7 @@ impl Interrupt {
     /// `wakeup`.
     ///
     /// Of a program in one process it handles all signals that ask for the end. A federate leaves
-    /// those to its launcher, which stops all of them together.
+    /// those to its launcher, which stops all of them together; without one, see [`Self::handle_all`].
     ///
     /// # Errors
     ///
@@ -59,31 +59,46 @@ impl Interrupt {
         let forked = PyDict::new(py);
         forked.set_item(intern!(py, "after_in_child"), handler.getattr(py, "_forked")?)?;
         py.import(intern!(py, "os"))?.call_method("register_at_fork", (), Some(&forked))?;
-        let signal = py.import(intern!(py, "signal"))?;
         let threading = py.import(intern!(py, "threading"))?;
         let this = threading.call_method0(intern!(py, "current_thread"))?;
         let main = threading.call_method0(intern!(py, "main_thread"))?;
         if !this.is(&main) {
             return Ok(handler);
         }
-        let mut handled = vec![(SIGINT, "default_int_handler")];
+        let mut wakes = Self::handle(handler.bind(py), SIGINT, "default_int_handler")?;
         if scope == Scope::Whole {
-            handled.extend([(SIGTERM, "SIG_DFL"), (SIGHUP, "SIG_DFL")]);
+            wakes |= Self::handle_all(handler.bind(py))?;
         }
-        for (number, default) in handled {
-            let current = signal.call_method1(intern!(py, "getsignal"), (number,))?;
-            if current.eq(signal.getattr(default)?)? {
-                signal.call_method1(intern!(py, "signal"), (number, &handler))?;
-                handler.get().wakes.store(true, Ordering::Relaxed);
-            }
-        }
-        if handler.get().wakes.load(Ordering::Relaxed) {
+        if wakes {
+            handler.get().wakes.store(true, Ordering::Relaxed);
+            let signal = py.import(intern!(py, "signal"))?;
             let quiet = PyDict::new(py);
             quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
             let wakeup = (wakeup.as_raw_fd(),);
             signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
         }
         Ok(handler)
+    }
+
+    /// Has it handle what asks a process for its end, too: of a federate that nobody has launched.
+    /// Returns whether it handles any of that.
+    ///
+    /// # Errors
+    ///
+    /// What Python raises.
+    pub(crate) fn handle_all(slf: &Bound<'_, Self>) -> PyResult<bool> {
+        Ok(Self::handle(slf, SIGTERM, "SIG_DFL")? | Self::handle(slf, SIGHUP, "SIG_DFL")?)
+    }
+
+    /// Handles a signal, unless the program has a handler of its own instead of the `default`.
+    fn handle(slf: &Bound<'_, Self>, number: i32, default: &str) -> PyResult<bool> {
+        let signal = slf.py().import(intern!(slf.py(), "signal"))?;
+        let current = signal.call_method1(intern!(slf.py(), "getsignal"), (number,))?;
+        let is_free = current.eq(signal.getattr(default)?)?;
+        if is_free {
+            signal.call_method1(intern!(slf.py(), "signal"), (number, slf))?;
+        }
+        Ok(is_free)
     }
 
     /// Has the interpreter forget the descriptor, which is about to be closed.

@@ -16,6 +16,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::console::say;
+use crate::failure::failure;
+use crate::interrupt::Interrupt;
 use crate::load::load;
 use crate::program;
 use crate::value::Value;
@@ -37,11 +39,16 @@ pub(crate) fn run_program(
         let trace =
             logical_trace.map(|path| Trace::create(&path, &compiled.program)).transpose()?;
         let outcome = hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace);
-        outcome.map_err(|failure| match host.interrupt.get().exit_code() {
-            Some(code) if failure.is_interrupted() => Failure { code, ..failure },
-            _ => failure,
-        })
+        outcome.map_err(|failure| by_signal(failure, host.interrupt.get()))
     }))
+}
+
+/// A failure with the exit code that tells which signal it was, if it was one.
+fn by_signal(failure: Failure, interrupt: &Interrupt) -> Failure {
+    match interrupt.exit_code() {
+        Some(code) if failure.is_interrupted() => Failure { code, ..failure },
+        _ => failure,
+    }
 }
 
 /// Where a federate belongs, and what its launcher has asked for.
@@ -85,11 +92,21 @@ pub(crate) fn run_federate(
         let options = options(&compiled, federate, membership)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
-        hprm::run_federate(&options, &inbox, || {
+        let mut interrupt = None;
+        let outcome = hprm::run_federate(&options, &inbox, || {
             joined = true;
             let mut host = load(py, &compiled, scope, &inbox)?;
             host.launched = launched;
+            if !launched {
+                let handled = Interrupt::handle_all(host.interrupt.bind(py));
+                handled.map_err(|error| failure(py, error, "handling signals"))?;
+            }
+            interrupt = Some(host.interrupt.clone_ref(py));
             Ok(host)
+        });
+        outcome.map_err(|failure| match &interrupt {
+            Some(interrupt) => by_signal(failure, interrupt.get()),
+            None => failure,
         })
     });
     match outcome {
