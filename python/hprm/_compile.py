@@ -125,6 +125,9 @@ def _located(error: SyntaxError, code: Code) -> SyntaxError:
     """Move an error that was found in the text to its place in the file."""
     line = min(error.lineno or 1, code.text.count("\n") + 1)
     shift = _shifts(code)(line)
+    beside = b"{=" in linecache.getline(code.path, code.line).encode()[: code.column]
+    if line > 1 and beside and error.msg == "unexpected indent":
+        error.msg += ": the first line stands beside `{=`; put it on a line of its own"
     error.filename = code.path
     error.lineno = code.line + line - 1
     error.text = linecache.getline(code.path, error.lineno)

@@ -397,6 +397,14 @@ def test_a_syntax_error_shows_the_line(run: Any) -> None:
     assert lines[4].index("^") == lines[3].index("==:") + 2
 
 
+@pytest.mark.parametrize(("start", "beside"), [("{= x = 1", True), ("{=\n  x = 1", False)])
+def test_a_body_that_begins_beside_its_brace_is_helped(run: Any, start: str, beside: bool) -> None:
+    outcome = run(f"target Python\nmain reactor {{ reaction(startup) {start}\n    x = 2\n=}} }}\n")
+    assert outcome.code == 1
+    hint = ": the first line stands beside `{=`; put it on a line of its own"
+    assert outcome.err.startswith("error: unexpected indent" + (hint if beside else "") + "\n")
+
+
 def test_a_syntax_error_that_only_the_compiler_finds(run: Any) -> None:
     outcome = run(
         """\
