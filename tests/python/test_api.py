@@ -108,6 +108,10 @@ def attempt(run: Any, statement: str) -> str:
         ("a.value = 3", "AttributeError: a port is set by its method: a.set(...)"),
         ("act.value = 3", "AttributeError: the value of an action is that of its event"),
         ("out.set()", "TypeError: "),
+        (
+            "act.schedule(0.5)",
+            "ValueError: a time is a number of nanoseconds, and 0.5 is less than",
+        ),
         ("act.schedule('x')", "TypeError: a time must be a number of nanoseconds, such as"),
         ("self.update_deadline(-1)", "ValueError: a deadline cannot be negative, and -1 is"),
         ("Tag(1, -1)", "ValueError: a microstep is a number from 0 to 4294967295"),

@@ -99,6 +99,11 @@ pub(crate) fn nanos(offset: &Bound<'_, PyAny>) -> PyResult<i64> {
         });
     };
     let number = number.value();
+    if number != 0.0 && number.abs() < 1.0 {
+        return Err(PyValueError::new_err(format!(
+            "a time is a number of nanoseconds, and {number} is less than one: SEC({number}) is in seconds"
+        )));
+    }
     // Of the floats beyond, none is a number of 64 bits; the cast of one within is exact enough.
     if number.abs() < i64::MAX as f64 {
         Ok(number as i64)
