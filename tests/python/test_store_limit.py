@@ -133,3 +133,37 @@ def test_memory_that_the_system_refuses_is_like_a_full_store(bench: Bench, full:
         outcome.assert_one_error("cannot create", "shared memory")
         return
     assert_nothing_is_lost(outcome, "bytes of shared memory (ftruncate")
+
+
+WITHOUT_MEMORY = """\
+target Python {{ coordination: {coordination}, store-limit: "1 MB" }}
+reactor Sender {{
+  output out
+  reaction(startup) -> out {{= out.set(bytes(20_000_000)) =}}
+}}
+reactor Receiver {{
+  input inp
+  reaction(startup) {{=
+    import resource
+    pages = int(open("/proc/self/statm").read().split()[0])
+    limit = pages * resource.getpagesize() + {room}
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+  =}}
+  reaction(inp) {{= print("received") =}}
+}}
+federated reactor {{
+  sender = new Sender()
+  receiver = new Receiver()
+  sender.out -> receiver.inp after 50 msec
+}}
+"""
+
+
+# It has to be read in one piece, and then taken apart.
+@pytest.mark.parametrize("room", [10_000_000, 30_000_000], ids=["to read it", "to take it apart"])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_receiver_without_memory_says_so(bench: Bench, coordination: str, room: int) -> None:
+    outcome = bench.run(WITHOUT_MEMORY.format(coordination=coordination, room=room))
+    assert (outcome.code, outcome.out) == (1, "")
+    outcome.assert_one_error("error: federate receiver: no memory is left for ", "\n  hint: drop ")
+    assert "SIGABRT" not in outcome.err

@@ -33,7 +33,7 @@ const PART: usize = 48;
 const CONTROL: u8 = 0;
 const MESSAGE: u8 = 1;
 
-/// Why bytes are not a frame. Nothing that follows on the link can be trusted.
+/// Why bytes are not taken for a frame. Nothing that follows on the link can be trusted.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CodecError {
@@ -51,6 +51,9 @@ pub enum CodecError {
     /// The body goes on after the frame.
     #[error("{0} bytes too many in a frame")]
     Trailing(usize),
+    /// The frame may be well, but it cannot be copied.
+    #[error("no memory is left for {0} bytes of a message")]
+    NoMemory(usize),
 }
 
 /// What the start of a buffer holds.
@@ -201,7 +204,10 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
         let len = usize::try_from(len).map_err(|_| CodecError::Junk)?;
         let (bytes, after) = rest.split_at_checked(len).ok_or(CodecError::Junk)?;
         rest = after;
-        Ok(bytes.to_vec())
+        let mut copy = Vec::new();
+        copy.try_reserve_exact(len).map_err(|_| CodecError::NoMemory(len))?;
+        copy.extend_from_slice(bytes);
+        Ok(copy)
     };
     let head = take(envelope.head)?;
     let parts = envelope

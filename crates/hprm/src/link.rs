@@ -359,7 +359,7 @@ impl Link {
             return self.read_handshake();
         }
         self.meet()?;
-        self.inbound.make_room();
+        self.inbound.make_room()?;
         let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
         let (room, held) = (buffer.len() - *end, descriptors.len());
         let received = self.stream.receive(&mut buffer[*end..], descriptors);
@@ -415,6 +415,11 @@ fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
     }
 }
 
+/// Large messages are read into one piece, which the system may not have.
+fn no_memory(len: usize) -> io::Error {
+    io::Error::new(io::ErrorKind::OutOfMemory, CodecError::NoMemory(len))
+}
+
 fn refused(refused: Refused) -> io::Error {
     io::Error::new(io::ErrorKind::PermissionDenied, refused)
 }
@@ -428,7 +433,7 @@ impl AsFd for Link {
 impl Inbound {
     /// Makes sure that a read can bring something: moves what is left to the front, and grows to
     /// the frame that is under way.
-    fn make_room(&mut self) {
+    fn make_room(&mut self) -> io::Result<()> {
         if self.start == self.end {
             (self.start, self.end) = (0, 0);
             if self.buffer.len() > 4 * EAGER_BUFFER {
@@ -440,8 +445,11 @@ impl Inbound {
             (self.start, self.end) = (0, self.end - self.start);
             // No faster than bytes arrive: who only claims to send much costs nothing.
             let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
-            self.buffer.resize(self.buffer.len().max(wanted), 0);
+            let more = wanted.saturating_sub(self.buffer.len());
+            self.buffer.try_reserve_exact(more).map_err(|_| no_memory(wanted))?;
+            self.buffer.resize(self.buffer.len() + more, 0);
         }
+        Ok(())
     }
 }
 

@@ -264,7 +264,13 @@ impl Rti {
     fn read(&mut self, id: LinkId) {
         for _ in 0..READS {
             let Some(link) = self.links.get_mut(&id) else { return };
-            let arrival = link.read().unwrap_or(Arrival::Closed);
+            let arrival = match link.read() {
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                    self.break_off(id, error.to_string());
+                    return;
+                }
+                arrival => arrival.unwrap_or(Arrival::Closed),
+            };
             loop {
                 let Some(link) = self.links.get_mut(&id) else { return };
                 match link.next_frame() {

@@ -3,10 +3,13 @@
 //! It greets peers and turns bytes into frames. What a frame means is the machine's business.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
+use hprm_federated::codec::CodecError;
 use hprm_federated::{FederationId, Frame, HostId};
 
 use super::FederateOptions;
@@ -332,7 +335,8 @@ impl Wires {
         let open = line.read(|frame, descriptor| {
             keep(descriptors, &frame, descriptor);
             events.push(Event::FromRti(frame));
-        })?;
+        });
+        let open = open.map_err(Broken::failure)?;
         if !open {
             self.rti = None;
             events.push(Event::RtiLost);
@@ -369,7 +373,7 @@ impl Wires {
         let Self { outgoing, incoming, descriptors, .. } = self;
         for (peer, line) in &mut *outgoing {
             line.check_proof(*peer)?;
-            if !line.read_peer(*peer, descriptors, events)
+            if !line.read_peer(*peer, descriptors, events)?
                 // Its messages come over the other link, and there may be more of them.
                 && !incoming.contains_key(peer)
             {
@@ -377,7 +381,7 @@ impl Wires {
             }
         }
         for (peer, line) in &mut *incoming {
-            if !line.read_peer(*peer, descriptors, events) {
+            if !line.read_peer(*peer, descriptors, events)? {
                 events.push(Event::PeerLost(*peer));
             }
         }
@@ -411,13 +415,14 @@ impl Line {
         })
     }
 
-    /// Reads a link of a peer, if it is ready. Returns whether it is still open.
+    /// Reads a link of a peer, if it is ready. Returns whether it is still open. Only what is the fault
+    /// of neither of them is a failure.
     fn read_peer(
         &mut self,
         from: FederateId,
         descriptors: &mut Descriptors,
         events: &mut Vec<Event>,
-    ) -> bool {
+    ) -> Result<bool, Failure> {
         let open = self.read(|frame, descriptor| {
             if let Frame::PeerWelcome { .. } = frame {
                 events.push(Event::PeerUp(from));
@@ -426,20 +431,24 @@ impl Line {
             keep(descriptors, &frame, descriptor);
             events.push(Event::FromPeer { from, frame });
         });
-        self.is_closed = !open.unwrap_or(false);
-        !self.is_closed
+        self.is_closed = match open {
+            Ok(open) => !open,
+            Err(Broken::Link(_)) => true,
+            Err(Broken::Memory(failure)) => return Err(failure),
+        };
+        Ok(!self.is_closed)
     }
 
     /// Reads what the link holds, if it is ready. Returns whether the other end is still open.
-    fn read(&mut self, mut arrive: impl FnMut(Frame, Option<OwnedFd>)) -> Result<bool, Failure> {
+    fn read(&mut self, mut arrive: impl FnMut(Frame, Option<OwnedFd>)) -> Result<bool, Broken> {
         if !self.may_be_read() {
             return Ok(true);
         }
         self.is_ready = false;
         for _ in 0..READS {
-            let arrival = self.wire.read().map_err(|error| broken(&error))?;
+            let arrival = self.wire.read().map_err(Broken::reading)?;
             while let Some((frame, descriptor)) =
-                self.wire.next_frame().map_err(|error| broken(&error))?
+                self.wire.next_frame().map_err(Broken::decoding)?
             {
                 arrive(frame, descriptor);
             }
@@ -460,6 +469,43 @@ fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd
     }
 }
 
-fn broken(error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(format!("error: a link is broken: {error}"))
+/// Why a link is not read any further.
+enum Broken {
+    Link(Failure),
+    /// There is no memory for what has come.
+    Memory(Failure),
+}
+
+impl Broken {
+    fn reading(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::OutOfMemory => Self::memory(&error),
+            _ => Self::link(&error),
+        }
+    }
+
+    fn decoding(error: CodecError) -> Self {
+        match error {
+            CodecError::NoMemory(_) => Self::memory(&error),
+            _ => Self::link(&error),
+        }
+    }
+
+    fn link(error: &dyn Display) -> Self {
+        Self::Link(Failure::new(format!("error: a link is broken: {error}")))
+    }
+
+    fn memory(error: &dyn Display) -> Self {
+        Self::Memory(Failure::new(format!(
+            "error: {error}\n  hint: drop values sooner, or let this process have more memory \
+             (ulimit -v, the limit of its container); what fits into the object store of its sender \
+             needs none here"
+        )))
+    }
+
+    fn failure(self) -> Failure {
+        match self {
+            Self::Link(failure) | Self::Memory(failure) => failure,
+        }
+    }
 }
