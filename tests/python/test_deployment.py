@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Spawn
+from processes import Bench, finish, hear
 
 TEXT = (Path(__file__).parents[2] / "docs" / "deployment.md").read_text()
 BLOCKS = [block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)]
@@ -69,9 +70,6 @@ def test_a_federation_runs_as_it_is_written(
     spawn: Spawn, tmp_path: Path, place: dict[str, str], block: list[str], backwards: bool
 ) -> None:
     (tmp_path / "Main.lf").write_text(PROGRAM)
-    # Made by the RTI; who is started before needs a copy.
-    (tmp_path / "secret").write_text(f"{uuid.uuid4().hex}\n")
-    (tmp_path / "secret").chmod(0o600)
     if any("--tls-cert" in line for line in block):
         make_certificates(place, tmp_path)
     command = str(Path(sys.executable).with_name("hprm"))
@@ -85,5 +83,25 @@ def test_a_federation_runs_as_it_is_written(
     rti, *federates = outcomes
     assert "the federation starts\n" in rti[0]
     assert [out for out, _ in federates] == ["", OUTPUT]
-    waiting = "waiting for the RTI at "
+    waiting = ("waiting for the RTI at ", "waiting for the RTI, which makes the file secret")
     assert all(line.startswith(waiting) for _, err in outcomes for line in err.splitlines())
+
+
+def test_a_federate_says_what_it_waits_for(bench: Bench) -> None:
+    text = "target Python\nreactor A {}\nfederated reactor { a = new A() }\n"
+    (bench.folder / "Main.lf").write_text(text)
+    secret = ["--federation-file", "secret"]
+    address = f"unix:@hprm-test-{uuid.uuid4().hex}"
+    federate = bench.call("federate", "Main.lf", "a", "--rti", address, *secret)
+    hear(federate.stderr, "waiting for the RTI, which makes the file secret\n")
+    rti = bench.call("rti", "Main.lf", "--listen", address, *secret)
+    assert [finish(rti).code, finish(federate).code] == [0, 0]
+
+
+def test_a_federate_waits_for_the_secret_no_longer_than_for_the_rti(bench: Bench) -> None:
+    text = "target Python\nreactor A {}\nfederated reactor { a = new A() }\n"
+    (bench.folder / "Main.lf").write_text(text)
+    options = ["--rti", "unix:@nobody", "--federation-file", "secret", "--connect-timeout", "0.1"]
+    outcome = finish(bench.call("federate", "Main.lf", "a", *options))
+    assert outcome.code == 1
+    outcome.assert_one_error("error: cannot read secret: ", "`hprm rti --federation-file FILE`")

@@ -359,7 +359,7 @@ pub(crate) struct Federate {
     /// Where the RTI listens.
     #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
     pub(crate) rti: Address,
-    /// Seconds that the RTI may take to be there.
+    /// Seconds that the RTI may take to be there, and the file with the secret.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     pub(crate) connect_timeout: Duration,
     /// The name or address by which other machines reach this one, if that is not where its

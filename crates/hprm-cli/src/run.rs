@@ -70,11 +70,11 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
         let message = format!("{} has no federate {}", arguments.file.display(), arguments.name);
         return Err(Error::new(message).hint(format!("its federates: {}", names.join(", "))));
     }
-    let secret = secret::of_federate(&arguments.secret, arguments.connect_timeout)?;
+    let (secret, patience) = secret::of_federate(&arguments.secret, arguments.connect_timeout)?;
     let python = python::find()?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());
-    command.arg("--connect-timeout").arg(arguments.connect_timeout.as_secs_f64().to_string());
+    command.arg("--connect-timeout").arg(patience.as_secs_f64().to_string());
     if let Some(advertise) = &arguments.advertise {
         command.arg("--advertise").arg(advertise);
     }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use hprm::federated::FederationId;
 
 use crate::args::Secret;
-use crate::message::Error;
+use crate::message::{self, Error};
 
 /// More is not a secret of this kind, whatever it is.
 const LONGEST: u64 = 64;
@@ -27,29 +27,34 @@ const LOOKING: Duration = Duration::from_millis(20);
 /// If the file is no secret, or a secret no more.
 pub(crate) fn of_rti(secret: &Secret) -> Result<Option<FederationId>, Error> {
     match &secret.federation_file {
-        Some(path) if !path.exists() => write(path).map(Some),
+        Some(path) if !path.exists() => make(path).map(Some),
         Some(path) => read(path).map(Some),
         None => Ok(secret.federation),
     }
 }
 
 /// The secret of a federation that somebody else has started, or starts within `patience`: then the
-/// file may still be missing.
+/// file may still be missing. Returns what is left of that time, too.
 ///
 /// # Errors
 ///
 /// If none is given, or as [`of_rti`].
-pub(crate) fn of_federate(secret: &Secret, patience: Duration) -> Result<FederationId, Error> {
-    let until = Instant::now() + patience;
+pub(crate) fn of_federate(
+    secret: &Secret,
+    patience: Duration,
+) -> Result<(FederationId, Duration), Error> {
+    let since = Instant::now();
+    let left = || patience.saturating_sub(since.elapsed());
     let pause = || {
-        std::thread::sleep(LOOKING);
-        Instant::now() < until
+        std::thread::sleep(LOOKING.min(left()));
+        !left().is_zero()
     };
     let read = secret.federation_file.as_deref().map(|path| await_file(path, pause)).transpose()?;
-    read.or(secret.federation).ok_or_else(|| {
+    let secret = read.or(secret.federation).ok_or_else(|| {
         Error::new("the secret of the federation is missing")
             .hint("name the file with it, --federation-file FILE, or set HPRM_FEDERATION_ID")
-    })
+    })?;
+    Ok((secret, left()))
 }
 
 /// A secret that nobody guesses.
@@ -76,10 +81,16 @@ pub(crate) fn random_bytes<const N: usize>() -> Result<[u8; N], Error> {
 
 /// Reads the file once it is there, or once `pause` says that it has been waited for long enough.
 fn await_file(path: &Path, mut pause: impl FnMut() -> bool) -> Result<FederationId, Error> {
+    if !path.exists() {
+        let line = format!("waiting for the RTI, which makes the file {}\n", path.display());
+        message::print_error(line.as_bytes());
+    }
     while !path.exists() && pause() {}
     let missing = !path.exists();
     read(path).map_err(|error| match missing {
-        true => error.hint("`hprm rti --federation-file FILE` makes it"),
+        true => error.hint(
+            "`hprm rti --federation-file FILE` makes it; on another machine, it is a copy of that file",
+        ),
         false => error,
     })
 }
@@ -96,6 +107,11 @@ fn read(path: &Path) -> Result<FederationId, Error> {
     let mut text = String::new();
     file.take(LONGEST).read_to_string(&mut text).map_err(failed)?;
     text.trim().parse().map_err(|error| Error::new(format!("{}: {error}", path.display())))
+}
+
+/// Makes the file, unless somebody else is quicker.
+fn make(path: &Path) -> Result<FederationId, Error> {
+    write(path).or_else(|error| if path.exists() { read(path) } else { Err(error) })
 }
 
 /// Makes the file, which is whole as soon as it is there.
@@ -142,7 +158,7 @@ mod tests {
         assert!(of_federate(&in_file(&path), Duration::ZERO).is_err());
         let secret = of_rti(&in_file(&path)).unwrap();
         assert_eq!(path.metadata().unwrap().mode() & 0o777, 0o600);
-        assert_eq!(Some(of_federate(&in_file(&path), Duration::ZERO).unwrap()), secret);
+        assert_eq!(Some(of_federate(&in_file(&path), Duration::ZERO).unwrap().0), secret);
         assert_eq!(of_rti(&in_file(&path)).unwrap(), secret);
     }
 
@@ -185,6 +201,14 @@ mod tests {
         });
         assert_eq!(Some(waited.unwrap()), made);
         assert!(await_file(&folder.path().join("other"), || false).is_err());
+    }
+
+    #[test]
+    fn of_two_that_make_it_at_once_one_takes_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("secret");
+        let first = make(&path).unwrap();
+        assert_eq!(make(&path).unwrap(), first);
     }
 
     #[test]
