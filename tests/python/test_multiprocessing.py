@@ -189,6 +189,7 @@ def test_what_a_forked_process_asks_of_the_program_is_refused(launch: Run, kind:
             told = context.Queue()
             requests = [
                 lambda: out.set(1), came.schedule, next.schedule, lf.request_stop, lf.stop,
+                lambda: self.update_deadline(MSEC(1)),
             ]
             child = context.Process(target=ask, args=(told, *requests))
             child.start()
@@ -202,4 +203,4 @@ def test_what_a_forked_process_asks_of_the_program_is_refused(launch: Run, kind:
         """
     )
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.split().count("True") == 5
+    assert outcome.out.split().count("True") == 6

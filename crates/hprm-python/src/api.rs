@@ -128,10 +128,7 @@ impl Api {
             Nanos::MAX => Err(PyValueError::new_err(
                 "a maxwait that has no end must be stated in the program: @maxwait(forever)",
             )),
-            maxwait => {
-                self.0.set_maxwait(maxwait);
-                Ok(())
-            }
+            maxwait => self.0.set_maxwait(maxwait),
         }
     }
 

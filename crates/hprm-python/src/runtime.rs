@@ -150,6 +150,7 @@ impl Runtime {
 
     /// Makes a port persistent, with a first value.
     pub(crate) fn remember(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
+        fork::refuse_in_child()?;
         self.during(owner, port, Access::Remember, |running| running.effects.keep(port, value))
     }
 
@@ -285,6 +286,7 @@ impl Runtime {
 
     /// Changes the deadline of the running reaction, from now on.
     pub(crate) fn set_deadline(&self, deadline: Nanos) -> PyResult<()> {
+        fork::refuse_in_child()?;
         let mut cell = self.cell();
         let running = cell.reacting().ok_or_else(|| self.outside("a deadline"))?;
         running.effects.set_deadline(deadline);
@@ -297,10 +299,12 @@ impl Runtime {
     }
 
     /// Changes how long the federate waits for its inputs.
-    pub(crate) fn set_maxwait(&self, maxwait: Nanos) {
+    pub(crate) fn set_maxwait(&self, maxwait: Nanos) -> PyResult<()> {
+        fork::refuse_in_child()?;
         let mut cell = self.cell();
         cell.maxwait = Some(maxwait);
         cell.maxwait_is_news = true;
+        Ok(())
     }
 
     /// Notes for the trace that the running reaction reads the clock.
