@@ -70,6 +70,7 @@ bench-python: build ## measure the scheduler with Python bodies
 
 bench-in-process: build ## compare federates as threads with federates as processes
 	@$(BIN)/python bench/in_process.py
+
 bench-frames: toolchain ## count the frames between federates and the RTI
 	cargo bench --quiet -p hprm-sim --bench frames
 
