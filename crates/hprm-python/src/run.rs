@@ -163,8 +163,16 @@ fn options(
     federate: &str,
     membership: Membership,
 ) -> Result<FederateOptions, Failure> {
-    let Membership { rti, federation, logical_trace, connect_timeout, advertise, tls, .. } =
-        membership;
+    let Membership {
+        rti,
+        federation,
+        launched,
+        logical_trace,
+        connect_timeout,
+        advertise,
+        tls,
+        ..
+    } = membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
@@ -191,6 +199,7 @@ fn options(
                 .map_err(|error| wrong("--connect-timeout", &error))?,
             advertise,
             notice: Some(say),
+            launched,
             // The handlers of signals that have come; that of Ctrl-C raises.
             interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
         },

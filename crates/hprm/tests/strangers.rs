@@ -252,7 +252,11 @@ fn patience_ends_with_a_message() {
     let address = Address::Tcp(address.to_string());
     let options = options(&program, FederateId(0), &address, &Security::default());
     let reach = Reach { patience: std::time::Duration::ZERO, ..Reach::default() };
-    let failure = join(&FederateOptions { reach, ..options });
+    let mut options = FederateOptions { reach, ..options };
+    let failure = join(&options);
     assert!(failure.message.starts_with(&format!("error: no RTI at {address}: ")));
     assert!(failure.message.contains("hint: "), "{}", failure.message);
+    // Who has launched it tells why there is no RTI any more.
+    options.reach.launched = true;
+    assert_eq!(join(&options).message, "");
 }

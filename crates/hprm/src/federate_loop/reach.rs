@@ -38,13 +38,22 @@ pub struct Reach {
     pub advertise: Option<String>,
     /// Hears that the RTI is not there yet, once.
     pub notice: Option<fn(&str)>,
+    /// Whether who has started this process has started the RTI before, and tells why it has ended: then
+    /// that is the only reason why there is none.
+    pub launched: bool,
     /// Whether the user wants no more of it.
     pub interrupted: Option<fn() -> bool>,
 }
 
 impl Default for Reach {
     fn default() -> Self {
-        Self { patience: Duration::from_secs(60), advertise: None, notice: None, interrupted: None }
+        Self {
+            patience: Duration::from_secs(60),
+            advertise: None,
+            notice: None,
+            launched: false,
+            interrupted: None,
+        }
     }
 }
 
@@ -73,7 +82,10 @@ pub(super) fn rti(
         }
         breaks += u32::from(error.kind() == io::ErrorKind::ConnectionReset);
         if breaks > BREAKS || Clock::now() >= give_up || !passes(&error) {
-            return Err(no_rti(&options.rti, &error));
+            return Err(match reach.launched && passes(&error) {
+                true => Failure { message: String::new(), code: 1 },
+                false => no_rti(&options.rti, &error),
+            });
         }
         if let Some(notice) = reach.notice.filter(|_| !std::mem::replace(&mut told, true)) {
             notice(&format!("waiting for the RTI at {}: {error}", options.rti));
