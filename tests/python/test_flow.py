@@ -11,6 +11,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from conftest import Run
 from processes import COORDINATIONS, Bench, finish, until
 from snippets import TELL
 
@@ -127,3 +128,41 @@ def test_who_sends_too_fast_waits(bench: Bench, coordination: str, arrow: str, h
         if name == "sink":
             assert outcome.out == f"received {MESSAGES}\n"
     assert (bench.folder / "sent").stat().st_size == MESSAGES
+
+
+FLOOD = """\
+target Python { coordination: COORDINATION }
+reactor Source {
+  output out
+  logical action again
+  state sent = 0
+  reaction(startup, again) -> out, again {=
+    out.set(bytes(1024))
+    self.sent += 1
+    if self.sent < 30_000:
+        again.schedule(0)
+    else:
+        request_stop()
+  =}
+}
+reactor Sink {
+  input inp
+  state seen = 0
+  reaction(inp) {= self.seen += 1 =}
+  reaction(shutdown) {= print(self.seen) =}
+}
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}
+"""
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_looks_for_messages_sees_that_it_may_write_again(
+    launch: Run, coordination: str
+) -> None:
+    # Who did not see it would look for a second, hundreds of times.
+    outcome = launch(FLOOD.replace("COORDINATION", coordination), "--spin=1s")
+    assert (outcome.code, outcome.out) == (0, "[sink] 30000\n"), outcome.err

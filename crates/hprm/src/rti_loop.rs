@@ -409,7 +409,7 @@ impl Rti {
                     self.glance(news);
                 }
                 let due = news.wakeup.is_some_and(|at| at <= Clock::now());
-                if due || news.bell || news.lobby || !news.links.is_empty() {
+                if due || news.bell || news.is_stirred || news.lobby || !news.links.is_empty() {
                     return;
                 }
             }
@@ -420,7 +420,7 @@ impl Rti {
     /// Looks at what has come through memory, without asking the system. Returns whether there is
     /// anything.
     fn glance(&self, news: &mut News) -> bool {
-        (news.bell, news.lobby) = (false, false);
+        (news.bell, news.is_stirred, news.lobby) = (false, false, false);
         let links = self.links.iter().filter(|(_, link)| link.has_unread());
         news.links.extend(links.map(|(id, _)| *id));
         !news.links.is_empty()
@@ -458,14 +458,19 @@ impl Rti {
         if news.bell {
             self.control.bell.silence();
         }
+        news.is_stirred = false;
         if let Some(doorbell) = &self.doorbell
             && ready.next().is_some_and(Ready::is_ready)
         {
             doorbell.silence();
+            news.is_stirred = true;
         }
-        let links = self.links.iter().zip(&mut ready);
-        let links = links.filter(|((_, link), ready)| ready.can_be_read() || link.has_unread());
-        news.links.extend(links.map(|((id, _), _)| *id));
+        for ((id, link), ready) in self.links.iter().zip(&mut ready) {
+            news.is_stirred |= ready.can_be_written();
+            if ready.can_be_read() || link.has_unread() {
+                news.links.push(*id);
+            }
+        }
         // Somebody may have taken too long, of which no descriptor tells.
         let too_long = impatience.is_some_and(|at| at <= Clock::now());
         news.lobby = too_long || ready.any(Ready::is_ready);
@@ -479,6 +484,8 @@ struct News {
     links: Vec<LinkId>,
     /// Whether another thread has rung.
     bell: bool,
+    /// Whether another process has left something, or made room for what is to be written.
+    is_stirred: bool,
     /// Whether somebody may be at the door.
     lobby: bool,
     /// When the machine wants to be woken.

@@ -40,6 +40,11 @@ impl Ready {
     pub(crate) fn can_be_read(self) -> bool {
         !self.0.difference(PollFlags::OUT).is_empty()
     }
+
+    /// Whether what is to be written can be.
+    pub(crate) fn can_be_written(self) -> bool {
+        self.0.contains(PollFlags::OUT)
+    }
 }
 
 /// What a loop waits for at a descriptor.

@@ -58,6 +58,8 @@ pub(super) struct Wires {
     incoming: BTreeMap<FederateId, Line>,
     /// When the system was last asked what has come.
     asked_at: PhysicalTime,
+    /// Whether somebody has left something then, or made room for what is to be written.
+    is_stirred: bool,
     host: HostId,
     descriptors: Descriptors,
 }
@@ -85,6 +87,7 @@ impl Wires {
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
             asked_at: NOW,
+            is_stirred: false,
             descriptors: BTreeMap::new(),
         })
     }
@@ -237,6 +240,7 @@ impl Wires {
         }
         if spin > 0 {
             let give_up = Clock::local().plus(spin);
+            self.is_stirred = false;
             loop {
                 let now = Clock::local();
                 if now >= give_up {
@@ -245,7 +249,7 @@ impl Wires {
                 let ask = !in_memory || now.since(self.asked_at) > SPIN_GLANCE;
                 let bell_rings = ask && self.sleep(bell, Some(NOW));
                 let due = until.is_some_and(|until| until <= Clock::now());
-                if bell_rings || due || self.has_news() {
+                if bell_rings || due || self.is_stirred || self.has_news() {
                     return bell_rings;
                 }
             }
@@ -273,14 +277,18 @@ impl Wires {
         let until = until.into_iter().chain(impatience).chain(unread).min();
         let mut ready = wait(&self.interests(bell), until).into_iter();
         let bell_rings = ready.next().is_some_and(Ready::is_ready);
+        let mut is_stirred = false;
         if let Some(doorbell) = self.network.doorbell()
             && ready.next().is_some_and(Ready::is_ready)
         {
             doorbell.silence();
+            is_stirred = true;
         }
-        self.lines_mut()
-            .zip(&mut ready)
-            .for_each(|(line, ready)| line.is_ready |= ready.can_be_read());
+        self.lines_mut().zip(&mut ready).for_each(|(line, ready)| {
+            line.is_ready |= ready.can_be_read();
+            is_stirred |= ready.can_be_written();
+        });
+        self.is_stirred = is_stirred;
         // Somebody may have taken too long, of which no descriptor tells.
         let too_long = impatience.is_some_and(|at| at <= Clock::now());
         self.lobby_is_ready |= too_long || ready.any(Ready::is_ready);
