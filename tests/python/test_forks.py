@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import Run
+from processes import COORDINATIONS
 
 PROGRAM = """\
 target Python {{ coordination: {coordination}, timeout: 400 msec }}
@@ -61,7 +62,7 @@ END = """
 """
 
 
-@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("who", ["saver", "camera"])
 def test_a_forked_process_keeps_the_array_that_it_has(
     launch: Run, who: str, coordination: str

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 from conftest import Run
-from processes import Bench
+from processes import COORDINATIONS, Bench
 
 #: What a program defines, and a body that has other processes use it.
 PREAMBLE = """
@@ -130,7 +130,7 @@ def test_such_a_process_has_no_runtime_to_ask(run: Run) -> None:
     assert "lf knows of times and tags only where reactions run" in outcome.out
 
 
-@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_forked_process_does_not_hide_that_its_parent_is_dead(
     bench: Bench, coordination: str
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import Run
+from processes import COORDINATIONS
 from scenarios import EXPECTED, program
 
 SCENARIOS = """
@@ -275,7 +276,7 @@ def kept_by_a_thread(number):
 """
 
 
-@pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_arrays_in_objects_never_change_for_a_peer_whatever_the_sender_keeps(
     launch: Run, coordination: str
 ) -> None:

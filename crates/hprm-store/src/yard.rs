@@ -218,8 +218,8 @@ impl Yard {
     }
 
     /// In the process that was forked: what it writes is seen by nobody else from now on, what was
-    /// being made or was received to be written to stays as it is for it, and it allocates elsewhere. If this returns false, the system
-    /// has no memory for that, and the process must end.
+    /// being made or was received to be written to stays as it is for it, and it allocates elsewhere.
+    /// If this returns false, the system has no memory for that, and the process must end.
     pub fn after_fork_in_child(&self) -> bool {
         self.forked.store(true, Ordering::Release);
         let mut estate = self.estate();

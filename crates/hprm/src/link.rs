@@ -1,7 +1,7 @@
 //! Links: ordered frames in, ordered frames out, and a typed end.
 //!
-//! A link is a Unix stream socket on one machine, with memory through which the bytes go, and TCP without Nagle's delay otherwise (paper,
-//! section III-C, real-time sockets). Its buffers are allocated once; a message that fits into the
+//! A link is a Unix stream socket on one machine, with memory through which the bytes go, and TCP
+//! without Nagle's delay otherwise (paper, section III-C, real-time sockets). Its buffers are allocated once; a message that fits into the
 //! eager limit is read and written without another allocation. It knows frames, not what they mean.
 //! Before the first frame, both ends prove that they belong to the federation (`proof`), unless the
 //! kernel vouches for the other end.
