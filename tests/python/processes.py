@@ -54,12 +54,17 @@ class Bench:
         return self.call("run", *options, "Main.lf")
 
     def call(
-        self, *arguments: str, environment: dict[str, str] | None = None
+        self,
+        *arguments: str,
+        environment: dict[str, str] | None = None,
+        descriptors: int | None = None,
     ) -> subprocess.Popen[str]:
-        """Start the command."""
+        """Start the command, perhaps with so many descriptors and no more."""
         command = shutil.which("hprm", path=str(Path(sys.executable).parent))
         assert command is not None, "make build puts hprm beside python"
-        return self._spawn([command, *arguments], environment or {})
+        limited = ["sh", "-c", 'ulimit -n "$0" && exec "$@"', str(descriptors)]
+        before = limited if descriptors else []
+        return self._spawn([*before, command, *arguments], environment or {})
 
     def python(
         self, *arguments: str, environment: dict[str, str] | None = None
@@ -83,9 +88,10 @@ class Bench:
         self.started.append(process)
         return process
 
-    def federation(self) -> Federation:
+    def federation(self, address: str | None = None) -> Federation:
         """A federation whose members are to be started by hand."""
-        return Federation(self, f"unix:@hprm-test-{uuid.uuid4().hex}", uuid.uuid4().hex)
+        address = address or f"unix:@hprm-test-{uuid.uuid4().hex}"
+        return Federation(self, address, uuid.uuid4().hex)
 
     def by_hand(self, text: str, *federates: str, options: Sequence[str] = ()) -> Federation:
         """Start an RTI for the text of a program, and federates, each as a process of its own."""
@@ -120,16 +126,22 @@ class Federation:
     id: str
     members: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
 
-    def start(self, name: str, *options: str) -> None:
+    def start(self, name: str, *options: str, descriptors: int | None = None) -> None:
         """Start the RTI, which is called `rti`, or a federate, which needs it."""
         if name == "rti":
             command = ["rti", "Main.lf", "--listen", self.address, *options]
         else:
             command = ["federate", "Main.lf", name, "--rti", self.address, *options]
         environment = {"HPRM_FEDERATION_ID": self.id}
-        self.members[name] = self.bench.call(*command, environment=environment)
-        if name == "rti":
+        member = self.bench.call(*command, environment=environment, descriptors=descriptors)
+        self.members[name] = member
+        if name != "rti":
+            return
+        if self.address.startswith("unix:"):
             until(lambda: listens(self.address), "the RTI listens")
+        else:
+            # The port may have been zero.
+            self.address = hear(member.stdout, "\n").splitlines()[0].split()[-1]
 
     def finish(self, *names: str) -> dict[str, Outcome]:
         """How the members end, or those that are named."""

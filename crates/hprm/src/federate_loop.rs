@@ -444,6 +444,7 @@ where
                 }
             }
             Output::Start { at, first } => {
+                wires.become_busy();
                 self.scheduler.start_late(at, first);
                 self.phase = Phase::Running;
             }

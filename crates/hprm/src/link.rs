@@ -7,6 +7,7 @@
 //! kernel vouches for the other end.
 
 mod address;
+pub(crate) mod descriptors;
 mod ends;
 mod keys;
 mod lobby;
@@ -159,6 +160,17 @@ impl Link {
         self.handshake.is_none()
     }
 
+    /// Whether the other end is known to be one of the same federation, or at least of the same user.
+    pub(crate) fn is_proved(&self) -> bool {
+        self.is_established() || self.is_local()
+    }
+
+    /// Whether the other end has begun to prove that, as far as can be told.
+    pub(crate) fn has_spoken(&self) -> bool {
+        self.handshake.as_ref().is_none_or(|handshake| handshake.is_greeted())
+            || self.stream.has_spoken()
+    }
+
     /// Waits until both ends have proved what they have to, until `until` at the latest.
     pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
         loop {
@@ -185,6 +197,14 @@ impl Link {
             socket.local_address().is_ok_and(|here| here.ip() == other.ip())
         };
         socket.is_unix() || socket.peer_address().is_ok_and(same)
+    }
+
+    /// The address of the other end, if it is TCP.
+    pub(crate) fn peer_address(&self) -> io::Result<std::net::SocketAddr> {
+        match self.is_local() {
+            true => Err(io::ErrorKind::Unsupported.into()),
+            false => self.stream.socket().peer_address(),
+        }
     }
 
     /// The address of this end.

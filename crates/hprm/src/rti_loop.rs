@@ -170,7 +170,7 @@ impl Rti {
         Ok(Self {
             machine,
             address: gates[0].address().clone(),
-            lobby: Lobby::new(gates, Purpose::Coordination, keys),
+            lobby: Lobby::new(gates, Purpose::Coordination, keys, options.program.federates.len()),
             links: BTreeMap::new(),
             doorbell: network.doorbell().cloned(),
             asked_at: PhysicalTime(0),
@@ -335,7 +335,10 @@ impl Rti {
                     }
                     report(RtiEvent::Joined(federate));
                 }
-                RtiOutput::Started { at } => report(RtiEvent::Started(at)),
+                RtiOutput::Started { at } => {
+                    self.lobby.become_busy();
+                    report(RtiEvent::Started(at));
+                }
                 RtiOutput::Silent { federate, silence } => {
                     report(RtiEvent::Silent { federate, silence });
                 }

@@ -137,6 +137,30 @@ impl Wire {
         }
     }
 
+    /// Whether the other end is known to be one of the same federation, or at least of the same user.
+    pub(crate) fn is_proved(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.is_proved(),
+            Self::Memory(_) => true,
+        }
+    }
+
+    /// Whether the other end has begun to prove that, as far as can be told.
+    pub(crate) fn has_spoken(&self) -> bool {
+        match self {
+            Self::Socket(link) => link.has_spoken(),
+            Self::Memory(_) => true,
+        }
+    }
+
+    /// The address of the other end on the network.
+    pub(crate) fn peer_address(&self) -> io::Result<SocketAddr> {
+        match self {
+            Self::Socket(link) => link.peer_address(),
+            Self::Memory(_) => Err(io::ErrorKind::Unsupported.into()),
+        }
+    }
+
     /// Waits until both ends have proved what they have to, until `until` at the latest.
     pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
         match self {

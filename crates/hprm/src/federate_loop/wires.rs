@@ -73,7 +73,8 @@ impl Wires {
         let (mut lobby, mut advertised) = (None, None);
         if decentralized {
             let (gates, addresses) = reach::listen(options, &rti, &keys, &network)?;
-            lobby = Some(Lobby::new(gates, Purpose::Messages, keys.clone()));
+            let members = options.program.federates.len();
+            lobby = Some(Lobby::new(gates, Purpose::Messages, keys.clone(), members));
             advertised = Some(addresses);
         }
         Ok(Self {
@@ -90,6 +91,11 @@ impl Wires {
             is_stirred: false,
             descriptors: BTreeMap::new(),
         })
+    }
+
+    /// The federation runs: members come before strangers.
+    pub(super) fn become_busy(&mut self) {
+        self.lobby.iter_mut().for_each(Lobby::become_busy);
     }
 
     /// Whether the RTI runs on this host.

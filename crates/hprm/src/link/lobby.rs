@@ -1,38 +1,66 @@
 //! Where links of others arrive, and wait until they have said who they are.
 //!
 //! A link leaves with its first frame, and whoever listens decides about it. One that says nothing,
-//! or something else, is closed and costs little until then; nobody waits for it.
+//! or something else, is closed and costs little until then; nobody waits for it. How many wait is
+//! bounded, also by the descriptors of the process: [`crowd`] tells who has to go. Strangers never fail
+//! the process, and while the federation runs they get a share of its time and no more.
 
-use std::collections::VecDeque;
+mod crowd;
+
 use std::io;
 use std::os::fd::AsFd;
 
 use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::Frame;
 
-use super::{Address, Arrival, Keys, Purpose};
+use self::crowd::{Crowd, Origin, Places, Waiting};
+use super::{Address, Arrival, Keys, Purpose, descriptors};
+use crate::Clock;
 use crate::wait::Interest;
 use crate::wire::{Gate, Wire};
 
 /// How long a link may take to its first frame.
 const PATIENCE: Nanos = 10_000_000_000;
 
-/// The most links that may be on their way to it. One more costs the oldest its place: a member is
-/// through in a few round trips, so the oldest is the one least likely to be one.
-const STRANGERS: usize = 64;
+/// The most strangers in one stage, and from one address, unless more than so many federates join.
+const STRANGERS: usize = 32;
+const FROM_ONE: usize = 16;
+
+/// The most links that have proved themselves and said no more, unless more federates join.
+const PROVED: usize = 64;
+
+/// Strangers take no more than one of so many descriptors that are left.
+const SHARE_OF_DESCRIPTORS: usize = 4;
+
+/// How long one round may take, give or take one link.
+const ROUND: Nanos = 2_000_000;
+
+/// While the federation runs, strangers wait for so many times as long as the last round took.
+const REST: Nanos = 3;
+
+/// How long to wait if no descriptor is left, and no stranger has one.
+const SHORTAGE: Nanos = 100_000_000;
 
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Lobby {
     gates: Vec<Gate>,
-    strangers: VecDeque<(Wire, PhysicalTime)>,
+    crowd: Crowd,
     purpose: Purpose,
     keys: Keys,
+    /// How many federates may come.
+    members: usize,
+    /// Whether this process has something else to do.
+    is_busy: bool,
+    /// Nobody is looked at before, by the local clock.
+    rests_until: Option<PhysicalTime>,
 }
 
 impl Lobby {
-    pub(crate) fn new(gates: Vec<Gate>, purpose: Purpose, keys: Keys) -> Self {
-        Self { gates, strangers: VecDeque::new(), purpose, keys }
+    /// A lobby for so many members.
+    pub(crate) fn new(gates: Vec<Gate>, purpose: Purpose, keys: Keys, members: usize) -> Self {
+        let crowd = Crowd::default();
+        Self { gates, crowd, purpose, keys, members, is_busy: false, rests_until: None }
     }
 
     /// Where it listens.
@@ -40,31 +68,73 @@ impl Lobby {
         self.gates.iter().map(Gate::address)
     }
 
+    /// The federation runs: strangers get a share of the time.
+    pub(crate) fn become_busy(&mut self) {
+        self.is_busy = true;
+    }
+
     /// The links whose first frame has come, with that frame. It is `now` by the local clock, which
     /// nobody sets.
     pub(crate) fn admit(&mut self, now: PhysicalTime) -> io::Result<Vec<(Wire, Frame)>> {
-        self.accept(now.plus(PATIENCE))?;
-        let mut admitted = Vec::new();
-        for (mut link, until) in std::mem::take(&mut self.strangers) {
-            match first_frame(&mut link) {
-                Ok(Some(frame)) => admitted.push((link, frame)),
-                Ok(None) if now < until => self.strangers.push_back((link, until)),
-                // Whoever broke off, or took too long, is no concern of the federation.
-                Ok(None) | Err(Stranger) => {}
-            }
+        if self.rests_until.is_some_and(|until| now < until) {
+            return Ok(Vec::new());
         }
+        self.rests_until = None;
+        let begun = Clock::local();
+        let mut admitted = Vec::new();
+        self.look(now, begun, &mut admitted);
+        self.accept(now, begun, &mut admitted)?;
+        self.rest_after(now, Clock::local().since(begun));
         Ok(admitted)
     }
 
-    fn accept(&mut self, until: PhysicalTime) -> io::Result<()> {
-        for gate in &self.gates {
+    /// A round that began `now` took so long. Short ones are those of a few members that come.
+    fn rest_after(&mut self, now: PhysicalTime, took: Nanos) {
+        if self.is_busy && took > ROUND / 2 {
+            self.rests_until = self.rests_until.max(Some(now.plus(took * (1 + REST))));
+        }
+    }
+
+    /// Looks at the links that wait, as far as there is time.
+    fn look(&mut self, now: PhysicalTime, begun: PhysicalTime, admitted: &mut Vec<(Wire, Frame)>) {
+        self.crowd.visit(|waiting| {
+            if now < waiting.until && Clock::local().since(begun) > ROUND {
+                return Some(waiting);
+            }
+            progress(waiting, now, admitted)
+        });
+    }
+
+    fn accept(
+        &mut self,
+        now: PhysicalTime,
+        begun: PhysicalTime,
+        admitted: &mut Vec<(Wire, Frame)>,
+    ) -> io::Result<()> {
+        let Self { gates, crowd, purpose, keys, members, .. } = self;
+        let mut places = None;
+        for gate in gates {
             // However many come: the members have their turn, too.
-            for _ in 0..STRANGERS {
-                let Some(link) = gate.accept(self.purpose, &self.keys)? else { break };
-                self.strangers.push_back((link, until));
-                if self.strangers.len() > STRANGERS {
-                    self.strangers.pop_front();
-                }
+            while Clock::local().since(begun) <= ROUND {
+                let wire = match gate.accept(*purpose, keys) {
+                    Ok(Some(wire)) => wire,
+                    Ok(None) => break,
+                    Err(error) if descriptors::is_shortage(&error) => {
+                        if crowd.hang_up() {
+                            continue;
+                        }
+                        self.rests_until = Some(now.plus(SHORTAGE));
+                        return Ok(());
+                    }
+                    Err(error) => return Err(error),
+                };
+                let origin = Origin::of(&wire);
+                // What it has to say has often come with it.
+                let waiting = Waiting { wire, until: now.plus(PATIENCE), origin };
+                let Some(waiting) = progress(waiting, now, admitted) else { continue };
+                crowd.push(waiting);
+                let free = || descriptors::left() + crowd.strangers();
+                crowd.make_room(*places.get_or_insert_with(|| places_for(*members, free())));
             }
         }
         Ok(())
@@ -73,16 +143,45 @@ impl Lobby {
     /// What a loop has to wait for.
     pub(crate) fn interests(&self) -> impl Iterator<Item = Interest<'_>> {
         let gates = self.gates.iter().map(|gate| Interest { fd: gate.as_fd(), write: false });
-        gates.chain(
-            self.strangers
-                .iter()
-                .map(|(link, _)| Interest { fd: link.as_fd(), write: link.has_outbound() }),
-        )
+        let waiting = self.crowd.iter().map(|waiting| Interest {
+            fd: waiting.wire.as_fd(),
+            write: waiting.wire.has_outbound(),
+        });
+        gates.chain(waiting).filter(|_| self.rests_until.is_none())
     }
 
-    /// When somebody has taken too long, by the local clock.
+    /// When somebody has taken too long, or is looked at again, by the local clock.
     pub(crate) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        self.strangers.iter().map(|(_, until)| *until).min()
+        self.rests_until.or_else(|| self.crowd.iter().map(|waiting| waiting.until).min())
+    }
+}
+
+/// How many links may wait in a process that expects so many members, and could open so many
+/// descriptors if there were no strangers.
+fn places_for(members: usize, free: usize) -> Places {
+    // One for each stage, or nobody gets in.
+    let most = (free / SHARE_OF_DESCRIPTORS / 2).max(1);
+    Places {
+        strangers: members.max(STRANGERS).min(most),
+        from_one: members.max(FROM_ONE).min(most),
+        proved: (2 * members).max(PROVED),
+    }
+}
+
+/// Goes on with a link. Returns it if it has to wait further; who broke off, or took too long, is no
+/// concern of the federation.
+fn progress(
+    mut waiting: Waiting,
+    now: PhysicalTime,
+    admitted: &mut Vec<(Wire, Frame)>,
+) -> Option<Waiting> {
+    match first_frame(&mut waiting.wire) {
+        Ok(Some(frame)) => {
+            admitted.push((waiting.wire, frame));
+            None
+        }
+        Ok(None) => (now < waiting.until).then_some(waiting),
+        Err(Stranger) => None,
     }
 }
 
@@ -105,68 +204,4 @@ fn first_frame(link: &mut Wire) -> Result<Option<Frame>, Stranger> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::io::{Read, Write};
-    use std::net::TcpStream;
-
-    use hprm_federated::FederationId;
-
-    use super::*;
-    use crate::link::Security;
-    use crate::wire::Network;
-
-    const NOW: PhysicalTime = PhysicalTime(1_000);
-
-    fn lobby() -> (Lobby, String) {
-        let gate = Network::sockets().unwrap().listen(&"127.0.0.1:0".parse().unwrap()).unwrap();
-        let Address::Tcp(address) = gate.address().clone() else { panic!("it is TCP") };
-        let keys = Keys::new(FederationId(7), Security::default()).unwrap();
-        (Lobby::new(vec![gate], Purpose::Coordination, keys), address)
-    }
-
-    /// Whether the other end has hung up without a word.
-    fn is_hung_up(stream: &mut TcpStream) -> bool {
-        stream
-            .read(&mut [0])
-            .map_or_else(|error| error.kind() == io::ErrorKind::ConnectionReset, |count| count == 0)
-    }
-
-    #[test]
-    fn who_is_silent_is_hung_up_on_and_the_loop_woken_for_that() {
-        let (mut lobby, address) = lobby();
-        let mut silent = TcpStream::connect(address).unwrap();
-        assert!(lobby.admit(NOW).unwrap().is_empty());
-        let wakeup = lobby.next_wakeup().unwrap();
-        assert_eq!(wakeup, NOW.plus(PATIENCE));
-        assert_eq!(lobby.interests().count(), 2);
-        assert!(lobby.admit(wakeup).unwrap().is_empty());
-        assert_eq!(lobby.next_wakeup(), None);
-        assert!(is_hung_up(&mut silent));
-    }
-
-    #[test]
-    fn who_does_not_speak_the_protocol_hears_nothing() {
-        for words in [&b"GET / HTTP/1.1\r\n\r\n"[..], &[0; 4096], b"HPRM-L00", b"\xff"] {
-            let (mut lobby, address) = lobby();
-            let mut stranger = TcpStream::connect(address).unwrap();
-            stranger.write_all(words).unwrap();
-            assert!(lobby.admit(NOW).unwrap().is_empty());
-            while lobby.next_wakeup().is_some() {
-                assert!(lobby.admit(NOW).unwrap().is_empty());
-            }
-            assert!(is_hung_up(&mut stranger));
-        }
-    }
-
-    #[test]
-    fn a_crowd_of_strangers_is_bounded_and_the_latest_has_a_place() {
-        let (mut lobby, address) = lobby();
-        let mut crowd = Vec::new();
-        for _ in 0..STRANGERS + 3 {
-            crowd.push(TcpStream::connect(&address).unwrap());
-            assert!(lobby.admit(NOW).unwrap().is_empty());
-        }
-        assert_eq!(lobby.strangers.len(), STRANGERS);
-        assert!(crowd[..3].iter_mut().all(is_hung_up));
-    }
-}
+mod tests;

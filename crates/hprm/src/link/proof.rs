@@ -179,6 +179,11 @@ impl Handshake {
         }
     }
 
+    /// Whether the other end has begun as this protocol does.
+    pub(crate) fn is_greeted(&self) -> bool {
+        !matches!(self.step, Step::Hello | Step::Refusing)
+    }
+
     /// What is to be written.
     pub(crate) fn outbound(&self) -> &[u8] {
         &self.outbound

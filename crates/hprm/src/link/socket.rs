@@ -34,6 +34,9 @@ const UNHEARD: u32 = 15_000;
 /// The most descriptors that one read brings, or one write sends.
 const DESCRIPTORS: usize = 8;
 
+/// How many connections wait in the kernel until they are accepted.
+const BACKLOG: i32 = 1024;
+
 /// A connected socket.
 #[derive(Debug)]
 pub(crate) struct Socket {
@@ -168,6 +171,8 @@ impl Listener {
             }
             Address::Tcp(host) => {
                 let listener = TcpListener::bind(host.as_str())?;
+                // Beside a flood, the kernel keeps the connections of members that come meanwhile.
+                rustix::net::listen(&listener, BACKLOG)?;
                 listener.set_nonblocking(true)?;
                 // The port may have been zero.
                 let address = Address::Tcp(listener.local_addr()?.to_string());

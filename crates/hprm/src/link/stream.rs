@@ -118,6 +118,11 @@ impl Stream {
         }
     }
 
+    /// Whether the other end has begun to speak TLS, if it has to.
+    pub(super) fn has_spoken(&self) -> bool {
+        matches!(&self.way, Way::Encrypted(channel) if channel.has_spoken())
+    }
+
     /// Whether bytes come as they were sent.
     pub(super) fn is_plain(&self) -> bool {
         !matches!(self.way, Way::Encrypted(_))

@@ -227,6 +227,11 @@ impl Channel {
         self.connection.wants_write()
     }
 
+    /// Whether the other end has said how it wants to speak.
+    pub(super) fn has_spoken(&self) -> bool {
+        self.connection.protocol_version().is_some()
+    }
+
     /// Whether bytes wait of which the socket knows nothing any more.
     pub(super) fn has_unread(&self) -> bool {
         self.unread > 0
