@@ -9,7 +9,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from hprm import _forking, _hprm, _threads
+from hprm import _hprm, _threads
 from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
 
@@ -44,7 +44,6 @@ def main() -> NoReturn:
             stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
         # For `lf.get_federation_id`, and for federates that this one starts.
         os.environ |= {FEDERATION_ID: options.federation, "HPRM_RTI": options.rti}
-        _forking.let_go_of_links()
         code = _hprm.run_federate(
             options.file,
             options.federate,

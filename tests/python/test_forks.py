@@ -1,10 +1,10 @@
-"""Processes that a body forks go on reading what was open when they were forked."""
+"""Processes that a body forks: what they read stays as it is, and what they write is theirs."""
 
 from __future__ import annotations
 
 import pytest
 from conftest import Run
-from processes import COORDINATIONS
+from processes import COORDINATIONS, Bench
 
 PROGRAM = """\
 target Python {{ coordination: {coordination}, timeout: 400 msec }}
@@ -74,3 +74,314 @@ def test_a_forked_process_keeps_the_array_that_it_has(
     outcome = launch(PROGRAM.format(coordination=coordination, end=END, **bodies))
     assert outcome.code == 0, outcome.err
     assert sorted(outcome.out.splitlines()) == [f"[{who}] 3 kept", f"[{who}] 6 kept"]
+
+
+# Arrays that NumPy has made in the store, in all that a forked process may do with them. A child
+# says on its way out what is wrong, by its exit code and on the standard error stream.
+TABLE = """\
+target Python {{ coordination: decentralized }}
+preamble {{=
+import ctypes, multiprocessing, os, subprocess, threading, traceback
+import numpy as np
+N = 100_000
+LIBC = ctypes.CDLL(None)
+
+def made():
+    "Arrays in the memory of the store, if this process has one; each is for another operation."
+    return {{n: np.full(N, n) for n in range(1, 6)}}
+
+def use(arrays):
+    "Everything that NumPy asks of its memory."
+    assert all((array == n).all() for n, array in arrays.items())
+    arrays[1].resize(3 * N, refcheck=False)
+    assert (arrays[1][:N] == 1).all() and not arrays[1][N:].any()
+    arrays[2].resize(N // 2, refcheck=False)
+    assert (arrays[2] == 2).all()
+    arrays[3].resize(10, refcheck=False)
+    assert (arrays[3] == 3).all()
+    del arrays[4]
+    arrays[5][:] = -5
+    assert (arrays[5] == -5).all()
+    del arrays[5]
+    assert not np.zeros(N).any()
+
+def look(arrays, generations):
+    "Arrays from before the fork and from after it, here and in what is forked from here."
+    for more in range(generations):
+        assert waited(forked_by(os.fork if more else LIBC.fork, look, arrays, generations - 1)) == 0
+        assert waited(forked_by(os.fork, use, made())) == 0
+    new = made()
+    use(arrays)
+    use(new)
+    use(made())
+
+def look_at_copies(arrays, generations):
+    "Arrays that were unpickled do not own their memory."
+    look({{n: array.copy() for n, array in arrays.items()}}, generations)
+
+def forked_by(fork, work, *arguments):
+    pid = fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        work(*arguments)
+        code = 0
+    except BaseException:
+        os.write(2, traceback.format_exc().encode())
+    finally:
+        os._exit(code)
+
+def waited(pid):
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+def on_a_thread(work):
+    codes = []
+    thread = threading.Thread(target=lambda: codes.append(work()))
+    thread.start()
+    thread.join()
+    return codes.pop()
+
+def by_multiprocessing(method, arrays):
+    work = look if method == "fork" else look_at_copies
+    process = multiprocessing.get_context(method).Process(target=work, args=(arrays, 1))
+    process.start()
+    process.join()
+    return process.exitcode
+
+def by_subprocess(arrays):
+    "Also then: what runs between the fork and the new program is a forked process."
+    return subprocess.run(["true"], preexec_fn=lambda: look(arrays, 1)).returncode
+
+WAYS = {{
+    "os.fork": lambda arrays: waited(forked_by(os.fork, look, arrays, 2)),
+    "C": lambda arrays: waited(forked_by(LIBC.fork, look, arrays, 2)),
+    "os.fork on a thread": lambda arrays: on_a_thread(
+        lambda: waited(forked_by(os.fork, look, arrays, 1))),
+    "C on a thread": lambda arrays: on_a_thread(
+        lambda: waited(forked_by(LIBC.fork, look, arrays, 1))),
+    "fork": lambda arrays: by_multiprocessing("fork", arrays),
+    "forkserver": lambda arrays: by_multiprocessing("forkserver", arrays),
+    "subprocess": by_subprocess,
+}}
+=}}
+reactor Source {{
+  output out
+  reaction(startup) -> out {{=
+    arrays = made()
+    print(WAYS[{way!r}](arrays))
+    # Nothing of that is seen here, and all of it works here as well.
+    assert all((array == n).all() for n, array in arrays.items())
+    use(arrays | made())
+    out.set(arrays[1])
+    del arrays
+  =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{= print(len(inp.value), inp.value.min(), lf.store_stats()["bytes_copied"]) =}}
+}}
+federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sink.inp }}
+"""
+
+WAYS = ["os.fork", "C", "os.fork on a thread", "C on a thread", "fork", "forkserver", "subprocess"]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_forked_process_may_do_with_arrays_what_it_likes(launch: Run, way: str) -> None:
+    outcome = launch(TABLE.format(way=way))
+    assert (outcome.code, outcome.err) == (0, ""), outcome.err
+    assert sorted(outcome.out.splitlines()) == ["[sink] 100000 1 0", "[source] 0"]
+
+
+SEEN = """\
+target Python {{ coordination: {coordination}, timeout: 30 ms }}
+preamble {{=
+import ctypes, os
+import numpy as np
+=}}
+reactor Source {{
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {{=
+    array = np.zeros(100_000)
+    pid = ctypes.CDLL(None).fork()
+    if pid == 0:
+        array[:] = 666
+        os._exit(0)
+    os.waitpid(pid, 0)
+    print("kept", array.max())
+    out.set(array)
+  =}}
+}}
+reactor Sink {{ input inp  reaction(inp) {{= print("received", inp.value.max()) =}} }}
+federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sink.inp }}
+"""
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_what_a_process_writes_that_c_has_forked_is_not_received(
+    launch: Run, coordination: str
+) -> None:
+    outcome = launch(SEEN.format(coordination=coordination))
+    assert (outcome.code, outcome.err) == (0, "")
+    assert sorted(outcome.out.splitlines()) == [
+        *["[sink] received 0.0"] * 4,
+        *["[source] kept 0.0"] * 4,
+    ]
+
+
+STORM = """\
+target Python {{ coordination: decentralized }}
+preamble {{=
+import ctypes, os, signal, threading
+import hprm
+import numpy as np
+LIBC = ctypes.CDLL(None)
+
+def allocate(until):
+    "Without an end, and each array is right."
+    number = 0
+    while not until.is_set():
+        number += 1
+        array = hprm.empty(20_000)
+        array[:] = number
+        assert (array == number).all()
+        array.resize(40_000, refcheck=False)
+
+def fork(how, times):
+    for _ in range(times):
+        pid = how()
+        if pid == 0:
+            os._exit(0)
+        # Forked by C, it may wait for ever for the interpreter, which another thread has had.
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+=}}
+reactor Source {{
+  output out
+  input back
+  timer t(0, 1 ms)
+  state sent = 0
+  state until = {{= threading.Event() =}}
+  state threads = {{= [] =}}
+  reaction(startup) {{=
+    self.threads += [threading.Thread(target=allocate, args=(self.until,)) for _ in range(2)]
+    ways = (os.fork, LIBC.fork, LIBC.fork)
+    self.threads += [threading.Thread(target=fork, args=(way, 40)) for way in ways]
+    for thread in self.threads: thread.start()
+    self.open = len(os.listdir("/proc/self/fd"))
+  =}}
+  reaction(t) -> out {{=
+    self.sent += 1
+    out.set(np.full(20_000, self.sent))
+    if any(thread.is_alive() for thread in self.threads[2:]): return
+    request_stop()
+  =}}
+  reaction(back) {{= assert (back.value == back.value[0]).all() =}}
+  reaction(shutdown) {{=
+    self.until.set()
+    for thread in self.threads: thread.join()
+    print(len(os.listdir("/proc/self/fd")) - self.open < 20)
+  =}}
+}}
+reactor Sink {{
+  input inp
+  output out
+  state last = 0
+  reaction(inp) -> out {{=
+    assert (inp.value == inp.value[0]).all() and inp.value[0] == self.last + 1
+    self.last += 1
+    out.set(inp.value)
+  =}}
+}}
+federated reactor {{
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+  sink.out -> source.back after 1 ms
+}}
+"""
+
+
+def test_threads_fork_and_allocate_while_arrays_are_sent(bench: Bench) -> None:
+    outcome = bench.run(STORM.format())
+    assert (outcome.code, outcome.out, outcome.err) == (0, "[source] True\n", "")
+
+
+@pytest.mark.parametrize("fork", ["os.fork()", "ctypes.CDLL(None).fork()"])
+def test_forks_leave_no_descriptor(launch: Run, fork: str) -> None:
+    outcome = launch(f"""
+        target Python {{ coordination: decentralized }}
+        preamble {{=
+          import ctypes, os
+        =}}
+        reactor Source {{
+          output out
+          reaction(startup) -> out {{=
+            before = len(os.listdir("/proc/self/fd"))
+            for _ in range(100):
+                pid = {fork}
+                if pid == 0:
+                    os._exit(0)
+                os.waitpid(pid, 0)
+            print(len(os.listdir("/proc/self/fd")) - before)
+            out.set(1)
+          =}}
+        }}
+        reactor Sink {{ input inp  reaction(inp) {{= pass =}} }}
+        federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sink.inp }}
+    """)
+    assert (outcome.code, outcome.out, outcome.err) == (0, "[source] 0\n", "")
+
+
+def test_who_closes_all_descriptors_keeps_what_it_has_received(launch: Run) -> None:
+    bodies = {
+        "in_camera": "pass",
+        # As daemons do.
+        "in_saver": START.replace("PORT", "image"),
+    }
+    text = PROGRAM.format(coordination="decentralized", end=END, **bodies)
+    text = text.replace(
+        "    again.recv()", "    os.closerange(again.fileno() + 1, 4096)\n    again.recv()"
+    )
+    outcome = launch(text)
+    assert outcome.code == 0, outcome.err
+    assert sorted(outcome.out.splitlines()) == ["[saver] 3 kept", "[saver] 6 kept"]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_process_that_is_forked_while_a_value_is_sent_is_no_federate(
+    bench: Bench, coordination: str
+) -> None:
+    outcome = bench.run(f"""\
+target Python {{ coordination: {coordination} }}
+preamble {{=
+import os, signal
+class Value:
+    def __reduce__(self):
+        pid = os.fork()
+        if pid:
+            print("sending", os.waitpid(pid, 0)[1], flush=True)
+        return Value, ()
+def fork(*_):
+    pid = os.fork()
+    if pid:
+        print("handling", os.waitpid(pid, 0)[1], flush=True)
+=}}
+reactor Source {{
+  output out
+  logical action next(10 ms)
+  reaction(startup) -> out, next {{=
+    out.set(Value())
+    signal.signal(signal.SIGUSR1, fork)
+    next.schedule(0)
+  =}}
+  reaction(next) {{= os.kill(os.getpid(), signal.SIGUSR1) =}}
+}}
+reactor Sink {{ input inp  reaction(inp) {{= print(type(inp.value).__name__) =}} }}
+federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sink.inp }}
+""")
+    assert (outcome.code, outcome.err) == (0, "")
+    said = ["[sink] Value", "[source] handling 0", "[source] sending 0"]
+    assert sorted(outcome.out.splitlines()) == said

@@ -130,14 +130,15 @@ def test_such_a_process_has_no_runtime_to_ask(run: Run) -> None:
     assert "lf knows of times and tags only where reactions run" in outcome.out
 
 
+@pytest.mark.parametrize("fork", ["os.fork()", "ctypes.CDLL(None).fork()"])
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_forked_process_does_not_hide_that_its_parent_is_dead(
-    bench: Bench, coordination: str
+    bench: Bench, coordination: str, fork: str
 ) -> None:
     text = f"""
 target Python {{ coordination: {coordination} }}
 preamble {{=
-  import os, pathlib, time
+  import ctypes, os, pathlib, time
 =}}
 reactor Source {{
   output out
@@ -147,7 +148,7 @@ reactor Source {{
     out.set(1)
     if self.forks:
         self.forks = False
-        if os.fork() == 0:
+        if {fork} == 0:
             while not pathlib.Path("go").exists():
                 time.sleep(0.01)
             os._exit(0)

@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GENERATED = {"target", "out", "__pycache__", "corpus"}
 LONGEST_FILE = 800
 UNSAFE_ROOMS = {
+    "crates/hprm-store/src/at_fork.rs",
     "crates/hprm-store/src/shm.rs",
     "crates/hprm-store/src/shm/words.rs",
     "crates/hprm-python/src/buffer.rs",

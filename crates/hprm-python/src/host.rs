@@ -16,7 +16,7 @@ use pyo3::types::PyTuple;
 
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
-use crate::fork::{self, Forking};
+use crate::fork;
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
@@ -101,10 +101,7 @@ impl PyHost {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, &format!("reaction {name}"))
             });
-            match fork::is_child() {
-                true => Err(leave(py, outcome)),
-                false => outcome,
-            }
+            fork::leave_if_child(py, outcome)
         })
     }
 
@@ -125,22 +122,6 @@ impl PyHost {
         let origin = self.origins.get(&connection.from).map_or("", String::as_str);
         failure_at(py, error, &what, origin)
     }
-}
-
-/// Ends a process that a body has forked and that has come back from the body. Only the first one is
-/// part of the program, and speaks to the other federates.
-fn leave(py: Python<'_>, outcome: Result<(), Failure>) -> Failure {
-    let code = outcome.err().map_or(0, |Failure { message, code }| {
-        if !message.is_empty() {
-            crate::console::say(&message);
-        }
-        code
-    });
-    let left = py.import("hprm._ending").and_then(|ending| ending.call_method1("leave", (code,)));
-    // That does not return, unless the package is broken.
-    left.err().map_or(Failure { message: String::new(), code }, |error| {
-        failure(py, error, "a process that a body has forked")
-    })
 }
 
 impl Drop for PyHost {
@@ -216,7 +197,7 @@ impl Host for PyHost {
         if channels.any(|channel| channel.from == self.federate) {
             numpy_memory::furnish(yard);
         }
-        if let Err(error) = Python::attach(|py| Forking::register(py, yard)) {
+        if let Err(error) = fork::watch(yard) {
             self.warn(&format!("processes that bodies fork may see arrays change: {error}"));
         }
     }
@@ -231,7 +212,8 @@ impl Host for PyHost {
         let (codec, trust) = (&self.codecs[channel], Trust::new(self.pickling, near));
         let payload = Python::attach(|py| {
             let encoded = value.encoded(py, codec, store, self.federate, trust);
-            encoded.map_err(|error| self.not_sent(py, channel, error))
+            // A serializer of the program's own may fork, too.
+            fork::leave_if_child(py, encoded.map_err(|error| self.not_sent(py, channel, error)))
         });
         // A small value leaves the store as it was.
         if payload.as_ref().is_ok_and(|payload| !payload.parts.is_empty()) {
@@ -282,7 +264,12 @@ impl Host for PyHost {
 
     fn interrupted(&mut self) -> bool {
         // Signals come to the main thread only.
-        !self.is_thread && Python::attach(|py| self.interrupt.get().take(py))
+        !self.is_thread
+            && Python::attach(|py| {
+                let asked = self.interrupt.get().take(py);
+                // Handlers of the program's own have run, and may have forked.
+                fork::leave_if_child(py, Ok(asked)).unwrap_or(true)
+            })
     }
 
     fn take_maxwait(&mut self) -> Option<Nanos> {

@@ -11,8 +11,6 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::fork;
-
 // Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
 const SIGINT: i32 = 2;
 const SIGTERM: i32 = 15;
@@ -56,6 +54,7 @@ impl Interrupt {
         wakeup: BorrowedFd<'_>,
     ) -> PyResult<Py<Self>> {
         let handler = Py::new(py, Self::default())?;
+        hprm_store::watch_forks();
         let forked = PyDict::new(py);
         forked.set_item(intern!(py, "after_in_child"), handler.getattr(py, "_forked")?)?;
         py.import(intern!(py, "os"))?.call_method("register_at_fork", (), Some(&forked))?;
@@ -155,7 +154,6 @@ impl Interrupt {
 
     /// In a process that a body has forked: it is to obey its parent like any other.
     fn _forked(slf: &Bound<'_, Self>) -> PyResult<()> {
-        fork::note_child();
         [SIGTERM, SIGHUP].into_iter().try_for_each(|number| Self::restore(slf, number))
     }
 }

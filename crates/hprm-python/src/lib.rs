@@ -55,9 +55,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]
-    use crate::run::{
-        describe_program, die_with_parent, link_descriptors, run_federate, run_program,
-    };
+    use crate::run::{describe_program, die_with_parent, run_federate, run_program};
     #[pymodule_export]
     use crate::serialize::array::own;
     #[pymodule_export]

@@ -152,12 +152,6 @@ pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
     Ok(rustix::process::getppid().is_some_and(|pid| pid.as_raw_nonzero().get() == parent))
 }
 
-/// The descriptors through which this process speaks to the RTI and to other federates.
-#[pyfunction]
-pub(crate) fn link_descriptors() -> Vec<i32> {
-    hprm::link_descriptors()
-}
-
 fn options(
     compiled: &Compiled,
     federate: &str,

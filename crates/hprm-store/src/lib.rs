@@ -8,12 +8,13 @@
 //! copies, are what large messages cost.
 //!
 //! [`Arena`] and [`Ledger`] are plain data and can be simulated; the mapping of memory, and all unsafe
-//! code, is one private file. Linux only: it stands on sealed memfds.
+//! code but the call that has the process hear of forks, is one private file. Linux only: it stands on sealed memfds.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod announce;
 mod arena;
+mod at_fork;
 mod claims;
 mod error;
 mod forks;
@@ -29,6 +30,7 @@ mod store;
 mod yard;
 
 pub use arena::{Arena, Block};
+pub use at_fork::{at_fork, is_forked, let_go, watch_forks};
 pub use error::{SegmentError, StoreError};
 pub use ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 pub use loan::{LoanOf, WritableLoan};

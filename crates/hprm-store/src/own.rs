@@ -17,6 +17,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::Object;
+use crate::at_fork::is_forked;
 use crate::shm::{SegmentView, Twin};
 
 /// An object counts as written to if one page in so many was.
@@ -66,6 +67,11 @@ impl Owned {
 
     /// Ends that. Nobody has a pointer to the pages any more.
     fn give_back(&self, pages: &Range<usize>) {
+        if is_forked() {
+            // Nothing is taken here any more, and the books may be locked for ever.
+            self.twin.discard(pages);
+            return;
+        }
         let written = self.twin.written(pages);
         let clean = written == 0 || self.twin.discard(pages);
         let mut books = self.books();

@@ -10,6 +10,8 @@ use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use crate::at_fork::is_forked;
+
 /// Called when the first note is left in an empty queue; on any thread, so it should only wake one.
 pub type Wake = Box<dyn Fn() + Send + Sync>;
 
@@ -27,8 +29,11 @@ impl<T> Returns<T> {
         Self { notes: Mutex::new(Vec::new()), some: AtomicBool::new(false), wake }
     }
 
-    /// Leaves a note.
+    /// Leaves a note. In a forked process nobody reads it, and the queue may be locked for ever.
     pub(crate) fn push(&self, note: T) {
+        if is_forked() {
+            return;
+        }
         let mut notes = self.lock();
         notes.push(note);
         let first = notes.len() == 1;

@@ -34,6 +34,7 @@ use rustix::io::Errno;
 use rustix::mm::{self, Advice, MapFlags, ProtFlags};
 
 use crate::SegmentError;
+use crate::at_fork::is_forked;
 use crate::claims::Claims;
 use crate::own::Owned;
 pub(crate) use words::SharedWords;
@@ -157,6 +158,22 @@ impl Segment {
         unsafe { mm::mmap(base, self.mapping.len, prot, flags, &self.file, 0) }.is_ok()
     }
 
+    /// After [`Self::make_private`]: gives back this process's copies of the pages that lie wholly in a
+    /// block. Nobody may have a pointer into it.
+    pub(crate) fn disown(&self, address: usize, len: usize) {
+        let page = rustix::param::page_size();
+        let start = address.next_multiple_of(page);
+        let end = address.saturating_add(len) / page * page;
+        if start >= end || !self.contains(start) || !self.contains(end - 1) {
+            return;
+        }
+        let from = self.mapping.at(start - self.address()).cast();
+        // SAFETY: the range lies in the mapping, of which a forked process makes no slices, and by the
+        // contract no pointer is used; the bytes are then those of the file, which are valid. If it
+        // fails, the pages stay.
+        let _ = unsafe { mm::madvise(from, end - start, Advice::LinuxDontNeed) };
+    }
+
     /// After [`Self::make_private`]: has this process take its own copies of the pages of a block, as
     /// far as it lies in this segment.
     pub(crate) fn own(&self, address: usize, len: usize) {
@@ -186,6 +203,13 @@ impl Segment {
         let range = range_within(offset, len, self.mapping.len)?;
         let claimed = self.claims().claim_shared(&range);
         claimed.then(|| Reading { segment: Arc::clone(self), range })
+    }
+
+    /// Ends the claim that starts there. A forked process makes no claims, so none is in its way.
+    fn end_claim(&self, start: usize) {
+        if !is_forked() {
+            self.claims().end(start);
+        }
     }
 
     /// Claims are changed in one step each, or panic without a change.
@@ -250,7 +274,7 @@ impl Writing {
 
 impl Drop for Writing {
     fn drop(&mut self) {
-        self.segment.claims().end(self.range.start);
+        self.segment.end_claim(self.range.start);
     }
 }
 
@@ -272,7 +296,7 @@ impl Reading {
 
 impl Drop for Reading {
     fn drop(&mut self) {
-        self.segment.claims().end(self.range.start);
+        self.segment.end_claim(self.range.start);
     }
 }
 
@@ -473,6 +497,33 @@ impl Passage {
     pub(crate) fn unmark(&self, offset: u64, len: u64) {
         // A range that was marked can be unmarked.
         let _ = lock(self.fd(), libc::F_OFD_SETLK, libc::F_UNLCK, offset, len);
+    }
+}
+
+/// A file of which bytes can be marked; it has none, so it needs no memory.
+pub(crate) fn marks() -> Result<OwnedFd, Errno> {
+    fs::memfd_create("forks-hprm", MemfdFlags::CLOEXEC)
+}
+
+/// A mark on a byte of a file, kept by a mapping: this process has it until it is dropped, and a process
+/// that is forked meanwhile until it ends or starts another program, whatever descriptors it closes.
+#[derive(Debug)]
+pub(crate) struct Tether {
+    /// Shows nothing, and is never read.
+    _mapping: Mapping,
+}
+
+impl Tether {
+    /// Marks a byte of the file.
+    pub(crate) fn to(file: BorrowedFd<'_>, byte: u64) -> Result<Self, Errno> {
+        let passage = Passage::to(file)?;
+        if !passage.mark(byte, 1) {
+            return Err(Errno::NOLCK);
+        }
+        // The mapping keeps the description of the file, and that keeps the mark.
+        let (page, prot) = (rustix::param::page_size(), ProtFlags::empty());
+        let mapping = Mapping::with(passage.fd(), page, prot, MapFlags::SHARED)?;
+        Ok(Self { _mapping: mapping })
     }
 }
 

@@ -7,7 +7,7 @@
 //!
 //! A request never waits for the store: if the loop has it, there is no memory. And what ends here
 //! needs the store only later. So nothing that happens within an allocation or a release can wait
-//! for somebody who waits for it.
+//! for somebody who waits for it. What happens when the process forks is below, in `forking`.
 
 #![forbid(unsafe_code)]
 #![allow(
@@ -16,13 +16,15 @@
 )]
 
 use std::collections::BTreeMap;
-use std::os::fd::OwnedFd;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
 
+use crate::at_fork::is_forked;
 use crate::forks::Forks;
-use crate::shm::Segment;
+use crate::shm::{Segment, Tether};
 use crate::{Object, OwnObject, Store, WritableLoan};
+
+mod forking;
 
 /// The share of the capacity that values in the making may take: one part in this many.
 const SHARE: u64 = 2;
@@ -41,14 +43,11 @@ pub struct Yard {
     highest: AtomicUsize,
     /// Requests that were refused because the share was used up.
     refused: AtomicU64,
-    /// Whether this is a forked process, to which the memory does not belong.
-    forked: AtomicBool,
     /// What this process has received and may write to.
     owned: Mutex<Vec<Weak<OwnObject>>>,
-    estate: Mutex<Estate>,
     forks: Arc<Forks>,
-    /// What a forked process keeps until its end, so that others hear of that.
-    tethers: Mutex<Vec<Option<OwnedFd>>>,
+    /// In a forked process, to which the memory does not belong: what it has of it.
+    inherited: OnceLock<Inherited>,
 }
 
 /// What is being made.
@@ -58,16 +57,28 @@ struct Making {
     bytes: u64,
     /// The segments in which it is, or was, by their first address.
     segments: BTreeMap<usize, Weak<Segment>>,
+    /// How many new processes do not have their copies yet. So long no memory changes that they have.
+    forking: usize,
+    /// What was freed meanwhile.
+    freed: Vec<WritableLoan>,
 }
 
-/// What a process that is about to fork leaves to the new one.
-#[derive(Debug, Default)]
+/// What this process has to know when it is about to fork, and the new one after that: there, the locks
+/// of this one may be taken for ever.
+#[derive(Debug)]
 struct Estate {
-    segments: Vec<Arc<Segment>>,
-    /// What is being made: address and length.
-    blocks: Vec<(usize, usize)>,
+    inherited: Inherited,
     /// What was received and may be written to.
     owned: Vec<Arc<OwnObject>>,
+    tether: Option<Tether>,
+}
+
+/// What a forked process has of the memory; it does not change.
+#[derive(Debug)]
+struct Inherited {
+    segments: Vec<Arc<Segment>>,
+    /// What was being made: its length, by its address.
+    blocks: BTreeMap<usize, usize>,
 }
 
 impl Yard {
@@ -77,15 +88,13 @@ impl Yard {
         Self {
             capacity: store.capacity(),
             forks: Arc::clone(store.forks()),
-            tethers: Mutex::default(),
             store: Mutex::new(store),
             making: Mutex::default(),
             lowest: AtomicUsize::new(usize::MAX),
             highest: AtomicUsize::new(0),
             refused: AtomicU64::new(0),
-            forked: AtomicBool::new(false),
             owned: Mutex::default(),
-            estate: Mutex::default(),
+            inherited: OnceLock::new(),
         }
     }
 
@@ -99,7 +108,7 @@ impl Yard {
     /// making is used up, if the store is full, or if somebody has it just now.
     pub fn alloc(&self, len: usize) -> Option<*mut u8> {
         let asked = len as u64;
-        if self.forked.load(Ordering::Acquire) || asked > self.capacity / LARGEST {
+        if is_forked() || asked > self.capacity / LARGEST {
             return None;
         }
         if self.making().bytes.saturating_add(asked) > self.capacity / SHARE {
@@ -130,8 +139,11 @@ impl Yard {
 
     /// The length of what was allocated at that address, if it was here.
     pub fn len_at(&self, address: usize) -> Option<usize> {
-        if !self.may_be_ours(address) || self.forked.load(Ordering::Acquire) {
+        if !self.may_be_ours(address) {
             return None;
+        }
+        if is_forked() {
+            return self.inherited.get()?.blocks.get(&address).copied();
         }
         self.making().loans.get(&address).map(|loan| loan.len())
     }
@@ -141,24 +153,32 @@ impl Yard {
         if !self.may_be_ours(address) {
             return false;
         }
-        if self.forked.load(Ordering::Acquire) {
-            // The block belongs to the process that has forked this one.
-            return self.estate().segments.iter().any(|segment| segment.contains(address));
+        if is_forked() {
+            // The block belongs to the process that has made it; only the copy ends.
+            return self.inherited.get().is_some_and(|inherited| inherited.free(address));
+        }
+        let mut making = self.making();
+        let Some(loan) = making.loans.remove(&address) else { return false };
+        making.bytes -= loan.len() as u64;
+        if making.forking > 0 {
+            making.freed.push(loan);
+            return true;
         }
         // Dropped when nothing is locked any more.
-        let loan = self.remove(address);
-        loan.is_some()
+        drop(making);
+        drop(loan);
+        true
     }
 
     /// What was allocated at that address, to be sealed in `store`; it is not ours any more. None if
-    /// it was elsewhere, or is not of exactly that length.
+    /// it was elsewhere, is not of exactly that length, or is just being copied for a forked process.
     pub fn take(&self, address: usize, len: usize, store: &Store) -> Option<WritableLoan> {
-        if self.forked.load(Ordering::Acquire) {
+        if is_forked() {
             return None;
         }
         let mut making = self.making();
         let loan = making.loans.get(&address)?;
-        if loan.len() != len || !store.has_lent(loan) {
+        if loan.len() != len || !store.has_lent(loan) || making.forking > 0 {
             return None;
         }
         making.bytes -= len as u64;
@@ -169,7 +189,7 @@ impl Yard {
     /// Nothing is copied before that. None if the system does not do it, or if objects are written to
     /// so much that a copy costs less; then copy.
     pub fn own(&self, object: &Object) -> Option<Arc<OwnObject>> {
-        if self.forked.load(Ordering::Acquire) {
+        if is_forked() {
             return None;
         }
         let own = Arc::new(OwnObject::of(object)?);
@@ -192,55 +212,6 @@ impl Yard {
         self.making().bytes
     }
 
-    /// Before this process forks: what is open here stays open until the new one has ended. Notes
-    /// what that has to know without asking anybody, because the threads that might have to answer are
-    /// not in it. Returns whether there is anything that the new one has to copy: then this process
-    /// should wait until it has called [`Self::after_fork_in_child`].
-    pub fn before_fork(&self) -> bool {
-        self.tethers().push(self.forks.begin());
-        let making = self.making();
-        let segments: Vec<_> = making.segments.values().filter_map(Weak::upgrade).collect();
-        let blocks = making.loans.iter().map(|(address, loan)| (*address, loan.len())).collect();
-        drop(making);
-        let owned = self.owned().iter().filter_map(Weak::upgrade).collect();
-        let mut estate = self.estate();
-        *estate = Estate { segments, blocks, owned };
-        !estate.blocks.is_empty() || !estate.owned.is_empty()
-    }
-
-    /// In the process that forked, when the other one has what it needs.
-    pub fn after_fork_in_parent(&self) {
-        // The last one: a process that was forked itself keeps its own.
-        self.tethers().pop();
-        let estate = std::mem::take(&mut *self.estate());
-        // Not under the lock: an object that ends here tells its owner.
-        drop(estate);
-    }
-
-    /// In the process that was forked: what it writes is seen by nobody else from now on, what was
-    /// being made or was received to be written to stays as it is for it, and it allocates elsewhere.
-    /// If this returns false, the system has no memory for that, and the process must end.
-    pub fn after_fork_in_child(&self) -> bool {
-        self.forked.store(true, Ordering::Release);
-        let mut estate = self.estate();
-        for segment in &estate.segments {
-            if !segment.make_private() {
-                return false;
-            }
-            for (address, len) in &estate.blocks {
-                segment.own(*address, *len);
-            }
-        }
-        std::mem::take(&mut estate.owned).iter().all(|own| own.copy_now())
-    }
-
-    fn remove(&self, address: usize) -> Option<WritableLoan> {
-        let mut making = self.making();
-        let loan = making.loans.remove(&address)?;
-        making.bytes -= loan.len() as u64;
-        Some(loan)
-    }
-
     fn may_be_ours(&self, address: usize) -> bool {
         let bounds = self.lowest.load(Ordering::Relaxed)..=self.highest.load(Ordering::Relaxed);
         bounds.contains(&address)
@@ -250,16 +221,8 @@ impl Yard {
         self.making.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn tethers(&self) -> MutexGuard<'_, Vec<Option<OwnedFd>>> {
-        self.tethers.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn owned(&self) -> MutexGuard<'_, Vec<Weak<OwnObject>>> {
         self.owned.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn estate(&self) -> MutexGuard<'_, Estate> {
-        self.estate.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -345,6 +308,24 @@ mod tests {
         assert!(yard.free(address));
         drop(store);
         assert_eq!(alloc(&yard, MB), Some(address));
+    }
+
+    #[test]
+    fn what_a_new_process_still_copies_does_not_change() {
+        let yard = yard();
+        let (kept, freed) = (alloc(&yard, MB).unwrap(), alloc(&yard, MB).unwrap());
+        let first = yard.begin_fork();
+        let second = yard.begin_fork();
+        assert_eq!(first.inherited.blocks.keys().copied().collect::<Vec<_>>(), [kept, freed]);
+        assert!(yard.free(freed));
+        assert_eq!(yard.len_at(freed), None);
+        assert_ne!(alloc(&yard, MB), Some(freed));
+        assert!(yard.take(kept, MB, &yard.store()).is_none());
+        yard.end_fork(first);
+        assert_ne!(alloc(&yard, MB), Some(freed));
+        yard.end_fork(second);
+        assert_eq!(alloc(&yard, MB), Some(freed));
+        assert!(yard.take(kept, MB, &yard.store()).is_some());
     }
 
     #[test]

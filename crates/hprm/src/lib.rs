@@ -36,7 +36,7 @@ pub use disk::Disk;
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
 pub use host::{Failure, Host, SharedBodies};
 pub use inbox::Inbox;
-pub use link::{Address, AddressError, Security, TlsFiles, link_descriptors};
+pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
 pub use pickling::Pickling;
 pub use realtime::enter_realtime;

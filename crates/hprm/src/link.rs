@@ -30,7 +30,6 @@ use crate::Clock;
 use crate::doorbell::Doorbell;
 use crate::wait::{Interest, wait};
 pub use address::{Address, AddressError};
-pub use ends::link_descriptors;
 pub(crate) use keys::Keys;
 pub use keys::Security;
 pub(crate) use lobby::Lobby;

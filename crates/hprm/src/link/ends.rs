@@ -1,18 +1,38 @@
-//! Which descriptors of this process are ends of links, for a process that the program forks: as long as
-//! that has them too, nobody sees the links end when this one does.
+//! Ends of links, of which a process that the program forks lets go: as long as that has them too,
+//! nothing tells the other side that this process has ended.
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::os::fd::{AsRawFd, RawFd};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 
-static ENDS: Mutex<BTreeSet<RawFd>> = Mutex::new(BTreeSet::new());
+use hprm_store::{at_fork, is_forked, let_go};
 
 /// The descriptors of all sockets of links, connected or listening.
-///
-/// Whoever forks asks before that, and lets go of them in the new process.
-#[must_use]
-pub fn link_descriptors() -> Vec<RawFd> {
-    ends().iter().copied().collect()
+static ENDS: Mutex<BTreeSet<RawFd>> = Mutex::new(BTreeSet::new());
+static WATCHING: Once = Once::new();
+
+thread_local! {
+    /// From before a fork until after it, on its thread: so the list is right in the new process.
+    static HELD: RefCell<Option<MutexGuard<'static, BTreeSet<RawFd>>>> = const { RefCell::new(None) };
+}
+
+extern "C" fn prepare() {
+    if !is_forked() {
+        let _ = HELD.try_with(|held| held.replace(Some(ends())));
+    }
+}
+
+extern "C" fn in_parent() {
+    let _ = HELD.try_with(RefCell::take);
+}
+
+extern "C" fn in_child() {
+    let Some(ends) = HELD.try_with(RefCell::take).ok().flatten() else { return };
+    for descriptor in ends.iter() {
+        // Without a descriptor to put there, the link stays open as long as this process runs.
+        let _ = let_go(*descriptor);
+    }
 }
 
 /// An end of a link, as long as this lives: it goes before the descriptor is closed.
@@ -21,6 +41,8 @@ pub(super) struct End(RawFd);
 
 impl End {
     pub(super) fn of(socket: &impl AsRawFd) -> Self {
+        // If the system does not tell of forks, forked processes keep links open.
+        WATCHING.call_once(|| drop(at_fork(prepare, in_parent, in_child)));
         let descriptor = socket.as_raw_fd();
         ends().insert(descriptor);
         Self(descriptor)
@@ -47,8 +69,8 @@ mod tests {
     fn an_end_is_listed_as_long_as_it_lives() {
         let (socket, _other) = UnixStream::pair().unwrap();
         let end = End::of(&socket);
-        assert!(link_descriptors().contains(&socket.as_raw_fd()));
+        assert!(ends().contains(&socket.as_raw_fd()));
         drop(end);
-        assert!(!link_descriptors().contains(&socket.as_raw_fd()));
+        assert!(!ends().contains(&socket.as_raw_fd()));
     }
 }
