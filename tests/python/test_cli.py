@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -212,7 +214,7 @@ def test_colour_is_for_terminals(hprm: Hprm, tmp_path: Path) -> None:
 
 
 def test_a_program_is_run_with_its_arguments(hprm: Hprm) -> None:
-    answer = hprm("run", "Main.lf", "--rounds", "3")
+    answer = hprm("run", "Main.lf", "--", "--rounds", "3")
     assert (answer.returncode, answer.stderr) == (0, "")
     assert answer.stdout == "tick --rounds 3\n" * 3
 
@@ -220,7 +222,7 @@ def test_a_program_is_run_with_its_arguments(hprm: Hprm) -> None:
 @pytest.mark.parametrize("coordination", ["centralized", "decentralized"])
 def test_federates_speak_behind_their_names(hprm: Hprm, tmp_path: Path, coordination: str) -> None:
     (tmp_path / "Fed.lf").write_text(FEDERATION.replace("centralized", coordination))
-    answer = hprm("run", "Fed.lf", "--verbose")
+    answer = hprm("run", "Fed.lf", "--", "--verbose")
     assert answer.returncode == 0, answer.stderr
     assert answer.stdout.splitlines() == [f"[sink] {count} --verbose" for count in range(1, 7)]
     assert answer.stderr.splitlines() == ["[sink] noted"] * 6
@@ -327,3 +329,93 @@ def test_an_rti_is_open_to_the_network_only_with_a_secret(hprm: Hprm) -> None:
     assert "no secret" in answer.stderr
     assert "hint: " in answer.stderr
     assert "--federation-file" in answer.stderr
+
+
+PARAMETERS = """\
+target Python { timeout: 1 sec, fast: true }
+main reactor(rate = 2, period = 500 msec, frame_size = "vga", loud = false) {
+  timer t(0, period)
+  reaction(t) {= print(lf.time.logical_elapsed(), self.rate, self.frame_size, self.loud) =}
+}
+"""
+
+
+def test_parameters_of_the_main_reactor_are_options(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Main.lf").write_text(PARAMETERS)
+    answer = hprm("run", "--loud", "true", "Main.lf", "--rate=30", "--period", "1", "sec")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout == "0 30 vga True\n1000000000 30 vga True\n"
+    answer = hprm("run", "Main.lf", "--timeout", "0", "sec", "--frame-size", "a b")
+    assert answer.stdout == "0 2 a b False\n", answer.stderr
+
+
+def test_parameters_reach_every_federate(hprm: Hprm, tmp_path: Path) -> None:
+    text = FEDERATION.replace("reactor Source {", "reactor Source(first = 0) {")
+    text = text.replace("state count = 0", "state count = first").replace("50 msec", "0 msec")
+    text = text.replace("federated reactor {", "federated reactor(first = 7) {")
+    (tmp_path / "Fed.lf").write_text(text.replace("new Source()", "new Source(first = first)"))
+    for words in [[], ["--in-process"]]:
+        answer = hprm("run", *words, "Fed.lf", "--first", "40", "x", "--", "--last")
+        assert answer.returncode == 0, answer.stderr
+        assert "41 x --last" in answer.stdout
+    answer = hprm("verify", "--runs", "3", "Fed.lf", "--first", "40")
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+
+
+def test_the_help_of_a_program_shows_its_parameters(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Main.lf").write_text(PARAMETERS)
+    answer = hprm("run", "Main.lf", "--help")
+    assert answer.returncode == 0
+    assert "Parameters of the program:" in answer.stdout
+    assert "--period <TIME>" in answer.stdout
+    assert "[default: 500 ms]" in answer.stdout
+    assert "Parameters of the program" not in hprm("run", "--help").stdout
+
+
+def test_a_wrong_value_of_a_parameter_is_a_diagnostic(hprm: Hprm, tmp_path: Path) -> None:
+    (tmp_path / "Main.lf").write_text(PARAMETERS)
+    answer = hprm("run", "Main.lf", "--period", "soon")
+    assert (answer.returncode, answer.stdout) == (1, "")
+    assert "the parameter `period` must be a time, such as `10 ms`" in answer.stderr
+    assert "--period:1:1" in answer.stderr
+    assert "Main.lf:2" in answer.stderr
+
+
+@pytest.mark.parametrize("words", [["run", "Main.lf", "--in-proces"], ["verify", "Main.lf", "-z"]])
+def test_a_mistyped_option_is_an_error_behind_the_file_too(hprm: Hprm, words: list[str]) -> None:
+    answer = hprm(*words)
+    assert (answer.returncode, answer.stdout) == (2, "")
+    assert f"unexpected argument '{words[-1]}' found" in answer.stderr
+
+
+def test_options_work_behind_the_file(hprm: Hprm, tmp_path: Path) -> None:
+    answer = hprm("run", "Main.lf", "--logical-trace", "x.trace", "-o", "0", "msec")
+    assert (answer.returncode, answer.stdout) == (0, "tick\n"), answer.stderr
+    assert (tmp_path / "x.trace").exists()
+
+
+def test_a_program_may_start_at_a_round_time(hprm: Hprm, tmp_path: Path) -> None:
+    body = "print(lf.time.start() % 250_000_000)"
+    main = f"target Python\nmain reactor {{ reaction(startup) {{= {body} =}} }}\n"
+    (tmp_path / "Round.lf").write_text(main)
+    assert hprm("run", "Round.lf", "-m", "250", "msec").stdout == "0\n"
+    federated = "target Python\nreactor R { reaction(startup) {= BODY =} }\n".replace("BODY", body)
+    (tmp_path / "Round.lf").write_text(federated + "federated reactor { r = new R() }\n")
+    answer = hprm("run", "--start-time-multiple", "250 ms", "Round.lf")
+    assert answer.stdout.strip().endswith("0"), answer.stderr
+
+
+def test_the_program_of_the_document_has_the_options_it_says(hprm: Hprm, tmp_path: Path) -> None:
+    document = Path(__file__).resolve().parents[2] / "docs" / "command-line.md"
+    text = document.read_text()
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    (tmp_path / "Main.lf").write_text(next(block for language, block in blocks if language == "lf"))
+    lines = [line for language, block in blocks if language == "sh" for line in block.splitlines()]
+    printed = [hprm(*shlex.split(line)[1:]).stdout for line in lines]
+    assert printed[0] == "30 full\n" * 3
+    assert "--frame-size <TEXT>" in printed[1]
+    assert printed[2] == "10 vga\n" * 6
+    options = re.findall(r"`(-\w)`, `(--[\w-]+)", text)
+    assert len(options) == 5
+    for short, long in options:
+        assert f"{short}, {long} <" in hprm("run", "--help").stdout

@@ -269,7 +269,7 @@ def test_output_without_an_end_is_shown(threads: Any) -> None:
 
 
 def test_arguments_reach_the_program(threads: Any) -> None:
-    outcome = threads(pair("1", "print(sys.argv[1:])"), "--rounds", "3")
+    outcome = threads(pair("1", "print(sys.argv[1:])"), "--", "--rounds", "3")
     assert lines(outcome) == ["['--rounds', '3']"] * 2
 
 

@@ -268,7 +268,7 @@ def test_a_failing_run_leaves_the_trace_up_to_there(tmp_path: Path) -> None:
 
 def test_verify_ends_what_does_not_end(tmp_path: Path) -> None:
     path = program(tmp_path, FEDERATION.format(more="").replace("60 ms", "60 s"))
-    verdict = hprm("verify", "--timeout", "0.5", path)
+    verdict = hprm("verify", "--run-timeout", "0.5", path)
     assert verdict.returncode == 1
     assert "did not end" in verdict.stderr and "hint: " in verdict.stderr
 

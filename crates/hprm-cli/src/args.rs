@@ -11,6 +11,7 @@ use clap::{Args, Parser, Subcommand};
 use hprm::federated::{FederationId, Patience};
 use hprm::{Address, TlsFiles};
 use hprm_core::{Nanos, WhenFull, read_size};
+use hprm_lf::PARAMETER;
 
 /// Run, check and look after deterministic programs for robots.
 #[derive(Parser, Debug)]
@@ -19,6 +20,23 @@ pub(crate) struct Arguments {
     #[command(subcommand)]
     pub(crate) command: Command,
 }
+
+impl Arguments {
+    /// Adds a value of a parameter of the main reactor, for a command that runs a program.
+    pub(crate) fn set_parameter(&mut self, name: &str, value: &str) {
+        let properties = match &mut self.command {
+            Command::Run(run) => &mut run.properties,
+            Command::Verify(verify) => &mut verify.properties,
+            Command::Rti(rti) => &mut rti.properties,
+            Command::Federate(federate) => &mut federate.properties,
+            Command::Check(_) | Command::Diff(_) | Command::Sim(_) | Command::Doctor(_) => return,
+        };
+        properties.stated.push(format!("{PARAMETER}{name}={value}"));
+    }
+}
+
+/// The option for target properties, which those commands have that run a program.
+pub(crate) const PROPERTY: &str = "property";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -46,11 +64,11 @@ pub(crate) enum Command {
 #[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Properties {
     /// A target property, instead of what the program says of it. May be repeated.
-    #[arg(long = "property", value_name = "KEY=VALUE")]
+    #[arg(long = PROPERTY, value_name = "KEY=VALUE")]
     stated: Vec<String>,
     /// How many reactions of one process may run at the same time, if they do not depend on one
     /// another; 0 is as many as there are processors. The same as --property workers=N.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
+    #[arg(short, long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
     workers: Option<u32>,
     /// How long a process looks for messages before it sleeps: a time such as 100us, off, or auto, which
     /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
@@ -74,6 +92,8 @@ pub(crate) struct Properties {
     /// message (inline), or the program fails (error). The same as the target property store-full.
     #[arg(long, value_name = "POLICY", env = STORE_FULL, value_parser = when_full)]
     store_full: Option<WhenFull>,
+    #[command(flatten)]
+    run_time: RunTime,
 }
 
 /// Where the option --store-limit may stand as well.
@@ -96,6 +116,7 @@ impl Properties {
             .into_iter()
             .chain(full)
             .chain(self.stated.iter().cloned())
+            .chain(self.run_time.stated())
             .chain(workers)
             .chain(spin)
             .chain(realtime)
@@ -115,6 +136,53 @@ impl Properties {
     }
 }
 
+/// What the program finds in sys.argv, after its own name.
+#[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct ProgramArguments {
+    /// What the program finds in sys.argv. What begins with a dash goes behind --, so that a mistyped
+    /// option is an error.
+    #[arg(value_name = "ARGUMENTS", allow_negative_numbers = true)]
+    words: Vec<OsString>,
+    #[arg(last = true, hide = true)]
+    rest: Vec<OsString>,
+}
+
+impl ProgramArguments {
+    /// All of them, in their order.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &OsString> + Clone {
+        self.words.iter().chain(&self.rest)
+    }
+}
+
+/// The options that programs of Lingua Franca have: target properties by other names.
+#[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct RunTime {
+    /// Stop at this time after the start, such as '5 s'.
+    #[arg(short = 'o', long, value_name = "TIME")]
+    timeout: Option<String>,
+    /// Do not wait for physical time.
+    #[arg(short, long, value_name = "true|false", hide_possible_values = true, value_parser = clap::value_parser!(bool))]
+    fast: Option<bool>,
+    /// Do not stop when nothing is left to do.
+    #[arg(short, long, value_name = "true|false", hide_possible_values = true, value_parser = clap::value_parser!(bool))]
+    keepalive: Option<bool>,
+    /// Start at the next physical time that is a multiple of this one.
+    #[arg(short = 'm', long, value_name = "TIME")]
+    start_time_multiple: Option<String>,
+}
+
+impl RunTime {
+    /// All that are stated, as `KEY=VALUE`.
+    pub(crate) fn stated(&self) -> impl Iterator<Item = String> {
+        let timeout = self.timeout.as_ref().map(|time| format!("timeout={time}"));
+        let fast = self.fast.map(|fast| format!("fast={fast}"));
+        let keepalive = self.keepalive.map(|keepalive| format!("keepalive={keepalive}"));
+        let multiple = self.start_time_multiple.as_ref();
+        let multiple = multiple.map(|time| format!("start-time-multiple={time}"));
+        timeout.into_iter().chain(fast).chain(keepalive).chain(multiple)
+    }
+}
+
 /// Run a program to its end.
 ///
 /// A main reactor runs in one Python process. A federated reactor runs as one process per federate,
@@ -124,9 +192,10 @@ impl Properties {
 #[command(after_help = "\
 Examples:
   hprm run Main.lf
-  hprm run Main.lf --rounds 10              the program finds --rounds 10 in sys.argv
+  hprm run Main.lf --rate 30                give the main reactor's parameter rate another value
+  hprm run Main.lf -- --rounds 10           the program finds --rounds 10 in sys.argv
   hprm run --join-timeout 120 Vision.lf     give federates two minutes to load their models
-  hprm run --property timeout='5 s' Main.lf stop after five seconds
+  hprm run --timeout '5 s' Main.lf          stop after five seconds
   hprm run --in-process Vision.lf           federates share one process, and their arrays
 
 The exit code is 0 if every federate ended well, and else that of the first one that did not.")]
@@ -148,9 +217,8 @@ pub(crate) struct Run {
     pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) properties: Properties,
-    /// What the program finds in sys.argv.
-    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
-    pub(crate) arguments: Vec<OsString>,
+    #[command(flatten)]
+    pub(crate) arguments: ProgramArguments,
 }
 
 /// What a federate that does not answer means.
@@ -224,7 +292,7 @@ pub(crate) struct Verify {
     pub(crate) runs: u32,
     /// Seconds that a run may take.
     #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = seconds)]
-    pub(crate) timeout: Duration,
+    pub(crate) run_timeout: Duration,
     /// A folder for the traces, which are deleted otherwise.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) keep: Option<PathBuf>,
@@ -232,9 +300,8 @@ pub(crate) struct Verify {
     pub(crate) verdict: Verdict,
     #[command(flatten)]
     pub(crate) properties: Properties,
-    /// What the program finds in sys.argv.
-    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
-    pub(crate) arguments: Vec<OsString>,
+    #[command(flatten)]
+    pub(crate) arguments: ProgramArguments,
 }
 
 /// Say what is wrong with programs, and run nothing.
@@ -375,9 +442,8 @@ pub(crate) struct Federate {
     pub(crate) secret: Secret,
     #[command(flatten)]
     pub(crate) tls: Tls,
-    /// What the program finds in sys.argv.
-    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
-    pub(crate) arguments: Vec<OsString>,
+    #[command(flatten)]
+    pub(crate) arguments: ProgramArguments,
 }
 
 /// Run random federations in a simulated network, and compare them with one scheduler.
@@ -414,6 +480,35 @@ pub(crate) struct Doctor {
     #[arg(long)]
     pub(crate) json: bool,
 }
+
+/// Joins a number with the unit that follows it, behind an option that `takes_time`: programs of Lingua
+/// Franca take `--timeout 5 sec`. What follows `--` stays as it is.
+pub(crate) fn join_times(
+    words: &[OsString],
+    takes_time: impl Fn(&OsString) -> bool,
+) -> Vec<OsString> {
+    let mut joined: Vec<OsString> = Vec::new();
+    let mut rest = words;
+    while let [option, number, unit, ..] = rest
+        && option != "--"
+    {
+        let both = (takes_time(option) || TIMES.iter().any(|time| option == time))
+            .then(|| Some((number.to_str()?, unit.to_str()?)))
+            .flatten()
+            .filter(|(number, unit)| number.parse::<i64>().is_ok() && hprm_lf::is_unit(unit));
+        joined.push(option.clone());
+        rest = &rest[1..];
+        if let Some((number, unit)) = both {
+            joined.push(format!("{number} {unit}").into());
+            rest = &rest[2..];
+        }
+    }
+    joined.extend_from_slice(rest);
+    joined
+}
+
+/// The options whose value is a time.
+const TIMES: [&str; 4] = ["--timeout", "-o", "--start-time-multiple", "-m"];
 
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
@@ -452,17 +547,45 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_the_file_is_for_the_program() {
-        let Command::Run(run) = parsed(&["hprm", "run", "A.lf", "--rounds", "3"]).unwrap() else {
-            panic!("not a run");
-        };
-        assert_eq!(run.file, PathBuf::from("A.lf"));
-        assert_eq!(run.arguments, ["--rounds", "3"]);
-        assert_eq!(run.join_timeout, Duration::from_secs(30));
-        assert!(!run.in_process);
-        let words = ["hprm", "run", "--in-process", "A.lf"];
+    fn options_stand_anywhere_and_the_rest_is_for_the_program() {
+        let words = ["hprm", "run", "A.lf", "x", "-1", "--in-process", "y", "--", "--rounds", "-3"];
         let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
-        assert!(run.in_process && run.arguments.is_empty());
+        assert_eq!(run.file, PathBuf::from("A.lf"));
+        assert!(run.in_process);
+        assert!(run.arguments.all().eq(["x", "-1", "y", "--rounds", "-3"]));
+        assert_eq!(run.join_timeout, Duration::from_secs(30));
+        let words =
+            ["hprm", "federate", "--rti", "unix:@x", "A.lf", "--workers=2", "a", "--", "-v"];
+        let Command::Federate(one) = parsed(&words).unwrap() else { panic!("not a federate") };
+        assert_eq!(one.name, "a");
+        assert!(one.arguments.all().eq(["-v"]));
+    }
+
+    #[test]
+    fn a_mistyped_option_is_an_error_wherever_it_stands() {
+        for words in [
+            &["hprm", "run", "A.lf", "--in-proces"][..],
+            &["hprm", "run", "A.lf", "--rounds", "3"],
+            &["hprm", "verify", "A.lf", "--run", "3"],
+            &["hprm", "federate", "A.lf", "a", "--rti", "unix:@x", "-z"],
+        ] {
+            let error = parsed(words).unwrap_err();
+            assert_eq!(error.kind(), clap::error::ErrorKind::UnknownArgument, "{words:?}");
+        }
+        let error = parsed(&["hprm", "run", "A.lf", "--in-proces"]).unwrap_err();
+        assert!(error.to_string().contains("'--in-process'"), "{error}");
+        let error = parsed(&["hprm", "run", "A.lf", "--rounds", "3"]).unwrap_err();
+        assert!(error.to_string().contains("'-- --rounds'"), "{error}");
+    }
+
+    #[test]
+    fn programs_of_lingua_franca_have_these_options() {
+        let words =
+            ["hprm", "run", "A.lf", "-o", "5 s", "-f", "true", "-k=false", "-w", "2", "-m", "1 s"];
+        let Command::Run(run) = parsed(&words).unwrap() else { panic!("not a run") };
+        let expected =
+            ["timeout=5 s", "fast=true", "keepalive=false", "start-time-multiple=1 s", "workers=2"];
+        assert_eq!(run.properties.stated(), expected);
     }
 
     #[test]

@@ -19,6 +19,7 @@ mod launcher;
 mod leftovers;
 mod message;
 mod output;
+mod parameters;
 mod probe;
 mod python;
 mod rti;

@@ -29,7 +29,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
             command.arg("--logical-trace").arg(path);
         }
         command.args(arguments.properties.options());
-        command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+        command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
         return Err(replace(command));
     }
     if arguments.in_process {
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     let plan = Plan {
         python,
         file: arguments.file.clone(),
-        arguments: arguments.arguments.clone(),
+        arguments: arguments.arguments.all().cloned().collect(),
         properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
         patience: arguments.hang.patience(),
@@ -83,7 +83,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     }
     command.args(arguments.tls.options());
     command.args(properties.options());
-    command.arg("--").arg(&arguments.file).arg(&arguments.name).args(&arguments.arguments);
+    command.arg("--").arg(&arguments.file).arg(&arguments.name).args(arguments.arguments.all());
     command.env(FEDERATION_ID, secret.to_string());
     Err(replace(command))
 }

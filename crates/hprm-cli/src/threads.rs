@@ -28,13 +28,13 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     command.arg("--in-process").stdin(Stdio::null());
     command.args(arguments.properties.options());
     let Some(path) = &arguments.logical_trace else {
-        command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+        command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
         return Err(replace(command));
     };
     let parts = Parts::of(path)?;
     command.arg("--logical-trace").arg(parts.folder());
     command.arg("--die-with-parent").arg(std::process::id().to_string());
-    command.arg("--").arg(&arguments.file).args(&arguments.arguments);
+    command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
     let status = supervise(command)?;
     let ways = [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE];
     let code = match status.signal() {

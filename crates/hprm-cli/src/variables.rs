@@ -9,7 +9,8 @@ use clap::builder::Resettable;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory, FromArgMatches};
 
-use crate::args::Arguments;
+use crate::args::{Arguments, join_times};
+use crate::parameters;
 
 /// What was typed, and what the environment says.
 ///
@@ -19,8 +20,14 @@ use crate::args::Arguments;
 pub(crate) fn parse() -> Result<Arguments, clap::Error> {
     let command = Arguments::command()
         .mut_subcommands(|subcommand| subcommand.mut_args(without_an_empty_variable));
-    let parsed = command.clone().try_get_matches();
+    let words: Vec<_> = env::args_os().collect();
+    let words = join_times(&words, |_| false);
+    let parsed = command.clone().try_get_matches_from(&words);
     let arguments = parsed.and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = match arguments {
+        Err(error) => parameters::parse(&command, &words).unwrap_or(Err(error)),
+        arguments => arguments,
+    };
     arguments.map_err(|error| match blamed(&command, &error) {
         Some(message) => command.clone().error(ErrorKind::ValueValidation, message),
         None => error,

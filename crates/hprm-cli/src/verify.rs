@@ -144,7 +144,7 @@ impl Run {
                 let read = stderr.as_mut().map(|stderr| stderr.read_to_end(&mut said));
                 read.transpose().map(|_| said).unwrap_or_default()
             });
-            let code = wait(&mut child, arguments.timeout);
+            let code = wait(&mut child, arguments.run_timeout);
             busy.store(false, Ordering::Relaxed);
             (code, said.join().unwrap_or_default())
         });
@@ -156,9 +156,8 @@ impl Run {
                     String::from_utf8_lossy(&said[said.len().saturating_sub(SAID)..]).into_owned();
                 Err(Error::new(format!("{run} ended with exit code {code}\n{said}")))
             }
-            None => Err(Error::new(format!("{run} did not end in {:?}", arguments.timeout)).hint(
-                "allow more with --timeout, or end the program with --property timeout='5 s'",
-            )),
+            None => Err(Error::new(format!("{run} did not end in {:?}", arguments.run_timeout))
+                .hint("allow more with --run-timeout, or end the program with --timeout '5 s'")),
         }
     }
 
@@ -179,10 +178,11 @@ impl Run {
         command.arg("--logical-trace").arg(&self.trace);
         command.args(arguments.properties.options());
         command.args(self.variant.properties().map(|stated| format!("--property={stated}")));
-        if whole {
-            command.arg("--");
-        }
-        command.arg(&arguments.file).args(&arguments.arguments);
+        match whole {
+            true => command.arg("--").arg(&arguments.file),
+            false => command.arg(&arguments.file).arg("--"),
+        };
+        command.args(arguments.arguments.all());
         command.env("PYTHONHASHSEED", self.variant.hash_seed.to_string());
         Ok(command)
     }

@@ -37,6 +37,8 @@ pub enum Spin {
 pub struct Properties {
     /// Stop at this time after the start.
     pub timeout: Option<Nanos>,
+    /// Start at a physical time that is a multiple of this one, if it is not zero.
+    pub start_time_multiple: Nanos,
     /// Do not wait for physical time.
     pub fast: bool,
     /// Do not stop when nothing is left to do. A federate alone never does: it cannot know.

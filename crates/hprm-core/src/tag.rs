@@ -201,6 +201,19 @@ impl PhysicalTime {
     pub const fn since(self, earlier: Self) -> Nanos {
         self.0.saturating_sub(earlier.0)
     }
+
+    /// The first multiple of `interval` that is not before this time; this time, if `interval` is not
+    /// positive.
+    #[must_use]
+    pub const fn next_multiple(self, interval: Nanos) -> Self {
+        if interval <= 0 {
+            return self;
+        }
+        match self.0.rem_euclid(interval) {
+            0 => self,
+            past => self.plus(interval - past),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -208,6 +221,13 @@ mod tests {
     use proptest::prelude::*;
 
     use super::{Delay, PhysicalTime, Tag};
+
+    #[test]
+    fn the_next_multiple_is_not_before() {
+        let next = |at, interval| PhysicalTime(at).next_multiple(interval).0;
+        assert_eq!([next(19, 10), next(20, 10), next(21, 10), next(-19, 10)], [20, 20, 30, -10]);
+        assert_eq!([next(19, 0), next(i64::MAX - 1, 1_000)], [19, i64::MAX]);
+    }
 
     fn tag() -> impl Strategy<Value = Tag> {
         prop_oneof![

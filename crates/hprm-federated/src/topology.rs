@@ -5,7 +5,8 @@
 use std::collections::BTreeSet;
 
 use hprm_core::{
-    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Program, Table, Tag,
+    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, PhysicalTime, Program,
+    Table, Tag,
 };
 
 use crate::{Edge, Fault};
@@ -29,6 +30,7 @@ pub struct Topology {
     after_transient: Table<FederateId, bool>,
     /// The last tag that the program states.
     timeout: Tag,
+    start_time_multiple: Nanos,
     reports_all: bool,
 }
 
@@ -51,6 +53,7 @@ impl Topology {
             transient: program.federates.values().map(|federate| federate.transient).collect(),
             has_transients: program.federates.values().any(|federate| federate.transient),
             after_transient: Table::filled(federates, false),
+            start_time_multiple: program.properties.start_time_multiple,
             timeout: match program.properties.timeout {
                 Some(timeout) => Tag::new(timeout.max(0), 0),
                 None => Tag::FOREVER,
@@ -226,6 +229,12 @@ impl Topology {
     #[must_use]
     pub fn timeout(&self) -> Tag {
         self.timeout
+    }
+
+    /// The physical time of tag zero, for a federation that can start at `earliest`.
+    #[must_use]
+    pub fn start_time(&self, earliest: PhysicalTime) -> PhysicalTime {
+        earliest.next_multiple(self.start_time_multiple)
     }
 
     /// Whether federates report every next event to the RTI, whether somebody needs it or not.

@@ -9,7 +9,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
 use crate::model::{Declarations, MOST_MEMBERS, Model};
-use crate::overrides;
+use crate::overrides::{self, Overrides};
 use crate::properties::Stated;
 use crate::property_rules;
 use crate::resolve;
@@ -35,7 +35,8 @@ pub fn compile(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Fa
     compile_with(path, &[], loader)
 }
 
-/// Like [`compile()`], with target properties as `KEY=VALUE`, which outdo those of the file.
+/// Like [`compile()`], with target properties as `KEY=VALUE`, which override those of the file, and
+/// parameters of the main reactor as `main.NAME=VALUE` (see [`PARAMETER`](crate::PARAMETER)).
 ///
 /// # Errors
 ///
@@ -74,8 +75,8 @@ fn all_stages(
     let mut report = Report::default();
     let mut library = Library::load(path, loader, &mut report);
     let overrides = overrides::parse(properties, &mut library.sources, &mut report);
-    let stated = Stated::read(&library, &overrides, &mut report);
-    match stages(&library, stated, purpose, &mut report) {
+    let stated = Stated::read(&library, &overrides.properties, &mut report);
+    match stages(&library, &overrides, stated, purpose, &mut report) {
         Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
         _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
     }
@@ -89,6 +90,7 @@ struct Parts {
 
 fn stages(
     library: &Library,
+    overrides: &Overrides,
     mut stated: Stated,
     purpose: Purpose,
     report: &mut Report,
@@ -115,7 +117,11 @@ fn stages(
     check::constants::check(&models, report);
     let properties = stated.properties.clone();
     let mut lowered = match main {
-        Some(main) => lower::lower(library, &models, main, properties, report)?,
+        Some(main) => {
+            let declared = &models[main.0].as_ref()?.declared.parameters;
+            let assigned = overrides.assign(declared, &library.sources, report);
+            lower::lower(library, &models, (main, &assigned), properties, report)?
+        }
         None => lower::nothing(properties),
     };
     if purpose == Purpose::Check {

@@ -43,6 +43,15 @@ pub struct Compiled {
     pub warnings: Vec<Diagnostic>,
 }
 
+impl Compiled {
+    /// The parameters of the main reactor; none in a file without one.
+    #[must_use]
+    pub fn main_parameters(&self) -> &[ParameterDecl] {
+        let main = self.instances.values().next();
+        main.map_or(&[], |main| &self.classes[main.class].parameters)
+    }
+}
+
 /// A reactor, as Python sees it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Class {

@@ -9,6 +9,7 @@ use hprm_core::Nanos;
 
 use crate::ast::{Expression, ExpressionKind, Instantiation, Parameter, Width, WidthTerm};
 use crate::diagnostic::{Diagnostic, Report};
+use crate::overrides::Assigned;
 
 /// The widest bank or multiport.
 pub(crate) const WIDEST: u32 = 100_000;
@@ -27,8 +28,16 @@ pub(crate) struct Environment<'a> {
 }
 
 impl<'a> Environment<'a> {
+    /// The values in the main reactor: the defaults of its class, and what is assigned.
+    pub(crate) fn of_main(parameters: &[&'a Parameter], assigned: &'a [Assigned]) -> Self {
+        let mut environment = Self::of_class(parameters);
+        let written = assigned.iter().map(|a| (a.name.as_str(), Static::Written(&a.value)));
+        environment.values.extend(written);
+        environment
+    }
+
     /// The defaults of a class.
-    pub(crate) fn of_main(parameters: &[&'a Parameter]) -> Self {
+    fn of_class(parameters: &[&'a Parameter]) -> Self {
         let defaults = parameters.iter().filter_map(|parameter| {
             let default = parameter.default.as_ref()?;
             Some((parameter.name.text.as_str(), Static::Written(default)))
@@ -43,7 +52,7 @@ impl<'a> Environment<'a> {
         parameters: &[&'a Parameter],
         bank_index: Option<u32>,
     ) -> Self {
-        let mut inner = Self::of_main(parameters);
+        let mut inner = Self::of_class(parameters);
         if let (Some(index), Some(value)) = (bank_index, inner.values.get_mut("bank_index")) {
             *value = Static::Index(index);
         }

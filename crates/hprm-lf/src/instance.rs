@@ -16,6 +16,7 @@ use crate::environment::Environment;
 use crate::legacy;
 use crate::library::{ClassId, Library};
 use crate::model::{self, Model, Placed};
+use crate::overrides::Assigned;
 use crate::spacing;
 use crate::value::Value;
 
@@ -59,7 +60,7 @@ pub(crate) struct Tree<'a> {
 pub(crate) fn instantiate<'a>(
     library: &'a Library,
     models: &'a Models<'a>,
-    main: ClassId,
+    (main, assigned): (ClassId, &'a [Assigned]),
     builder: ProgramBuilder,
     report: &mut Report,
 ) -> Option<Tree<'a>> {
@@ -77,8 +78,12 @@ pub(crate) fn instantiate<'a>(
     let mut growth = Growth { library, models, tree, indices, report };
     let reactor = growth.tree.builder.main();
     let name = name_of_main(library, decl);
-    let environment = Environment::of_main(&models[main.0].as_ref()?.declared.parameters);
-    growth.node(main, reactor, environment, (name, None, Vec::new()))?;
+    let parameters = &models[main.0].as_ref()?.declared.parameters;
+    let environment = Environment::of_main(parameters, assigned);
+    let sources = &library.sources;
+    let value = |assigned: &Assigned| Value::new(sources, &assigned.value);
+    let assignments = assigned.iter().map(|assigned| (assigned.name.clone(), value(assigned)));
+    growth.node(main, reactor, environment, (name, None, assignments.collect()))?;
     growth.contents(0, 1)?;
     Some(growth.tree)
 }

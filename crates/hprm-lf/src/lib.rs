@@ -52,7 +52,8 @@ pub use compiled::{
     Ports, ReactionBody, ReactionCode, Runs, StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Severity};
+pub use overrides::PARAMETER;
 pub use properties::Settings;
 pub use render::{render, render_all};
 pub use source::{FileId, Position, SourceLoader, Sources, Span};
-pub use value::Value;
+pub use value::{Value, is_unit};

@@ -16,6 +16,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::instance::{self, MOST, Tree};
 use crate::legacy::Waits;
 use crate::library::{ClassId, Library};
+use crate::overrides::Assigned;
 use crate::reaction;
 use crate::source::Span;
 use crate::wiring;
@@ -32,17 +33,17 @@ pub(crate) struct Lowered {
     used: Vec<ClassId>,
 }
 
-/// The program with main reactor `main`; none if an error was reported.
+/// The program with main reactor `main`, whose parameters may be assigned; none if an error was reported.
 pub(crate) fn lower<'a>(
     library: &'a Library,
     models: &'a Models<'a>,
-    main: ClassId,
+    (main, assigned): (ClassId, &'a [Assigned]),
     properties: Properties,
     report: &mut Report,
 ) -> Option<Lowered> {
     let name = instance::name_of_main(library, library.reactor(main));
     let builder = ProgramBuilder::new(&name, properties);
-    let mut tree = instance::instantiate(library, models, main, builder, report)?;
+    let mut tree = instance::instantiate(library, models, (main, assigned), builder, report)?;
     let mut origins = Origins::default();
     let mut waits = Waits::default();
     let bodies = reactions(&mut tree, &mut waits, &mut origins, report);

@@ -1,24 +1,45 @@
-//! Target properties that whoever runs the program states, as `KEY=VALUE`.
+//! What the user who runs a program states on the command line: target properties, as `KEY=VALUE`, and
+//! parameters of the main reactor, as `main.NAME=VALUE`.
 //!
-//! They are parsed as if a target declaration held them, so they mean the same, and a mistake in one
-//! is shown like any other. What they mean is up to `properties`.
+//! Both are parsed as the program's own text is, each in a source of its own, so that they mean the same
+//! and a mistake in one is shown like any other. What a property means is up to `properties`; which
+//! instance gets a parameter, to `instance`.
 
-use crate::ast::Property;
-use crate::diagnostic::{Diagnostic, Report};
+use crate::ast::{Expression, ExpressionKind, Name, Parameter, Property};
+use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::parser;
-use crate::source::{Sources, Span};
+use crate::source::{FileId, Sources, Span};
 
-/// What diagnostics call the place where they were stated.
+/// What diagnostics call the place where properties are stated.
 const PLACE: &str = "--property";
 
-/// Parses properties, each of which becomes a source of its own.
-pub(crate) fn parse(
-    properties: &[String],
-    sources: &mut Sources,
-    report: &mut Report,
-) -> Vec<Property> {
-    let mut parsed = Vec::new();
-    for stated in properties {
+/// The prefix of a key that names a parameter of the main reactor: no target property has a dot.
+pub const PARAMETER: &str = "main.";
+
+/// What is stated, before the program is known.
+#[derive(Default)]
+pub(crate) struct Overrides {
+    pub(crate) properties: Vec<Property>,
+    parameters: Vec<Stated>,
+}
+
+/// A parameter of the main reactor, and the text that is to be its value.
+struct Stated {
+    name: Name,
+    value: FileId,
+}
+
+/// A parameter of the main reactor with its value.
+#[derive(Clone, Debug)]
+pub(crate) struct Assigned {
+    pub(crate) name: String,
+    pub(crate) value: Expression,
+}
+
+/// Parses what is stated; each becomes a source of its own.
+pub(crate) fn parse(stated: &[String], sources: &mut Sources, report: &mut Report) -> Overrides {
+    let mut overrides = Overrides::default();
+    for stated in stated {
         let Some((key, value)) = stated.split_once('=') else {
             let file = sources.add(PLACE, stated.clone());
             let message = format!("`{stated}` is no target property with a value");
@@ -28,9 +49,112 @@ pub(crate) fn parse(
             );
             continue;
         };
+        if let Some(name) = key.strip_prefix(PARAMETER) {
+            let value = sources.add(&format!("--{name}"), value.to_owned());
+            let span = Span::new(value, 0..sources.text(value).len());
+            overrides.parameters.push(Stated { name: Name { text: name.to_owned(), span }, value });
+            continue;
+        }
         let file = sources.add(PLACE, format!("target Python {{ {key}: {value} }}"));
         let model = parser::parse(file, sources.text(file), report);
-        parsed.extend(model.target.into_iter().flat_map(|target| target.properties));
+        let target = model.target.into_iter();
+        overrides.properties.extend(target.flat_map(|target| target.properties));
     }
-    parsed
+    overrides
+}
+
+impl Overrides {
+    /// The parameters of the main reactor that are stated, with values of the kind that their defaults
+    /// have. Of one that is stated several times, the last counts.
+    pub(crate) fn assign(
+        &self,
+        declared: &[&Parameter],
+        sources: &Sources,
+        report: &mut Report,
+    ) -> Vec<Assigned> {
+        let mut assigned: Vec<Assigned> = Vec::new();
+        for Stated { name, value } in &self.parameters {
+            let Some(parameter) = declared.iter().find(|known| known.name.text == name.text) else {
+                let message = format!("the main reactor has no parameter `{}`", name.text);
+                let all = declared.iter().map(|known| known.name.text.as_str());
+                let hint = existing(&name.text, "its parameters", all);
+                report.add(Diagnostic::error("LF0306", name.span, message).hint(hint));
+                continue;
+            };
+            let Some(value) = read(parameter, *value, sources, report) else { continue };
+            assigned.retain(|earlier| earlier.name != name.text);
+            assigned.push(Assigned { name: name.text.clone(), value });
+        }
+        assigned
+    }
+}
+
+/// Reads a value as one of the kind that the default has. Text needs no quotes.
+fn read(
+    parameter: &Parameter,
+    file: FileId,
+    sources: &Sources,
+    report: &mut Report,
+) -> Option<Expression> {
+    use ExpressionKind::{
+        Bool, Character, Code, Float, Integer, List, Parameter, String, Time, Tuple,
+    };
+    let text = sources.text(file);
+    let span = Span::new(file, 0..text.len());
+    let as_text = || Some(Expression { kind: String(text.to_owned()), span });
+    let default = &parameter.default.as_ref()?.kind;
+    let is_quoted = |quote| text.len() > 1 && text.starts_with(quote) && text.ends_with(quote);
+    if matches!(default, String(_) | Character(_)) && !is_quoted('"') && !is_quoted('\'') {
+        return as_text();
+    }
+    // The words of an error are about what is expected here, not about the grammar.
+    let value = parser::parse_value(file, text, &mut Report::default());
+    let value = value.map(truth);
+    let fits = value.as_ref().is_some_and(|value| match (default, &value.kind) {
+        _ if names_parameters(value) => false,
+        (Time(_), Integer(0)) | (Float(_), Integer(_)) => true,
+        (Code(_), _) => true,
+        (default, value) => std::mem::discriminant(default) == std::mem::discriminant(value),
+    });
+    if fits {
+        return value;
+    }
+    let expected = match default {
+        // Python computes the default, and may compute anything.
+        Code(_) => return as_text(),
+        Time(_) => "a time, such as `10 ms`",
+        Integer(_) => "a whole number, such as `3`",
+        Float(_) => "a number, such as `0.5`",
+        Bool(_) => "`true` or `false`",
+        List(_) => "a list, such as `[1, 2]`",
+        Tuple(_) => "a tuple, such as `(1, 2)`",
+        String(_) | Character(_) | Parameter(_) => "a text",
+    };
+    let message = format!("the parameter `{}` must be {expected}", parameter.name.text);
+    report.add(
+        Diagnostic::error("LF0403", span, message)
+            .label(parameter.name.span, "the program declares it here"),
+    );
+    None
+}
+
+/// Whether a parameter stands in a value: the main reactor is in no other one that could have it.
+fn names_parameters(value: &Expression) -> bool {
+    match &value.kind {
+        ExpressionKind::Parameter(_) => true,
+        ExpressionKind::List(items) | ExpressionKind::Tuple(items) => {
+            items.iter().any(names_parameters)
+        }
+        _ => false,
+    }
+}
+
+/// Python's spelling of a truth value is understood too.
+fn truth(value: Expression) -> Expression {
+    let kind = match value.kind {
+        ExpressionKind::Parameter(word) if word == "True" => ExpressionKind::Bool(true),
+        ExpressionKind::Parameter(word) if word == "False" => ExpressionKind::Bool(false),
+        kind => kind,
+    };
+    Expression { kind, ..value }
 }

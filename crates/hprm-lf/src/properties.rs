@@ -47,7 +47,7 @@ const IGNORED: [&str; 11] = [
 /// Known, and of consequence: whoever states one must not believe that it is in force.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 21] = [
+const OBEYED: [&str; 22] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
@@ -64,6 +64,7 @@ const OBEYED: [&str; 21] = [
     "scheduler",
     "single-threaded",
     "spin",
+    "start-time-multiple",
     "store-full",
     "store-limit",
     "timeout",
@@ -121,6 +122,9 @@ impl Stated {
         let value = &property.value;
         let known = match name.as_str() {
             "timeout" => time(value).map(|time| self.properties.timeout = Some(time)),
+            "start-time-multiple" => {
+                time(value).map(|time| self.properties.start_time_multiple = time)
+            }
             "fast" => boolean(value).map(|fast| {
                 self.properties.fast = fast;
                 self.fast = fast.then_some(value.span);

@@ -53,6 +53,12 @@ impl Value {
     }
 }
 
+/// Whether a word is a unit of time.
+#[must_use]
+pub fn is_unit(word: &str) -> bool {
+    unit(word).is_some()
+}
+
 /// Nanoseconds of a unit of time.
 pub(crate) fn unit(name: &str) -> Option<Nanos> {
     const SECOND: Nanos = 1_000_000_000;

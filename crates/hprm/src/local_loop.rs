@@ -48,7 +48,7 @@ where
     if traced {
         scheduler.start_recording();
     }
-    scheduler.start(Clock::now());
+    scheduler.start(Clock::now().next_multiple(program.properties.start_time_multiple));
     let outcome = run(&mut scheduler, &mut workers, host, inbox);
     inbox.close();
     let traced = workers.end_trace(&scheduler, &outcome);

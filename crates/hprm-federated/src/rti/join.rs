@@ -135,7 +135,7 @@ impl Rti {
             return;
         };
         let Some(latest) = readings.into_iter().max() else { return };
-        let at = latest.plus(self.start_delay);
+        let at = self.topology.start_time(latest.plus(self.start_delay));
         self.phase = Phase::Running;
         self.heard_all(at);
         if self.topology.has_transients() {

@@ -88,6 +88,17 @@ fn everybody_starts_together_after_the_latest_clock() {
 }
 
 #[test]
+fn the_start_is_a_multiple_of_what_the_program_says() {
+    let mut program = program("a -> b");
+    program.properties.start_time_multiple = 1_000;
+    let mut rti = Rti::new(Topology::new(&program), FEDERATION, 1, 100);
+    (0..2).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
+    input(&mut rti, 0, Frame::Ready { now: PhysicalTime(1_910) }).unwrap();
+    let outputs = input(&mut rti, 1, Frame::Ready { now: PhysicalTime(1_900) }).unwrap();
+    assert_eq!(outputs.last(), Some(&RtiOutput::Started { at: PhysicalTime(3_000) }));
+}
+
+#[test]
 fn strangers_are_refused_with_a_reason() {
     let other = |change: fn(&mut Frame)| {
         let mut frame = hello(1);

@@ -15,7 +15,7 @@ pub(crate) fn check(models: &Models<'_>, report: &mut Report) {
 
 fn class(model: &Model<'_>, report: &mut Report) {
     let declared = &model.declared;
-    let nothing = Environment::of_main(&[]);
+    let nothing = Environment::of_main(&[], &[]);
     let written = |time: &&Expression| !matches!(time.kind, ExpressionKind::Parameter(_));
     for time in times(declared).into_iter().filter(written) {
         nothing.time(time, report);
@@ -73,6 +73,6 @@ fn width(width: &Width, report: &mut Report) {
         }
     }
     if whole {
-        Environment::of_main(&[]).width(width, report);
+        Environment::of_main(&[], &[]).width(width, report);
     }
 }

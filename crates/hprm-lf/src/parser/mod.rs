@@ -9,7 +9,7 @@ mod reactor;
 mod statement;
 mod target;
 
-use crate::ast::{Body, Import, ImportSource, ImportedReactor, Model, Name};
+use crate::ast::{Body, Expression, Import, ImportSource, ImportedReactor, Model, Name};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::lexer;
 use crate::source::{FileId, Span};
@@ -35,6 +35,14 @@ type Parsed<T> = Result<T, Lost>;
 pub(crate) fn parse(file: FileId, text: &str, report: &mut Report) -> Model {
     let tokens = lexer::tokens(file, text, report);
     Parser { text, tokens: tokens.all, cut: tokens.cut, at: 0, depth: 0, report }.model()
+}
+
+/// The value that is all of a text; none, and what is wrong is reported, if it is not one.
+pub(crate) fn parse_value(file: FileId, text: &str, report: &mut Report) -> Option<Expression> {
+    let tokens = lexer::tokens(file, text, report);
+    let mut parser = Parser { text, tokens: tokens.all, cut: tokens.cut, at: 0, depth: 0, report };
+    let value = parser.expression().ok()?;
+    parser.is(Kind::End).then_some(value)
 }
 
 struct Parser<'a> {

@@ -1,0 +1,226 @@
+//! Options that a program has of its own: the parameters of its main reactor, by their names.
+//!
+//! Only the program tells which they are, so it is compiled when the words of a command line do not
+//! suffice without it: because of an unknown option, or to show all options there are.
+
+use std::ffi::{OsStr, OsString};
+use std::path::Path;
+
+use clap::{Arg, ArgMatches, Command, FromArgMatches};
+use hprm_lf::{ParameterDecl, Value};
+
+use crate::args::{self, Arguments};
+use crate::source;
+
+/// The heading of these options in the help.
+const HEADING: &str = "Parameters of the program";
+
+/// Reads a command line that names a program, whose parameters it may set. None if it names none that
+/// can be compiled: what is wrong without it counts then.
+pub(crate) fn parse(
+    command: &Command,
+    words: &[OsString],
+) -> Option<Result<Arguments, clap::Error>> {
+    let name = words.get(1)?.to_str()?;
+    let subcommand = command.find_subcommand(name)?;
+    if !takes_a_program(subcommand) {
+        return None;
+    }
+    let before_rest = words.iter().take_while(|word| *word != "--");
+    let file = before_rest.skip(2).find(|word| is_program(word))?;
+    let compiled = source::compile(Path::new(file), &[]).ok()?.ok()?;
+    let known: Vec<_> = compiled
+        .main_parameters()
+        .iter()
+        .filter(|parameter| !is_option(subcommand, &parameter.name))
+        .collect();
+    let command = command.clone().mut_subcommand(name, |subcommand| {
+        subcommand.args(known.iter().map(|parameter| option(parameter)))
+    });
+    let joined = join_times(words, &known);
+    Some(command.try_get_matches_from(joined).and_then(|matches| {
+        let mut arguments = Arguments::from_arg_matches(&matches)?;
+        let stated = matches.subcommand().map(|(_, matches)| stated(matches, &known));
+        for (name, value) in stated.into_iter().flatten() {
+            arguments.set_parameter(&name, &value);
+        }
+        Ok(arguments)
+    }))
+}
+
+/// Whether a command runs a program, and so has target properties and arguments of the program.
+fn takes_a_program(subcommand: &Command) -> bool {
+    subcommand.get_arguments().any(|arg| arg.get_long() == Some(args::PROPERTY))
+}
+
+fn is_program(word: &OsStr) -> bool {
+    let path = Path::new(word);
+    path.extension().is_some_and(|extension| extension == "lf") && path.is_file()
+}
+
+/// Whether a name is taken by an option of the command. The parameter can be stated as a property
+/// then: `--property main.NAME=VALUE`.
+fn is_option(subcommand: &Command, name: &str) -> bool {
+    let name = long(name);
+    name == "help" || subcommand.get_arguments().any(|arg| arg.get_long() == Some(&name))
+}
+
+/// As it is written on the command line: an underscore may be a dash.
+fn long(name: &str) -> String {
+    name.replace('_', "-")
+}
+
+fn option(parameter: &ParameterDecl) -> Arg {
+    let (kind, default) = described(&parameter.default);
+    let help = match default {
+        Some(default) => format!("[default: {default}]"),
+        None => "[default: computed in Python]".to_owned(),
+    };
+    let long = long(&parameter.name);
+    let arg = Arg::new(id(&parameter.name))
+        .value_name(kind)
+        .help(help)
+        .help_heading(HEADING)
+        .allow_hyphen_values(true);
+    match long == parameter.name {
+        true => arg.long(long),
+        false => arg.long(long).alias(parameter.name.clone()),
+    }
+}
+
+/// A name that none of the other options has.
+fn id(name: &str) -> String {
+    format!("{}{name}", hprm_lf::PARAMETER)
+}
+
+/// The parameters that the words set, with their values.
+fn stated(matches: &ArgMatches, known: &[&ParameterDecl]) -> Vec<(String, String)> {
+    let value = |parameter: &&ParameterDecl| {
+        let value: &String = matches.get_one(&id(&parameter.name))?;
+        Some((parameter.name.clone(), value.clone()))
+    };
+    known.iter().filter_map(value).collect()
+}
+
+/// What stands for a value in the help, and a default as the program states it, if it is short enough.
+fn described(default: &Value) -> (&'static str, Option<String>) {
+    const NANOS: [(&str, i64); 4] =
+        [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000), ("ns", 1)];
+    match default {
+        Value::Int(number) => ("NUMBER", Some(number.to_string())),
+        Value::Float(number) => ("NUMBER", Some(format!("{number:?}"))),
+        Value::Bool(truth) => ("true|false", Some(truth.to_string())),
+        Value::Str(text) => ("TEXT", Some(format!("{text:?}"))),
+        Value::Char(character) => ("TEXT", Some(format!("{character:?}"))),
+        Value::Time(i64::MAX) => ("TIME", Some("forever".to_owned())),
+        Value::Time(i64::MIN) => ("TIME", Some("never".to_owned())),
+        Value::Time(nanos) => {
+            let whole = NANOS.iter().find(|(_, unit)| nanos % unit == 0);
+            ("TIME", whole.map(|(name, unit)| format!("{} {name}", nanos / unit)))
+        }
+        Value::List(_) => ("LIST", None),
+        Value::Tuple(_) => ("TUPLE", None),
+        _ => ("VALUE", None),
+    }
+}
+
+/// Joins a number with the unit that follows it, behind an option whose value is a time: programs of
+/// Lingua Franca take `--period 500 ms`.
+fn join_times(words: &[OsString], known: &[&ParameterDecl]) -> Vec<OsString> {
+    let times = known.iter().filter(|parameter| matches!(parameter.default, Value::Time(_)));
+    let times: Vec<_> = times
+        .flat_map(|parameter| [parameter.name.clone(), long(&parameter.name)])
+        .map(|name| format!("--{name}"))
+        .collect();
+    args::join_times(words, |word| times.iter().any(|time| word == time.as_str()))
+}
+
+#[cfg(test)]
+mod tests {
+
+    use clap::CommandFactory;
+    use clap::error::ErrorKind;
+
+    use super::*;
+    use crate::args::Command as Parsed;
+
+    fn in_a_folder<R>(words: &[&str], look: impl FnOnce(Result<Arguments, clap::Error>) -> R) -> R {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("Main.lf");
+        let text = "target Python\nmain reactor(rate = 30, frame_size = \"vga\", workers = 2, \
+                    period = 50 ms, model = {= None =}) { }";
+        std::fs::write(&path, text).unwrap();
+        let words = words.iter().map(|word| match *word {
+            "Main.lf" => OsString::from(&path),
+            word => word.into(),
+        });
+        let words: Vec<_> = words.collect();
+        look(parse(&Arguments::command(), &words).expect("a program is named"))
+    }
+
+    fn stated(words: &[&str]) -> Vec<String> {
+        in_a_folder(words, |parsed| match parsed.unwrap().command {
+            Parsed::Run(run) => run.properties.stated(),
+            Parsed::Federate(federate) => federate.properties.stated(),
+            Parsed::Verify(verify) => verify.properties.stated(),
+            other => panic!("{other:?}"),
+        })
+    }
+
+    #[test]
+    fn parameters_are_options() {
+        let words =
+            ["hprm", "run", "--rate", "-3", "Main.lf", "--frame-size=full", "--workers", "1"];
+        assert_eq!(stated(&words), ["main.rate=-3", "main.frame_size=full", "workers=1"]);
+        let words = ["hprm", "verify", "Main.lf", "--runs", "2", "--frame_size", "full"];
+        assert_eq!(stated(&words), ["main.frame_size=full"]);
+        let words =
+            ["hprm", "federate", "Main.lf", "a", "--rti", "unix:@x", "--rate=1", "--", "--rate"];
+        assert_eq!(stated(&words), ["main.rate=1"]);
+    }
+
+    #[test]
+    fn a_time_may_be_two_words() {
+        let words = ["hprm", "run", "Main.lf", "--period", "20", "ms", "x", "-o", "2", "sec"];
+        assert_eq!(stated(&words), ["main.period=20 ms", "timeout=2 sec"]);
+        assert_eq!(stated(&["hprm", "run", "Main.lf", "--period", "20 ms"]), ["main.period=20 ms"]);
+        assert_eq!(stated(&["hprm", "run", "Main.lf", "--rate", "20", "ms"]), ["main.rate=20"]);
+    }
+
+    #[test]
+    fn what_is_no_parameter_is_an_error_that_knows_them() {
+        in_a_folder(&["hprm", "run", "Main.lf", "--rat", "3"], |parsed| {
+            let error = parsed.unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::UnknownArgument);
+            assert!(error.to_string().contains("'--rate'"), "{error}");
+        });
+    }
+
+    #[test]
+    fn the_help_of_a_program_shows_its_parameters() {
+        in_a_folder(&["hprm", "run", "Main.lf", "--help"], |parsed| {
+            let text = parsed.unwrap_err().to_string();
+            for expected in [
+                "Parameters of the program:",
+                "--rate <NUMBER>",
+                "[default: 30]",
+                "--frame-size <TEXT>",
+                "[default: \"vga\"]",
+                "--period <TIME>",
+                "[default: 50 ms]",
+                "--model <VALUE>",
+            ] {
+                assert!(text.contains(expected), "{expected}: {text}");
+            }
+        });
+    }
+
+    #[test]
+    fn commands_without_a_program_are_left_alone() {
+        let words = ["hprm", "doctor", "--rate", "3"].map(OsString::from);
+        assert!(parse(&Arguments::command(), &words).is_none());
+        let words = ["hprm", "run", "/nowhere/Main.lf", "--rate", "3"].map(OsString::from);
+        assert!(parse(&Arguments::command(), &words).is_none());
+        assert!(!is_program(OsStr::new("/")));
+    }
+}
