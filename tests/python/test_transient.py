@@ -110,6 +110,55 @@ def test_one_leaves_and_comes_back(launch: Run, coordination: str) -> None:
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("delay", ["", "after 0", "after 1 ms", "after 30 ms"])
+def test_one_comes_back_to_a_cycle(launch: Run, coordination: str, delay: str) -> None:
+    outcome = launch(f"""
+    target Python {{ coordination: {coordination}, timeout: 1500 ms }}
+    {REACTORS}
+    reactor Camera {{
+      output out
+      input inp
+      state seen = {{= [] =}}
+      timer t(0, 10 ms)
+      state ticks = 0
+      reaction(t) -> out {{=
+        self.ticks += 1
+        out.set(self.ticks)
+      =}}
+      reaction(inp) {{= self.seen.append(inp.value) =}}
+      reaction(shutdown) {{=
+        print("ticks", self.ticks)
+        print("seen", self.seen)
+      =}}
+    }}
+    reactor Mid {{
+      input inp
+      output out
+      state count = 0
+      reaction(inp) -> out {{=
+        out.set(inp.value)
+        self.count += 1
+        if self.count == 5: lf.stop()
+      =}}
+    }}
+    federated reactor {{
+      down = new Camera()
+      @transient
+      mid = new Mid()
+      starter = new Starter()
+      down.out -> mid.inp
+      mid.out -> down.inp {delay}
+    }}
+    """)
+    numbers = seen(outcome)
+    # Each life passes on five numbers that follow one another; the camera goes on between them.
+    first, second = numbers[0], numbers[5]
+    assert numbers == [*range(first, first + 5), *range(second, second + 5)]
+    assert lines(outcome, "down")[0] == "ticks 151"
+    assert lines(outcome, "starter") == ["ended with 0"]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_second_instance_takes_over(launch: Run, coordination: str) -> None:
     middle = """
     reaction(startup) {= print("begins") =}

@@ -192,7 +192,7 @@ impl Decentralized {
 
     pub(crate) fn received(&mut self, channel: ChannelId, tag: Tag) {
         if let Some(incoming) = self.incoming.get_mut(&channel) {
-            incoming.received += 1;
+            incoming.received = incoming.received.saturating_add(1);
             incoming.latest = incoming.latest.max(tag);
             incoming.known = incoming.known.max(tag);
             self.unreported.insert(channel);
@@ -204,10 +204,15 @@ impl Decentralized {
         self.maxwait = maxwait;
     }
 
-    /// Nothing more comes from a peer.
+    /// Nothing more comes from a peer. What it sent and did not come is lost with it, as may happen
+    /// if it is transient and dies: nobody waits for that, so it counts as received.
     pub(crate) fn closed(&mut self, peer: FederateId) {
-        for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {
-            incoming.known = Tag::FOREVER;
+        for (id, incoming) in &mut self.incoming {
+            if incoming.from == peer {
+                incoming.known = Tag::FOREVER;
+                incoming.received = u64::MAX;
+                self.unreported.insert(*id);
+            }
         }
     }
 

@@ -461,8 +461,10 @@ impl Rti {
         }
     }
 
-    /// Tells those whom it concerns that a federate has ended, or does not join after all.
+    /// Tells those whom it concerns that a federate has ended, or does not join after all. What they
+    /// have sent to it, and count, does not arrive.
     fn send_gone(&mut self, federate: FederateId) {
+        self.traffic.end(&self.topology, federate);
         let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
         for neighbour in neighbours {
             self.send(neighbour, Frame::Gone { federate });

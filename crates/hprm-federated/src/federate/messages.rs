@@ -19,7 +19,7 @@ impl Federate {
         let Early { channel, tag, payload } = message;
         self.flow.arrived(channel, tag, &payload);
         if tag < self.first {
-            self.discard(payload);
+            self.discard(channel, tag, payload);
             return;
         }
         match &mut self.coordinator {
@@ -40,10 +40,12 @@ impl Federate {
         self.outputs.push_back(Output::DeliverPhysical { channel, tag, payload });
     }
 
-    /// What was meant for a tag before this federate has joined.
-    fn discard(&mut self, payload: Payload) {
-        if let Coordinator::Centralized(machine) = &mut self.coordinator {
-            machine.discarded();
+    /// What was meant for a tag before this federate has joined. Its sender has counted it, so it
+    /// counts here, too: the RTI lets nobody advance while a message seems to be on its way.
+    fn discard(&mut self, channel: ChannelId, tag: Tag, payload: Payload) {
+        match &mut self.coordinator {
+            Coordinator::Centralized(machine) => machine.discarded(),
+            Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
         self.outputs.push_back(Output::Discard { payload });
     }

@@ -294,6 +294,38 @@ fn a_message_that_precedes_the_start_is_delivered_after_it() {
     assert!(matches!(outputs.as_slice(), [Output::Start { .. }, Output::Deliver { .. }]));
 }
 
+/// What a transient federate that joins late, and reads what `a` sends, reports as received.
+fn received_by_late(inputs: impl IntoIterator<Item = Input>) -> Vec<u64> {
+    let mut machine = new("decentralized\ntransient b\na -> b", "b");
+    input(&mut machine, 0, Input::Loaded);
+    input(&mut machine, 0, Input::PeerUp(FederateId(0)));
+    input(&mut machine, 0, Input::FromRti(peers(1)));
+    for given in inputs {
+        input(&mut machine, 0, given);
+    }
+    let outputs = input(&mut machine, MILLISECOND * 20, Input::NextEvent(at(20)));
+    let counts = outputs.into_iter().filter_map(|output| match output {
+        Output::ToRti(Frame::Progress { counts, .. }) => Some(counts),
+        _ => None,
+    });
+    counts.flatten().map(|count| count.messages).collect()
+}
+
+#[test]
+fn what_comes_for_the_time_before_the_first_tag_counts_as_received() {
+    let sent = |tag| Input::FromPeer { from: FederateId(0), frame: message(0, tag) };
+    let start = || Input::FromRti(Frame::Start { at: START, first: at(10) });
+    assert_eq!(received_by_late([sent(at(8)), start(), sent(at(9)), sent(at(10))]), [3]);
+}
+
+#[test]
+fn what_a_peer_has_sent_and_did_not_come_before_its_end_is_not_waited_for() {
+    let start = Input::FromRti(Frame::Start { at: START, first: at(10) });
+    let gone = Input::FromRti(Frame::Gone { federate: FederateId(0) });
+    let lost = Input::PeerLost(FederateId(0));
+    assert_eq!(received_by_late([start, gone, lost]), [u64::MAX]);
+}
+
 #[test]
 fn a_federate_stays_before_the_tag_that_it_named_until_the_decision() {
     let mut machine = started("a -> b", "a", 2, &[]);

@@ -159,6 +159,7 @@ impl Rti {
         let Some(arrival) = self.arrivals.arrivals.remove(&federate) else { return };
         if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
             self.send_gone(federate);
+            self.tell();
         }
     }
 
@@ -312,6 +313,7 @@ impl Rti {
         if first > self.topology.timeout() {
             self.refuse(link, Refusal::TooLate);
             self.send_gone(federate);
+            self.tell();
             return;
         }
         let Peer { host, listen, .. } = peer;

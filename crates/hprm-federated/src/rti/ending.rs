@@ -106,7 +106,6 @@ impl Rti {
         self.members[federate] = Member::Gone;
         self.send_gone(federate);
         self.advance.end(&self.topology, federate);
-        self.traffic.end(&self.topology, federate);
         self.arrivals.forget(federate);
         self.tell();
         self.decide();

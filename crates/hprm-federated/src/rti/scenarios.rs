@@ -235,5 +235,5 @@ macro_rules! scenarios {
 
 scenarios! {
     chain circle diamond cycle quiet resign stop stop_twice stop_late patience
-    transient transient_swap transient_circle transient_end
+    transient transient_swap transient_circle transient_end transient_withdraws
 }
