@@ -1,6 +1,7 @@
 """The native half of the package: ports, actions, time, serialization, and the loops."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload
 
 from hprm._source import ProgramSource
@@ -130,6 +131,13 @@ def belong_to_federate(number: int) -> None:
 def runs_bodies() -> bool:
     """Return whether this thread runs bodies, whoever has started it."""
 
+class Stage:
+    @property
+    def path(self) -> Path | None: ...
+    def remove(self) -> None: ...
+
+def stage_files(program: str, files: list[tuple[str, str]]) -> Stage | None: ...
+def is_stage_of(stage: str, program: str) -> bool: ...
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
 

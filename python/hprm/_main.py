@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import hprm
-from hprm import _compile, _protobuf, _threads
+from hprm import _compile, _protobuf, _staging, _threads
 from hprm._source import ProgramSource
 
 _PREFIX = "hprm._spawned.program_"
@@ -25,7 +25,6 @@ _EXTENDING = threading.Lock()
 def make_module(source: ProgramSource) -> ModuleType:
     """Make the module in which bodies run."""
     module = ModuleType("__main__")
-    module.__file__ = os.path.abspath(source.path)
     module.__spec__ = spec(source.path)
     vars(module)["__hprm_main__"] = sys.modules.get("__main__")
     # Classes of the program are pickled by the name of their module, which is the same in all
@@ -38,7 +37,10 @@ def make_module(source: ProgramSource) -> ModuleType:
 def prepare(source: ProgramSource, lf: ModuleType, names: dict[str, Any]) -> None:
     """Put into ``names`` what bodies know without an import, and run the files' preambles there."""
     _compile.register(source.files)
-    _extend_path(source)
+    path = os.path.abspath(source.path)
+    stage = _staging.folder(source)
+    names["__file__"] = path if stage is None else os.path.join(stage, os.path.basename(path))
+    _extend_path(source, stage)
     names |= {name: getattr(hprm, name) for name in hprm.__all__}
     names |= {name: getattr(lf, name) for name in ("get_fed_maxwait", "request_stop", "start")}
     names |= {"copy": copy, "lf": lf, "os": os, "set_fed_maxwait": lf.set_fed_maxwait, "sys": sys}
@@ -60,13 +62,16 @@ def path_in(name: str) -> str | None:
     return os.fsdecode(bytes.fromhex(name.removeprefix(_PREFIX)))
 
 
-def _extend_path(source: ProgramSource) -> None:
+def _extend_path(source: ProgramSource, stage: str | None) -> None:
     """Let the program import what lies beside it, and what it says it uses."""
-    folders = [os.path.dirname(os.path.abspath(source.path))]
+    folders = [] if stage is None else [stage]
+    folders.append(os.path.dirname(os.path.abspath(source.path)))
     for name, stated_in in source.uses:
         path = os.path.join(os.path.dirname(os.path.abspath(stated_in)), name)
         folders.append(path if os.path.isdir(path) else os.path.dirname(path))
     with _EXTENDING:
+        if stage is not None:
+            _staging.import_from(stage)
         for folder in reversed(folders):
             if folder in sys.path:
                 sys.path.remove(folder)

@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
-use hprm::{Address, Rti, RtiHandle, RtiOptions, Security, enter_realtime};
+use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm_core::Program;
 
 use crate::args::Properties;
@@ -46,6 +46,8 @@ pub(crate) struct Plan {
     pub(crate) join_timeout: Duration,
     pub(crate) patience: Patience,
     pub(crate) logical_trace: Option<PathBuf>,
+    /// Where the files of the program lie side by side, if not beside it.
+    pub(crate) stage: Option<PathBuf>,
     pub(crate) security: Security,
 }
 
@@ -74,6 +76,9 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
         let share = parts.as_ref().map(|parts| parts.share(&federate.name));
         let mut command = plan.command(&federate.name, &address, share);
         command.env(FEDERATION_ID, federation.to_string());
+        if let Some(stage) = &plan.stage {
+            command.env(STAGE, stage);
+        }
         command.env(PROPERTIES, plan.properties.stated().join("\n"));
         let events = events.clone();
         // Once nobody listens, the command is about to end.

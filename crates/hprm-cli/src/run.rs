@@ -5,7 +5,7 @@
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 
-use hprm::Security;
+use hprm::{Security, Stage};
 
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
@@ -36,6 +36,9 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         return threads::run(&compiled.program, &python, arguments);
     }
     check::show_warnings(&compiled);
+    // Dropped, and so removed, when all processes have ended.
+    let stage = Stage::of(&compiled)
+        .map_err(|error| Error::new(format!("cannot lay out the program's files: {error}")))?;
     let plan = Plan {
         python,
         file: arguments.file.clone(),
@@ -44,6 +47,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         join_timeout: arguments.join_timeout,
         patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),
+        stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
     };
     let code = launch::launch(&compiled.program, &plan)?;

@@ -31,6 +31,7 @@ mod program;
 mod run;
 mod runtime;
 mod serialize;
+mod stage;
 mod tag;
 mod testing;
 mod thread;
@@ -58,6 +59,8 @@ mod _hprm {
     use crate::run::{describe_program, die_with_parent, run_federate, run_program};
     #[pymodule_export]
     use crate::serialize::array::own;
+    #[pymodule_export]
+    use crate::stage::{Stage, is_stage_of, stage_files};
     #[pymodule_export]
     use crate::tag::Tag;
     #[pymodule_export]

@@ -21,6 +21,7 @@ mod realtime;
 mod room;
 mod rti_loop;
 mod spin;
+mod staging;
 mod store_limits;
 pub mod trace;
 mod wait;
@@ -42,6 +43,7 @@ pub use pickling::Pickling;
 pub use realtime::enter_realtime;
 pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
+pub use staging::{STAGE, Stage, is_stage_of};
 pub use store_limits::{container_memory, store_limits};
 
 pub use hprm_core as core;
