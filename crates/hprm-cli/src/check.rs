@@ -132,7 +132,8 @@ impl Count {
     }
 }
 
-fn show(diagnostics: &[Diagnostic], sources: &Sources) {
+/// Shows diagnostics on the standard error.
+pub(crate) fn show(diagnostics: &[Diagnostic], sources: &Sources) {
     let color = message::color(&io::stderr());
     for diagnostic in diagnostics {
         let text = hprm_lf::render(diagnostic, sources, color);

@@ -14,6 +14,7 @@ mod children;
 mod diff;
 mod doctor;
 mod follow;
+mod hosts;
 mod launch;
 mod launcher;
 mod leftovers;

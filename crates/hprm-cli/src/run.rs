@@ -10,7 +10,7 @@ use hprm::{Security, Stage};
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::Error;
-use crate::{check, python, rti, secret, threads};
+use crate::{check, hosts, python, rti, secret, threads};
 
 /// Runs a program to its end.
 ///
@@ -32,6 +32,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
         return Err(replace(command));
     }
+    check::show(&hosts::elsewhere(&compiled), &compiled.sources);
     if arguments.in_process {
         return threads::run(&compiled.program, &python, arguments);
     }

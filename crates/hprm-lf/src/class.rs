@@ -1,14 +1,21 @@
 //! Classes for Python: bodies brought to the margin, values in Python's terms.
 
 use crate::ast;
+use crate::check::Models;
 use crate::code;
 use crate::compiled::{Class, Method, ParameterDecl, ReactionBody, StateDecl};
 use crate::library::{ClassId, Library};
 use crate::model::Model;
+use crate::parts;
 use crate::value::Value;
 
 /// The class `id` for Python, under `name`.
-pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: String) -> Class {
+pub(crate) fn emit(
+    library: &Library,
+    models: &Models<'_>,
+    (id, model): (ClassId, &Model<'_>),
+    name: String,
+) -> Class {
     let sources = &library.sources;
     let declared = &model.declared;
     let code = |body: ast::Body| code::dedent(sources, body.inner);
@@ -32,6 +39,8 @@ pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: Stri
         Some(ReactionBody {
             name: decl.name.as_ref().map(|name| name.text.clone()),
             args: reaction.slots.iter().map(|slot| slot.name.clone()).collect(),
+            kinds: parts::kinds(model, models, reaction),
+            contained: parts::named(model, models, reaction),
             code: code(decl.body?),
             deadline: decl.deadline.as_ref().map(|deadline| code(deadline.body)),
             tardy: decl.late.as_ref().and_then(|late| late.body).map(code),
@@ -47,5 +56,6 @@ pub(crate) fn emit(library: &Library, id: ClassId, model: &Model<'_>, name: Stri
         state: state.collect(),
         methods: methods.collect(),
         reactions: reactions.collect(),
+        parts: parts::of_class(declared, models),
     }
 }

@@ -5,6 +5,7 @@
 //! `=}` in them and floor division.
 
 use crate::source::{FileId, Sources, Span};
+use crate::unclosed;
 
 /// A piece of Python, ready to be compiled.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -28,17 +29,50 @@ impl Code {
     }
 }
 
-/// Offset of the `=}` that ends the body whose text starts at `start`.
-pub(crate) fn end(text: &str, start: usize) -> Option<usize> {
+/// Where a body ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum End {
+    /// Offset of the `=}` that ends it.
+    At(usize),
+    /// It has none. The text of the language goes on at `resume`; `next` is the body that begins
+    /// inside, if there is one.
+    Missing { resume: usize, next: Option<usize> },
+}
+
+/// The end of the body whose text starts at `start`.
+pub(crate) fn end(text: &str, start: usize) -> End {
     let mut scanner = Scanner { bytes: text.as_bytes(), wasted: 0 };
     let mut at = start;
     while at < scanner.bytes.len() {
         if scanner.bytes[at..].starts_with(b"=}") {
-            return Some(at);
+            return End::At(at);
+        }
+        if scanner.bytes[at..].starts_with(b"{=") {
+            return missing(text, start, (at, Some(at)));
         }
         at = scanner.skip(at);
     }
-    None
+    missing(text, start, (text.len(), None))
+}
+
+/// A body from `start` that has no end before `limit`.
+fn missing(text: &str, start: usize, (limit, next): (usize, Option<usize>)) -> End {
+    let mut code = Vec::new();
+    let mut scanner = Scanner { bytes: text.as_bytes(), wasted: 0 };
+    let (mut at, mut depth) = (start, 0_usize);
+    while at < limit {
+        if depth == 0 {
+            code.push(at);
+        }
+        match scanner.bytes[at] {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        at = scanner.skip(at);
+    }
+    let is_code = |offset| code.binary_search(&offset).is_ok();
+    End::Missing { resume: unclosed::resume(text, start, limit, is_code), next }
 }
 
 /// The most bytes that are looked through for ends of strings that have none; after that, a quote
@@ -172,7 +206,7 @@ mod tests {
     fn body(text: &str) -> Code {
         let mut sources = Sources::new();
         let start = text.find("{=").unwrap() + 2;
-        let end = end(text, start).unwrap();
+        let End::At(end) = end(text, start) else { panic!("{text}") };
         let file = sources.add("a.lf", text.to_owned());
         dedent(&sources, Span::new(file, start..end))
     }
@@ -197,9 +231,12 @@ mod tests {
             "\"\"",
         ] {
             let text = format!("{{={inside}=}} rest =}}");
-            assert_eq!(end(&text, 2), Some(2 + inside.len()), "{text}");
+            assert_eq!(end(&text, 2), End::At(2 + inside.len()), "{text}");
         }
-        assert_eq!(end("{= x }", 2), None);
+        assert_eq!(end("{= x }", 2), End::Missing { resume: 6, next: None });
+        let missing = |resume, next| End::Missing { resume, next: Some(next) };
+        assert_eq!(end("{= '{='\n}\n  reaction(){==}", 2), missing(9, 22));
+        assert_eq!(end("{= ({\n}\n)\n  a=[{=", 2), missing(10, 15));
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! The stages of the front end, one after the other; each starts only if the one before reported
 //! no error, so that nobody reads about the consequences of a mistake.
 
-use crate::ast::ReactorKind;
+use crate::ast::{Member, Name, Reactor, ReactorKind};
 use crate::check::{self, Models};
 use crate::code;
-use crate::compiled::{Compiled, Failure};
+use crate::compiled::{Compiled, Failure, PlacedAt};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
@@ -76,6 +76,7 @@ fn all_stages(
     let mut library = Library::load(path, loader, &mut report);
     let overrides = overrides::parse(properties, &mut library.sources, &mut report);
     let stated = Stated::read(&library, &overrides.properties, &mut report);
+    stated.check_files(&library.sources, loader, &mut report);
     match stages(&library, &overrides, stated, purpose, &mut report) {
         Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
         _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
@@ -177,11 +178,27 @@ fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>
     classes.into_iter().zip(resolved).map(model).collect()
 }
 
+/// Where a federated reactor wants itself and its federates to run.
+fn hosts(main: &Reactor) -> Vec<PlacedAt> {
+    let instances = main.members.iter().filter_map(|member| match member {
+        Member::Instantiation(instance) => Some((Some(&instance.name), instance.host.as_ref()?)),
+        _ => None,
+    });
+    let all = main.host.iter().map(|host| (None, host)).chain(instances);
+    let placed = |(federate, host): (Option<&Name>, &Name)| PlacedAt {
+        federate: federate.map(|name| name.text.clone()),
+        host: host.text.clone(),
+        span: host.span,
+    };
+    all.map(placed).collect()
+}
+
 fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     let Parts { lowered, stated, main } = parts;
     let federated = main.is_some_and(|main| is_federated(&library, main));
     let host = main.and_then(|main| library.reactor(main).host.as_ref());
     let rti_host = host.map(|host| host.text.clone());
+    let hosts = main.map(|main| hosts(library.reactor(main))).unwrap_or_default();
     let bodies = library.order.iter().flat_map(|file| &library.model(*file).preambles);
     let preambles = bodies.map(|body| code::dedent(&library.sources, body.inner)).collect();
     let Lowered { program, classes, instances, bodies, connections, .. } = lowered;
@@ -198,6 +215,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         protobufs: stated.protobufs,
         settings: stated.settings,
         rti_host,
+        hosts,
         warnings: report.into_sorted(),
     }
 }

@@ -39,6 +39,8 @@ pub struct Compiled {
     pub settings: Settings,
     /// The host of a federated reactor (`at`), where the RTI runs.
     pub rti_host: Option<String>,
+    /// All hosts that a federated program names.
+    pub hosts: Vec<PlacedAt>,
     /// Warnings.
     pub warnings: Vec<Diagnostic>,
 }
@@ -50,6 +52,17 @@ impl Compiled {
         let main = self.instances.values().next();
         main.map_or(&[], |main| &self.classes[main.class].parameters)
     }
+}
+
+/// Where part of a federation is to run (`at`).
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct PlacedAt {
+    /// The instance that is a federate, or a bank of them; none for the RTI.
+    pub federate: Option<String>,
+    /// The host, as written: `user@host:port`.
+    pub host: String,
+    /// Where it is written.
+    pub span: Span,
 }
 
 /// A reactor, as Python sees it.
@@ -69,6 +82,19 @@ pub struct Class {
     pub methods: Vec<Method>,
     /// Reactions in their order.
     pub reactions: Vec<ReactionBody>,
+    /// What else it declares, for those who explain names in bodies.
+    pub parts: Vec<Part>,
+}
+
+/// A part of a reactor that a reaction can name.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Part {
+    /// Its name.
+    pub name: String,
+    /// `input`, `output`, `action`, `timer`, `mode`, `instance` or `bank`.
+    pub kind: &'static str,
+    /// The class of an instance, and its ports, each with its kind.
+    pub class: Option<(String, Vec<(String, &'static str)>)>,
 }
 
 /// A parameter.
@@ -109,6 +135,11 @@ pub struct ReactionBody {
     pub name: Option<String>,
     /// Python's parameters after `self`: one for each of [`ReactionCode::arguments`].
     pub args: Vec<String>,
+    /// What they are: the kind of a [`Part`], or `source` for an input that does not trigger, or
+    /// `mutable` for one that is copied.
+    pub kinds: Vec<&'static str>,
+    /// The ports of contained reactors that it names, as `instance.port`.
+    pub contained: Vec<String>,
     /// The body.
     pub code: Code,
     /// The body that runs instead when the deadline is missed.

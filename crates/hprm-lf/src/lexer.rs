@@ -3,7 +3,7 @@
 //! Comments vanish, a `{= ... =}` body is one token, and characters that the language does not
 //! know are reported once and skipped, so that the parser never sees them.
 
-use crate::code;
+use crate::code::{self, End};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::source::{FileId, Span};
 use crate::token::{Kind, Token};
@@ -148,14 +148,23 @@ impl Lexer<'_> {
 
     fn body(&mut self) -> Option<Kind> {
         match code::end(self.text, self.at + 2) {
-            Some(end) => {
+            End::At(end) => {
                 self.at = end + 2;
                 Some(Kind::Code)
             }
-            None => {
-                self.unterminated(2, "code body", "=}");
-                self.cut_off();
-                None
+            End::Missing { resume, next } => {
+                let span = |at| Span::new(self.file, at..at + 2);
+                let diagnostic =
+                    Diagnostic::error("LF0002", span(self.at), "this code body has no end")
+                        .hint("close it with `=}`");
+                self.report.add(match next {
+                    Some(next) => diagnostic.label(span(next), "the next one begins before that"),
+                    None => diagnostic,
+                });
+                // So that the parser finds a body where it looks for one.
+                self.at = resume;
+                self.cut = true;
+                Some(Kind::Code)
             }
         }
     }
@@ -308,7 +317,8 @@ mod tests {
 
     #[test]
     fn what_has_no_end_is_reported_at_its_start() {
-        for text in ["{= x", "/* x", "'''x", "\"x", "\"\"\"x", "'x", "§§ "] {
+        assert_eq!(kinds("{= x"), (vec![Kind::Code, Kind::End], 1));
+        for text in ["/* x", "'''x", "\"x", "\"\"\"x", "'x", "§§ "] {
             assert_eq!(kinds(text), (vec![Kind::End], 1), "{text}");
         }
     }

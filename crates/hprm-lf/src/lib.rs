@@ -33,6 +33,7 @@ mod model;
 mod overrides;
 mod package;
 mod parser;
+mod parts;
 mod properties;
 mod property_rules;
 mod reaction;
@@ -42,6 +43,8 @@ mod slots;
 mod source;
 mod spacing;
 mod token;
+mod unclosed;
+mod unconnected;
 mod value;
 mod wiring;
 
@@ -49,7 +52,7 @@ pub use code::Code;
 pub use compile::{check, compile, compile_with};
 pub use compiled::{
     Access, Argument, Class, Compiled, ContainedPort, Failure, Instance, Method, ParameterDecl,
-    Ports, ReactionBody, ReactionCode, Runs, StateDecl,
+    Part, PlacedAt, Ports, ReactionBody, ReactionCode, Runs, StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Severity};
 pub use overrides::PARAMETER;

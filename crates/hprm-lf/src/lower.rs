@@ -9,7 +9,7 @@ use hprm_core::{
     ReactorId, Table, Trigger,
 };
 
-use crate::check::{Models, modes};
+use crate::check::{Models, modes, unset};
 use crate::class;
 use crate::compiled::{Class, Instance, ReactionCode, Runs};
 use crate::diagnostic::{Diagnostic, Report};
@@ -19,6 +19,7 @@ use crate::library::{ClassId, Library};
 use crate::overrides::Assigned;
 use crate::reaction;
 use crate::source::Span;
+use crate::unconnected;
 use crate::wiring;
 
 /// What lowering makes of a checked program.
@@ -47,12 +48,13 @@ pub(crate) fn lower<'a>(
     let mut origins = Origins::default();
     let mut waits = Waits::default();
     let bodies = reactions(&mut tree, &mut waits, &mut origins, report);
-    for wire in wiring::wires(&tree, waits, report) {
-        tree.builder.connection(wire.connection);
-        origins.connections.push(wire.span);
-    }
+    let wires = wiring::wires(&tree, waits, report);
     if report.has_errors() {
         return None;
+    }
+    for wire in &wires {
+        tree.builder.connection(wire.connection.clone());
+        origins.connections.push(wire.span);
     }
     let Tree { nodes, instances, builder, classes: used, .. } = tree;
     origins.reactors = nodes.iter().map(|node| node.model.declared.decl.header).collect();
@@ -63,6 +65,11 @@ pub(crate) fn lower<'a>(
             return None;
         }
     };
+    // Of a program that is otherwise right.
+    unconnected::check(&nodes, &wires, origins.writers.iter().map(|(port, _)| *port), report);
+    for class in &used {
+        models[class.0].iter().for_each(|model| unset::check(model, &library.sources, report));
+    }
     let connections = origins.connections;
     let mut lowered =
         Lowered { program, classes: Vec::new(), instances, bodies, connections, used };
@@ -88,7 +95,7 @@ pub(crate) fn add_classes(library: &Library, models: &Models<'_>, lowered: &mut 
 /// A class for Python; none if nobody has looked at it. A main reactor may have no name but `unnamed`.
 fn emit(library: &Library, models: &Models<'_>, id: ClassId, unnamed: &str) -> Option<Class> {
     let name = library.reactor(id).name.as_ref().map_or(unnamed, |name| &name.text);
-    Some(class::emit(library, id, models[id.0].as_ref()?, name.to_owned()))
+    Some(class::emit(library, models, (id, models[id.0].as_ref()?), name.to_owned()))
 }
 
 fn reactions(

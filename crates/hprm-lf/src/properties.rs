@@ -10,7 +10,7 @@ use crate::clock_property;
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::library::Library;
 use crate::property_rules;
-use crate::source::{FileId, Span};
+use crate::source::{FileId, SourceLoader, Sources, Span, sibling};
 
 /// Target properties for whoever runs the program, as far as they are stated.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -79,6 +79,8 @@ pub(crate) struct Stated {
     pub(crate) settings: Settings,
     pub(crate) files: Vec<(String, FileId)>,
     pub(crate) protobufs: Vec<(String, FileId)>,
+    /// Of the files that are stated, in this order: `files`, and then `protobufs`.
+    places: [Vec<Span>; 2],
     keepalive: Option<bool>,
     fast: Option<Span>,
 }
@@ -137,9 +139,15 @@ impl Stated {
                 self.settings.single_threaded = single;
                 self.properties.deadlines_first |= single;
             }),
-            "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
+            "scheduler" => scheduler(value).map(|gedf| {
+                self.properties.deadlines_first |= gedf;
+                property_rules::unheeded(property, &name, report);
+            }),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
-            "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
+            "logging" => logging(value).map(|level| {
+                self.settings.logging = Some(level);
+                property_rules::unheeded(property, &name, report);
+            }),
             "realtime" => realtime(value).map(|priority| self.properties.realtime = priority),
             "cpus" => cpus(value).map(|cpus| self.properties.cpus = cpus),
             "spin" => spin(value).map(|spin| self.properties.spin = spin),
@@ -158,7 +166,10 @@ impl Stated {
             }
             "store-limit" => size(value).map(|limit| self.settings.store.limit = Some(limit)),
             "store-full" => when_full(value).map(|full| self.settings.store.when_full = full),
-            "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
+            "tracing" => tracing(value).map(|tracing| {
+                self.settings.tracing = tracing;
+                property_rules::unheeded(property, &name, report);
+            }),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);
                 Ok(())
@@ -188,9 +199,10 @@ impl Stated {
     /// Collects the paths of a property that every file may state. Returns whether it is one.
     fn collect(&mut self, property: &Property, file: FileId, report: &mut Report) -> bool {
         let name = property.name.text.to_ascii_lowercase();
-        let paths = match name.as_str() {
-            "files" => &mut self.files,
-            "protobufs" => &mut self.protobufs,
+        let [files, protobufs] = &mut self.places;
+        let (paths, places) = match name.as_str() {
+            "files" => (&mut self.files, files),
+            "protobufs" => (&mut self.protobufs, protobufs),
             _ => return false,
         };
         let elements = match &property.value.kind {
@@ -199,7 +211,10 @@ impl Stated {
         };
         for element in elements {
             match word(element) {
-                Some(path) => paths.push((path.to_owned(), file)),
+                Some(path) => {
+                    paths.push((path.to_owned(), file));
+                    places.push(element.span);
+                }
                 None => {
                     let message = format!("`{name}` must be a path or a list of paths");
                     report.add(Diagnostic::error("LF0603", element.span, message));
@@ -207,6 +222,35 @@ impl Stated {
             }
         }
         true
+    }
+
+    /// Reports files that are stated and not there.
+    pub(crate) fn check_files(
+        &self,
+        sources: &Sources,
+        loader: &mut dyn SourceLoader,
+        report: &mut Report,
+    ) {
+        let [files, protobufs] = &self.places;
+        let files = self.files.iter().zip(files).map(|(stated, span)| (stated, *span, false));
+        let protobufs = self.protobufs.iter().zip(protobufs);
+        let protobufs = protobufs.map(|(stated, span)| (stated, *span, true));
+        for ((name, stated_in), span, is_needed) in files.chain(protobufs) {
+            let path = sibling(sources.path(*stated_in), name);
+            if loader.exists(&path) {
+                continue;
+            }
+            let (folder, file) = path.rsplit_once('/').unwrap_or((".", &path));
+            let others = loader.list(folder);
+            let others = others.iter().map(|other| other.trim_end_matches('/'));
+            let relative = "the path is relative to the file that states it";
+            let hint = did_you_mean(file, others).unwrap_or_else(|| relative.to_owned());
+            let message = format!("there is no file `{path}`");
+            report.add(match is_needed {
+                true => Diagnostic::error("LF0611", span, message).hint(hint),
+                false => Diagnostic::warning("LF0610", span, message).hint(hint),
+            });
+        }
     }
 
     /// Properties that follow from the program, and those that contradict it.
@@ -230,11 +274,42 @@ fn check_name(target: &Target, report: &mut Report) {
     }
 }
 
+/// Properties that other targets of Lingua Franca have: not slips, however close they are.
+const OF_OTHER_TARGETS: [&str; 16] = [
+    "cargo-dependencies",
+    "cargo-features",
+    "cmake",
+    "compiler",
+    "export-dependency-graph",
+    "export-to-yaml",
+    "external-runtime-path",
+    "flags",
+    "hierarchical-bin",
+    "no-runtime-validation",
+    "platform",
+    "print-statistics",
+    "ros2",
+    "runtime-version",
+    "rust-include",
+    "single-file-project",
+];
+
+/// A slip in a property that is obeyed must not leave the program without it; what else is unknown
+/// is passed over with a warning, as in Lingua Franca.
 fn unknown(property: &Property, report: &mut Report) {
     let name = &property.name;
-    let message = format!("there is no target property `{}`; it is ignored", name.text);
-    let hint = did_you_mean(&name.text, OBEYED.into_iter().chain(NOT_YET).chain(IGNORED));
-    report.add(Diagnostic::warning("LF0602", name.span, message).maybe_hint(hint));
+    let known = OBEYED.into_iter().chain(NOT_YET).chain(IGNORED);
+    let foreign = OF_OTHER_TARGETS.iter().any(|other| name.text.eq_ignore_ascii_case(other));
+    match did_you_mean(&name.text, known).filter(|_| !foreign) {
+        Some(hint) => {
+            let message = format!("there is no target property `{}`", name.text);
+            report.add(Diagnostic::error("LF0609", name.span, message).hint(hint));
+        }
+        None => {
+            let message = format!("there is no target property `{}`; it is ignored", name.text);
+            report.add(Diagnostic::warning("LF0602", name.span, message));
+        }
+    }
 }
 
 fn not_yet(property: &Property, report: &mut Report) {

@@ -98,6 +98,29 @@ pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
     report.add(Diagnostic::warning("LF0607", property.name.span, message).hint(why));
 }
 
+/// Says of a value that is right, but changes nothing here, why that is so.
+pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
+    let text = word(&property.value).unwrap_or_default();
+    let (what, hint) = match (name, text.as_str()) {
+        ("tracing", _) if boolean(&property.value) == Some(false) => return,
+        ("tracing", _) => (
+            "`tracing` writes no trace file yet".to_owned(),
+            "`hprm run --logical-trace FILE` writes what every reaction did",
+        ),
+        // What is the case anyway.
+        ("logging", "info") | ("scheduler", "np" | "gedf_np" | "gedf_np_ci") => return,
+        ("logging", _) => (
+            format!("`logging: {text}` has no effect yet"),
+            "warnings and errors are always shown, and nothing else is",
+        ),
+        _ => (
+            format!("`scheduler: {}` has no effect here", text.to_ascii_uppercase()),
+            "there is one scheduler; `GEDF_NP` lets it prefer reactions with earlier deadlines",
+        ),
+    };
+    report.add(Diagnostic::warning("LF0606", property.name.span, what).hint(hint));
+}
+
 /// Checks properties of the main file that do not go together.
 pub(crate) fn contradictions(library: &Library, federated: bool, report: &mut Report) {
     let target = library.model(Library::MAIN).target.as_ref();

@@ -22,6 +22,11 @@ pub trait SourceLoader {
         Vec::new()
     }
 
+    /// Whether there is a file or a folder at `path`. Yes if that cannot be told.
+    fn exists(&mut self, _path: &str) -> bool {
+        true
+    }
+
     /// Folders with packages that any program can import, such as those that the environment
     /// variable `LF_PACKAGES` names.
     fn packages(&mut self) -> Vec<String> {

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{errors, warnings};
+use common::{errors, errors_in, warnings};
 use hprm_core::{ClockSyncMode, ClockSyncOptions, StoreOptions, WhenFull};
 use insta::assert_snapshot;
 
@@ -246,7 +246,7 @@ main reactor { a = new A() }
 
 #[test]
 fn unmatched_widths_and_other_warnings() {
-    assert_snapshot!(warnings("{ timeuot: 1 s }
+    assert_snapshot!(warnings("{ lingering: 1 s }
 reactor A { output[3] out reaction() {= pass =} }
 reactor B { input inp }
 main reactor {
@@ -257,13 +257,19 @@ main reactor {
   (a.out)+ -> c.inp
 }
 "), @r#"
-    warning[LF0602]: there is no target property `timeuot`; it is ignored
+    warning[LF0602]: there is no target property `lingering`; it is ignored
      --> Main.lf:1:17
       |
-    1 | target Python { timeuot: 1 s }
-      |                 ^^^^^^^
+    1 | target Python { lingering: 1 s }
+      |                 ^^^^^^^^^
+
+    warning[LF0506]: nothing sets the output `out`
+     --> Main.lf:2:23
       |
-      = help: did you mean `timeout`?
+    2 | reactor A { output[3] out reaction() {= pass =} }
+      |                       ^^^
+      |
+      = help: name it as the effect of a reaction that calls `out.set(value)`, or connect an output of a contained reactor to it
 
     warning[LF0214]: this reaction has no trigger, so it never runs
      --> Main.lf:2:27
@@ -432,5 +438,162 @@ main reactor {
       |                            ^^^^
       |
       = help: write "defer", "drop", "replace" or "update"
+    "#);
+}
+
+#[test]
+fn inputs_that_nothing_is_connected_to() {
+    assert_snapshot!(warnings("
+reactor Inner { input near reaction(near) {= pass =} }
+reactor Detector(threshold = 1) {
+  input image
+  input[2] hints
+  inner = new Inner()
+  image -> inner.near
+  reaction(image, hints) {= pass =}
+}
+reactor Part { input a input b reaction(a) {= pass =} reaction(b) {= pass =} }
+main reactor {
+  detectors = new[2] Detector()
+  part = new Part()
+  reaction(startup) -> part.a {= part.a.set(1) =}
+}
+"), @r#"
+    warning[LF0505]: nothing is connected to `detectors.image` and `detectors.hints`
+      --> Main.lf:12:3
+       |
+     8 |   reaction(image, hints) {= pass =}
+       |   ---------------------- so this reaction never runs
+    ...
+    12 |   detectors = new[2] Detector()
+       |   ^^^^^^^^^
+       |
+       = help: connect an output to it: `... -> detectors.image`
+
+    warning[LF0505]: nothing is connected to `part.b`
+      --> Main.lf:13:3
+       |
+    10 | reactor Part { input a input b reaction(a) {= pass =} reaction(b) {= pass =} }
+       |                                                       ----------- so this reaction never runs
+    ...
+    13 |   part = new Part()
+       |   ^^^^
+       |
+       = help: connect an output to it: `... -> part.b`
+    "#);
+}
+
+#[test]
+fn outputs_that_nothing_sets() {
+    assert_snapshot!(warnings("
+reactor Camera {
+  output image
+  output depth
+  timer t(0, 1 s)
+  reaction(t) -> image {= image = 1 =}
+  reaction(t) -> depth as meters {= print(1) =} deadline(1 ms) {= print(2) =}
+}
+main reactor { camera = new Camera() }
+"), @r#"
+    warning[LF0506]: nothing sets the output `depth`
+     --> Main.lf:4:10
+      |
+    4 |   output depth
+      |          ^^^^^
+    ...
+    7 |   reaction(t) -> depth as meters {= print(1) =} deadline(1 ms) {= print(2) =}
+      |   ------------------------------ this names it as an effect
+      |
+      = help: call `meters.set(value)` in its body
+    "#);
+}
+
+#[test]
+fn what_has_no_effect_says_so() {
+    assert_snapshot!(warnings("{ tracing: true, logging: debug, scheduler: STATIC }
+main reactor { reaction(startup) {= pass =} }
+"), @r#"
+    warning[LF0606]: `tracing` writes no trace file yet
+     --> Main.lf:1:17
+      |
+    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
+      |                 ^^^^^^^
+      |
+      = help: `hprm run --logical-trace FILE` writes what every reaction did
+
+    warning[LF0606]: `logging: debug` has no effect yet
+     --> Main.lf:1:32
+      |
+    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
+      |                                ^^^^^^^
+      |
+      = help: warnings and errors are always shown, and nothing else is
+
+    warning[LF0606]: `scheduler: STATIC` has no effect here
+     --> Main.lf:1:48
+      |
+    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
+      |                                                ^^^^^^^^^
+      |
+      = help: there is one scheduler; `GEDF_NP` lets it prefer reactions with earlier deadlines
+    "#);
+}
+
+#[test]
+fn a_slip_in_a_property() {
+    assert_snapshot!(errors_in(&[("Main.lf", "target Python { timout: 300 ms }\nmain reactor { }")]), @r#"
+    error[LF0609]: there is no target property `timout`
+     --> Main.lf:1:17
+      |
+    1 | target Python { timout: 300 ms }
+      |                 ^^^^^^
+      |
+      = help: did you mean `timeout`?
+    "#);
+}
+
+/// Of these files, one is there besides the program.
+struct Folder(&'static str);
+
+impl hprm_lf::SourceLoader for Folder {
+    fn load(&mut self, _path: &str) -> Result<String, String> {
+        Ok(self.0.to_owned())
+    }
+
+    fn list(&mut self, folder: &str) -> Vec<String> {
+        assert_eq!(folder, "src/lib");
+        vec!["helper.py".to_owned()]
+    }
+
+    fn exists(&mut self, path: &str) -> bool {
+        path == "src/lib/helper.py"
+    }
+}
+
+#[test]
+fn files_that_are_not_there() {
+    let text = "target Python {
+  files: [lib/helper.py, \"lib/helpr.py\"],
+  protobufs: \"lib/message.proto\"
+}
+main reactor { }";
+    let failure =
+        hprm_lf::compile("src/Main.lf", &mut Folder(text)).expect_err("a file is missing");
+    assert_snapshot!(failure.to_string(), @r#"
+    warning[LF0610]: there is no file `src/lib/helpr.py`
+     --> src/Main.lf:2:26
+      |
+    2 |   files: [lib/helper.py, "lib/helpr.py"],
+      |                          ^^^^^^^^^^^^^^
+      |
+      = help: did you mean `helper.py`?
+
+    error[LF0611]: there is no file `src/lib/message.proto`
+     --> src/Main.lf:3:14
+      |
+    3 |   protobufs: "lib/message.proto"
+      |              ^^^^^^^^^^^^^^^^^^^
+      |
+      = help: the path is relative to the file that states it
     "#);
 }

@@ -109,6 +109,80 @@ main reactor {
     "#);
 }
 
+/// Everything around such a body is understood, whatever was written in place of its end.
+#[test]
+fn a_body_without_end_among_others() {
+    let text = |end: &str| {
+        format!(
+            "
+reactor Source {{
+  output out
+  timer t(0, 1 s)
+  reaction(t) -> out {{=
+    values = {{
+      1: 2,
+    }}
+    out.set(f\"{{values=}}\")
+  {end}
+  reaction(startup) {{= pass =}}
+}}
+main reactor {{
+  source = new Source()
+  x = new Missing()
+}}
+"
+        )
+    };
+    let first = errors(&text(""));
+    assert_snapshot!(first, @r#"
+    error[LF0002]: this code body has no end
+      --> Main.lf:5:22
+       |
+     5 |   reaction(t) -> out {=
+       |                      ^^
+    ...
+    11 |   reaction(startup) {= pass =}
+       |                     -- the next one begins before that
+       |
+       = help: close it with `=}`
+    "#);
+    for other in ["}", "= }"] {
+        let found = errors(&text(other));
+        let title = |text: &str| text.lines().next().map(str::to_owned);
+        assert_eq!(title(&found), title(&first), "{other}");
+        assert_eq!(found.matches("error[").count(), 1, "{other}: {found}");
+    }
+}
+
+#[test]
+fn the_last_body_of_a_reactor_without_end() {
+    assert_snapshot!(errors("
+reactor Source {
+  output out
+  reaction(startup) -> out {=
+    out.set(1)
+}
+reactor Sink { input inp }
+main reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+  reaction(sink.nothing) {= pass =}
+}
+"), @r#"
+    error[LF0002]: this code body has no end
+      --> Main.lf:4:28
+       |
+     4 |   reaction(startup) -> out {=
+       |                            ^^
+    ...
+    12 |   reaction(sink.nothing) {= pass =}
+       |                          -- the next one begins before that
+       |
+       = help: close it with `=}`
+    "#);
+}
+
 #[test]
 fn a_reactor_without_end() {
     assert_snapshot!(errors("

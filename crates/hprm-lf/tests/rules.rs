@@ -137,6 +137,8 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0605", "target Python { single-threaded: true, tracing: true } main reactor { }"),
     ("LF0605", "target Python { workers: 2, single-threaded: true } main reactor { }"),
     ("LF0601", "target Rust main reactor { }"),
+    ("LF0609", "target Python { timout: 300 ms } main reactor { }"),
+    ("LF0609", "target Python { Keepalvie: true } main reactor { }"),
     ("LF0301", "main reactor { a = new Missing() }"),
 ];
 
@@ -163,8 +165,15 @@ const WARNINGS: &[(&str, &str)] = &[
         "LF0220",
         "reactor A { input i output o } federated reactor { a = new A() @maxwait(0) a.o -> a.i after 0 }",
     ),
+    ("LF0505", "reactor A { input i reaction(i) {= pass =} } main reactor { a = new A() }"),
+    ("LF0506", "reactor A { output o reaction(startup) {= pass =} } main reactor { a = new A() }"),
     ("LF0602", "target Python { unknown: 1 } main reactor { }"),
+    ("LF0602", "target Python { cmake: \"a.cmake\" } main reactor { }"),
     ("LF0606", "target Python { sst: {} } main reactor { }"),
+    ("LF0606", "target Python { tracing: true } main reactor { }"),
+    ("LF0606", "target Python { tracing: { trace-file-name: \"x\" } } main reactor { }"),
+    ("LF0606", "target Python { logging: debug } main reactor { }"),
+    ("LF0606", "target Python { scheduler: STATIC } main reactor { }"),
     ("LF0607", "target Python { docker: true } main reactor { }"),
     ("LF0607", "target Python { build-type: Debug } main reactor { }"),
     ("LF0607", "target Python { cmake-include: [\"a\", b/c.cmake] } main reactor { }"),
@@ -231,13 +240,25 @@ main reactor { b = new B() }";
 }
 
 const ALLOWED: &[&str] = &[
+    // Inputs that are optional, that a reaction of the container sets, or that lead nowhere.
+    "reactor A { input i input j timer t reaction(t) i {= pass =} reaction(i, j) {= pass =} }
+     reactor B { input i a = new A() i -> a.i }
+     main reactor { b = new B() a = new A() reaction(startup) -> b.i, a.j {= pass =} }",
+    // Outputs that only a contained reactor drives, one of several reactions sets, or all arguments
+    // together hold; and those that nobody reads.
+    "reactor A { output o output p output q timer t
+       reaction(t) -> o, p {= o.set(1) =} reaction(t) -> p {= p.set(1) =}
+       reaction(t) -> q {= publish(locals()) =} }
+     reactor B { output o a = new A() a.o -> o }
+     main reactor { b = new B() }",
     // Named reactions, mutations, other names, handlers in their order.
     "reactor A { input x output o
-       reaction first(x as y) -> o as z {= pass =} tardy {= pass =} deadline(1 s) {= pass =}
+       reaction first(x as y) -> o as z {= z.set(1) =} tardy {= pass =} deadline(1 s) {= pass =}
        mutation(x) {= pass =} tardy deadline(0) {= pass =};
        reaction(x) {= pass =} STP(1 s) {= pass =}
        reaction(x) {= pass =} STAA(0) {= pass =} }
      main reactor { a = new A() t = new A();
+       reaction(startup) -> t.x {= pass =}
        reaction(startup) t.o -> a.x as q {= pass =}
        reaction(a.o as p) {= pass =} }",
     // Methods.
@@ -255,12 +276,13 @@ const ALLOWED: &[&str] = &[
        @maxwait(forever) b = new A() at user@host.example
        @absent_after(0) @label(\"x\") a.o -> b.i }
      @layout(option=\"spacing\", value=\"3\") reactor A {
-       @side(\"north\") input i @SIDE(\"South\") output o @label(\"r\") reaction(i) -> o {= pass =} }",
+       @side(\"north\") input i @SIDE(\"South\") output o @label(\"r\") reaction(startup, i) -> o {= o.set(1) =} }",
     // A reactor called like the main one, which nothing refers to by its name.
     "reactor Main { } main reactor { m = new Main() }",
     // Properties that change nothing, in any case.
     "target Python { Docker: false, auth: false, clock-sync: off, comm-type: TCP, DNET: false,
-       no-compile: False, single-threaded: false, workers: 2, tracing: {trace-file-name: \"x\"} }
+       no-compile: False, single-threaded: false, workers: 2, tracing: false, logging: Info,
+       scheduler: NP }
      main reactor { }",
     // The same name for a state variable, a port and an instance.
     "reactor A { output x state x = 0 } main reactor { x = new A() }",

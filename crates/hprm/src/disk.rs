@@ -52,6 +52,10 @@ impl SourceLoader for Disk {
         entries.filter_map(name).collect()
     }
 
+    fn exists(&mut self, path: &str) -> bool {
+        Path::new(path).exists()
+    }
+
     fn packages(&mut self) -> Vec<String> {
         self.packages.clone()
     }

@@ -10,6 +10,7 @@ mod federation;
 mod hosts;
 pub(crate) mod modes;
 mod names;
+pub(crate) mod unset;
 mod values;
 
 use std::collections::BTreeSet;

@@ -135,7 +135,8 @@ impl Parser<'_> {
         }
         let mut inner = self.advance().span;
         inner.start += 2;
-        inner.end -= 2;
+        // Of a body without an end, there is nothing behind it.
+        inner.end = (inner.end - 2).max(inner.start);
         Ok(Body { inner })
     }
 

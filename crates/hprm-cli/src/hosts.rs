@@ -1,0 +1,84 @@
+//! Which of a federation's hosts (`at`) are this machine, for a launcher that starts all federates
+//! here.
+//!
+//! Nothing is looked up: a name server may take seconds, and a launch must not.
+
+use std::net::{IpAddr, UdpSocket};
+
+use hprm_lf::{Compiled, Diagnostic, PlacedAt, Severity};
+
+/// Warnings about parts of a federation that are to run elsewhere.
+pub(crate) fn elsewhere(compiled: &Compiled) -> Vec<Diagnostic> {
+    let system = rustix::system::uname();
+    let own = system.nodename().to_string_lossy();
+    let elsewhere = compiled.hosts.iter().filter(|placed| !is_here(&placed.host, &own));
+    elsewhere.map(warning).collect()
+}
+
+fn warning(placed: &PlacedAt) -> Diagnostic {
+    let PlacedAt { federate, host, span } = placed;
+    let (message, hint) = match federate {
+        Some(name) => (
+            format!("federate `{name}` is to run at `{host}`, and `hprm run` starts it here"),
+            "`hprm rti` and `hprm federate` start a federation on several machines \
+             (docs/deployment.md)",
+        ),
+        None => (
+            format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),
+            "`hprm rti` starts it alone (docs/deployment.md)",
+        ),
+    };
+    Diagnostic {
+        code: "LF0804",
+        severity: Severity::Warning,
+        message,
+        span: *span,
+        labels: Vec::new(),
+        hint: Some(hint.to_owned()),
+    }
+}
+
+/// Whether `host` (`user@host:port`) means the machine that calls itself `own`.
+fn is_here(host: &str, own: &str) -> bool {
+    let without_user = host.rsplit_once('@').map_or(host, |(_, rest)| rest);
+    let without_user = without_user.trim_start_matches('[');
+    let name = match without_user.split_once(']') {
+        Some((address, _)) => address,
+        None if without_user.matches(':').count() == 1 => {
+            without_user.split(':').next().unwrap_or_default()
+        }
+        None => without_user,
+    };
+    if let Ok(address) = name.parse::<IpAddr>() {
+        // Only an address of this machine can be bound.
+        return UdpSocket::bind((address, 0)).is_ok();
+    }
+    let first = |name: &str| name.split('.').next().unwrap_or_default().to_ascii_lowercase();
+    let local = first(name) == "localhost" || name.to_ascii_lowercase().ends_with(".localhost");
+    local || first(name) == first(own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_here;
+
+    #[test]
+    fn this_machine_is_told_from_others() {
+        for host in [
+            "localhost",
+            "LOCALHOST:15045",
+            "127.0.0.1",
+            "pi@127.0.0.1:22",
+            "0.0.0.0",
+            "robot",
+            "robot.local",
+            "pi@robot.lab.example:15045",
+        ] {
+            assert!(is_here(host, "robot"), "{host}");
+        }
+        // Addresses for documentation belong to no machine.
+        for host in ["192.0.2.1", "[2001:db8::1]:15045", "pi@[2001:db8::1]", "other.local", "rob"] {
+            assert!(!is_here(host, "robot"), "{host}");
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Outputs that nothing ever sets, neither a body nor a contained reactor.
+//!
+//! A body is text here. One that does not contain the name of an output cannot set it; one that does
+//! is believed.
+
+use std::collections::BTreeSet;
+
+use crate::ast::PortKind;
+use crate::diagnostic::{Diagnostic, Report};
+use crate::model::{Entity, Held, Model, Reaction};
+use crate::source::Sources;
+
+/// Warns about outputs of a class that has instances.
+pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
+    if model.reactions.is_empty() && model.declared.instances.is_empty() {
+        // A sketch, or what others extend.
+        return;
+    }
+    let connected: BTreeSet<usize> = model
+        .connections
+        .iter()
+        .flat_map(|connection| &connection.right)
+        .filter_map(|end| own_port(end.entity))
+        .collect();
+    for (index, port) in model.declared.ports.iter().enumerate() {
+        if port.kind != PortKind::Output || connected.contains(&index) {
+            continue;
+        }
+        let names_it = |reaction: &&Reaction<'_>| reaction.effects.contains(&Entity::Port(index));
+        let reactions: Vec<&Reaction<'_>> = model.reactions.iter().filter(names_it).collect();
+        if reactions.iter().any(|reaction| mentions(reaction, index, sources)) {
+            continue;
+        }
+        let name = &port.name.text;
+        let message = format!("nothing sets the output `{name}`");
+        let warning = Diagnostic::warning("LF0506", port.name.span, message);
+        report.add(match reactions.first() {
+            Some(reaction) => warning
+                .label(reaction.decl.header, "this names it as an effect")
+                .hint(format!("call `{}.set(value)` in its body", called(reaction, index))),
+            None => warning.hint(format!(
+                "name it as the effect of a reaction that calls `{name}.set(value)`, or connect an \
+                 output of a contained reactor to it"
+            )),
+        });
+    }
+}
+
+fn own_port(entity: Entity) -> Option<usize> {
+    match entity {
+        Entity::Port(port) => Some(port),
+        _ => None,
+    }
+}
+
+/// What the reaction calls the port.
+fn called<'r>(reaction: &'r Reaction<'_>, port: usize) -> &'r str {
+    let mut slots = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
+    slots.next_back().map_or("", |slot| &slot.name)
+}
+
+/// Whether a body of the reaction contains one of the names that it has for the port.
+fn mentions(reaction: &Reaction<'_>, port: usize, sources: &Sources) -> bool {
+    let decl = reaction.decl;
+    let bodies = decl
+        .body
+        .iter()
+        .chain(decl.deadline.iter().map(|deadline| &deadline.body))
+        .chain(decl.late.iter().filter_map(|late| late.body.as_ref()));
+    let mut texts = bodies.map(|body| sources.slice(body.inner));
+    let names = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
+    // All arguments at once.
+    let names: Vec<&str> = names.map(|slot| slot.name.as_str()).chain(["locals"]).collect();
+    texts.any(|text| words(text).any(|word| names.contains(&word)))
+}
+
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !(c.is_alphanumeric() || c == '_'))
+}
