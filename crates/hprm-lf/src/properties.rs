@@ -139,15 +139,9 @@ impl Stated {
                 self.settings.single_threaded = single;
                 self.properties.deadlines_first |= single;
             }),
-            "scheduler" => scheduler(value).map(|gedf| {
-                self.properties.deadlines_first |= gedf;
-                property_rules::unheeded(property, &name, report);
-            }),
+            "scheduler" => scheduler(value).map(|gedf| self.properties.deadlines_first |= gedf),
             "coordination" => coordination(value).map(|c| self.properties.coordination = c),
-            "logging" => logging(value).map(|level| {
-                self.settings.logging = Some(level);
-                property_rules::unheeded(property, &name, report);
-            }),
+            "logging" => logging(value).map(|level| self.settings.logging = Some(level)),
             "realtime" => realtime(value).map(|priority| self.properties.realtime = priority),
             "cpus" => cpus(value).map(|cpus| self.properties.cpus = cpus),
             "spin" => spin(value).map(|spin| self.properties.spin = spin),
@@ -166,10 +160,7 @@ impl Stated {
             }
             "store-limit" => size(value).map(|limit| self.settings.store.limit = Some(limit)),
             "store-full" => when_full(value).map(|full| self.settings.store.when_full = full),
-            "tracing" => tracing(value).map(|tracing| {
-                self.settings.tracing = tracing;
-                property_rules::unheeded(property, &name, report);
-            }),
+            "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, report);
                 Ok(())
@@ -190,9 +181,12 @@ impl Stated {
                 Ok(())
             }
         };
-        if let Err(expected) = known {
-            let message = format!("`{name}` must be {expected}");
-            report.add(Diagnostic::error("LF0603", value.span, message));
+        match known {
+            Ok(()) => property_rules::unheeded(property, &name, report),
+            Err(expected) => {
+                let message = format!("`{name}` must be {expected}");
+                report.add(Diagnostic::error("LF0603", value.span, message));
+            }
         }
     }
 

@@ -113,10 +113,11 @@ pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
             format!("`logging: {text}` has no effect yet"),
             "warnings and errors are always shown, and nothing else is",
         ),
-        _ => (
+        ("scheduler", _) => (
             format!("`scheduler: {}` has no effect here", text.to_ascii_uppercase()),
             "there is one scheduler; `GEDF_NP` lets it prefer reactions with earlier deadlines",
         ),
+        _ => return,
     };
     report.add(Diagnostic::warning("LF0606", property.name.span, what).hint(hint));
 }
