@@ -19,6 +19,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
+use self::departures::Departures;
 pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
@@ -31,6 +32,7 @@ use crate::{
     Reading, Table, Tag, Trigger,
 };
 
+mod departures;
 mod effects;
 mod kept;
 mod messages;
@@ -91,8 +93,12 @@ pub struct Scheduler<V> {
     /// The first tag: `START`, unless this is a federate that has joined late.
     first: Tag,
     tag: Tag,
+    /// The last tag here.
     stop: Tag,
+    /// The last tag of the program; after `stop`, if this federate leaves before the others.
+    program_end: Tag,
     stop_requested: bool,
+    departures: Departures,
     queue: EventQueue<V>,
     /// Empty but for a moment; the room for the events of a tag.
     happening: Vec<Event<V>>,
@@ -133,12 +139,16 @@ impl<V: Clone> Scheduler<V> {
     #[must_use]
     pub fn new(program: Arc<Program>, scope: Scope) -> Self {
         let wiring = Arc::new(Wiring::new(&program, scope));
+        let timeout = program.properties.timeout;
+        let program_end = timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0));
         Self {
             start: PhysicalTime(0),
             first: Tag::START,
             tag: Tag::NEVER,
-            stop: program.properties.timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0)),
+            stop: program_end,
+            program_end,
             stop_requested: false,
+            departures: Departures::default(),
             queue: EventQueue::new(),
             happening: Vec::new(),
             ports: Table::filled(program.ports.len(), None),
@@ -183,7 +193,7 @@ impl<V: Clone> Scheduler<V> {
     /// The last tag of the program, as far as it is known.
     #[must_use]
     pub fn stop_tag(&self) -> Tag {
-        self.stop
+        self.program_end
     }
 
     /// The physical time of tag zero.
@@ -231,7 +241,7 @@ impl<V: Clone> Scheduler<V> {
         if self.tag == Tag::NEVER {
             return self.first;
         }
-        if self.modes.has_due() {
+        if self.modes.has_due() || self.departures.are_due() {
             return self.tag.succ();
         }
         let idle = if self.outlives_its_events() { Tag::FOREVER } else { self.tag.succ() };
@@ -275,9 +285,10 @@ impl<V: Clone> Scheduler<V> {
         if first {
             self.queue_startup();
         }
-        let starved = self.queue.first().is_none() && !self.modes.has_due();
+        let is_due = self.modes.has_due() || self.departures.are_due();
+        let starved = self.queue.first().is_none() && !is_due;
         if starved && !first && !self.outlives_its_events() {
-            self.stop = self.stop.min(tag);
+            self.end_at(tag);
         }
         self.queue_due();
         let mut events = mem::take(&mut self.happening);
@@ -288,7 +299,9 @@ impl<V: Clone> Scheduler<V> {
         self.happening = events;
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
-            self.queue_shutdown();
+            self.queue_shutdown(|_| true);
+        } else if self.departures.are_due() {
+            self.queue_departures();
         }
     }
 
@@ -388,14 +401,20 @@ impl<V: Clone> Scheduler<V> {
         self.sent.clear();
         self.level = None;
         self.record_end();
+        self.depart();
         self.change_modes();
         self.tag >= self.stop
     }
 
     /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
     pub fn set_stop(&mut self, tag: Tag) {
-        self.stop = self.stop.min(tag.max(self.tag.succ()).max(self.first));
+        self.end_at(tag.max(self.tag.succ()).max(self.first));
         self.queue.truncate(self.stop);
+    }
+
+    fn end_at(&mut self, tag: Tag) {
+        self.program_end = self.program_end.min(tag);
+        self.stop = self.stop.min(tag);
     }
 
     /// Whether a reaction has asked the federation to stop since this was last called.

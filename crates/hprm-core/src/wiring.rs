@@ -84,10 +84,15 @@ impl Scope {
 
 impl Wiring {
     pub(crate) fn new(program: &Program, scope: Scope) -> Self {
+        Self::without(program, scope, &[])
+    }
+
+    /// The same without whatever triggers reactions of federates that have left.
+    pub(crate) fn without(program: &Program, scope: Scope, gone: &[FederateId]) -> Self {
         let root = roots(program, scope);
         let order = Order::new(program, scope);
-        let triggers = Triggers::new(program, scope, &root, &order);
-        let leaving = Leaving::new(program, scope, &root);
+        let triggers = Triggers::new(program, scope, gone, (&root, &order));
+        let leaving = Leaving::new(program, scope, gone, &root);
         let ports = program.ports.len();
         let timers = program.timers.iter();
         let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
@@ -119,6 +124,11 @@ impl Wiring {
     }
 }
 
+/// Whether the federate of a reactor has left.
+fn has_left(program: &Program, gone: &[FederateId], reactor: ReactorId) -> bool {
+    program.reactors[reactor].federate.is_some_and(|federate| gone.contains(&federate))
+}
+
 /// What triggers what.
 #[derive(Default)]
 struct Triggers {
@@ -131,10 +141,15 @@ struct Triggers {
 }
 
 impl Triggers {
-    fn new(program: &Program, scope: Scope, root: &Table<PortId, PortId>, order: &Order) -> Self {
+    fn new(
+        program: &Program,
+        scope: Scope,
+        gone: &[FederateId],
+        (root, order): (&Table<PortId, PortId>, &Order),
+    ) -> Self {
         let mut triggers = Self::default();
         let local = program.reactions.iter().filter(|(_, r)| scope.contains(program, r.reactor));
-        for (id, reaction) in local {
+        for (id, reaction) in local.filter(|(_, r)| !has_left(program, gone, r.reactor)) {
             let position = order.position(id);
             for trigger in &reaction.triggers {
                 match *trigger {
@@ -160,10 +175,16 @@ struct Leaving {
 }
 
 impl Leaving {
-    fn new(program: &Program, scope: Scope, root: &Table<PortId, PortId>) -> Self {
+    fn new(
+        program: &Program,
+        scope: Scope,
+        gone: &[FederateId],
+        root: &Table<PortId, PortId>,
+    ) -> Self {
         let mut leaving = Self::default();
         let conditional = program.conditional_connections();
         for (id, connection) in program.connections.iter() {
+            let to = program.ports[connection.to].reactor;
             let local = [connection.from, connection.to]
                 .iter()
                 .all(|port| scope.contains(program, program.ports[*port].reactor));
@@ -171,7 +192,7 @@ impl Leaving {
             // that is not local either is a channel or belongs to others.
             if local && conditional[id] {
                 leaving.relays.push((root[connection.from], id));
-            } else if local && !connection.is_direct() {
+            } else if local && !connection.is_direct() && !has_left(program, gone, to) {
                 leaving.delayed.push((root[connection.from], id));
             }
         }

@@ -103,6 +103,7 @@ fn a_record_tells_all_that_a_reaction_did() {
         actions: Vec::new(),
         modes: Vec::new(),
         stops: false,
+        leaves: false,
     };
     let outcome = Scheduled::At(Tag::new(3, 0));
     let actions = vec![

@@ -59,8 +59,10 @@ pub struct Federate {
     current: Tag,
     /// The tag at which this federate starts.
     first: Tag,
-    /// Whether it leaves when it stops, while the federation may go on.
-    departs: bool,
+    /// Its last tag, if it leaves while the federation may go on.
+    departure: Option<Tag>,
+    /// It leaves after its next tag, if that comes sooner.
+    wants_to_leave: bool,
     /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
     /// Federates that have said that nothing follows on their direct links.
@@ -119,7 +121,8 @@ impl Federate {
             activity: Activity::Unknown,
             current: Tag::NEVER,
             first: Tag::START,
-            departs: false,
+            departure: None,
+            wants_to_leave: false,
             gone: BTreeSet::new(),
             silent: BTreeSet::new(),
             missing: BTreeMap::new(),
@@ -281,8 +284,10 @@ impl Federate {
             }
             Input::NextEvent(tag) => {
                 if !matches!(self.activity, Activity::Processing | Activity::Within(_)) {
-                    self.activity = Activity::Idle(tag);
-                    self.reached(tag);
+                    // The scheduler's next event is not its end, at which there is something to do.
+                    let next = tag.min(self.last_tag());
+                    self.activity = Activity::Idle(next);
+                    self.reached(next);
                 }
             }
             Input::Reached(level) => {
@@ -315,9 +320,10 @@ impl Federate {
                 }
             }
             Input::Depart => self.depart(Tag::START),
-            Input::Finished if self.departs => self.resign(Frame::Leave),
+            Input::RequestDeparture => self.request_departure(),
+            Input::Finished if self.departure.is_some() => self.resign(self.leave()),
             Input::Finished => self.resign(Frame::Resign),
-            Input::Leave => self.resign(Frame::Leave),
+            Input::Leave => self.resign(self.leave()),
             Input::Failed { message, code } => self.fail(message, code),
             Input::Wake => self.miss(now),
         }
@@ -459,6 +465,9 @@ impl Federate {
             && machine.completed(tag)
         {
             self.outputs.push_back(Output::ToRti(Frame::LatestTagConfirmed { tag }));
+        }
+        if std::mem::take(&mut self.wants_to_leave) && tag < self.last_tag() {
+            self.depart(Tag::START);
         }
     }
 

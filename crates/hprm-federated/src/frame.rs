@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 6;
+pub const PROTOCOL: u32 = 7;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -199,7 +199,8 @@ pub enum Frame {
         /// It sends nothing before this tag.
         first: Tag,
     },
-    /// RTI to a transient federate: another instance takes over, so leave at this tag.
+    /// RTI to a federate: leave at this tag, because you asked, or another instance of you takes over.
+    /// Federate to RTI: I want to leave, at which tag may I? Not before this one.
     Depart {
         /// Its last tag, if it has not come so far yet.
         tag: Tag,
@@ -330,7 +331,10 @@ pub enum Frame {
     /// also have left.
     Resign,
     /// Federate to RTI: I leave before the last tag, and the others go on without me.
-    Leave,
+    Leave {
+        /// The last tag that it has processed, or that it was processing.
+        tag: Tag,
+    },
     /// RTI to the neighbours of a federate: it has ended, in order or not.
     Gone {
         /// Who.
@@ -398,7 +402,7 @@ impl Frame {
             Self::Ping => "Ping",
             Self::Pong => "Pong",
             Self::Resign => "Resign",
-            Self::Leave => "Leave",
+            Self::Leave { .. } => "Leave",
             Self::Gone { .. } => "Gone",
             Self::Failed { .. } => "Failed",
             Self::ClockRequest { .. } => "ClockRequest",

@@ -80,8 +80,11 @@ pub enum Input {
     },
     /// A reaction, or the user, asks the federation to stop.
     RequestStop,
-    /// A reaction asks that this federate alone stops, as soon as may be; the others go on.
+    /// A reaction of the tag that has just been completed asks that this federate alone stops; the
+    /// others go on.
     Depart,
+    /// The same from elsewhere, such as another thread.
+    RequestDeparture,
     /// The last tag is complete.
     Finished,
     /// The federate leaves before the last tag, and all is well.
@@ -147,8 +150,11 @@ pub enum Output {
         /// The value.
         payload: Payload,
     },
-    /// The federation ends at this tag, or this federate does.
+    /// The federation ends at this tag.
     SetStop(Tag),
+    /// This federate ends at this tag, or at the next one if that has passed, and the federation may
+    /// go on.
+    LeaveAt(Tag),
     /// A segment to map; its descriptor came with the frame.
     Segment {
         /// Whose segment it is.

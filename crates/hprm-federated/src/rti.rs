@@ -147,7 +147,8 @@ pub struct Rti {
     links: BTreeMap<LinkId, FederateId>,
     /// Links that will be closed. Who is at the other end may not have heard of it.
     refused: BTreeSet<LinkId>,
-    /// The physical time of tag zero, and of the latest input; of use only to transient federates.
+    /// The physical time of tag zero, and of the latest input; of use only to federates that join late
+    /// or leave early.
     start: PhysicalTime,
     now: PhysicalTime,
     advance: Advance,
@@ -157,6 +158,8 @@ pub struct Rti {
     stop: Negotiation,
     /// Whether a federate has processed the last tag of the program.
     ended: bool,
+    /// The latest of the last tags of federates that have left before; the program ends after it.
+    past: Tag,
     failed: bool,
     finished: bool,
     outputs: VecDeque<RtiOutput>,
@@ -188,6 +191,7 @@ impl Rti {
             watch: None,
             stop: Negotiation::Idle,
             ended: false,
+            past: Tag::NEVER,
             failed: false,
             finished: false,
             outputs: VecDeque::new(),
@@ -209,7 +213,8 @@ impl Rti {
     /// If the input breaks the protocol. Nothing has changed; the link should be closed, and
     /// [`RtiInput::Closed`] reported.
     pub fn handle(&mut self, now: PhysicalTime, input: RtiInput) -> Result<(), Fault> {
-        if self.topology.has_transients() {
+        let leaves = matches!(input, RtiInput::Frame { frame: Frame::Depart { .. }, .. });
+        if self.topology.has_transients() || leaves {
             self.now = now;
         }
         match input {
@@ -344,8 +349,12 @@ impl Rti {
                 self.resigned(from);
                 Ok(())
             }
-            Frame::Leave if running => {
-                self.gone(from);
+            Frame::Depart { tag } if running => {
+                self.dismiss(from, tag);
+                Ok(())
+            }
+            Frame::Leave { tag } if running => {
+                self.left(from, tag);
                 Ok(())
             }
             _ => unexpected,

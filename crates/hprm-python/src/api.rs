@@ -60,12 +60,9 @@ impl Api {
         self.0.request_stop()
     }
 
-    /// Ends this federate at its next tag, while the others go on; where the whole program runs, that.
+    /// Ends the federate at its next tag, while the others go on. A program without federates ends.
     fn stop(&self) -> PyResult<()> {
-        match self.0.scope() {
-            Scope::Whole => self.0.request_stop(),
-            Scope::Federate(_) => self.0.depart(),
-        }
+        self.0.depart()
     }
 
     /// The tag at which this federate started: that of the start, unless it joined late.

@@ -252,8 +252,16 @@ impl Runtime {
     /// Ends this federate at its next tag; the others go on.
     pub(crate) fn depart(&self) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.cell().departs = true;
-        self.inbox.ring();
+        let mut cell = self.cell();
+        if let Some(running) = cell.reacting() {
+            running.effects.leave();
+        } else if matches!(self.scope(), Scope::Whole) {
+            // A thread is of no federate where all run in one process.
+            self.inbox.request_stop();
+        } else {
+            cell.departs = true;
+            self.inbox.ring();
+        }
         Ok(())
     }
 

@@ -158,6 +158,7 @@ impl Node {
                     self.scheduler.deliver_physical(channel, now, value(&payload));
                 }
                 Output::SetStop(tag) => self.scheduler.set_stop(tag),
+                Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
                 Output::Ended { reason } => self.ended = Some(reason),
                 output => self.outputs.push_back(output),
             }

@@ -281,7 +281,9 @@ where
         }
         if self.phase == Phase::Running {
             if self.host.take_departure() {
-                self.handle(Input::Depart)?;
+                let me = self.federation.me();
+                self.scheduler.mark_departure(Some(me));
+                self.handle(Input::RequestDeparture)?;
             }
             // Before any other input: the machine promises nothing beyond the next event.
             self.handle(Input::NextEvent(self.scheduler.next_event()))?;
@@ -365,6 +367,10 @@ where
         }
         if self.scheduler.take_stop_request() {
             self.handle(Input::RequestStop)?;
+        }
+        // Before anything else is said of what is next.
+        if self.scheduler.take_departure() && !last {
+            self.handle(Input::Depart)?;
         }
         if last {
             self.handle(Input::Finished)?;
@@ -459,6 +465,7 @@ where
                 self.scheduler.deliver_physical(channel, Clock::now(), value);
             }
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
+            Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
             Output::Segment { owner, segment, len } => {
                 objects.attach(owner, segment, len, wires.take_descriptor(owner, segment))?;
             }

@@ -160,7 +160,8 @@ pub trait Host {
         None
     }
 
-    /// Whether a body has asked that this federate alone stops, since this was last called.
+    /// Whether another thread than that of a body has asked that this federate alone stops, since this
+    /// was last called.
     fn take_departure(&mut self) -> bool {
         false
     }

@@ -60,6 +60,8 @@ pub(crate) enum Difference {
     Mode(usize, [Option<Enter>; 2]),
     /// Only one asked for the end: the second one, if this is true.
     Stops(bool),
+    /// Only one asked for the end of its federate: the second one, if this is true.
+    Leaves(bool),
     End([At; 2]),
 }
 
@@ -169,6 +171,9 @@ impl Judge {
                 return Some(Difference::Mode(index + 1, pair.map(Option::<&_>::cloned)));
             }
         }
+        if a.leaves != b.leaves {
+            return Some(Difference::Leaves(b.leaves));
+        }
         (a.stops != b.stops).then_some(Difference::Stops(b.stops))
     }
 
@@ -213,7 +218,7 @@ pub(crate) fn digest<R: BufRead + Seek>(
             let sets = entry.sets.iter().map(|set| (&set.port, set.value.digest));
             let (calls, sets): (Vec<_>, Vec<_>) = (calls.collect(), sets.collect());
             let who = (entry.tag, &entry.reaction, entry.body, entry.tardy);
-            let all = (who, sets, calls, &entry.enters, entry.stops);
+            let all = (who, sets, calls, &entry.enters, entry.stops, entry.leaves);
             let text = serde_json::to_vec(&all).expect("what was read can be written");
             digester.write(&text);
         }

@@ -55,7 +55,8 @@ pub(crate) fn merge<R: BufRead + Seek>(
     draft.write(&Line::End(end)).and_then(|()| draft.publish()).map_err(unwritten)
 }
 
-/// The end of all: as early as that of the first, and as bad as that of the worst.
+/// The end of all: as early as that of the first, but for those that left before the others, and as
+/// bad as that of the worst.
 fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) -> End {
     let absent = missing.map(|name| End {
         end: (0, 0),
@@ -63,10 +64,17 @@ fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) ->
         message: Some(format!("federate {name} has left no trace")),
         physical: false,
         tardy: 0,
+        early: false,
     });
     let all = ends.cloned().chain(absent);
     let merged = all.reduce(|a, b| End {
-        end: a.end.min(b.end),
+        end: match (a.early, b.early) {
+            (false, true) => a.end,
+            (true, false) => b.end,
+            (true, true) => a.end.max(b.end),
+            (false, false) => a.end.min(b.end),
+        },
+        early: a.early && b.early,
         outcome: a.outcome.max(b.outcome),
         message: match b.message {
             // What the others were told is less than what the one that failed has to say.
@@ -76,7 +84,8 @@ fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) ->
         physical: a.physical || b.physical,
         tardy: a.tardy + b.tardy,
     });
-    merged.expect("a federation has a federate")
+    let merged = merged.expect("a federation has a federate");
+    End { early: false, ..merged }
 }
 
 #[cfg(test)]

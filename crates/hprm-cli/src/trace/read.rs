@@ -142,7 +142,10 @@ fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<(End, bool)> {
         Ok(Line::Header(_)) | Err(_) => (0, 0),
     };
     let message = Some("the trace breaks off: its process has not ended in order".to_owned());
-    Ok((End { end, outcome: Ending::Failed, message, physical: false, tardy: 0 }, false))
+    Ok((
+        End { end, outcome: Ending::Failed, message, physical: false, tardy: 0, early: false },
+        false,
+    ))
 }
 
 #[cfg(test)]

@@ -45,6 +45,10 @@ pub(crate) fn sentence(divergence: &Divergence, [a, b]: [&str; 2]) -> String {
             let [does, not] = only(*second);
             format!("{subject} asks for the end in {does}, but not in {not}")
         }
+        Difference::Leaves(second) => {
+            let [does, not] = only(*second);
+            format!("{subject} asks for the end of its federate in {does}, but not in {not}")
+        }
         Difference::End([x, y]) => {
             both("the program ends", [x, y].map(|end| format!("at {}", moment(*end))))
         }

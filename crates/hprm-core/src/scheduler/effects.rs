@@ -47,6 +47,7 @@ enum Command<V> {
     Enter(ModeId, Transition),
     SetDeadline(Nanos),
     RequestStop,
+    Leave,
     MarkPhysical,
 }
 
@@ -137,6 +138,11 @@ impl<V: Clone> Effects<V> {
     pub fn request_stop(&mut self) {
         self.commands.push(Command::RequestStop);
     }
+
+    /// Ends the reaction's federate; see [`Scheduler::leave`].
+    pub fn leave(&mut self) {
+        self.commands.push(Command::Leave);
+    }
 }
 
 impl<V: Clone> Scheduler<V> {
@@ -188,6 +194,7 @@ impl<V: Clone> Scheduler<V> {
                 Command::Enter(mode, transition) => self.enter(mode, transition),
                 Command::SetDeadline(deadline) => self.set_deadline(reaction, deadline),
                 Command::RequestStop => self.request_stop(),
+                Command::Leave => self.leave(),
                 Command::MarkPhysical => self.mark_physical(),
             }
         }

@@ -95,7 +95,7 @@ impl<V: Clone> Scheduler<V> {
                 continue;
             }
             let tag = self.assign(connection, delay.shift(self.tag));
-            if physical || tag <= self.stop {
+            if physical || tag <= self.program_end {
                 let value = value.clone();
                 self.sends.push_back(Send { channel: *channel, tag, value, physical: marked });
             }

@@ -9,7 +9,9 @@ use super::Scheduler;
 use crate::order::Batch;
 use crate::queue::Event;
 use crate::wiring::{ModeWiring, Wiring};
-use crate::{Delay, ModeId, Nanos, Program, ReactionId, Table, Tag, TimerId, Transition};
+use crate::{
+    Delay, ModeId, Nanos, Program, ReactionId, ReactorId, Table, Tag, TimerId, Transition,
+};
 
 /// The modes of a running program.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -96,6 +98,23 @@ impl<V> Modes<V> {
         }
     }
 
+    /// Forgets what reactors have asked for and what waits in them.
+    pub(super) fn forget(
+        &mut self,
+        wiring: &ModeWiring,
+        gone: impl Fn(ReactorId) -> bool,
+        gone_reaction: impl Fn(ReactionId) -> bool,
+        gone_event: impl Fn(&Event<V>) -> bool,
+    ) {
+        for (modal, requested) in wiring.reactors.iter().zip(&mut self.requested) {
+            if gone(modal.reactor) {
+                *requested = None;
+            }
+        }
+        self.suspended.retain(|suspended| !gone_event(&suspended.event));
+        self.waiting.retain(|reaction| !gone_reaction(*reaction));
+    }
+
     /// Puts an event aside.
     pub(super) fn suspend(&mut self, event: Event<V>, mode: ModeId, remaining: Nanos) {
         self.suspended.push(Suspended { event, mode, remaining });
@@ -171,9 +190,10 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Queues the reactions to the end: also those of modes that are not active, if they have been.
-    pub(super) fn queue_shutdown(&mut self) {
-        for reaction in &self.wiring.shutdown {
+    /// Queues the reactions to the end, of what ends: also those of modes that are not active, if they
+    /// have been.
+    pub(super) fn queue_shutdown(&mut self, ends: impl Fn(ReactionId) -> bool) {
+        for reaction in self.wiring.shutdown.iter().filter(|reaction| ends(**reaction)) {
             if self.modes.was_active(self.wiring.modes.of_reaction[*reaction]) {
                 self.ready.push(self.wiring.order.position(*reaction));
             }

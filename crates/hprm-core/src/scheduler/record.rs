@@ -17,7 +17,8 @@ use std::collections::{BTreeSet, VecDeque};
 
 use super::{Body, Scheduled, Scheduler};
 use crate::{
-    ActionId, ModeId, Origin, PortId, Program, ReactionId, ReactorId, Tag, Transition, Trigger,
+    ActionId, FederateId, ModeId, Origin, PortId, Program, ReactionId, ReactorId, Tag, Transition,
+    Trigger,
 };
 
 /// What one reaction did at one tag.
@@ -42,6 +43,8 @@ pub struct Record<V> {
     pub modes: Vec<(ModeId, Transition)>,
     /// Whether it asked the program to stop.
     pub stops: bool,
+    /// Whether it asked its federate to leave the program.
+    pub leaves: bool,
 }
 
 /// An action that a reaction scheduled.
@@ -178,6 +181,7 @@ impl<V: Clone> Scheduler<V> {
             actions: Vec::new(),
             modes: Vec::new(),
             stops: false,
+            leaves: false,
         };
         recorder.open = Some(Open { record, set: Vec::new() });
     }
@@ -217,6 +221,26 @@ impl<V: Clone> Scheduler<V> {
             open.record.stops = true;
         }
         recorder.stop |= recorder.open.as_ref().is_none_or(|open| open.record.physical);
+    }
+
+    /// The running reaction has asked for the end of its federate.
+    pub(super) fn record_departure(&mut self) {
+        let Some(recorder) = &mut self.recorder else { return };
+        let Some(open) = &mut recorder.open else { return };
+        open.record.leaves = true;
+        if open.record.physical {
+            let reactor = self.program.reactions[open.record.reaction].reactor;
+            self.mark_departure(self.program.reactors[reactor].federate);
+        }
+    }
+
+    /// The end of a federate depends on the physical world, and so does what it does there.
+    pub fn mark_departure(&mut self, federate: Option<FederateId>) {
+        if let Some(recorder) = &mut self.recorder {
+            let reactors = self.program.reactors.iter();
+            let of_federate = reactors.filter(|(_, reactor)| reactor.federate == federate);
+            recorder.reactors.extend(of_federate.map(|(id, _)| id));
+        }
     }
 
     /// The running reaction has returned.

@@ -62,7 +62,8 @@ impl<V: Clone> Scheduler<V> {
             }
         }
         // At the end of time there is no next microstep to pile up at, and nobody gets there.
-        if tag > self.stop || tag.time == Nanos::MAX {
+        let stop = self.stop_of(spec.reactor);
+        if tag > stop || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
         let at = self.queue.pile(tag, Event::Action { action, value, physical });

@@ -33,10 +33,31 @@ impl Federate {
 
     /// Stops this federate alone, at `tag` or as soon as may be after it.
     pub(super) fn depart(&mut self, tag: Tag) {
-        self.departs = true;
         let tag = tag.max(self.current.succ()).max(self.first);
-        self.expect(tag);
-        self.outputs.push_back(Output::SetStop(tag));
+        let last = self.last_tag().min(tag);
+        self.departure = Some(last);
+        self.expect(last);
+        self.outputs.push_back(Output::LeaveAt(last));
+    }
+
+    /// Asks when this federate may stop alone. What it has said it would do next was said without
+    /// that, and others may count on it.
+    pub(super) fn request_departure(&mut self) {
+        if self.startup.start().is_some() && self.departure.is_none() && !self.wants_to_leave {
+            let tag = self.current.succ().max(self.first);
+            self.wants_to_leave = true;
+            self.outputs.push_back(Output::ToRti(Frame::Depart { tag }));
+        }
+    }
+
+    /// The last tag of this federate alone, if it leaves before the others.
+    pub(super) fn last_tag(&self) -> Tag {
+        self.departure.unwrap_or(Tag::FOREVER)
+    }
+
+    /// What the RTI is told at the end, if the others go on.
+    pub(super) fn leave(&self) -> Frame {
+        Frame::Leave { tag: self.current }
     }
 
     pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId) {

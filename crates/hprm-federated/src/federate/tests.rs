@@ -343,6 +343,41 @@ fn a_federate_stays_before_the_tag_that_it_named_until_the_decision() {
 }
 
 #[test]
+fn a_federate_that_leaves_says_that_it_does_something_at_its_end() {
+    let mut machine = started("a -> b", "a", 2, &[]);
+    input(&mut machine, 0, Input::NextEvent(at(5)));
+    input(&mut machine, 0, Input::Begun(at(5)));
+    input(&mut machine, 0, Input::Completed(at(5)));
+    let last = at(5).succ();
+    assert_eq!(input(&mut machine, 0, Input::Depart), [Output::LeaveAt(last)]);
+    let outputs = input(&mut machine, 0, Input::NextEvent(at(90)));
+    assert_eq!(outputs, [Output::ToRti(Frame::NextEventTag { tag: last })]);
+    input(&mut machine, 0, Input::Begun(last));
+    let message = Input::Send { channel: ChannelId(0), tag: last, payload: Payload::default() };
+    let outputs = input(&mut machine, 0, message);
+    assert!(matches!(outputs.as_slice(), [Output::ToRti(Frame::Message { .. })]), "{outputs:?}");
+    input(&mut machine, 0, Input::Completed(last));
+    let expected = [Output::ToRti(Frame::Leave { tag: last })];
+    let outputs = input(&mut machine, 0, Input::Finished);
+    assert!(outputs.ends_with(&expected), "{outputs:?}");
+}
+
+#[test]
+fn a_federate_asks_when_to_leave_if_others_count_on_what_it_does_next() {
+    let mut machine = started("a -> b", "a", 2, &[]);
+    input(&mut machine, 0, Input::NextEvent(at(50)));
+    let asks = input(&mut machine, 0, Input::RequestDeparture);
+    assert_eq!(asks, [Output::ToRti(Frame::Depart { tag: Tag::START })]);
+    let outputs = input(&mut machine, 0, Input::FromRti(Frame::Depart { tag: at(20) }));
+    assert_eq!(outputs[0], Output::LeaveAt(at(20)));
+    assert!(input(&mut machine, 0, Input::RequestDeparture).is_empty());
+    // Unless it does something before: then it says itself what comes next.
+    input(&mut machine, 0, Input::Begun(at(7)));
+    let outputs = input(&mut machine, 0, Input::Completed(at(7)));
+    assert!(outputs.ends_with(&[Output::LeaveAt(at(7).succ())]), "{outputs:?}");
+}
+
+#[test]
 fn a_stop_takes_back_grants_that_did_not_know_of_it() {
     let mut machine = started("a -> b", "b", 2, &[]);
     input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: Tag::FOREVER }));

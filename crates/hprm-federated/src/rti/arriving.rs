@@ -138,7 +138,7 @@ impl Rti {
                 self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
                 self.withdraw(federate);
             }
-            (Frame::Leave, _) => self.withdraw(federate),
+            (Frame::Leave { .. }, _) => self.withdraw(federate),
             _ => return unexpected,
         }
         Ok(())
@@ -232,11 +232,17 @@ impl Rti {
             self.introduce(federate);
         } else if until.is_none() {
             *until = Some(self.now.plus(DEPARTURE));
-            let tag = self.entry(federate);
-            self.advance.depart(&self.topology, federate, tag);
-            self.send(federate, Frame::Depart { tag });
-            self.tell();
+            self.dismiss(federate, Tag::START);
         }
+    }
+
+    /// Tells a federate to leave: at the next tag at which nobody can be surprised by that, `least` or
+    /// later.
+    pub(super) fn dismiss(&mut self, federate: FederateId, least: Tag) {
+        let tag = self.entry(federate).max(least);
+        self.advance.depart(&self.topology, federate, tag);
+        self.send(federate, Frame::Depart { tag });
+        self.tell();
     }
 
     /// Tells the neighbours of a federate that it is about to join.

@@ -27,7 +27,7 @@ impl Rti {
     /// Who has resigned has processed the last tag of the program. Then that stands, for whoever
     /// has not come so far: nothing can be earlier for the one and later for the other.
     pub(super) fn stop_request(&mut self, from: FederateId, tag: Tag) {
-        let tag = if self.ended { Tag::FOREVER } else { tag };
+        let tag = if self.ended { Tag::FOREVER } else { tag.max(self.past.succ()) };
         match &mut self.stop {
             Negotiation::Decided => return,
             Negotiation::Asking { latest, .. } => *latest = (*latest).max(tag),
@@ -54,7 +54,7 @@ impl Rti {
         self.turn_away();
         if self.stop == Negotiation::Idle {
             let answered = Table::filled(self.members.len(), false);
-            let latest = if self.ended { Tag::FOREVER } else { tag };
+            let latest = if self.ended { Tag::FOREVER } else { tag.max(self.past.succ()) };
             self.stop = Negotiation::Asking { latest, answered };
             self.send_all(&Frame::StopRequest { tag: latest });
         }
@@ -97,6 +97,15 @@ impl Rti {
         self.turn_away();
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = Tag::FOREVER;
+        }
+        self.gone(federate);
+    }
+
+    /// A federate has ended before the last tag of the program, which is after its own.
+    pub(super) fn left(&mut self, federate: FederateId, tag: Tag) {
+        self.past = self.past.max(tag);
+        if let Negotiation::Asking { latest, .. } = &mut self.stop {
+            *latest = (*latest).max(tag.succ());
         }
         self.gone(federate);
     }

@@ -99,9 +99,14 @@ impl Scenario {
             ["asks-stop", at] => Frame::StopRequest { tag: tag(at) },
             ["replies", at] => Frame::StopReply { tag: tag(at) },
             ["resigns"] => Frame::Resign,
-            ["leaves"] => Frame::Leave,
+            ["leaves"] => Frame::Leave { tag: Tag::NEVER },
+            ["leaves", "after", at] => Frame::Leave { tag: tag(at) },
+            ["wants", "to", "leave", "after", at] => Frame::Depart { tag: tag(at) },
             // The one that was there before.
-            ["old", "leaves"] => return self.input_on(self.links[from].1, Frame::Leave),
+            ["old", "leaves"] => {
+                let frame = Frame::Leave { tag: Tag::NEVER };
+                return self.input_on(self.links[from].1, frame);
+            }
             ["joins"] => return self.hello(from),
             ["has", "loaded"] => Frame::Loaded,
             ["is", "ready"] => Frame::Ready { now: self.now },
@@ -235,5 +240,5 @@ macro_rules! scenarios {
 
 scenarios! {
     chain circle diamond cycle quiet resign stop stop_twice stop_late patience
-    transient transient_swap transient_circle transient_end transient_withdraws
+    departure transient transient_swap transient_circle transient_end transient_withdraws
 }

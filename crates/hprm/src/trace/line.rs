@@ -66,6 +66,9 @@ pub struct Entry {
     /// Whether it asked the program to stop.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub stops: bool,
+    /// Whether it asked its federate to leave the program.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub leaves: bool,
     /// The tag that an input was meant for, if one came too late.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tardy: Option<At>,
@@ -168,6 +171,9 @@ pub struct End {
     /// How many reactions had an input that came too late.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub tardy: u64,
+    /// Whether this is the share of a federate that left before the others. The merged trace has none.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub early: bool,
 }
 
 /// How a run ends, from good to bad.

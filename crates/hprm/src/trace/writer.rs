@@ -90,6 +90,7 @@ impl Trace {
             message: message.map(str::to_owned),
             physical: scheduler.stops_physically(),
             tardy: self.tardy,
+            early: scheduler.leaves_early(),
         };
         self.flush()?;
         let published = self.draft.write(&Line::End(end)).and_then(|()| self.draft.publish());
@@ -132,6 +133,7 @@ impl Trace {
             schedules,
             enters: record.modes.into_iter().map(enter).collect(),
             stops: record.stops,
+            leaves: record.leaves,
             tardy: record.tardy.map(at),
             physical: record.physical,
         }

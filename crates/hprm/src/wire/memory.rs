@@ -275,14 +275,14 @@ mod tests {
         let (mut here, mut there) = MemoryLink::pair().unwrap();
         assert!(!rings(&there));
         here.queue(&Frame::Resign, None);
-        here.queue(&Frame::Leave, None);
+        here.queue(&Frame::Resign, None);
         assert!(here.has_outbound() && !rings(&there));
         here.flush().unwrap();
         assert!(!here.has_outbound() && rings(&there));
         assert_eq!(there.read(), Arrival::Rest);
         assert!(!rings(&there));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
-        assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Leave));
+        assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
         assert!(there.next_frame().is_none());
         assert_eq!(there.read(), Arrival::Nothing);
     }

@@ -1,0 +1,146 @@
+//! Federates that leave: each stops at the next microstep, and the rest of the program goes on.
+//!
+//! Where a federate has a scheduler of its own, that only asks, and its driver answers with
+//! [`Scheduler::leave_at`]. In the scheduler of a whole program the federate's reactors run their
+//! shutdown reactions and then nothing; what they have sent stays on its way.
+
+use std::sync::Arc;
+
+use super::Scheduler;
+use crate::queue::Event;
+use crate::wiring::{Scope, Wiring};
+use crate::{ActionId, FederateId, PortId, ReactionId, ReactorId, Tag};
+
+/// Which federates leave a whole program, and whether the one that runs here wants to.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+pub(super) struct Departures {
+    /// A reaction has asked, in a federate's own scheduler.
+    requested: bool,
+    /// Those whose last tag is the next microstep.
+    due: Vec<FederateId>,
+    /// Those whose last tag is the current one.
+    leaving: Vec<FederateId>,
+    gone: Vec<FederateId>,
+}
+
+impl Departures {
+    /// Whether the next microstep is the last tag of a federate.
+    #[inline]
+    pub(super) fn are_due(&self) -> bool {
+        !self.due.is_empty()
+    }
+
+    fn is_known(&self, federate: FederateId) -> bool {
+        [&self.due, &self.leaving, &self.gone].iter().any(|known| known.contains(&federate))
+    }
+}
+
+impl<V: Clone> Scheduler<V> {
+    /// Ends the federate of the running reaction at the next microstep; the others go on. Where the
+    /// program has no federates, it ends. A federate's own scheduler only asks: see
+    /// [`Self::take_departure`].
+    pub fn leave(&mut self) {
+        let reactor = self.running.map(|reaction| self.program.reactions[reaction].reactor);
+        let Some(federate) = reactor.and_then(|reactor| self.program.reactors[reactor].federate)
+        else {
+            self.request_stop();
+            return;
+        };
+        self.record_departure();
+        let goes_on = self.stop > self.tag.succ();
+        match self.scope {
+            Scope::Federate(_) => self.departures.requested |= goes_on,
+            Scope::Whole if goes_on && !self.departures.is_known(federate) => {
+                self.departures.due.push(federate);
+            }
+            Scope::Whole => {}
+        }
+    }
+
+    /// Whether a reaction has asked that this federate leaves since this was last called.
+    pub fn take_departure(&mut self) -> bool {
+        std::mem::take(&mut self.departures.requested)
+    }
+
+    /// Ends this federate at `tag`, or at the next one if that has passed, while the program goes on.
+    /// An earlier end stands.
+    pub fn leave_at(&mut self, tag: Tag) {
+        self.stop = self.stop.min(tag.max(self.tag.succ()).max(self.first));
+        self.queue.truncate(self.stop);
+    }
+
+    /// Whether this federate ends before the program does, as far as is known.
+    #[must_use]
+    pub fn leaves_early(&self) -> bool {
+        self.stop < self.program_end
+    }
+
+    /// The last tag of a reactor, as far as is known.
+    #[inline]
+    pub(super) fn stop_of(&self, reactor: ReactorId) -> Tag {
+        let Departures { leaving, gone, .. } = &self.departures;
+        if leaving.is_empty() && gone.is_empty() {
+            return self.stop;
+        }
+        match self.program.reactors[reactor].federate {
+            Some(federate) if gone.contains(&federate) => Tag::NEVER,
+            Some(federate) if leaving.contains(&federate) => self.tag,
+            _ => self.stop,
+        }
+    }
+
+    /// The current tag is the last one of those that have asked: queues their reactions to the end,
+    /// and forgets what they would do later.
+    pub(super) fn queue_departures(&mut self) {
+        self.departures.leaving = std::mem::take(&mut self.departures.due);
+        let program = Arc::clone(&self.program);
+        let leaving = self.departures.leaving.clone();
+        self.queue_shutdown(|reaction| {
+            let federate = program.reactors[program.reactions[reaction].reactor].federate;
+            federate.is_some_and(|federate| leaving.contains(&federate))
+        });
+        self.forget_departing();
+    }
+
+    /// The tag is done: whose last one it was does nothing any more. A program that all have left is
+    /// at its end.
+    #[inline]
+    pub(super) fn depart(&mut self) {
+        if !self.departures.leaving.is_empty() {
+            self.finish_departures();
+        }
+    }
+
+    #[cold]
+    fn finish_departures(&mut self) {
+        self.forget_departing();
+        let Departures { leaving, gone, .. } = &mut self.departures;
+        gone.append(leaving);
+        let all_gone = self.program.federates.ids().all(|federate| gone.contains(&federate));
+        self.wiring = Arc::new(Wiring::without(&self.program, self.scope, gone));
+        if all_gone {
+            self.end_at(self.tag);
+        }
+    }
+
+    /// Forgets the events of those that leave, and what they want of modes.
+    fn forget_departing(&mut self) {
+        let Self { program, wiring, queue, modes, departures, .. } = self;
+        let leaves = |reactor: ReactorId| {
+            let federate = program.reactors[reactor].federate;
+            federate.is_some_and(|federate| departures.leaving.contains(&federate))
+        };
+        let of_action = |action: ActionId| program.actions[action].reactor;
+        let of_port = |port: PortId| program.ports[port].reactor;
+        let of_event = |event: &Event<V>| {
+            leaves(match event {
+                Event::Timer(timer) => program.timers[*timer].reactor,
+                Event::Action { action, .. } => of_action(*action),
+                Event::Message { connection, .. } => of_port(program.connections[*connection].to),
+            })
+        };
+        let of_reaction = |reaction: ReactionId| leaves(program.reactions[reaction].reactor);
+        queue.extract(|event| of_event(event));
+        modes.forget(&wiring.modes, leaves, of_reaction, of_event);
+    }
+}
