@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
+use std::thread;
+use std::time::Duration;
 
 use hprm::{Address, RtiEvent, RtiHandle, RtiOptions, Security};
 use hprm_core::{FederateId, Program};
@@ -15,6 +17,10 @@ use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::verdict::{LastWords, Verdict};
 use crate::{check, secret, signals, verdict};
+
+/// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
+/// that the RTI can still tell the others.
+const ORDERLY: Duration = Duration::from_secs(6);
 
 /// Coordinates a federation to its end.
 ///
@@ -68,6 +74,9 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
         }
     });
     if let Some(signal) = interruption.signal() {
+        if interruption.gave_up.load(Ordering::Relaxed) {
+            unfinished(signal).show();
+        }
         return Ok(exit_code(signal.exit_code()));
     }
     let failure = failure.or_else(|| outcome.err().map(|failure| Verdict::on_rti(&failure)));
@@ -101,6 +110,16 @@ pub(crate) fn require_federation(program: &Program, file: &Path) -> Result<(), E
         .hint("its main reactor says `main reactor`: hprm run runs it in one process"))
 }
 
+/// That the federation has not stopped in order.
+fn unfinished(signal: Signal) -> Error {
+    let limit = ORDERLY.as_secs();
+    Error::new(format!(
+        "the federation has not stopped in order within {limit} s after signal {}: the RTI ends now",
+        signal.description()
+    ))
+    .hint("a federate does not answer, or a reaction takes longer; the federates lose their RTI")
+}
+
 /// Ctrl-C: whether and how it came.
 #[derive(Debug, Default)]
 struct Interruption {
@@ -108,16 +127,25 @@ struct Interruption {
     signal: AtomicI32,
     /// Whether the federation runs, so that it can be stopped in order.
     started: AtomicBool,
+    /// Whether it was asked to, and that took too long.
+    gave_up: AtomicBool,
 }
 
 impl Interruption {
-    /// The first time, the federation stops in order; the second time, at once.
+    /// The first time, the federation stops in order, or at once if that takes too long; the second
+    /// time, at once.
     fn watch(self: &Arc<Self>, rti: RtiHandle) -> Result<(), Error> {
         let interruption = Arc::clone(self);
         signals::watch(move |signal| {
             let first = interruption.signal.swap(signal.0, Ordering::Relaxed) == 0;
             if first && interruption.started.load(Ordering::Relaxed) {
                 rti.request_stop();
+                let (interruption, rti) = (Arc::clone(&interruption), rti.clone());
+                thread::spawn(move || {
+                    thread::sleep(ORDERLY);
+                    interruption.gave_up.store(true, Ordering::Relaxed);
+                    rti.abort();
+                });
             } else {
                 rti.abort();
             }

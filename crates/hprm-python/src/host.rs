@@ -17,7 +17,7 @@ use pyo3::types::PyTuple;
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
 use crate::fork;
-use crate::interrupt::Interrupt;
+use crate::interrupt::{INTERRUPTED, Interrupt};
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
 use crate::serialize::Trust;
@@ -270,6 +270,10 @@ impl Host for PyHost {
                 // Handlers of the program's own have run, and may have forked.
                 fork::leave_if_child(py, Ok(asked)).unwrap_or(true)
             })
+    }
+
+    fn exit_code_interrupted(&self) -> i32 {
+        self.interrupt.get().exit_code().unwrap_or(INTERRUPTED)
     }
 
     fn take_maxwait(&mut self) -> Option<Nanos> {

@@ -1,9 +1,12 @@
-//! Signals: the first one asks the program to stop in order, the second one breaks into it.
+//! Signals: the first one asks the program to stop in order, the second one breaks into it. That the
+//! first one is enough for a federate by hand is [`alone`](crate::alone)'s business.
 
-use std::os::fd::{AsRawFd, BorrowedFd};
-use std::sync::OnceLock;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
+
+use hprm::Inbox;
 
 use hprm_core::Scope;
 use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
@@ -11,12 +14,17 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::alone;
+use crate::value::Value;
+
 // Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
 const SIGINT: i32 = 2;
 const SIGTERM: i32 = 15;
 const SIGHUP: i32 = 1;
 /// The exit code of a process that a signal has ended is higher than its number by this.
 const SIGNALLED: i32 = 128;
+/// That of a program that was stopped by Ctrl-C.
+pub(crate) const INTERRUPTED: i32 = SIGNALLED + SIGINT;
 
 /// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
 const TOGETHER: Duration = Duration::from_millis(100);
@@ -33,8 +41,19 @@ pub(crate) struct Interrupt {
     since: OnceLock<Instant>,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
+    /// Whether the loop has noticed, and whether the program has ended.
+    progress: Arc<Progress>,
+    /// Where the interpreter writes if a thread watches for signals.
+    rope: Mutex<Option<OwnedFd>>,
+}
+
+/// How far the end has come that a signal has asked for.
+#[derive(Debug, Default)]
+pub(crate) struct Progress {
+    /// Whether the loop knows of the signal.
+    pub(crate) noticed: AtomicBool,
     /// Whether the program has ended, so that nothing is left to be broken into.
-    over: AtomicBool,
+    pub(crate) over: AtomicBool,
 }
 
 impl Interrupt {
@@ -70,22 +89,49 @@ impl Interrupt {
         }
         if wakes {
             handler.get().wakes.store(true, Ordering::Relaxed);
-            let signal = py.import(intern!(py, "signal"))?;
-            let quiet = PyDict::new(py);
-            quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
-            let wakeup = (wakeup.as_raw_fd(),);
-            signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
+            Self::wake_by(py, wakeup)?;
         }
         Ok(handler)
     }
 
-    /// Has it handle what asks a process for its end, too: of a federate that nobody has launched.
-    /// Returns whether it handles any of that.
+    /// Has the interpreter write the number of each signal that comes to a descriptor.
+    fn wake_by(py: Python<'_>, wakeup: BorrowedFd<'_>) -> PyResult<()> {
+        let signal = py.import(intern!(py, "signal"))?;
+        let quiet = PyDict::new(py);
+        quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
+        let wakeup = (wakeup.as_raw_fd(),);
+        signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
+        Ok(())
+    }
+
+    /// Has it handle what asks a process for its end, too, of a federate of that name which nobody has
+    /// launched; and has that end within a bounded time after the first of these signals.
     ///
     /// # Errors
     ///
     /// What Python raises.
-    pub(crate) fn handle_all(slf: &Bound<'_, Self>) -> PyResult<bool> {
+    pub(crate) fn handle_alone(
+        slf: &Bound<'_, Self>,
+        federate: &str,
+        inbox: &Inbox<Value>,
+    ) -> PyResult<()> {
+        let py = slf.py();
+        if !(Self::handle_all(slf)? | slf.get().wakes.load(Ordering::Relaxed)) {
+            return Ok(());
+        }
+        let handled = [SIGINT, SIGTERM, SIGHUP].into_iter();
+        let handled = handled.filter(|number| Self::handles(slf, *number).unwrap_or(false));
+        let handled: Vec<_> = handled.filter_map(|number| u8::try_from(number).ok()).collect();
+        let progress = Arc::clone(&slf.get().progress);
+        let rope = alone::watch(federate, handled, inbox.clone(), progress)?;
+        Self::wake_by(py, rope.as_fd())?;
+        slf.get().wakes.store(true, Ordering::Relaxed);
+        *slf.get().rope.lock().unwrap_or_else(PoisonError::into_inner) = Some(rope);
+        Ok(())
+    }
+
+    /// Has it handle what asks a process for its end, too. Returns whether it handles any of that.
+    fn handle_all(slf: &Bound<'_, Self>) -> PyResult<bool> {
         Ok(Self::handle(slf, SIGTERM, "SIG_DFL")? | Self::handle(slf, SIGHUP, "SIG_DFL")?)
     }
 
@@ -107,19 +153,22 @@ impl Interrupt {
             let _ = py
                 .import(intern!(py, "signal"))
                 .and_then(|signal| signal.call_method1(intern!(py, "set_wakeup_fd"), (-1,)));
+            self.rope.lock().unwrap_or_else(PoisonError::into_inner).take();
         }
     }
 
     /// From now on, signals change nothing.
     pub(crate) fn end(&self) {
-        self.over.store(true, Ordering::Relaxed);
+        self.progress.over.store(true, Ordering::Relaxed);
     }
 
     /// Whether the user has asked the program to stop since this was last called.
     pub(crate) fn take(&self, py: Python<'_>) -> bool {
         // Runs the handlers of signals that have come, and raises what they raise.
         let raised = py.check_signals().is_err();
-        self.pending.swap(false, Ordering::Relaxed) || raised
+        let asked = self.pending.swap(false, Ordering::Relaxed) || raised;
+        self.progress.noticed.fetch_or(asked, Ordering::Relaxed);
+        asked
     }
 
     /// The exit code of a program that a signal has stopped, if one has.
@@ -132,7 +181,7 @@ impl Interrupt {
 impl Interrupt {
     fn __call__(slf: &Bound<'_, Self>, number: i32, _frame: &Bound<'_, PyAny>) -> PyResult<()> {
         let this = slf.get();
-        if this.over.load(Ordering::Relaxed) {
+        if this.progress.over.load(Ordering::Relaxed) {
             return Ok(());
         }
         let since = this.since.get_or_init(Instant::now);
@@ -159,11 +208,17 @@ impl Interrupt {
 }
 
 impl Interrupt {
+    /// Whether this is the handler of a signal.
+    fn handles(slf: &Bound<'_, Self>, number: i32) -> PyResult<bool> {
+        let signal = slf.py().import(intern!(slf.py(), "signal"))?;
+        Ok(signal.call_method1(intern!(slf.py(), "getsignal"), (number,))?.is(slf))
+    }
+
     /// Has a signal end the process, as it does by default, if this is its handler.
     fn restore(slf: &Bound<'_, Self>, number: i32) -> PyResult<()> {
         let py = slf.py();
         let signal = py.import(intern!(py, "signal"))?;
-        if signal.call_method1(intern!(py, "getsignal"), (number,))?.is(slf) {
+        if Self::handles(slf, number)? {
             let default = signal.getattr(intern!(py, "SIG_DFL"))?;
             signal.call_method1(intern!(py, "signal"), (number, default))?;
         }

@@ -11,6 +11,7 @@
 )]
 
 mod action;
+mod alone;
 mod api;
 mod backlog;
 mod buffer;

@@ -98,16 +98,16 @@ pub(crate) fn run_federate(
             let mut host = load(py, &compiled, scope, &inbox)?;
             host.launched = launched;
             if !launched {
-                let handled = Interrupt::handle_all(host.interrupt.bind(py));
+                let interrupt = host.interrupt.bind(py);
+                let handled = Interrupt::handle_alone(interrupt, federate, &inbox);
                 handled.map_err(|error| failure(py, error, "handling signals"))?;
             }
             interrupt = Some(host.interrupt.clone_ref(py));
             Ok(host)
         });
-        outcome.map_err(|failure| match &interrupt {
-            Some(interrupt) => by_signal(failure, interrupt.get()),
-            None => failure,
-        })
+        let Some(interrupt) = interrupt else { return outcome };
+        interrupt.get().end();
+        outcome.map_err(|failure| by_signal(failure, interrupt.get()))
     });
     match outcome {
         Err(failure) if launched && joined => failure.code,

@@ -20,7 +20,7 @@ use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
 use crate::console::say;
-use crate::interrupt::Interrupt;
+use crate::interrupt::{INTERRUPTED, Interrupt};
 use crate::load::load;
 use crate::run::{compile, exit_code, inbox};
 use crate::thread::belong_to;
@@ -35,9 +35,6 @@ const AFTER_FAILURE: Nanos = 2_000_000_000;
 const AFTER_INTERRUPT: Nanos = 5_000_000_000;
 
 const SECOND: Nanos = 1_000_000_000;
-
-/// The exit code of a program that the user has stopped.
-const INTERRUPTED: i32 = 130;
 
 /// Runs a federation in this process to its end. Returns the exit code.
 ///

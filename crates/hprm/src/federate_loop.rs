@@ -213,6 +213,11 @@ where
                 self.federation.say_goodbye();
                 ended
             }
+            Err(failure) if failure.is_interrupted() => {
+                let code = self.host.exit_code_interrupted();
+                self.federation.fail(Failure { code, ..failure.clone() });
+                Err(failure)
+            }
             Err(failure) => Err(self.federation.fail(failure)),
         }
     }
@@ -480,6 +485,10 @@ where
                 {
                     let name = &self.scheduler.program().federates[*federate].name;
                     self.host.abandoned(name, message, *code);
+                }
+                if self.interrupted {
+                    // It was to end anyway, and the others could not wait for it, nor it for them.
+                    return Err(Failure::interrupted());
                 }
                 return Err(ended(self.scheduler.program(), me, &reason));
             }

@@ -154,6 +154,12 @@ pub trait Host {
         false
     }
 
+    /// The exit code of the process if the user has asked it to stop, by another signal than Ctrl-C
+    /// perhaps.
+    fn exit_code_interrupted(&self) -> i32 {
+        INTERRUPTED
+    }
+
     /// How long this federate is to wait for its inputs, if a body has changed that since this was
     /// last called.
     fn take_maxwait(&mut self) -> Option<Nanos> {
