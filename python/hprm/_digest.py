@@ -13,6 +13,7 @@ import types
 from typing import Any
 
 from hprm import _kinds
+from hprm._kinds import loaded
 
 # What `take_apart` returns: what to do, a name that tells the type, and what it holds.
 Parts = tuple[str, str, Any]
@@ -54,11 +55,14 @@ def text(value: Any) -> str:
     if kind in (str, bytes):
         shown = repr(value[:_TEXT])
         return shown if len(value) <= _TEXT else f"{shown}... ({len(value)})"
-    numpy = sys.modules.get("numpy")
+    numpy = loaded("numpy")
     if numpy is not None and isinstance(value, numpy.ndarray):
         return f"{kind.__name__} {value.dtype} {value.shape}"
     if numpy is not None and isinstance(value, numpy.generic):
         return repr(value)[:_TEXT]
+    if kind in (memoryview, pickle.PickleBuffer):
+        view = memoryview(value)
+        return f"memoryview {view.format} {view.shape}"
     if kind in (list, tuple, dict, set, frozenset, bytearray):
         return f"{kind.__name__} of {len(value)}"
     return _label(kind)
@@ -74,8 +78,12 @@ def _take_apart(value: Any) -> Parts:
         return ("opaque" if hidden else "named"), name, None
     if isinstance(value, enum.Enum):
         return "named", f"{_label(kind)}.{value.name}", None
-    if isinstance(value, pickle.PickleBuffer):
-        return "bytes", "buffer", value.raw()
+    if kind in (memoryview, pickle.PickleBuffer):
+        # What is sent as either arrives as the first.
+        from hprm._kinds import buffers
+
+        shown, held = buffers.elements(value)
+        return "bytes", f"buffer {shown}", held
     pathlib = sys.modules.get("pathlib")
     if pathlib is not None and kind in (getattr(pathlib, name) for name in _PATHS):
         # What pickle takes of a path is how it was written, from Python 3.13 on.
@@ -84,7 +92,7 @@ def _take_apart(value: Any) -> Parts:
         if kind in (set, frozenset):
             return "unordered", kind.__name__, list(value)
         return "members", _label(kind), [frozenset(value), _sorted(getattr(value, "__dict__", {}))]
-    numpy = sys.modules.get("numpy")
+    numpy = loaded("numpy")
     if numpy is not None:
         if isinstance(value, numpy.ndarray):
             return _array(numpy, value)
@@ -106,7 +114,7 @@ def _of_library(kind: type, value: Any) -> list[Any] | None:
         from hprm._kinds import arrow
 
         return arrow.elements(value) if arrow.taker(kind) is not None else None
-    if kind is memoryview or kind.__module__.partition(".")[0] in ("pandas", "torch"):
+    if kind.__module__.partition(".")[0] in ("pandas", "torch"):
         parts = _kinds.take_apart(value)
         return None if parts is None else list(parts[1])
     return None

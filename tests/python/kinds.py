@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import array
 import collections
+import ctypes
 import dataclasses
 import datetime
 import decimal
@@ -14,6 +15,7 @@ import enum
 import fractions
 import importlib.util
 import pathlib
+import pickle
 import uuid
 import zoneinfo
 from collections.abc import Callable
@@ -164,6 +166,73 @@ def arrays() -> dict[str, Any]:
     }
 
 
+# What a C program would send: with gaps between its fields.
+class Reading(ctypes.Structure):
+    _fields_ = [("state", ctypes.c_byte), ("value", ctypes.c_double), ("count", ctypes.c_long)]
+
+
+# A dtype with gaps, as NumPy makes it, and one with gaps everywhere and a field in a field.
+ALIGNED = np.dtype([("a", "u1"), ("b", "f8")], align=True)
+SCATTERED = np.dtype(
+    {
+        "names": ["p", "q"],
+        "formats": ["<u2", np.dtype({"names": ["r"], "formats": ["u1"], "offsets": [3]})],
+        "offsets": [5, 9],
+        "itemsize": 19,
+    }
+)
+
+
+def marked(dtype: np.dtype[Any], count: int) -> Any:
+    """Return an array that has numbers in its gaps, too."""
+    numbers = np.arange(count * dtype.itemsize) % 251 + 1
+    return np.frombuffer(bytearray(numbers.astype(np.uint8).tobytes()), dtype)
+
+
+def buffers() -> dict[str, Any]:
+    halves = np.arange(5, dtype="f2")
+    steps = np.arange(24.0).reshape(2, 3, 4)
+    readings = (Reading * 2)(Reading(1, 2.5, -3), Reading(4, 5.5, 6))
+    numbers = [(ctypes.c_int * 3)(1, 2, 3), (ctypes.c_long * 2)(4, 5), ctypes.c_float(1.5)]
+    return {
+        "halves": [memoryview(halves), memoryview(np.arange(2 * LARGE, dtype="f2"))],
+        "big-endian buffer": memoryview(np.arange(5, dtype=">f8")),
+        "complex buffers": [memoryview(np.array([1j, 2])), memoryview(np.array(1j, "c8"))],
+        "0-d buffers": [memoryview(np.array(3.5)), memoryview(np.array(7, ">i2"))],
+        "structured buffers": [
+            memoryview(marked(ALIGNED, 3)),
+            memoryview(marked(ALIGNED, LARGE)),
+            memoryview(marked(ALIGNED, 9).reshape(3, 3))[::2],
+        ],
+        "text buffers": [memoryview(np.array(["ab", "c"])), memoryview(np.array([b"ab", b"c"]))],
+        "small buffers": [
+            memoryview(b"abc").cast("c"),
+            memoryview(b"\1\0").cast("?"),
+            memoryview(b"ab").cast("b"),
+            memoryview(np.zeros(2, "g")),
+            memoryview(np.zeros(2, "V5")),
+        ],
+        "buffers in dimensions": [
+            memoryview(steps),
+            memoryview(np.asfortranarray(steps)),
+            memoryview(np.asfortranarray(np.arange(2.0 * LARGE).reshape(2, LARGE))),
+            memoryview(steps[::-1, :, ::2]),
+            memoryview(np.zeros((0, 3))),
+            memoryview(np.zeros((2, 0), ">i4")),
+        ],
+        "buffers of C": [memoryview(each) for each in (readings, readings[0], *numbers)],
+        "PickleBuffer": [
+            pickle.PickleBuffer(b"xyz"),
+            pickle.PickleBuffer(np.arange(7.0)),
+            pickle.PickleBuffer(np.arange(float(LARGE))),
+            pickle.PickleBuffer(np.asfortranarray(steps + 1)),
+            pickle.PickleBuffer(np.array(4.5, "f2")),
+            pickle.PickleBuffer(marked(SCATTERED, 3)),
+            pickle.PickleBuffer(readings[1]),
+        ],
+    }
+
+
 def of_arrow() -> dict[str, Any]:
     import pyarrow as pa
 
@@ -289,7 +358,7 @@ def every() -> dict[str, Any]:
         "pydantic": of_pydantic,
         "torch": of_torch,
     }
-    values = standard() | arrays()
+    values = standard() | arrays() | buffers()
     for library, some in of.items():
         if library not in MISSING:
             values |= some()
@@ -297,7 +366,12 @@ def every() -> dict[str, Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Tell whether two values are equal, of one type, and so is what they hold."""
+    """Tell whether two values are equal, of one type, and so is what they hold.
+
+    A ``PickleBuffer`` counts as the view that arrives for it.
+    """
+    if isinstance(one, pickle.PickleBuffer) or isinstance(other, pickle.PickleBuffer):
+        return same(memoryview(one), memoryview(other))
     if type(one) is not type(other):
         return False
     if isinstance(one, (list, tuple)):
@@ -306,6 +380,11 @@ def same(one: Any, other: Any) -> bool:
         return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
     if isinstance(one, (np.ndarray, np.generic)):
         return _same_arrays(one, other)
+    if isinstance(one, memoryview):
+        return all(
+            getattr(one, name) == getattr(other, name)
+            for name in ("format", "shape", "itemsize", "f_contiguous")
+        ) and (one.tobytes() == other.tobytes())
     library = type(one).__module__.partition(".")[0]
     if library == "pandas":
         return _same_in_pandas(one, other)

@@ -191,6 +191,11 @@ MAKERS: list[Callable[[], Any]] = [
     lambda: Tensor(np.arange(3)),
     lambda: Tensor(np.arange(4)),
     lambda: pickle.PickleBuffer(b"ab"),
+    lambda: pickle.PickleBuffer(b"abcd"),
+    lambda: memoryview(b"abcd").cast("c"),
+    lambda: memoryview(b"abcd").cast("B", (2, 2)),
+    lambda: memoryview(b"abcd").cast("H"),
+    lambda: memoryview(np.frombuffer(b"abcd", ">i2")),
 ]
 
 
@@ -243,9 +248,18 @@ def test_the_layout_of_an_array_does_not_matter() -> None:
     assert digest(array.T) != expected
 
 
+def test_a_buffer_is_what_it_shows_however_it_lies() -> None:
+    elements = np.arange(12.0).reshape(3, 4)
+    expected = digest(memoryview(elements))
+    for array in (np.asfortranarray(elements), np.repeat(elements, 2, axis=1)[:, ::2]):
+        assert digest(memoryview(array)) == digest(pickle.PickleBuffer(array)) == expected
+    assert text(pickle.PickleBuffer(elements)) == text(memoryview(elements))
+    assert text(memoryview(elements)) == "memoryview d (3, 4)"
+
+
 def test_bytes_between_fields_do_not_matter() -> None:
     dtype = np.dtype({"names": ["a", "b"], "formats": ["i1", "f8"], "offsets": [0, 8]})
-    arrays = [np.frombuffer(bytes([fill]) * 32, dtype=dtype).copy() for fill in (0, 255)]
+    arrays = [np.frombuffer(bytearray([fill] * 32), dtype=dtype) for fill in (0, 255)]
     for array in arrays:
         array["a"], array["b"] = 1, 2.0
     assert arrays[0].tobytes() != arrays[1].tobytes()

@@ -8,6 +8,7 @@ many changes to each.
 
 from __future__ import annotations
 
+import contextlib
 import random
 import resource
 import subprocess
@@ -61,6 +62,17 @@ def mutations(
         yield bytes(changed), others
 
 
+def look(value: Any) -> None:
+    """Read what a view shows, as Python does and as NumPy does."""
+    for each in value if isinstance(value, (list, tuple)) else [value]:
+        if isinstance(each, memoryview):
+            assert len(each.tobytes()) == each.nbytes
+            each == each.toreadonly()  # noqa: B015
+            for read in (each.tolist, lambda each=each: np.asarray(each).tolist()):
+                with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):
+                    read()
+
+
 def attempt(name: str, value: Any, rounds: int) -> int:
     """Decode changed encodings of a value. Return how many were values nevertheless."""
     rng = random.Random(name)
@@ -71,6 +83,7 @@ def attempt(name: str, value: Any, rounds: int) -> int:
             back = decode(changed, others, near=False)
             # What has been made can be looked at.
             repr(back)
+            look(back)
             survived += 1
         except MemoryError:
             raise AssertionError(f"{name}: {changed!r} asks for too much memory") from None

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import kinds
 import pytest
 
 HPRM = Path(sys.executable).with_name("hprm")
@@ -298,3 +299,59 @@ def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     done = hprm("run", "--logical-trace", tmp_path, path)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"error: cannot write the trace {tmp_path}: is a directory\n"
+
+
+KINDS = """\
+target Python {{ timeout: 0 s }}
+preamble {{=
+import sys
+sys.path.insert(0, {folder!r})
+import kinds
+=}}
+reactor Source(which="") {{
+  output out
+  reaction(startup) -> out {{= out.set(kinds.every()[self.which]) =}}
+}}
+reactor Pass {{
+  input inp
+  output out
+  reaction(inp) -> out {{= out.set([inp.value, inp.value]) =}}
+}}
+reactor Sink {{
+  input inp
+  reaction(inp) {{= =}}
+}}
+federated reactor {{
+  source = new Sources()
+  passing = new Passes()
+  sink = new Sinks()
+  source.out -> passing.inp
+  passing.out -> sink.inp
+}}
+reactor Sources {{
+  output[{width}] out
+  s = new[{width}] Source(which={{= kinds_of[bank_index] =}})
+  s.out -> out
+}}
+reactor Passes {{
+  input[{width}] inp
+  output[{width}] out
+  p = new[{width}] Pass()
+  inp -> p.inp
+  p.out -> out
+}}
+reactor Sinks {{
+  input[{width}] inp
+  s = new[{width}] Sink()
+  inp -> s.inp
+}}
+"""
+
+
+def test_a_value_of_every_kind_is_the_same_in_every_deployment(tmp_path: Path) -> None:
+    names = list(kinds.every())
+    text = KINDS.format(folder=str(Path(kinds.__file__).parent), width=len(names))
+    text = text.replace("import kinds\n", f"import kinds\nkinds_of = {names!r}\n")
+    verdict = hprm("verify", program(tmp_path, text))
+    assert verdict.returncode == 0, verdict.stdout + verdict.stderr
+    assert "did the same" in verdict.stdout and "left out" not in verdict.stdout

@@ -1,18 +1,22 @@
 //! Bytes of ours as Python buffers: the crate's one room for unsafe code.
 //!
-//! Three classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
-//! has arrived, [`OwnMemory`] for writing to it unseen, [`Staging`] for writing what will be sent. What
+//! Five classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
+//! has arrived, [`Shaped`] for reading it as elements of some format, [`OwnMemory`] for writing to it
+//! unseen, [`Frozen`] for reading what threads share, [`Staging`] for writing what will be sent. What
 //! the bytes mean is not known here.
 
 #![allow(unsafe_code)]
 
-use std::ffi::c_int;
+use std::ffi::{CString, c_int};
+use std::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_store::{Object, OwnObject, WritableLoan};
-use pyo3::exceptions::{PyBufferError, PyRuntimeError};
+use pyo3::buffer::PyBuffer;
+use pyo3::exceptions::{PyBufferError, PyRuntimeError, PyValueError};
 use pyo3::ffi;
 use pyo3::prelude::*;
+use pyo3::types::PyMemoryView;
 
 /// A buffer of a payload that has arrived.
 #[derive(Clone, Debug)]
@@ -80,6 +84,166 @@ impl OwnMemory {
         // `slf`, to which the view keeps a reference; Rust does not touch them.
         unsafe { fill(&slf, view, start, len, false, flags) }
     }
+}
+
+/// The memory of an array that is shared by threads: for reading, for ever.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct Frozen {
+    /// The array that owns the memory. Python code cannot reach it.
+    _keeper: Py<PyAny>,
+    start: usize,
+    len: usize,
+}
+
+impl Frozen {
+    /// Gives `len` bytes at `start` to readers.
+    ///
+    /// # Safety
+    ///
+    /// The bytes are valid, and do not change, as long as `keeper` lives.
+    pub(crate) unsafe fn new(keeper: Py<PyAny>, start: *const u8, len: usize) -> Self {
+        Self { _keeper: keeper, start: start as usize, len }
+    }
+}
+
+#[pymethods]
+impl Frozen {
+    unsafe fn __getbuffer__(
+        slf: Bound<'_, Self>,
+        view: *mut ffi::Py_buffer,
+        flags: c_int,
+    ) -> PyResult<()> {
+        if flags & ffi::PyBUF_WRITABLE != 0 {
+            return Err(PyBufferError::new_err("what several federates read is read-only"));
+        }
+        let (start, len) = (slf.get().start as *mut u8, slf.get().len);
+        // Benefit: federates that are threads share an array, and none of them can change it.
+        // SAFETY: `view` comes from the interpreter, and we are attached to it. By the contract of
+        // `new` the bytes are valid and constant as long as `slf` lives, to which the view keeps a
+        // reference; the view is marked as read-only.
+        unsafe { fill(&slf, view, start, len, true, flags) }
+    }
+}
+
+/// Bytes that have arrived, for reading as elements of any format and shape.
+///
+/// `memoryview.cast` makes only views of the few formats of which Python itself knows the elements.
+#[pyclass(frozen, module = "hprm._hprm")]
+pub(crate) struct Shaped {
+    bytes: PyBuffer<u8>,
+    format: CString,
+    itemsize: isize,
+    shape: Vec<isize>,
+    strides: Vec<isize>,
+    fortran: bool,
+}
+
+/// The most dimensions that a buffer may have.
+const MOST_DIMENSIONS: usize = 64;
+
+impl Shaped {
+    fn of(
+        data: &Bound<'_, PyAny>,
+        format: &str,
+        shape: Vec<isize>,
+        itemsize: isize,
+        fortran: bool,
+    ) -> PyResult<Self> {
+        let bytes = PyBuffer::<u8>::get(data)?;
+        let malformed = || PyValueError::new_err("malformed payload: a buffer of another shape");
+        let format = CString::new(format).map_err(|_| malformed())?;
+        if itemsize < 1 || shape.len() > MOST_DIMENSIONS || shape.iter().any(|len| *len < 0) {
+            return Err(malformed());
+        }
+        let mut strides = vec![0; shape.len()];
+        let mut stride = itemsize;
+        for at in 0..shape.len() {
+            let at = if fortran { at } else { shape.len() - 1 - at };
+            strides[at] = stride;
+            stride = stride.checked_mul(shape[at].max(1)).ok_or_else(malformed)?;
+        }
+        let len = if shape.contains(&0) { 0 } else { stride };
+        if !bytes.is_c_contiguous() || usize::try_from(len) != Ok(bytes.len_bytes()) {
+            return Err(malformed());
+        }
+        Ok(Self { bytes, format, itemsize, shape, strides, fortran })
+    }
+
+    /// Whether a consumer that asks with these flags can be given the bytes as they lie.
+    fn serves(&self, flags: c_int) -> bool {
+        let asks = |flag| flags & flag == flag;
+        // With at most one dimension, all orders are one.
+        let (c, fortran) = match self.shape.iter().filter(|len| **len != 1).count() {
+            0 | 1 => (true, true),
+            _ if self.shape.contains(&0) => (true, true),
+            _ => (!self.fortran, self.fortran),
+        };
+        !asks(ffi::PyBUF_WRITABLE)
+            && (c || asks(ffi::PyBUF_STRIDES) && !asks(ffi::PyBUF_C_CONTIGUOUS))
+            && (fortran || !asks(ffi::PyBUF_F_CONTIGUOUS))
+    }
+}
+
+#[pymethods]
+impl Shaped {
+    unsafe fn __getbuffer__(
+        slf: Bound<'_, Self>,
+        view: *mut ffi::Py_buffer,
+        flags: c_int,
+    ) -> PyResult<()> {
+        let it = slf.get();
+        if !it.serves(flags) {
+            return Err(PyBufferError::new_err(
+                "what has arrived is read-only and lies as it does",
+            ));
+        }
+        let asks = |flag| flags & flag == flag;
+        let list = |wanted, list: &[isize]| match wanted && !list.is_empty() {
+            true => list.as_ptr().cast_mut(),
+            false => ptr::null_mut(),
+        };
+        let shaped = asks(ffi::PyBUF_ND);
+        let format =
+            if asks(ffi::PyBUF_FORMAT) { it.format.as_ptr().cast_mut() } else { ptr::null_mut() };
+        let filled = ffi::Py_buffer {
+            buf: it.bytes.buf_ptr(),
+            obj: slf.clone().into_any().into_ptr(),
+            len: isize::try_from(it.bytes.len_bytes()).expect("a buffer has a length"),
+            itemsize: it.itemsize,
+            readonly: 1,
+            ndim: if shaped { it.shape.len() as c_int } else { 1 },
+            format,
+            shape: list(shaped, &it.shape),
+            strides: list(asks(ffi::PyBUF_STRIDES), &it.strides),
+            suboffsets: ptr::null_mut(),
+            internal: ptr::null_mut(),
+        };
+        // Benefit: buffers of every format are read in the sender's memory, in place.
+        // SAFETY: `view` comes from the interpreter, which wants it to be filled. The bytes stay where
+        // they are as long as `slf` has its own view of them, and so do the lists, because the class is
+        // frozen; `slf` lives as long as the view, which has a reference to it. That format, shape and
+        // strides stay within the bytes was checked when it was made, and nobody may write.
+        unsafe { view.write(filled) };
+        Ok(())
+    }
+}
+
+/// A read-only view of what has arrived: elements of `itemsize` bytes, in the order of C or of Fortran.
+/// Whether elements of that format have that size is for the caller to check.
+///
+/// # Errors
+///
+/// If there are not exactly as many bytes.
+#[pyfunction]
+pub(crate) fn shaped<'py>(
+    data: &Bound<'py, PyAny>,
+    format: &str,
+    shape: Vec<isize>,
+    itemsize: isize,
+    fortran: bool,
+) -> PyResult<Bound<'py, PyMemoryView>> {
+    let shaped = Bound::new(data.py(), Shaped::of(data, format, shape, itemsize, fortran)?)?;
+    PyMemoryView::from(shaped.as_any())
 }
 
 /// Memory for the bytes of a value that is being encoded.

@@ -49,11 +49,13 @@ mod _hprm {
     #[pymodule_export]
     use crate::api::Api;
     #[pymodule_export]
+    use crate::buffer::{Frozen, Memory, shaped};
+    #[pymodule_export]
     use crate::interrupt::Interrupt;
     #[pymodule_export]
     use crate::measuring::{ArrivedValue, describe_value};
     #[pymodule_export]
-    use crate::numpy_memory::in_store;
+    use crate::numpy_memory::{freeze, in_store};
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]

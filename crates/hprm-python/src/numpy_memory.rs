@@ -3,8 +3,9 @@
 //!
 //! While reactions run, NumPy asks our allocator (its NEP 49), which takes large requests from the
 //! store and leaves the others to the one that NumPy had. An array made so can be published where it
-//! lies: [`publish`] seals its memory and makes the array a read-only view of it. Which arrays nobody
-//! else can reach is decided in `serialize`.
+//! lies: [`publish`] seals its memory and makes the array a read-only view of it. [`freeze`] does so
+//! with memory of any allocator, for threads. Which arrays nobody else can reach is decided in
+//! `serialize` and `parcel`.
 //!
 //! The argument for soundness, on which the blocks below rely:
 //!
@@ -33,7 +34,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyCapsule, PyDict, PyTuple};
 
-use crate::buffer::{Memory, Part};
+use crate::buffer::{Frozen, Memory, Part};
 
 // Numbers in NumPy's table of functions (numpy/__multiarray_api.h).
 const GET_BINARY_VERSION: usize = 0;
@@ -106,7 +107,7 @@ struct Room {
     ours: *mut ffi::PyObject,
     default: *mut ffi::PyObject,
     set: unsafe extern "C" fn(*mut ffi::PyObject) -> *mut ffi::PyObject,
-    get: unsafe extern "C" fn() -> *mut ffi::PyObject,
+    get: GetHandler,
 }
 
 // SAFETY: nothing in a room changes once it is made; the yard is for all threads, NumPy's allocator
@@ -225,6 +226,124 @@ pub(crate) fn publish(
     Ok(Some(object))
 }
 
+/// Makes the memory of an array read-only for good: the array becomes a view of what is returned, and
+/// so do, through it, its views. Nobody can make one of them writeable again that is not so now. None,
+/// and nothing has changed, if the array does not own its memory, or if this NumPy is not known.
+///
+/// # Errors
+///
+/// If the interpreter has no memory.
+#[pyfunction]
+pub(crate) fn freeze<'py>(array: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, Frozen>>> {
+    let py = array.py();
+    let class = py.import(intern!(py, "numpy"))?.getattr(intern!(py, "ndarray"))?;
+    if !array.get_type().is(&class) || !fields_are_known(py) {
+        return Ok(None);
+    }
+    let len: usize = array.getattr(intern!(py, "nbytes"))?.extract()?;
+    // A view that becomes the owner, and that only `Frozen` knows: NumPy lets the owner of memory
+    // become writeable at any time.
+    let keeper = array.call_method0(intern!(py, "view"))?;
+    // SAFETY: the fields are known; both are arrays, and nobody changes them meanwhile, because we are
+    // attached and call no Python until the last use.
+    let it = unsafe { &mut *array.as_ptr().cast::<Fields>() };
+    // SAFETY: as above, and it is another array.
+    let its = unsafe { &mut *keeper.as_ptr().cast::<Fields>() };
+    let whole = it.flags & (OWNS_DATA | WRITE_BACK) == OWNS_DATA
+        && it.flags & CONTIGUOUS != 0
+        && it.base.is_null()
+        && !it.handler.is_null()
+        && its.base == array.as_ptr()
+        && its.data == it.data;
+    if !whole {
+        return Ok(None);
+    }
+    its.flags = its.flags & !WRITEABLE | OWNS_DATA;
+    its.handler = std::mem::replace(&mut it.handler, ptr::null_mut());
+    its.base = ptr::null_mut();
+    it.flags &= !(OWNS_DATA | WRITEABLE);
+    // SAFETY: the reference that the view had a line ago; there is the caller's.
+    unsafe { ffi::Py_DECREF(array.as_ptr()) };
+    // SAFETY: the view owns that memory now, and frees it when it ends. Nobody writes there: the caller
+    // knows that no array is writeable that shows it, and from now on none becomes so.
+    let frozen = unsafe { Frozen::new(keeper.clone().unbind(), it.data, len) };
+    let frozen = Bound::new(py, frozen).inspect_err(|_| {
+        // The array stays a view of it, without a reference of its own.
+        std::mem::forget(keeper.clone());
+    })?;
+    it.base = frozen.clone().into_any().into_ptr();
+    Ok(Some(frozen))
+}
+
+/// Whether arrays have the fields that are known here.
+fn fields_are_known(py: Python<'_>) -> bool {
+    static KNOWN: PyOnceLock<bool> = PyOnceLock::new();
+    let find = || {
+        if !counts_tell(py)? {
+            return Ok(false);
+        }
+        let table = table(py)?;
+        // SAFETY: this is NumPy's table.
+        if !unsafe { is_known(table) } {
+            return Ok(false);
+        }
+        // SAFETY: as above; this version has handlers.
+        let get = unsafe { entry::<GetHandler>(table, GET_HANDLER) };
+        // SAFETY: we are attached to the interpreter.
+        let Some(handler) = Room::settle(unsafe { get() }) else { return Ok(false) };
+        let trial = py.import(intern!(py, "numpy"))?.getattr(intern!(py, "empty"))?.call1((1,))?;
+        has_known_fields(&trial, handler)
+    };
+    // A NumPy that is not as expected is no error: its arrays are copied.
+    let known = KNOWN.get_or_try_init(py, || Ok::<_, PyErr>(find().unwrap_or(false)));
+    known.is_ok_and(|known| *known)
+}
+
+type GetHandler = unsafe extern "C" fn() -> *mut ffi::PyObject;
+
+/// NumPy's table of functions, which is there as long as the module is loaded, so for ever.
+fn table(py: Python<'_>) -> PyResult<*const *mut c_void> {
+    let module = py.import("numpy._core.multiarray");
+    let module = module.or_else(|_| py.import("numpy.core.multiarray"))?;
+    let table = module.getattr("_ARRAY_API")?.cast_into::<PyCapsule>()?;
+    Ok(table.pointer_checked(None)?.cast::<*mut c_void>().as_ptr())
+}
+
+/// Whether this is a NumPy whose binary interface is known, with handlers.
+///
+/// # Safety
+///
+/// `table` is that of NumPy's functions.
+unsafe fn is_known(table: *const *mut c_void) -> bool {
+    type Number = unsafe extern "C" fn() -> c_uint;
+    // SAFETY: by the contract; every version has this function.
+    let binary = unsafe { entry::<Number>(table, GET_BINARY_VERSION) };
+    // SAFETY: by the contract; every version has this function.
+    let feature = unsafe { entry::<Number>(table, GET_FEATURE_VERSION) };
+    // SAFETY: it takes nothing and returns a number.
+    let binary = unsafe { binary() };
+    // SAFETY: it takes nothing and returns a number.
+    BINARY_VERSIONS.contains(&binary) && unsafe { feature() } >= FEATURE_VERSION
+}
+
+/// Whether a new array of one element, made with that handler, has its fields where they are expected.
+fn has_known_fields(array: &Bound<'_, PyAny>, handler: *mut ffi::PyObject) -> PyResult<bool> {
+    let address: usize =
+        array.getattr("__array_interface__")?.get_item("data")?.get_item(0)?.extract()?;
+    let size: usize = array.get_type().getattr("__basicsize__")?.extract()?;
+    if size < size_of::<Fields>() {
+        return Ok(false);
+    }
+    // SAFETY: the object is alive and at least that large.
+    let it = unsafe { array.as_ptr().cast::<Fields>().as_ref() }.expect("it has an address");
+    Ok(it.data as usize == address
+        && it.dimensions == 1
+        && it.handler == handler
+        && it.base.is_null()
+        && it.weak_references.is_null()
+        && it.flags & (OWNS_DATA | WRITEABLE) == OWNS_DATA | WRITEABLE)
+}
+
 /// Whether counts of references say who has one: without a lock around the interpreter they do not.
 pub(crate) fn counts_tell(py: Python<'_>) -> PyResult<bool> {
     let flags = py.import(intern!(py, "sys"))?.getattr(intern!(py, "abiflags"))?;
@@ -268,14 +387,9 @@ impl Room {
         if !counts_tell(py)? {
             return Ok(None);
         }
-        let module = py.import("numpy._core.multiarray");
-        let module = module.or_else(|_| py.import("numpy.core.multiarray"))?;
-        let table = module.getattr("_ARRAY_API")?.cast_into::<PyCapsule>()?;
-        let table = table.pointer_checked(None)?.cast::<*mut c_void>();
-        // SAFETY: this is the table of NumPy's functions, which is as long as the module is loaded, so
-        // for ever; the entries have had these numbers and types since they exist, and those of
-        // handlers exist if the versions are what is asked for.
-        let room = unsafe { Self::from_table(table.as_ptr(), yard)? };
+        // SAFETY: this is the table of NumPy's functions; the entries have had these numbers and types
+        // since they exist, and those of handlers exist if the versions are what is asked for.
+        let room = unsafe { Self::from_table(table(py)?, yard)? };
         let Some(room) = room.filter(|room| room.is_as_expected(py).unwrap_or(false)) else {
             return Ok(None);
         };
@@ -289,17 +403,8 @@ impl Room {
         table: *const *mut c_void,
         yard: &Arc<Yard>,
     ) -> PyResult<Option<&'static Self>> {
-        type Number = unsafe extern "C" fn() -> c_uint;
-        // SAFETY: by the contract; every version has this function.
-        let binary = unsafe { entry::<Number>(table, GET_BINARY_VERSION) };
-        // SAFETY: by the contract; every version has this function.
-        let feature = unsafe { entry::<Number>(table, GET_FEATURE_VERSION) };
-        // SAFETY: it takes nothing and returns a number.
-        if !BINARY_VERSIONS.contains(&unsafe { binary() }) {
-            return Ok(None);
-        }
-        // SAFETY: it takes nothing and returns a number.
-        if unsafe { feature() } < FEATURE_VERSION {
+        // SAFETY: by the contract.
+        if !unsafe { is_known(table) } {
             return Ok(None);
         }
         // SAFETY: by the contract; this version has handlers.
@@ -338,21 +443,7 @@ impl Room {
         self.select(self.ours);
         let array = empty.call1((1,));
         self.select(self.default);
-        let array = array?;
-        let address: usize =
-            array.getattr("__array_interface__")?.get_item("data")?.get_item(0)?.extract()?;
-        let size: usize = array.get_type().getattr("__basicsize__")?.extract()?;
-        if size < size_of::<Fields>() {
-            return Ok(false);
-        }
-        // SAFETY: the object is alive and at least that large.
-        let it = unsafe { array.as_ptr().cast::<Fields>().as_ref() }.expect("it has an address");
-        Ok(it.data as usize == address
-            && it.dimensions == 1
-            && it.handler == self.ours
-            && it.base.is_null()
-            && it.weak_references.is_null()
-            && it.flags & (OWNS_DATA | WRITEABLE) == OWNS_DATA | WRITEABLE)
+        has_known_fields(&array?, self.ours)
     }
 
     /// The handler of the current context; none if NumPy does not tell. It is only for comparisons.

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pickle import PickleBuffer
 from typing import Any
 
-__all__ = ["PickleBuffer", "Written", "make", "place", "slots_alone", "take_apart"]
+__all__ = ["PickleBuffer", "Written", "loaded", "make", "place", "slots_alone", "take_apart"]
 
 # The function that makes a value again, and of what.
 Parts = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -36,7 +36,7 @@ _MAKERS = {
     11: ("standard", "range_"),
     12: ("standard", "slice_"),
     13: ("standard", "ellipsis_"),
-    14: ("standard", "memory"),
+    14: ("buffers", "memory"),
     15: ("standard", "array_"),
     16: ("classes", "instance"),
     17: ("classes", "named_tuple"),
@@ -105,6 +105,15 @@ class Written:
         """Let ``write`` write, which must not keep the buffer."""
         self.length = length
         self.write = write
+
+
+def loaded(name: str) -> Any:
+    """Return a module that the program has imported, all of it; None if it has not."""
+    module = sys.modules.get(name)
+    if getattr(getattr(module, "__spec__", None), "_initializing", False):
+        # Another thread imports it just now. This waits until that is done.
+        return importlib.import_module(name)
+    return module
 
 
 def take_apart(value: Any) -> tuple[int, tuple[Any, ...]] | None:

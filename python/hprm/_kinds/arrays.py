@@ -23,9 +23,19 @@ def dtype_of(text: bytes) -> Any:
     return _dtype(json.loads(text))
 
 
+def raw(array: Any) -> Any:
+    """Return an array with elements of which NumPy copies every byte.
+
+    Of elements with fields it copies the fields, not what is between them.
+    """
+    return array if array.dtype.names is None else array.view(f"V{array.dtype.itemsize}")
+
+
 def scalar(array: Any) -> Any:
-    """Make a number of NumPy."""
-    return array[()].copy()
+    """Make a number of NumPy, or a record."""
+    if array.dtype.names is None:
+        return array[()].copy()
+    return numpy.frombuffer(bytearray(array.tobytes()), array.dtype)[0]
 
 
 def text_scalar(text: str | bytes) -> Any:

@@ -4,7 +4,6 @@ What has arrived from another machine is checked in full, because otherwise offs
 anywhere.
 """
 
-import sys
 from pickle import PickleBuffer
 from typing import Any
 
@@ -76,7 +75,9 @@ def elements(value: Any) -> list[Any]:
 
 
 def _library() -> Any:
-    return sys.modules["pyarrow"]
+    import pyarrow
+
+    return pyarrow
 
 
 def _take_chunked(value: Any) -> Parts:
@@ -100,8 +101,12 @@ def _stream(schema: Any, batches: list[Any]) -> Written:
                 stream.write_batch(each)
 
     def write(target: Any) -> None:
-        sink = pyarrow.FixedSizeBufferWriter(pyarrow.py_buffer(target))
+        memory = pyarrow.py_buffer(target)
+        sink = pyarrow.FixedSizeBufferWriter(memory)
         write_into(sink)
+        if sink.tell() != memory.size:
+            # The rest would be what was in the memory before.
+            raise RuntimeError("a value of pyarrow has changed while it was being sent")
         sink.close()
 
     with pyarrow.MockOutputStream() as counter:

@@ -15,7 +15,7 @@ import sys
 import types
 from typing import Any
 
-from hprm._kinds import Parts
+from hprm._kinds import Parts, loaded
 
 # Of what a class has to be made as all others are.
 _OWN_WAYS = ("__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__", "__new__")
@@ -226,7 +226,7 @@ def _enumeration(module: str, name: str, trusted: bool) -> Any:
 
 
 def _find(module: str, name: str, trusted: bool) -> Any:
-    found: Any = sys.modules.get(module)
+    found: Any = loaded(module)
     if found is None:
         if not trusted:
             raise LookupError(

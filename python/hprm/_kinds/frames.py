@@ -4,7 +4,6 @@ A column is an array of NumPy, or one of pandas' own kinds of arrays. A frame of
 with a column of a kind that is not known here, is left to pickle.
 """
 
-import sys
 from typing import Any
 
 import numpy
@@ -134,9 +133,9 @@ def taker(kind: type) -> Any:
 
 
 def _library() -> Any:
-    if "pandas" not in sys.modules:
-        import pandas  # noqa: F401
-    return sys.modules["pandas"]
+    import pandas
+
+    return pandas
 
 
 def _take_frame(value: Any) -> Parts:

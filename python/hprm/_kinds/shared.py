@@ -5,19 +5,18 @@ otherwise they arrive as NumPy's.
 """
 
 import importlib
-import sys
 from typing import Any
 
 import numpy
 
-from hprm._kinds import Parts
+from hprm._kinds import Parts, loaded
 
 
 def of_namespace(array: Any, name: str | None, *, trusted: bool) -> Any:
     """Make an array of the library of that name, or leave it NumPy's if there is none."""
     if name is None:
         return array
-    module: Any = sys.modules.get(name)
+    module: Any = loaded(name)
     if module is None and trusted:
         module = importlib.import_module(name)
     if not hasattr(module, "from_dlpack"):
@@ -27,7 +26,7 @@ def of_namespace(array: Any, name: str | None, *, trusted: bool) -> Any:
 
 def taker(kind: type) -> Any:
     """Return what takes apart arrays of a class; None for a class that adds to another."""
-    torch = sys.modules.get("torch")
+    torch = loaded("torch")
     known = (numpy.ndarray,) if torch is None else (numpy.ndarray, torch.Tensor)
     return None if issubclass(kind, known) else _take_shared
 
@@ -40,5 +39,5 @@ def _take_shared(value: Any) -> Parts | None:
         return None
     namespace = getattr(value, "__array_namespace__", None)
     name = None if namespace is None else namespace().__name__
-    found = sys.modules.get(name or "")
+    found = loaded(name or "")
     return of_namespace, (array, name if hasattr(found, "from_dlpack") else None)

@@ -12,7 +12,7 @@ import zoneinfo
 from pickle import PickleBuffer
 from typing import Any
 
-from hprm._kinds import Parts
+from hprm._kinds import Parts, buffers
 
 _PATHS = (pathlib.PosixPath, pathlib.PurePosixPath, pathlib.PureWindowsPath)
 
@@ -91,14 +91,6 @@ def ellipsis_(what: int) -> Any:
     return (..., NotImplemented)[what]
 
 
-def memory(data: memoryview, layout: str, shape: tuple[int, ...]) -> memoryview:
-    """Make a view, read-only, of what has arrived."""
-    if 0 in shape:
-        # An empty one has no shape of several dimensions.
-        return data.cast(layout)
-    return data.cast(layout, shape)
-
-
 def array_(typecode: str, itemsize: int, data: memoryview) -> array.array[Any]:
     """Make an array of numbers."""
     made: array.array[Any] = array.array(typecode)
@@ -132,17 +124,6 @@ def _zone(value: zoneinfo.ZoneInfo) -> Parts | None:
     return None if value.key is None else (zone, (value.key,))
 
 
-def _memory(value: memoryview) -> Parts | None:
-    if len(value.format.removeprefix("@")) != 1 or value.ndim == 0:
-        # Python itself cannot make a view of such elements.
-        return None
-    if value.c_contiguous and value.nbytes:
-        data = PickleBuffer(value.cast("B"))
-    else:
-        data = PickleBuffer(value.tobytes())
-    return memory, (data, value.format, value.shape)
-
-
 def _array(value: array.array[Any]) -> Parts:
     data = memoryview(value).cast("B") if len(value) else b""
     return array_, (value.typecode, value.itemsize, PickleBuffer(data))
@@ -164,6 +145,7 @@ TAKERS: dict[type, Any] = {
     slice: lambda value: (slice_, (value.start, value.stop, value.step)),
     type(...): lambda _: (ellipsis_, (0,)),
     type(NotImplemented): lambda _: (ellipsis_, (1,)),
-    memoryview: _memory,
+    memoryview: buffers.take,
+    PickleBuffer: buffers.take,
     array.array: _array,
 }

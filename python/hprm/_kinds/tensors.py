@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from hprm import _hprm
-from hprm._kinds import Parts
+from hprm._kinds import Parts, loaded
 
 # By how many bytes elements have: what NumPy can carry them as, if it does not know their type.
 _CARRIERS = {1: "uint8", 2: "int16", 4: "int32", 8: "int64"}
@@ -32,7 +32,7 @@ def tensor(array: Any, dtype: str | None, requires_grad: bool, parameter: bool) 
 
 def taker(kind: type) -> Any:
     """Return what takes apart tensors of PyTorch."""
-    torch = sys.modules.get("torch")
+    torch = loaded("torch")
     if torch is not None and kind in (torch.Tensor, torch.nn.Parameter):
         return _take_tensor
     return None

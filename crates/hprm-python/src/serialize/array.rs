@@ -84,20 +84,23 @@ impl Numpy {
         layout: &Layout<'py>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let py = array.py();
-        let bytes = array.call_method1(intern!(py, "tobytes"), (layout.order.name(),))?;
+        let elements = layout.elements(array)?;
+        let bytes = elements.call_method1(intern!(py, "tobytes"), (layout.order.name(),))?;
         Ok(bytes.cast_into::<PyBytes>()?)
     }
 
     /// Copies an array into a buffer of its length, in its order.
-    pub(super) fn gather(
+    pub(super) fn gather<'py>(
         &self,
-        array: &Bound<'_, PyAny>,
-        layout: &Layout<'_>,
-        buffer: &Bound<'_, PyAny>,
+        array: &Bound<'py, PyAny>,
+        layout: &Layout<'py>,
+        buffer: &Bound<'py, PyAny>,
     ) -> PyResult<()> {
-        let Layout { dtype, shape, order, .. } = layout;
-        let target = self.over(shape.as_any(), dtype, buffer, *order)?;
-        self.copyto.bind(array.py()).call1((target, array))?;
+        let py = array.py();
+        let elements = layout.elements(array)?;
+        let dtype = elements.getattr(intern!(py, "dtype"))?;
+        let target = self.over(layout.shape.as_any(), &dtype, buffer, layout.order)?;
+        self.copyto.bind(py).call1((target, elements))?;
         Ok(())
     }
 
@@ -126,6 +129,8 @@ impl Numpy {
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = description.py();
         let known = self.dtypes.bind(py);
+        // Who has a dtype with fields can give them other names: each receiver gets its own.
+        let lasts = description.as_bytes().first() != Some(&FIELDS);
         if let Some(dtype) = known.get_item(description)? {
             return Ok(dtype);
         }
@@ -144,7 +149,9 @@ impl Numpy {
         if !is_plain(&dtype)? {
             return Err(PyValueError::new_err("malformed payload: elements are not plain bytes"));
         }
-        remember(known, description.as_any(), &dtype)?;
+        if lasts {
+            remember(known, description.as_any(), &dtype)?;
+        }
         Ok(dtype)
     }
 
@@ -200,6 +207,18 @@ pub(super) struct Layout<'py> {
     pub(super) order: Order,
     /// The length of its elements in bytes.
     pub(super) len: usize,
+}
+
+impl<'py> Layout<'py> {
+    /// The array with elements of which NumPy copies every byte. Of those with fields it copies only the
+    /// fields: in the gaps would be whatever was in the memory before.
+    fn elements(&self, array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        if self.description.as_bytes().first() != Some(&FIELDS) {
+            return Ok(array.clone());
+        }
+        let py = array.py();
+        arrays(py)?.call_method1(intern!(py, "raw"), (array,))
+    }
 }
 
 /// The object of a store that has the elements of an array, all of them and nothing else, in the order

@@ -99,7 +99,7 @@ struct Walk<'py> {
     py: Python<'py>,
     draft: Draft<'py>,
     /// The numbers of the values that may occur again, by address.
-    seen: BTreeMap<usize, Seen>,
+    seen: BTreeMap<usize, Seen<'py>>,
     /// Keeps what was made for this walk alone, so that no address is used twice.
     kept: Vec<Bound<'py, PyAny>>,
     /// By what members of sets are sorted: their bytes, by address.
@@ -109,10 +109,13 @@ struct Walk<'py> {
     depth: u32,
 }
 
-struct Seen {
+struct Seen<'py> {
     number: u64,
     /// Something that is not complete: a reference to it from inside cannot be rebuilt.
     open: bool,
+    /// Not read: another thread may take the value out of its container meanwhile, and then the next one
+    /// could have its address.
+    _value: Bound<'py, PyAny>,
 }
 
 impl<'py> Walk<'py> {
@@ -182,17 +185,13 @@ impl<'py> Walk<'py> {
             return self.set(value, Kind::FrozenSet);
         }
         let kinds = Kinds::get(self.py)?;
-        let is_bytes = || PyBuffer::<u8>::get(value).ok().filter(|view| view.dimensions() == 1);
-        if kinds.is_buffer(value) {
+        let is_view = value.is_exact_instance_of::<PyMemoryView>() || kinds.is_buffer(value);
+        if let Some(bytes) = is_view.then(|| plain_bytes(value)).flatten() {
             self.begin(value, Kind::Buffer);
-            self.buffer(PyBuffer::get(value)?)?;
+            self.buffer(bytes)?;
         } else if kinds.is_written(value) {
             self.begin(value, Kind::Buffer);
             self.written(value)?;
-        } else if let Some(bytes) = value.cast_exact::<PyMemoryView>().ok().and_then(|_| is_bytes())
-        {
-            self.begin(value, Kind::Buffer);
-            self.buffer(bytes)?;
         } else {
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
             self.made(kinds, value, &parts)?;
@@ -373,7 +372,8 @@ impl<'py> Walk<'py> {
 
     fn begin(&mut self, value: &Bound<'py, PyAny>, kind: Kind) {
         self.kind(kind);
-        let seen = Seen { number: self.seen.len() as u64, open: false };
+        let number = self.seen.len() as u64;
+        let seen = Seen { number, open: false, _value: value.clone() };
         self.seen.insert(address(value), seen);
     }
 
@@ -422,6 +422,13 @@ impl<'py> Walk<'py> {
         put_number(&mut self.draft.head, (len as u64) << 1 | 1);
         self.draft.sources.push(source);
     }
+}
+
+/// The bytes in a row that a buffer is, if it is nothing else: neither elements of another format, be
+/// they single characters, nor of several dimensions.
+fn plain_bytes(value: &Bound<'_, PyAny>) -> Option<PyBuffer<u8>> {
+    let bytes = PyBuffer::<u8>::get(value).ok()?;
+    (bytes.dimensions() == 1 && bytes.format() == c"B").then_some(bytes)
 }
 
 fn index(at: usize) -> String {

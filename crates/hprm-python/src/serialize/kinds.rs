@@ -95,7 +95,7 @@ impl Kinds {
         value.get_type().is(&self.written)
     }
 
-    /// Whether `value` is a `PickleBuffer`: bytes in a row.
+    /// Whether `value` is a `PickleBuffer`.
     pub(super) fn is_buffer(&self, value: &Bound<'_, PyAny>) -> bool {
         value.get_type().is(&self.buffer)
     }
