@@ -78,9 +78,146 @@ def test_a_large_array_is_the_same_one_and_nobody_can_write_to_it(threads: Any) 
 
 
 def test_what_an_array_is_a_view_of_becomes_read_only_too(threads: Any) -> None:
-    body = "print(value.flags.writeable, value.base.flags.writeable, value.base.size)"
+    body = "print(value.flags.writeable, len(memoryview(value.base)), value.base is not value)"
     text = pair("np.zeros(200_000)[10:]", body, kept="None")
-    assert lines(threads(text)) == ["False False 200000"] * 2
+    assert lines(threads(text)) == ["False 1600000 True"] * 2
+
+
+# What a program may try with an array of numbers, so that it can write to it.
+THAWS = [
+    "value.flags.writeable = True; value[:] = 666",
+    "value.setflags(write=True); value[:] = 666",
+    "value[:].flags.writeable = True",
+    "value.view(np.uint8).setflags(write=True)",
+    "value.base.flags.writeable = True",
+    "value.base[0] = 1",
+    "memoryview(value)[0] = 666",
+    "memoryview(value.base)[0] = 1",
+    "memoryview(value).obj.base.flags.writeable = True",
+    "np.frombuffer(value.base)[0] = 666",
+    "np.asarray(memoryview(value.base)).flags.writeable = True",
+    "np.ndarray(value.shape, value.dtype, value.base).flags.writeable = True",
+    "np.lib.stride_tricks.as_strided(value, writeable=True)[0] = 666",
+    "np.asarray(Like(value.__array_interface__))[0] = 666",
+    "np.from_dlpack(value).flags.writeable = True",
+    "(ctypes.c_double * 2).from_buffer(value)[0] = 666",
+    "value.resize(5, refcheck=False)",
+    "value.byteswap(inplace=True)",
+    "np.copyto(value, 666, casting='unsafe')",
+    "value.base.__init__()",
+    "gc.get_referents(value.base)[-1].flags.writeable = True",
+    "value.shape = (2, -1)",
+    "value.dtype = np.uint8",
+    "value.strides = (0,) * value.ndim",
+    "value.data = bytearray(value.nbytes)",
+    "value.__setstate__((1, (2,), np.dtype('i1'), False, b'ab'))",
+]
+
+TRY = f"""\
+import ctypes, gc, warnings
+  class Like:
+      def __init__(self, interface): self.__array_interface__ = interface
+  def thaw(value):
+      warnings.simplefilter("ignore")
+      for way in {THAWS!r}:
+          try:
+              exec(way)
+          except Exception:
+              pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("made", "sent"),
+    [
+        ("None", "np.zeros(100_000)"),
+        ("None", "{'in': [np.zeros(100_000), (np.zeros(200_000)[1::2],)]}"),
+        ("np.zeros(100_000)", "self.kept"),
+        ("np.zeros(100_000)", "[self.kept[::-1]]"),
+        ("np.zeros(10)", "self.kept"),
+        ("None", "(np.zeros(10),)"),
+    ],
+)
+def test_nobody_can_make_what_is_shared_writeable_again(threads: Any, made: str, sent: str) -> None:
+    """Neither the receiver of an array nor its sender, who has frozen and kept it."""
+    outcome = threads(f"""\
+        target Python {{ timeout: 20 msec }}
+        preamble {{=
+          import numpy as np
+          {TRY.replace(chr(10), chr(10) + "        ")}
+          def arrays(value):
+              if isinstance(value, np.ndarray):
+                  return [value]
+              within = value.values() if isinstance(value, dict) else value
+              return [array for each in within for array in arrays(each)]
+          def looks(value):
+              return [(array.sum(), array.shape, array.dtype.str) for array in arrays(value)]
+        =}}
+        reactor Source {{
+          output out
+          input late
+          timer again(10 msec)
+          state kept = {{= {made} =}}
+          reaction(startup) -> out {{=
+            if self.kept is not None:
+                self.kept.flags.writeable = False
+            out.set({sent})
+          =}}
+          reaction(late) {{= [thaw(array) for array in arrays(late.value)] =}}
+          reaction(again) {{=
+            if self.kept is not None:
+                thaw(self.kept)
+          =}}
+        }}
+        reactor Thief {{
+          input inp
+          reaction(inp) {{= [thaw(array) for array in arrays(inp.value)] =}}
+        }}
+        reactor Sink {{
+          input inp
+          state value
+          timer t(20 msec)
+          reaction(inp) {{= self.value = inp.value; print(looks(self.value)) =}}
+          reaction(t) {{= print(looks(self.value)) =}}
+        }}
+        federated reactor {{
+          source = new Source()
+          thief = new Thief()
+          sink = new Sink()
+          source.out -> thief.inp
+          source.out -> sink.inp
+          source.out -> source.late after 5 msec
+        }}
+    """)
+    first, second = lines(outcome)
+    assert first == second
+    assert "(0.0, (" in first or "(np.float64(0.0), (" in first
+
+
+def test_a_read_only_view_of_what_its_owner_writes_is_copied(threads: Any) -> None:
+    text = pair(
+        "np.frombuffer(memoryview(self.memory).toreadonly(), np.uint8)",
+        "SEEN.append(value)\n    print([int(value.max()) for value in SEEN])",
+        preamble="SEEN = []",
+        more="self.memory = self.memory or bytearray(100_000)\n    self.memory[5] += 1",
+        kept="0",
+    ).replace("  timer t", "  state memory\n  timer t", 1)
+    assert lines(threads(text)) == ["[1]", "[1, 2]"]
+
+
+def test_a_receiver_may_give_fields_other_names(threads: Any) -> None:
+    text = pair(
+        "np.zeros(10_000, [('a', 'f8'), ('in', [('b', 'f8')])])",
+        "print(value.dtype.names, value.dtype['in'].names)\n"
+        "    value.dtype.names = ('p', 'in'); value.dtype['in'].names = ('q',)",
+        kept="None",
+    )
+    text = text.replace(
+        "source.out -> sink.inp",
+        "two = new Sink()\n  source.out -> two.inp\n  source.out -> sink.inp",
+    )
+    outcome = threads(text)
+    assert lines(outcome) == lines(outcome, "two") == ["('a', 'in') ('b',)"] * 2
 
 
 def test_an_array_that_nobody_can_write_to_is_shared_though_it_is_kept(threads: Any) -> None:

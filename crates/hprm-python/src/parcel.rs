@@ -1,7 +1,8 @@
 //! Values on their way to another federate of the same process.
 //!
-//! What nobody can change is shared. Large arrays that nobody else can reach are made so; others are
-//! copied, because a program may go on writing to them. Lists, tuples and dicts of such things
+//! What nobody can change is shared. The memory of large arrays that nobody else can reach is made so;
+//! others are copied, because a program may go on writing to them. The array itself, which has a shape
+//! that can be changed, is each receiver's own. Lists, tuples and dicts of such things
 //! are copied, their members are not. Anything else is encoded as if it went to another process: an
 //! object of a class must not be seen by two federates, each of which has classes of its own. So is
 //! what goes through a serializer that the program names, which may make something else of it.
@@ -28,7 +29,8 @@ const DEPTH_LIMIT: u32 = 64;
 pub(crate) enum Parcel {
     /// Nobody can change it.
     Object(Py<PyAny>),
-    /// Containers, which the receiver may change: it gets a copy of this copy.
+    /// Containers, which the receiver may change: it gets a copy of this copy. So are arrays, whose
+    /// memory is not copied.
     Containers(Py<PyAny>),
     /// As it travels to another process, but for the store.
     Encoded {
@@ -73,13 +75,11 @@ impl Parcel {
     pub(crate) fn open(&self, py: Python<'_>, codec: &Codec, trust: Trust) -> PyResult<Py<PyAny>> {
         match self {
             Self::Object(object) => Ok(object.clone_ref(py)),
-            Self::Containers(object) => {
-                match Copying::new(py, Sole::new()).value(object.bind(py)) {
-                    Ok(copy) => Ok(copy.unbind()),
-                    Err(Stop::Raised(error)) => Err(error),
-                    Err(Stop::Foreign) => unreachable!("it has been copied before"),
-                }
-            }
+            Self::Containers(object) => match Copying::opening(py).value(object.bind(py)) {
+                Ok(copy) => Ok(copy.unbind()),
+                Err(Stop::Raised(error)) => Err(error),
+                Err(Stop::Foreign) => unreachable!("it has been copied before"),
+            },
             Self::Encoded { head, parts } => codec.decode(py, head, parts, trust),
         }
     }
@@ -102,6 +102,8 @@ impl<E: Into<PyErr>> From<E> for Stop {
 /// Copies the containers in a value, and not their members.
 struct Copying<'py> {
     py: Python<'py>,
+    /// Whether it makes what a receiver gets of what was packed.
+    opening: bool,
     /// The arrays to which nobody else has a reference.
     sole: Sole,
     /// The copies of containers, by the address of the original. What occurs twice is copied once.
@@ -113,7 +115,11 @@ struct Copying<'py> {
 
 impl<'py> Copying<'py> {
     fn new(py: Python<'py>, sole: Sole) -> Self {
-        Self { py, sole, seen: BTreeMap::new(), depth: 0, containers: 0 }
+        Self { py, opening: false, sole, seen: BTreeMap::new(), depth: 0, containers: 0 }
+    }
+
+    fn opening(py: Python<'py>) -> Self {
+        Self { opening: true, ..Self::new(py, Sole::new()) }
     }
 
     fn value(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
@@ -189,10 +195,18 @@ impl<'py> Copying<'py> {
     /// Arrays and numbers of NumPy.
     fn foreign(&mut self, value: &Bound<'py, PyAny>) -> Result<Bound<'py, PyAny>, Stop> {
         let module = self.py.import(intern!(self.py, "hprm._handover"))?;
+        if self.opening {
+            return Ok(module.call_method1(intern!(self.py, "opened"), (value,))?);
+        }
         let alone = self.sole.contains_key(&address(value)) && has_its_memory_alone(value)?;
         let small = if alone { INLINE_LIMIT } else { usize::MAX };
         let frozen = module.call_method1(intern!(self.py, "frozen"), (value, small))?;
-        if frozen.is_none() { Err(Stop::Foreign) } else { Ok(frozen) }
+        if frozen.is_none() {
+            return Err(Stop::Foreign);
+        }
+        // An array, of which each receiver gets its own view.
+        self.containers += u32::from(!frozen.is(value));
+        Ok(frozen)
     }
 }
 
