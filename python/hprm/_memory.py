@@ -24,10 +24,13 @@ def empty(
 
     It is an array as any other until it is published: when a port was set to it and nothing else
     refers to it at the end of the tag. If something does, a copy is published instead.
+
+    One whose elements have fields begins with zeros, because who fills the fields does not reach
+    what is between them.
     """
     import numpy as np
 
-    return _hprm.in_store(np.empty, shape, dtype, order)
+    return _without_remains(_hprm.in_store(np.empty, shape, dtype, order))
 
 
 def empty_like(
@@ -40,4 +43,13 @@ def empty_like(
     import numpy as np
 
     # An array of a subclass has a state of its own, and is copied.
-    return _hprm.in_store(np.empty_like, prototype, dtype, order, subok=False, shape=shape)
+    made = _hprm.in_store(np.empty_like, prototype, dtype, order, subok=False, shape=shape)
+    return _without_remains(made)
+
+
+def _without_remains(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Clear an array of elements with fields, of which a program fills only the fields."""
+    if array.dtype.names is not None and not array.dtype.hasobject:
+        elements = array.view(f"V{array.dtype.itemsize}")
+        elements[...] = bytes(array.dtype.itemsize)
+    return array

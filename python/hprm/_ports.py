@@ -1,11 +1,11 @@
 """Arguments of reactions that are made of ports: contained instances, and mutable inputs."""
 
 import copy
-import sys
 from typing import Any, NoReturn
 
 from hprm._classes import Make
 from hprm._hprm import port_capsule
+from hprm._kinds import loaded
 
 
 class Contained:
@@ -59,7 +59,11 @@ def mutable(port: port_capsule) -> "MutableInput | list[MutableInput]":
 
 
 def _copied(value: Any) -> Any:
-    numpy = sys.modules.get("numpy")
+    numpy = loaded("numpy")
     if numpy is not None and type(value) is numpy.ndarray and not value.dtype.hasobject:
-        return value.copy()
+        from hprm._kinds import arrays
+
+        made = numpy.empty(value.shape, value.dtype)
+        arrays.raw(made)[...] = arrays.raw(value)
+        return made
     return copy.deepcopy(value)
