@@ -21,9 +21,9 @@ class Parameter(NamedTuple):
 class ReactionSource(NamedTuple):
     """The bodies of a reaction; the arguments come after ``self``.
 
-    ``kinds`` says of each argument what it is: the kind of a part (see ``ClassSource``), ``source`` for
-    an input that does not trigger, ``mutable`` for one that is copied. ``contained`` has the ports of
-    contained reactors that the reaction names, as ``instance.port``.
+    ``kinds`` says of each argument what it is: the kind of a part (see ``ClassSource``), ``source``
+    for an input that does not trigger, ``mutable`` for one that is copied. ``contained`` has the
+    ports of contained reactors that the reaction names, as ``instance.port``.
     """
 
     arguments: list[str]
@@ -37,9 +37,9 @@ class ReactionSource(NamedTuple):
 class ClassSource(NamedTuple):
     """A reactor. Values are Python's, ``Code``, ``Parameter``, or lists and tuples of them.
 
-    A method has a name, arguments after ``self``, defaults for the last of them, and a body. A part has
-    a name, a kind (``input``, ``output``, ``action``, ``timer``, ``mode``, ``instance`` or ``bank``), and
-    if it is one of the last two, its class and the ports of that with their kinds.
+    A method has a name, arguments after ``self``, defaults for the last of them, and a body. A part
+    has a name, a kind (``input``, ``output``, ``action``, ``timer``, ``mode``, ``instance`` or
+    ``bank``), and if it is one of the last two, its class and the ports of that with their kinds.
     """
 
     name: str
