@@ -3,6 +3,8 @@
 from types import ModuleType
 from typing import Any, ClassVar
 
+from hprm._source import ClassSource
+
 
 class Make:
     """An object with whatever attributes are set; a missing one comes into being as another."""
@@ -21,6 +23,8 @@ class ReactorBase:
     """The base of all reactors: what ``self`` can do in every body."""
 
     _lf: ClassVar[Any]
+    #: The declaration of the reactor, for messages.
+    _source: ClassVar[ClassSource]
 
     @property
     def bank_index(self) -> int:

@@ -22,19 +22,19 @@ def register(files: dict[str, str]) -> None:
 
 def statements(code: Code) -> CodeType:
     """Compile a preamble."""
-    return _compiled(_parsed(code), code)
+    return _compiled(parsed(code), code)
 
 
 def function(
     code: Code, name: str, arguments: list[str], namespace: Namespace
 ) -> Callable[..., Any]:
     """Make a function with that body."""
-    return _function(code, name, arguments, _parsed(code).body, namespace)
+    return _function(code, name, arguments, parsed(code).body, namespace)
 
 
 def body(code: Code, name: str, arguments: list[str], namespace: Namespace) -> Callable[..., Any]:
     """Make a function that runs to its end when it is called, which a generator does not."""
-    tree = _parsed(code)
+    tree = parsed(code)
     for node in _own_nodes(tree):
         if isinstance(node, ast.Yield | ast.YieldFrom):
             text = linecache.getline(code.path, node.lineno)
@@ -47,10 +47,7 @@ def body(code: Code, name: str, arguments: list[str], namespace: Namespace) -> C
 
 def expression(code: Code, namespace: Namespace) -> Callable[..., Any]:
     """Make a function of ``self`` and ``bank_index`` that evaluates an expression."""
-    # Parentheses let it span lines, and the newline ends a comment behind it.
-    wrapped = code._replace(text=f"({code.text}\n)", column=code.column - 1)
-    tree = _parsed(wrapped, original=code)
-    match tree.body:
+    match parsed_expression(code).body:
         case [ast.Expr(value)]:
             returned = ast.copy_location(ast.Return(value), value)
             return _function(code, "value", ["self", "bank_index"], [returned], namespace)
@@ -73,11 +70,15 @@ def _function(
     return made[name]
 
 
-def _parsed(code: Code, original: Code | None = None) -> ast.Module:
+def parsed(code: Code, original: Code | None = None) -> ast.Module:
+    """Parse a piece, and move the tree to where the piece came from."""
+    original = original or code
     try:
         tree = ast.parse(code.text, code.path)
     except SyntaxError as error:
-        raise _located(error, original or code) from None
+        raise _located(error, original) from None
+    except (ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise _refused(error, original) from None
     shifts = _shifts(code)
     for node in _located_nodes(tree):
         node.col_offset += shifts(node.lineno)
@@ -85,6 +86,29 @@ def _parsed(code: Code, original: Code | None = None) -> ast.Module:
         node.lineno += code.line - 1
         node.end_lineno += code.line - 1
     return tree
+
+
+def parsed_expression(code: Code) -> ast.Module:
+    """Parse a value."""
+    # Parentheses let it span lines, and the newline ends a comment behind it.
+    wrapped = code._replace(text=f"({code.text}\n)", column=code.column - 1)
+    return parsed(wrapped, original=code)
+
+
+def _refused(error: Exception, code: Code) -> SyntaxError:
+    """Say what the compiler cannot take; it says that in few words, and without a place."""
+    reason = str(error).strip()
+    hint = None
+    if "null byte" in reason:
+        reason = "there is a null byte in it"
+    elif isinstance(error, RecursionError | MemoryError):
+        reason = "its expressions or blocks are nested too deeply"
+        hint = "assign parts of it to variables"
+    message = f"Python cannot compile this: {reason or type(error).__name__}"
+    place = (code.path, code.line, code.column + 1, linecache.getline(code.path, code.line))
+    refused = SyntaxError(message, place)
+    refused.hint = hint  # type: ignore[attr-defined]
+    return refused
 
 
 def _located_nodes(tree: ast.AST) -> Iterator[Any]:
@@ -110,6 +134,8 @@ def _compiled(tree: ast.Module, code: Code) -> CodeType:
         # Its line is that of the file already.
         error.text = linecache.getline(code.path, error.lineno or code.line)
         raise
+    except (ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise _refused(error, code) from None
 
 
 def _shifts(code: Code) -> Callable[[int], int]:

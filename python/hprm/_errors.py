@@ -3,6 +3,8 @@
 import os
 import traceback
 
+from hprm import _hints
+
 # Whose frames tell nobody anything: our own, and those of an import that did not go well.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.")
 
@@ -38,6 +40,10 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
     # Without a frame, it is often only what the title has said.
     if text not in (name, f"{name}: {reason}"):
         lines.append(text)
+    hint = _hints.of(error)
+    # Python's own is in the text, from version 3.12 on.
+    if hint is not None and not (hint.startswith("did you mean") and "Did you mean" in text):
+        lines.append(f"  hint: {hint}")
     return 1, "\n".join(lines)
 
 
@@ -68,12 +74,12 @@ def _syntax_error(error: SyntaxError) -> str:
     text = (error.text or "").rstrip("\n")
     margin = " " * len(str(line))
     marker = "".join("\t" if c == "\t" else " " for c in text[: column - 1]) + "^"
-    return "\n".join(
-        [
-            f"error: {error.msg}",
-            f"{margin}--> {place}",
-            f"{margin} |",
-            f"{line} | {text}",
-            f"{margin} | {marker}",
-        ]
-    )
+    lines = [
+        f"error: {error.msg}",
+        f"{margin}--> {place}",
+        f"{margin} |",
+        f"{line} | {text}",
+        f"{margin} | {marker}",
+    ]
+    hint = getattr(error, "hint", None)
+    return "\n".join(lines if hint is None else [*lines, f"  hint: {hint}"])

@@ -13,6 +13,19 @@ from hprm._source import ProgramSource
 FEDERATION_ID = "HPRM_FEDERATION_ID"
 
 
+#: What the module has, and its class `time`.
+NAMES = frozenset(
+    (
+        *("Tag", "port_capsule", "action_capsule_t", "time", "tag", "tag_compare"),
+        *("tag_start_effective", "request_stop", "stop", "get_federation_id", "source_directory"),
+        *("package_directory", "get_fed_maxwait", "set_fed_maxwait", "start", "check_deadline"),
+        *("update_deadline", "register_user_trace_event", "tracepoint_user_event"),
+        *("tracepoint_user_value", "store_stats"),
+    )
+)
+TIMES = frozenset(("logical", "logical_elapsed", "physical", "physical_elapsed", "start"))
+
+
 def make_module(api: Api, source: ProgramSource) -> ModuleType:
     """Make the module of a program, importable by the name that Lingua Franca gives it."""
     lf = ModuleType(f"LinguaFranca{source.name}", make_module.__doc__)
@@ -53,14 +66,7 @@ def tag_compare(left: Tag, right: Tag) -> int:
 
 def _time(api: Api) -> type:
     """Make the class ``lf.time``."""
-    functions = {
-        "logical": api.logical,
-        "logical_elapsed": api.logical_elapsed,
-        "physical": api.physical,
-        "physical_elapsed": api.physical_elapsed,
-        "start": api.start,
-    }
-    names = {name: staticmethod(function) for name, function in functions.items()}
+    names = {name: staticmethod(getattr(api, name)) for name in TIMES}
     return type("time", (), {"__doc__": "Times in nanoseconds.", **names})
 
 

@@ -18,6 +18,11 @@ from hprm._source import ProgramSource
 
 _PREFIX = "hprm._spawned.program_"
 
+#: What bodies know without an import, beside built-in names.
+NAMES = frozenset(hprm.__all__) | {
+    *("copy", "get_fed_maxwait", "lf", "os", "request_stop", "set_fed_maxwait", "start", "sys"),
+}
+
 # Federates that share a process load at the same time.
 _EXTENDING = threading.Lock()
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from types import FunctionType, ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
-from hprm import _compile, _lf, _main
+from hprm import _compile, _lf, _main, _suspects
 from hprm._classes import ReactorBase
 from hprm._hprm import Api
 from hprm._source import ClassSource, Code, InstanceSource, Parameter, ProgramSource
@@ -29,6 +29,8 @@ class Program:
             made = _Class(source.classes[used], self)
             self._classes[used] = made
             self._names[made.cls.__name__] = made.cls
+        for made in self._classes.values():
+            _suspects.check(made.source, made.reactions, self._names)
         self._instances: dict[int, tuple[_Class, ReactorBase]] = {}
         for instance in source.instances:
             self._make_instance(instance)
@@ -106,11 +108,11 @@ class _Class:
 
     def __init__(self, source: ClassSource, program: Program) -> None:
         self.source = source
-        names: dict[str, Any] = {"__module__": "__main__", "_lf": program.lf}
+        names: dict[str, Any] = {"__module__": "__main__", "_lf": program.lf, "_source": source}
         for preamble in source.preambles:
             program.preamble(preamble, names)
         for name, _ in source.parameters:
-            names[name] = property(attrgetter(f"_{name}"))
+            names[name] = _parameter(name)
         for name, arguments, defaults, code in source.methods:
             method = program.function(code, name, ["self", *arguments])
             # As in Python, a default is evaluated once, where nothing of an instance is known.
@@ -132,6 +134,17 @@ class _Class:
                 )
             )
         self.cls: type[ReactorBase] = type(f"_{source.name}", (ReactorBase,), names)
+
+
+def _parameter(name: str) -> property:
+    """Make the attribute for a parameter, which only the program's text sets."""
+
+    def refuse(instance: object, value: object) -> NoReturn:
+        raise AttributeError(
+            f"the parameter {name} cannot be assigned; keep what changes in a state variable"
+        )
+
+    return property(attrgetter(f"_{name}"), refuse)
 
 
 def load(source: ProgramSource, api: Api) -> Program:

@@ -4,71 +4,93 @@ import json
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-from hprm import _compile, _hprm
+from hprm import _compile, _findings, _hprm, _lint
+from hprm._findings import Finding
 from hprm._source import ClassSource, Code, ProgramSource
 
 Check = Callable[[Code], object]
+Look = Callable[[Code, _lint.Module], Iterator[Finding]]
+
+
+class _Piece(NamedTuple):
+    """Some Python, what compiles it as when the program is run, and what looks at its names."""
+
+    code: Code
+    check: Check
+    look: Look
 
 
 def report(paths: list[str]) -> None:
     """Print the mistakes of programs, each as a line of JSON."""
     warnings.simplefilter("ignore")
-    # Programs may share files.
-    known: dict[Code, SyntaxError | None] = {}
     for path in paths:
         source = _hprm.describe_program(path, all=True)
         _compile.register(source.files)
-        for code, check in _pieces(source):
-            if code not in known:
-                known[code] = _mistake(code, check)
-            error = known[code]
-            if error is not None:
-                place = {"file": error.filename, "line": error.lineno, "column": error.offset}
-                print(json.dumps({"program": path, "message": error.msg, **place}))
+        said = set()
+        for finding in _findings_of(source):
+            # Several classes may inherit a body, and several instances have a value.
+            if finding not in said:
+                said.add(finding)
+                print(json.dumps({"program": path, **finding._asdict()}))
 
 
-def _mistake(code: Code, check: Check) -> SyntaxError | None:
+def _findings_of(source: ProgramSource) -> Iterator[Finding]:
+    pieces = list(_pieces(source))
+    mistakes = {piece.code: error for piece in pieces if (error := _mistake(piece))}
+    yield from (_findings.of_syntax_error(error, code) for code, error in mistakes.items())
+    if not mistakes:
+        module = _lint.Module(source)
+        for piece in pieces:
+            yield from piece.look(piece.code, module)
+
+
+def _mistake(piece: _Piece) -> SyntaxError | None:
     try:
-        check(code)
+        piece.check(piece.code)
     except SyntaxError as error:
         return error
-    except (ValueError, OverflowError, RecursionError, MemoryError) as error:
-        # What the compiler itself cannot take: a zero in the text, or too deep a nesting.
-        message = f"Python cannot compile this: {error or type(error).__name__}"
-        return SyntaxError(message, (code.path, code.line, code.column + 1, None))
     return None
 
 
-def _pieces(source: ProgramSource) -> Iterator[tuple[Code, Check]]:
-    """Find all Python in a program, each with what compiles it as when the program is run."""
-    yield from ((code, _preamble) for code in source.preambles)
+def _pieces(source: ProgramSource) -> Iterator[_Piece]:
+    """Find all Python in a program."""
+    for code in source.preambles:
+        yield _Piece(code, _preamble, partial(_lint.preamble, cls=None))
     for cls in source.classes:
         yield from _class_pieces(cls)
     for instance in source.instances:
-        yield from _expressions([value for _, value in instance.assignments])
+        # The container gives these their meaning.
+        yield from _expressions([value for _, value in instance.assignments], None)
 
 
-def _class_pieces(cls: ClassSource) -> Iterator[tuple[Code, Check]]:
-    yield from ((code, _preamble) for code in cls.preambles)
-    yield from _expressions([value for _, value in [*cls.parameters, *cls.state]])
+def _class_pieces(cls: ClassSource) -> Iterator[_Piece]:
+    for code in cls.preambles:
+        yield _Piece(code, _preamble, partial(_lint.preamble, cls=cls))
+    yield from _expressions([value for _, value in [*cls.parameters, *cls.state]], cls)
     for name, arguments, defaults, code in cls.methods:
-        yield from _expressions(defaults)
-        yield code, partial(_method, name, arguments)
+        yield from _expressions(defaults, cls)
+        look = partial(_lint.method, arguments=arguments, cls=cls)
+        yield _Piece(code, partial(_method, name, arguments), _swapped(look))
     for reaction in cls.reactions:
+        look = partial(_lint.body, reaction=reaction, cls=cls)
         for handler in (reaction.body, reaction.deadline, reaction.tardy):
             if handler is not None:
-                yield handler, partial(_body, reaction.arguments)
+                yield _Piece(handler, partial(_body, reaction.arguments), _swapped(look))
 
 
-def _expressions(value: Any) -> Iterator[tuple[Code, Check]]:
+def _swapped(look: Callable[..., Iterator[Finding]]) -> Look:
+    return lambda code, module: look(code, module=module)
+
+
+def _expressions(value: Any, cls: ClassSource | None) -> Iterator[_Piece]:
     match value:
         case Code():
-            yield value, _expression
+            yield _Piece(value, _expression, partial(_lint.expression, cls=cls))
         case list() | tuple():
             for entry in value:
-                yield from _expressions(entry)
+                yield from _expressions(entry, cls)
 
 
 def _expression(code: Code) -> None:

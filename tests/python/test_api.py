@@ -156,32 +156,43 @@ def test_what_bodies_see(run: Any, statement: str, result: str) -> None:
     assert attempt(run, statement) == expected
 
 
-def test_a_port_is_set_only_by_reactions_that_declare_it(run: Any) -> None:
+def test_a_port_is_an_argument_and_nothing_to_keep(run: Any) -> None:
     outcome = run(
         """
         target Python { timeout: 1 s, fast: true }
-        preamble {= kept = [] =}
+        preamble {= import threading; kept = [] =}
         reactor A {
           input a
           output out
           logical action act
-          reaction(startup) -> out, act {= kept.append(out); out.set(1); act.schedule(0) =}
+          reaction(startup) -> out, act {=
+            kept.append(out)
+            def work():
+              for use in (lambda: out.set(2), lambda: out.value, lambda: out.is_present):
+                try: use()
+                except RuntimeError as error: print(error)
+            if len(kept) == 1:
+              thread = threading.Thread(target=work)
+              thread.start()
+              thread.join()
+            out.set(1)
+            act.schedule(0)
+          =}
           reaction(act) {=
             try: kept[0].set(2)
             except RuntimeError as error: print(error)
           =}
-          reaction(a) -> out {= kept[0].set(3); print("own"); kept[1].set(4) =}
+          reaction(a) -> out {= kept[0].set(3) =}
         }
         main reactor { x = new A()  y = new A()  y.out -> x.a after 1 ms }
         """,
     )
     assert outcome.code == 1
-    lines = outcome.out.splitlines()
-    assert lines == [
-        f"reaction Program.{name}.2 cannot set port Program.x.out, which is not an effect of it"
-        for name in "xy"
-    ] + ["own"]
-    assert "reaction Program.x.3 cannot set port Program.y.out" in outcome.err
+    kept = "port Program.x.out was kept from reaction Program.x.1, and reaction Program"
+    thread = "port Program.x.out can be used only on the thread that runs reaction Program.x.1"
+    lines = [line.partition(",")[0] for line in outcome.out.splitlines()]
+    assert lines == [thread] * 3 + [kept.partition(",")[0]] * 2, outcome.err
+    assert f"{kept}.x.3 runs" in outcome.err
 
 
 def test_threads_reach_physical_actions_only(run: Any) -> None:

@@ -169,7 +169,7 @@ def test_check_looks_into_bodies(hprm: Hprm, tmp_path: Path) -> None:
     answer = hprm("check", "--json", "Main.lf", "Bodies.lf")
     assert (answer.returncode, answer.stderr) == (1, "")
     mistakes = [json.loads(line) for line in answer.stdout.splitlines()]
-    assert {mistake["code"] for mistake in mistakes} == {"LF0901"}
+    assert {mistake["code"] for mistake in mistakes} == {"LF1001"}
     places = [(mistake["at"]["file"], mistake["at"]["line"]) for mistake in mistakes]
     lines = [5, 8, 11, 12, 17, 18, 22, 30]
     assert places == [("Bodies.lf", line) for line in lines] + [("Lib.lf", 2)]

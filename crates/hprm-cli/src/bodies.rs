@@ -16,11 +16,19 @@ use crate::python;
 pub(crate) struct Mistake {
     /// The program, as it was named.
     program: PathBuf,
+    code: String,
+    severity: String,
     message: String,
+    hint: Option<String>,
     file: String,
     line: u32,
     column: u32,
+    end_line: u32,
+    end_column: u32,
 }
+
+/// The codes of what the interpreter finds; `hprm._findings` says what they mean.
+const CODES: [&str; 6] = ["LF1001", "LF1003", "LF1004", "LF1005", "LF1006", "LF1007"];
 
 /// The mistakes in these programs, which have no others.
 ///
@@ -57,14 +65,19 @@ impl Mistake {
 
     /// It as a diagnostic; none if the file has changed so much that it is not read any more.
     pub(crate) fn diagnostic(&self, sources: &Sources) -> Option<Diagnostic> {
-        let span = sources.at(&self.file, Position { line: self.line, column: self.column })?;
+        let place = |line, column| sources.at(&self.file, Position { line, column });
+        let span = place(self.line, self.column)?;
+        let end = place(self.end_line, self.end_column)?;
         Some(Diagnostic {
-            code: "LF0901",
-            severity: Severity::Error,
+            code: CODES.into_iter().find(|code| *code == self.code).unwrap_or(CODES[0]),
+            severity: match self.severity.as_str() {
+                "warning" => Severity::Warning,
+                _ => Severity::Error,
+            },
             message: self.message.clone(),
-            span,
+            span: span.to(end),
             labels: Vec::new(),
-            hint: None,
+            hint: self.hint.clone(),
         })
     }
 }

@@ -91,7 +91,7 @@ impl Output {
             _ if self.json => {
                 let file = file.map(|path| json!({ "file": path.display().to_string() }));
                 let (code, severity) =
-                    if file.is_some() { ("LF0101", "error") } else { ("LF0902", "warning") };
+                    if file.is_some() { ("LF0101", "error") } else { ("LF1002", "warning") };
                 let mut line = error.as_json();
                 line["code"] = json!(code);
                 line["severity"] = json!(severity);

@@ -2,7 +2,7 @@
 //!
 //! Codes are stable: `LF00` text, `LF01` files, `LF02` declarations, `LF03` references, `LF04`
 //! values, `LF05` connections, `LF06` target, `LF07` not supported yet, `LF08` federations, `LF09`
-//! Python, which others look into. How a diagnostic looks on a terminal is the business of
+//! modes, `LF10` Python, which others look into; docs/diagnostics.md lists all. How a diagnostic looks on a terminal is the business of
 //! [`render()`](crate::render()).
 
 use std::collections::BTreeSet;

@@ -78,6 +78,11 @@ impl PyHost {
         });
         self.runtime.enter(scheduler, reaction, mem::take(effects), late);
         let outcome = bodies.call(py, body);
+        if let Err(error) = &outcome {
+            // Only while the reaction runs can its ports be asked.
+            let (hints, error) = (py.import("hprm._hints"), error.clone_ref(py).into_value(py));
+            let _ = hints.and_then(|hints| hints.call_method1("explain", (error,)));
+        }
         *effects = self.runtime.leave(reaction);
         outcome
     }

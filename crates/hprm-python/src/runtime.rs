@@ -10,8 +10,8 @@ use std::thread::{self, ThreadId};
 
 use hprm::{Clock, Inbox};
 use hprm_core::{
-    ActionId, Effect, Effects, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler,
-    Scope, Tag, Transition, Trigger,
+    ActionId, Effects, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
+    Tag, Transition,
 };
 use hprm_store::StoreStats;
 use pyo3::exceptions::PyRuntimeError;
@@ -145,13 +145,13 @@ impl Runtime {
         (owner, access): (ReactionId, Access),
         port: PortId,
     ) -> PyResult<Option<Value>> {
-        self.during(owner, port, Access::Read, |running| running.latest(port, access).cloned())
+        self.during(owner, port, |running| running.latest(port, access).cloned())
     }
 
     /// Makes a port persistent, with a first value.
     pub(crate) fn remember(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.during(owner, port, Access::Remember, |running| running.effects.keep(port, value))
+        self.during(owner, port, |running| running.effects.keep(port, value))
     }
 
     /// Whether a port has a value.
@@ -160,12 +160,12 @@ impl Runtime {
         (owner, access): (ReactionId, Access),
         port: PortId,
     ) -> PyResult<bool> {
-        self.during(owner, port, Access::Read, |running| running.port(port, access).is_some())
+        self.during(owner, port, |running| running.port(port, access).is_some())
     }
 
     /// The tag that the value at a port was meant for.
     pub(crate) fn intended_tag(&self, owner: ReactionId, port: PortId) -> PyResult<Tag> {
-        self.during(owner, port, Access::Read, |Running { scheduler, .. }| {
+        self.during(owner, port, |Running { scheduler, .. }| {
             scheduler.intended_tag(port).unwrap_or(scheduler.tag())
         })
     }
@@ -173,7 +173,7 @@ impl Runtime {
     /// Sets a port.
     pub(crate) fn set(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.during(owner, port, Access::Write, |running| running.effects.set(port, value))
+        self.during(owner, port, |running| running.effects.set(port, value))
     }
 
     /// Whether an action is present, and its value.
@@ -339,56 +339,41 @@ impl Runtime {
 
     // Inside.
 
-    /// Uses the reaction that runs and may use the port: the one whose argument the port is, or else
-    /// the one that runs on this thread, or that alone runs.
+    /// Uses the reaction whose argument the port is, which must run, and on this thread.
+    ///
+    /// A port that a program has kept is not an argument of whatever runs later.
     fn during<R>(
         &self,
         owner: ReactionId,
         port: PortId,
-        access: Access,
         uses: impl FnOnce(&mut Running) -> R,
     ) -> PyResult<R> {
         let mut cell = self.cell();
-        let running = &mut cell.running;
-        let this = thread::current().id();
-        let at = running
-            .iter()
-            .position(|running| running.reaction == owner)
-            .or_else(|| running.iter().position(|running| running.thread == this))
-            .or((running.len() == 1).then_some(0));
-        let Some(running) = at.map(|at| &mut running[at]) else {
-            return Err(self.outside(&self.program.port_name(port)));
-        };
-        let reaction = running.reaction;
-        if reaction == owner || self.declares(reaction, port, access) {
-            Ok(uses(running))
-        } else {
-            Err(self.undeclared(reaction, port, access))
+        let runs = cell.running.iter().any(|running| running.reaction == owner);
+        match cell.reacting() {
+            Some(running) if running.reaction == owner => Ok(uses(running)),
+            Some(running) => Err(self.of_another(owner, running.reaction, port)),
+            None if runs => Err(self.elsewhere(owner, port)),
+            None => Err(self.outside(&self.program.port_name(port))),
         }
     }
 
-    fn declares(&self, reaction: ReactionId, port: PortId, access: Access) -> bool {
-        let spec = &self.program.reactions[reaction];
-        let writes = spec.effects.contains(&Effect::Port(port));
-        let reads = || spec.triggers.contains(&Trigger::Port(port)) || spec.sources.contains(&port);
-        match access {
-            Access::Read => writes || reads(),
-            // Reactions name inputs of contained reactors as effects only, so it is the reactor's.
-            Access::Remember => spec.sources.contains(&port),
-            Access::Write => writes,
-        }
-    }
-
-    fn undeclared(&self, reaction: ReactionId, port: PortId, access: Access) -> PyErr {
-        let (verb, role) = match access {
-            Access::Read => ("read", "a trigger, source or effect"),
-            Access::Remember => ("set", "a source"),
-            Access::Write => ("set", "an effect"),
-        };
+    fn of_another(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
+        let [owner, running] =
+            [owner, running].map(|reaction| self.program.reaction_name(reaction));
         PyRuntimeError::new_err(format!(
-            "reaction {} cannot {verb} port {}, which is not {role} of it",
-            self.program.reaction_name(reaction),
+            "port {} was kept from reaction {owner}, and reaction {running} runs; use the argument of \
+             that name, or keep the value instead of the port",
             self.program.port_name(port)
+        ))
+    }
+
+    fn elsewhere(&self, owner: ReactionId, port: PortId) -> PyErr {
+        PyRuntimeError::new_err(format!(
+            "port {} can be used only on the thread that runs reaction {}, and this is another one; \
+             other threads schedule a physical action",
+            self.program.port_name(port),
+            self.program.reaction_name(owner),
         ))
     }
 
