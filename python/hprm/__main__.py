@@ -9,7 +9,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from hprm import _hprm, _threads
+from hprm import _debugging, _hprm, _threads
 from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
 
@@ -29,6 +29,8 @@ def main() -> NoReturn:
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     _threads.let_bodies_start_threads()
+    if options.command == "federate" or options.in_process:
+        _debugging.explain_breakpoints(getattr(options, "federate", ""))
     if options.command == "run" and options.in_process:
         code = _hprm.run_in_process(
             options.file, options.property, logical_traces=options.logical_trace

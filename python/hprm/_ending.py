@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
-from hprm import _hprm, _threads
+from hprm import _hprm, _thread_failures, _threads
 
 #: How long a federation that has failed waits for the threads of a federate, in seconds.
 AFTER_FAILURE = 2.0
@@ -128,12 +128,32 @@ def _say(message: str) -> None:
 
 def _finish(code: int) -> NoReturn:
     _last.acquire()
-    steps = [atexit._run_exitfuncs, _flush_streams, _drop_modules, _flush_streams, _write_files]
+    steps = [
+        atexit._run_exitfuncs,
+        _flush_streams,
+        # The garbage collector may close a file before it takes what is still in its buffer.
+        _write_files,
+        _drop_modules,
+        _flush_streams,
+        _write_files,
+    ]
     for step in steps:
         # A signal ends what takes too long, as it does with Python.
         with contextlib.suppress(_Stopped):
             step()
+    code = code or int(_thread_failures.failed_at_the_end())
+    if _is_observed() and threading.current_thread() is threading.main_thread():
+        # A profiler reports when the program returns to it.
+        sys.exit(code)
     os._exit(code)
+
+
+def _is_observed() -> bool:
+    """Whether a profiler, debugger or coverage tool runs the interpreter."""
+    if sys.getprofile() is not None or sys.gettrace() is not None:
+        return True
+    monitoring = getattr(sys, "monitoring", None)
+    return monitoring is not None and any(map(monitoring.get_tool, range(6)))
 
 
 def _flush_streams() -> None:

@@ -1,12 +1,14 @@
 """Exceptions as the end of a program: an exit code, and what to tell the person who ran it."""
 
 import os
+import sys
+import threading
 import traceback
 
 from hprm import _hints
 
-# Whose frames tell nobody anything: our own, and those of an import that did not go well.
-_OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.")
+# Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
+_OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
 
 
 def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str]:
@@ -36,6 +38,12 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
     if frames:
         place = f"{frames[-1].filename}:{frames[-1].lineno}"
     lines = [title] + ([f"  --> {place}"] if place else [])
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package = error.name.partition(".")[0]
+        lines.append(
+            f"  hint: the program runs with {sys.executable}; install {package} there, or name "
+            "another interpreter with --python"
+        )
     text = "".join(trace.format()).rstrip()
     # Without a frame, it is often only what the title has said.
     if text not in (name, f"{name}: {reason}"):

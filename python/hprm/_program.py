@@ -6,7 +6,7 @@ from operator import attrgetter
 from types import FunctionType, ModuleType
 from typing import Any, NoReturn
 
-from hprm import _compile, _lf, _main, _suspects
+from hprm import _compile, _lf, _main, _suspects, _thread_failures
 from hprm._classes import ReactorBase
 from hprm._hprm import Api
 from hprm._source import ClassSource, Code, InstanceSource, Parameter, ProgramSource
@@ -21,6 +21,8 @@ class Program:
     def __init__(self, source: ProgramSource, api: Api) -> None:
         """Load a program."""
         self._lf = _lf.make_module(api, source)
+        # Before the preambles, which may set a hook of their own.
+        _thread_failures.watch(api)
         self._module = _main.make_module(source)
         _main.prepare(source, self._lf, self._names)
         self._expressions: dict[Code, Body] = {}

@@ -60,7 +60,19 @@ pub(crate) enum Command {
     Doctor(Doctor),
 }
 
-/// Target properties that outdo those of the program.
+/// Which interpreter runs the bodies.
+#[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Interpreter {
+    /// The Python interpreter of the program. Without it: that of the active virtual environment, if HPRM
+    /// is installed there, or else the one beside this command.
+    #[arg(long, value_name = "PATH", env = PYTHON, hide_env_values = true)]
+    pub(crate) python: Option<PathBuf>,
+}
+
+/// Where the option --python may stand as well.
+pub(crate) const PYTHON: &str = "HPRM_PYTHON";
+
+/// Target properties that override those of the program.
 #[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Properties {
     /// A target property, instead of what the program says of it. May be repeated.
@@ -210,6 +222,10 @@ pub(crate) struct Run {
     /// Seconds that federates may take to join.
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
+    /// Give one federate the terminal, so that breakpoint() in it starts the debugger. What it prints
+    /// has no name in front.
+    #[arg(long, value_name = "FEDERATE", conflicts_with = "in_process")]
+    pub(crate) debug: Option<String>,
     #[command(flatten)]
     pub(crate) hang: Hang,
     /// Write down what every reaction did, in a form that does not depend on how the program was run.
@@ -217,6 +233,8 @@ pub(crate) struct Run {
     pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) properties: Properties,
+    #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
     #[command(flatten)]
     pub(crate) arguments: ProgramArguments,
 }
@@ -301,6 +319,8 @@ pub(crate) struct Verify {
     #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
+    #[command(flatten)]
     pub(crate) arguments: ProgramArguments,
 }
 
@@ -325,6 +345,8 @@ pub(crate) struct Check {
     /// Do not look into the Python, which saves the start of an interpreter.
     #[arg(long)]
     pub(crate) no_bodies: bool,
+    #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
 }
 
 /// Where the secret of a federation comes from.
@@ -443,6 +465,8 @@ pub(crate) struct Federate {
     #[command(flatten)]
     pub(crate) tls: Tls,
     #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
+    #[command(flatten)]
     pub(crate) arguments: ProgramArguments,
 }
 
@@ -479,6 +503,8 @@ pub(crate) struct Doctor {
     /// Print one JSON object a line.
     #[arg(long)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
 }
 
 /// Joins a number with the unit that follows it, behind an option that `takes_time`: programs of Lingua

@@ -8,6 +8,7 @@ use std::process::Stdio;
 use hprm_lf::{Diagnostic, Position, Severity, Sources};
 use serde::Deserialize;
 
+use crate::args::Interpreter;
 use crate::message::Error;
 use crate::python;
 
@@ -35,7 +36,10 @@ const CODES: [&str; 6] = ["LF1001", "LF1003", "LF1004", "LF1005", "LF1006", "LF1
 /// # Errors
 ///
 /// If there is no interpreter, or it does not answer: a warning, for nothing is known to be wrong.
-pub(crate) fn mistakes(programs: &[&Path]) -> Result<Vec<Mistake>, Error> {
+pub(crate) fn mistakes(
+    programs: &[&Path],
+    interpreter: &Interpreter,
+) -> Result<Vec<Mistake>, Error> {
     if programs.is_empty() {
         return Ok(Vec::new());
     }
@@ -43,7 +47,7 @@ pub(crate) fn mistakes(programs: &[&Path]) -> Result<Vec<Mistake>, Error> {
         Error::new(format!("the Python of reactions was not looked into: {reason}"))
             .hint("hprm doctor tells what is missing; --no-bodies does without")
     };
-    let python = python::find().map_err(|_| unchecked(&"there is no python3"))?;
+    let python = python::find(interpreter).map_err(|_| unchecked(&"there is no python3"))?;
     let mut command = python::module(&python, "syntax");
     let answer = command.arg("--").args(programs).stdin(Stdio::null()).output();
     let answer = answer.map_err(|error| unchecked(&error))?;

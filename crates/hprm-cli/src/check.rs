@@ -40,7 +40,11 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         arguments.files.iter().map(|path| (path.as_path(), source::check(path))).collect();
     let well = found.iter().filter(|(_, outcome)| matches!(outcome, Ok(Ok(_))));
     let well: Vec<_> = well.map(|(path, _)| *path).collect();
-    let bodies = if arguments.no_bodies { Ok(Vec::new()) } else { bodies::mistakes(&well) };
+    let bodies = if arguments.no_bodies {
+        Ok(Vec::new())
+    } else {
+        bodies::mistakes(&well, &arguments.interpreter)
+    };
     let output = Output { json: arguments.json };
     let mut count = Count::default();
     for (path, outcome) in found {

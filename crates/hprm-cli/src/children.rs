@@ -17,11 +17,23 @@ use crate::leftovers;
 use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::supervisor::Event;
+use crate::terminal::Lent;
+
+/// Where a federate reads and writes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Console {
+    /// It has no standard input, and its lines are shown behind its name.
+    Lines,
+    /// It has those of this command.
+    Terminal,
+}
 
 /// The processes that have been started, and which of them are still to be reaped.
 #[derive(Debug, Default)]
 pub(crate) struct Children {
     processes: BTreeMap<FederateId, Child>,
+    /// The federate that has the terminal.
+    terminal: Option<(FederateId, Lent)>,
     /// Threads that end what failed federates have left.
     ending: Vec<JoinHandle<()>>,
 }
@@ -36,16 +48,21 @@ impl Children {
         &mut self,
         (id, name): (FederateId, &str),
         mut command: Command,
+        console: Console,
         report: impl Fn(Event) + Send + 'static,
     ) -> Result<(), Error> {
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        if console == Console::Lines {
+            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        }
         command.process_group(0);
         let what = format!("cannot start federate {name} with {}", command.get_program().display());
         let unstarted = |error: io::Error| Error::new(format!("{what}: {error}"));
         let mut child = command.spawn().map_err(unstarted)?;
-        let pipes = child.stdout.take().zip(child.stderr.take());
-        let (output, error) = pipes.expect("both were asked to be pipes");
-        let followed = Followed::new(pid(&child), name, output, error);
+        if console == Console::Terminal {
+            self.terminal = Lent::to(child.id()).map(|lent| (id, lent));
+        }
+        let pipes = (child.stdout.take(), child.stderr.take());
+        let followed = Followed::new(pid(&child), name, pipes);
         self.processes.insert(id, child);
         let followed = followed.map_err(unstarted)?;
         let follow = move || {
@@ -68,6 +85,7 @@ impl Children {
 
     /// Forgets a process that has ended. What it has started ends too if it did not end `well`.
     pub(crate) fn reap(&mut self, id: FederateId, well: bool) {
+        self.terminal.take_if(|(debugged, _)| *debugged == id);
         if let Some(mut child) = self.processes.remove(&id) {
             if well {
                 // Its status is known already.

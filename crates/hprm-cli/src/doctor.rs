@@ -17,7 +17,7 @@ use crate::probe::{self, Finding, Health};
 ///
 /// None; what is missing is a finding.
 pub(crate) fn doctor(arguments: &Doctor) -> Result<ExitCode, Error> {
-    let findings = probe::all();
+    let findings = probe::all(&arguments.interpreter);
     let color = message::color(&io::stdout());
     for finding in &findings {
         let line = if arguments.json { as_json(finding) } else { as_text(finding, color) };

@@ -26,7 +26,7 @@ pub(crate) struct Followed {
     pid: Pid,
     /// Readable once the process has ended.
     end: OwnedFd,
-    streams: [Stream; 2],
+    streams: Vec<Stream>,
     /// Why the standard output of this command can no longer be written to.
     broken: Option<io::Error>,
 }
@@ -47,7 +47,7 @@ struct Stream {
 }
 
 impl Followed {
-    /// Prepares to follow the process `pid`, which is called `name`.
+    /// Prepares to follow the process `pid`, which is called `name`, and what it writes to pipes.
     ///
     /// # Errors
     ///
@@ -55,15 +55,15 @@ impl Followed {
     pub(crate) fn new(
         pid: Pid,
         name: &str,
-        output: ChildStdout,
-        error: ChildStderr,
+        (output, error): (Option<ChildStdout>, Option<ChildStderr>),
     ) -> io::Result<Self> {
         let stream = |pipe: OwnedFd, target| -> io::Result<Stream> {
             fcntl_setfl(&pipe, fcntl_getfl(&pipe)? | OFlags::NONBLOCK)?;
             Ok(Stream { pipe: Some(pipe), lines: Lines::of(name), target })
         };
-        let streams =
-            [stream(output.into(), Target::Output)?, stream(error.into(), Target::Error)?];
+        let output = output.map(|pipe| stream(pipe.into(), Target::Output));
+        let error = error.map(|pipe| stream(pipe.into(), Target::Error));
+        let streams = output.into_iter().chain(error).collect::<io::Result<_>>()?;
         let end = pidfd_open(pid, PidfdFlags::empty())?;
         Ok(Self { pid, end, streams, broken: None })
     }

@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
-use hprm_core::Program;
+use hprm_core::{FederateId, Program};
 
-use crate::args::Properties;
-use crate::children::Children;
+use crate::args::{PYTHON, Properties};
+use crate::children::{Children, Console};
 use crate::launcher;
 use crate::message::Error;
 use crate::python;
@@ -44,6 +44,8 @@ pub(crate) struct Plan {
     pub(crate) arguments: Vec<OsString>,
     pub(crate) properties: Properties,
     pub(crate) join_timeout: Duration,
+    /// The federate that gets the terminal.
+    pub(crate) debugged: Option<FederateId>,
     pub(crate) patience: Patience,
     pub(crate) logical_trace: Option<PathBuf>,
     /// Where the files of the program lie side by side, if not beside it.
@@ -81,8 +83,11 @@ pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> 
         }
         command.env(PROPERTIES, plan.properties.stated().join("\n"));
         let events = events.clone();
+        command.env(PYTHON, &plan.python);
+        let console = if plan.debugged == Some(id) { Console::Terminal } else { Console::Lines };
         // Once nobody listens, the command is about to end.
-        children.start((id, &federate.name), command, move |event| drop(events.send(event)))?;
+        let report = move |event| drop(events.send(event));
+        children.start((id, &federate.name), command, console, report)?;
     }
     let mut supervisor = Supervisor::new(program, plan.join_timeout);
     let code = supervise(&mut supervisor, &mut children, &rti, &arrivals);

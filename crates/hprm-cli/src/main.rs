@@ -30,6 +30,7 @@ mod signals;
 mod sim;
 mod source;
 mod supervisor;
+mod terminal;
 mod threads;
 mod trace;
 mod variables;

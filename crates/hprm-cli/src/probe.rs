@@ -14,6 +14,7 @@ use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
 use serde_json::Value;
 
+use crate::args::Interpreter;
 use crate::python;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -60,9 +61,9 @@ impl Finding {
 }
 
 /// All findings, in the order in which they matter.
-pub(crate) fn all() -> Vec<Finding> {
+pub(crate) fn all(chosen: &Interpreter) -> Vec<Finding> {
     let mut findings = vec![Finding::good("hprm", VERSION)];
-    findings.extend(interpreter());
+    findings.extend(interpreter(chosen));
     findings.extend([
         Finding::of("sealed memory", sealed_memory(), "large arrays need Linux 5.1 or later"),
         Finding::of(
@@ -98,9 +99,10 @@ print(json.dumps({
 }))
 "#;
 
-fn interpreter() -> Vec<Finding> {
-    const INSTALL: &str = "install Python 3.10 or later, then HPRM into it: pip install hprm";
-    let Ok(python) = python::find() else {
+fn interpreter(chosen: &Interpreter) -> Vec<Finding> {
+    const INSTALL: &str =
+        "install Python 3.10 or later, then HPRM into it: pip install . in a checkout";
+    let Ok(python) = python::find(chosen) else {
         return vec![Finding::bad("python", "not found", INSTALL)];
     };
     let answer = Command::new(&python).args(["-c", QUESTIONS]).output();
@@ -131,12 +133,12 @@ fn interpreted(answers: &Value) -> Vec<Finding> {
         Some(other) => Finding::bad(
             "python module",
             format!("version {other}, but this command is {VERSION}"),
-            "install both from the same release: pip install --upgrade hprm",
+            "install both from the same release: pip install . in its checkout",
         ),
         None => Finding::bad(
             "python module",
             reason(&answers["hprm"]),
-            "install HPRM into this interpreter: pip install hprm",
+            "install HPRM into this interpreter: pip install . in a checkout",
         ),
     };
     let numpy = match answers["numpy"].as_str() {

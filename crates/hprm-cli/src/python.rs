@@ -1,6 +1,7 @@
 //! Finding the interpreter that runs the bodies.
 //!
-//! The one beside the command comes first: it is the one that `hprm` was installed into.
+//! What the user states comes first, then an active virtual environment that HPRM is installed in, then
+//! the interpreter beside the command: it is the one that `hprm` was installed into.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -8,6 +9,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::args::Interpreter;
 use crate::message::Error;
 
 const PYTHON: &str = "python3";
@@ -23,12 +25,20 @@ struct Surroundings {
     path: Option<OsString>,
 }
 
-/// The interpreter: beside `hprm`, or in the active virtual environment, or on `PATH`.
+/// The interpreter that is stated, or else found: in the active virtual environment, beside `hprm`, or
+/// on `PATH`.
 ///
 /// # Errors
 ///
-/// If there is none.
-pub(crate) fn find() -> Result<PathBuf, Error> {
+/// If there is none, or the stated one cannot be executed.
+pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
+    if let Some(stated) = &interpreter.python {
+        return match is_executable(stated) {
+            true => Ok(stated.clone()),
+            false => Err(Error::new(format!("{} is no Python interpreter", stated.display()))
+                .hint("name an executable file, such as .venv/bin/python3")),
+        };
+    }
     let surroundings = Surroundings {
         called: env::args_os().next(),
         executable: env::current_exe().ok(),
@@ -37,7 +47,7 @@ pub(crate) fn find() -> Result<PathBuf, Error> {
     };
     search(&surroundings).ok_or_else(|| {
         Error::new("there is no python3 to run reactions with")
-            .hint("install Python 3.10 or later, then HPRM into it: pip install hprm")
+            .hint("install Python 3.10 or later, then HPRM into it: pip install . in a checkout")
     })
 }
 
@@ -58,10 +68,25 @@ fn search(surroundings: &Surroundings) -> Option<PathBuf> {
         .as_deref()
         .filter(|folder| !folder.is_empty())
         .map(|folder| Path::new(folder).join("bin").join(PYTHON));
-    beside
+    let installed = active.clone().filter(|python| has_hprm(python));
+    installed
+        .into_iter()
+        .chain(beside)
         .chain(active)
         .find(|candidate| is_executable(candidate))
         .or_else(|| on_path(surroundings.path.as_deref()?, OsStr::new(PYTHON)))
+}
+
+/// Whether HPRM is installed in the virtual environment of an interpreter.
+fn has_hprm(python: &Path) -> bool {
+    let Some(environment) = python.parent().and_then(Path::parent) else { return false };
+    let Ok(libraries) = environment.join("lib").read_dir() else { return false };
+    let packages = libraries.flatten().map(|library| library.path().join("site-packages"));
+    packages.filter_map(|folder| folder.read_dir().ok()).flat_map(Iterator::flatten).any(|entry| {
+        entry.file_name().to_str().is_some_and(|name| {
+            name == "hprm" || name.starts_with("hprm-") && name.ends_with(".dist-info")
+        })
+    })
 }
 
 /// Where the command was called, without resolving links: a link in a virtual environment stands
@@ -123,6 +148,25 @@ mod tests {
         assert_eq!(search(&all), Some(path.path().join("python3")));
         std::fs::remove_file(path.path().join("python3")).unwrap();
         assert_eq!(search(&all), None);
+    }
+
+    #[test]
+    fn an_active_environment_with_hprm_comes_before_what_is_beside_the_command() {
+        let beside = folder(&["hprm", "python3"]);
+        let active =
+            folder(&["bin/python3", "lib/python3.11/site-packages/hprm-0.1.0.dist-info/x"]);
+        let all = surroundings(&beside.path().join("hprm"), active.path(), Path::new("/nowhere"));
+        assert_eq!(search(&all), Some(active.path().join("bin/python3")));
+    }
+
+    #[test]
+    fn what_is_stated_is_taken_or_refused() {
+        let there = folder(&["python3"]);
+        let stated = |path: PathBuf| find(&Interpreter { python: Some(path) });
+        let python = there.path().join("python3");
+        assert_eq!(stated(python.clone()).unwrap(), python);
+        let error = stated(there.path().join("python4")).unwrap_err();
+        assert!(format!("{error:?}").contains("python4 is no Python interpreter"), "{error:?}");
     }
 
     #[test]

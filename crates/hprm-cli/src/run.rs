@@ -3,9 +3,11 @@
 //! Programs are checked before any interpreter starts, so mistakes show at once.
 
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Command, ExitCode};
 
 use hprm::{Security, Stage};
+use hprm_core::{FederateId, Program};
 
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
@@ -21,7 +23,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
-    let python = python::find()?;
+    let python = python::find(&arguments.interpreter)?;
     if !compiled.program.is_federated() {
         // The one process that runs it shows the warnings.
         let mut command = python::module(&python, "run");
@@ -46,6 +48,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         arguments: arguments.arguments.all().cloned().collect(),
         properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
+        debugged: debugged(&compiled.program, arguments)?,
         patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
@@ -53,6 +56,21 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     };
     let code = launch::launch(&compiled.program, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// The federate that gets the terminal.
+fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Error> {
+    let Some(name) = &arguments.debug else { return Ok(None) };
+    match program.federate_named(name) {
+        Some(federate) => Ok(Some(federate)),
+        None => Err(no_federate(program, &arguments.file, name)),
+    }
+}
+
+fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
+    let names: Vec<_> = program.federates.values().map(|federate| federate.name.as_str()).collect();
+    Error::new(format!("{} has no federate {name}", file.display()))
+        .hint(format!("its federates: {}", names.join(", ")))
 }
 
 /// Runs one federate of a program, in this process.
@@ -70,13 +88,10 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     };
     rti::require_federation(&compiled.program, &arguments.file)?;
     if compiled.program.federate_named(&arguments.name).is_none() {
-        let names = compiled.program.federates.values().map(|federate| federate.name.as_str());
-        let names: Vec<_> = names.collect();
-        let message = format!("{} has no federate {}", arguments.file.display(), arguments.name);
-        return Err(Error::new(message).hint(format!("its federates: {}", names.join(", "))));
+        return Err(no_federate(&compiled.program, &arguments.file, &arguments.name));
     }
     let (secret, patience) = secret::of_federate(&arguments.secret, arguments.connect_timeout)?;
-    let python = python::find()?;
+    let python = python::find(&arguments.interpreter)?;
     let mut command = python::module(&python, "federate");
     command.arg("--rti").arg(arguments.rti.to_string());
     command.arg("--connect-timeout").arg(patience.as_secs_f64().to_string());

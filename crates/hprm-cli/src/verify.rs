@@ -164,12 +164,15 @@ impl Run {
     fn command(&self, arguments: &Verify) -> Result<Command, Error> {
         let whole = self.variant.deployment == Deployment::Whole;
         let mut command = if whole {
-            python::module(&python::find()?, "run")
+            python::module(&python::find(&arguments.interpreter)?, "run")
         } else {
             let own = std::env::current_exe()
                 .map_err(|error| Error::new(format!("cannot find the command hprm: {error}")))?;
             let mut command = Command::new(own);
             command.arg("run");
+            if let Some(python) = &arguments.interpreter.python {
+                command.arg("--python").arg(python);
+            }
             if self.variant.deployment == Deployment::Threads {
                 command.arg("--in-process");
             }

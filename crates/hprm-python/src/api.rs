@@ -60,6 +60,11 @@ impl Api {
         self.0.request_stop()
     }
 
+    /// Ends the program with a failure. Returns false if it has ended already.
+    fn fail(&self, message: String) -> bool {
+        self.0.fail(message)
+    }
+
     /// Ends the federate at its next tag, while the others go on. A program without federates ends.
     fn stop(&self) -> PyResult<()> {
         self.0.depart()

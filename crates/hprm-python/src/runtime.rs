@@ -8,7 +8,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use hprm::{Clock, Inbox};
+use hprm::{Clock, Failure, Inbox};
 use hprm_core::{
     ActionId, Effects, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
     Tag, Transition,
@@ -247,6 +247,11 @@ impl Runtime {
             None => self.inbox.request_stop(),
         }
         Ok(())
+    }
+
+    /// Ends the program with a failure: a thread of it cannot go on. Returns false if it has ended.
+    pub(crate) fn fail(&self, message: String) -> bool {
+        self.inbox.fail(Failure::new(message))
     }
 
     /// Ends this federate at its next tag; the others go on.

@@ -267,7 +267,7 @@ where
     }
 
     fn read_inbox(&mut self) -> Result<(), Failure> {
-        let mut stop = self.inbox.take_stop();
+        let mut stop = self.inbox.take_stop()?;
         if self.host.interrupted() {
             // To stop in order needs the others; who insists does not want to wait for them.
             if self.interrupted || self.phase == Phase::Joining {

@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_core::{ActionId, Nanos, PhysicalTime};
 
-use crate::Clock;
 use crate::bell::Bell;
 use crate::wait::wait_for;
+use crate::{Clock, Failure};
 
 /// An action that a thread outside of the loop has scheduled.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -47,6 +47,7 @@ struct Shared<V> {
 struct Pending<V> {
     requests: Vec<Request<V>>,
     stop: bool,
+    failure: Option<Failure>,
     closed: bool,
 }
 
@@ -63,7 +64,8 @@ impl<V> Inbox<V> {
     ///
     /// If the process has no descriptor left.
     pub fn new() -> io::Result<Self> {
-        let pending = Mutex::new(Pending { requests: Vec::new(), stop: false, closed: false });
+        let pending =
+            Mutex::new(Pending { requests: Vec::new(), stop: false, failure: None, closed: false });
         Ok(Self {
             shared: Arc::new(Shared {
                 pending,
@@ -95,6 +97,19 @@ impl<V> Inbox<V> {
     pub fn request_stop(&self) {
         self.pending().stop = true;
         self.ring();
+    }
+
+    /// Ends the program: a thread of it cannot go on. The first failure counts. Returns false if the
+    /// program has ended.
+    pub fn fail(&self, failure: Failure) -> bool {
+        let mut pending = self.pending();
+        if pending.closed {
+            return false;
+        }
+        pending.failure.get_or_insert(failure);
+        drop(pending);
+        self.ring();
+        true
     }
 
     /// Wakes the loop without leaving anything.
@@ -137,21 +152,29 @@ impl<V> Inbox<V> {
         }
     }
 
-    /// Silences the bell, and takes whether somebody has asked to stop. Look for requests after
+    /// Silences the bell, and takes whether a thread has asked to stop. Look for requests after
     /// this, not before.
+    ///
+    /// # Errors
+    ///
+    /// If a thread of the program cannot go on: its failure.
     #[inline]
-    pub(crate) fn take_stop(&self) -> bool {
-        self.shared.rung.load(Ordering::Acquire) && self.silence()
+    pub(crate) fn take_stop(&self) -> Result<bool, Failure> {
+        if self.shared.rung.load(Ordering::Acquire) { self.silence() } else { Ok(false) }
     }
 
-    /// The same, after somebody has rung.
-    fn silence(&self) -> bool {
+    /// The same, after a thread has rung.
+    fn silence(&self) -> Result<bool, Failure> {
         // Before the bell, so that whoever rings from here on is heard again.
         self.shared.rung.store(false, Ordering::Release);
         if self.shared.loud.swap(false, Ordering::AcqRel) {
             self.shared.bell.silence();
         }
-        std::mem::take(&mut self.pending().stop)
+        let mut pending = self.pending();
+        match pending.failure.take() {
+            Some(failure) => Err(failure),
+            None => Ok(std::mem::take(&mut pending.stop)),
+        }
     }
 
     /// Whether actions may have been scheduled since they were last taken.
@@ -207,13 +230,23 @@ mod tests {
         inbox.ring();
         assert!(!is_ringing(&inbox) && !inbox.may_sleep());
         inbox.waited(false);
-        inbox.take_stop();
+        inbox.take_stop().unwrap();
         assert!(inbox.may_sleep());
         inbox.ring();
         assert!(is_ringing(&inbox));
         inbox.waited(true);
-        inbox.take_stop();
+        inbox.take_stop().unwrap();
         assert!(!is_ringing(&inbox) && inbox.may_sleep());
+    }
+
+    #[test]
+    fn the_first_failure_of_a_thread_counts() {
+        let inbox = Inbox::<()>::new().unwrap();
+        assert!(inbox.fail(Failure::new("first")) && inbox.fail(Failure::new("second")));
+        inbox.request_stop();
+        assert_eq!(inbox.take_stop(), Err(Failure::new("first")));
+        inbox.close();
+        assert!(!inbox.fail(Failure::new("third")), "nothing is left to end");
     }
 
     #[test]
@@ -227,7 +260,7 @@ mod tests {
         })
         .join()
         .unwrap();
-        let stop = inbox.take_stop();
+        let stop = inbox.take_stop().unwrap();
         assert!(inbox.has_requests());
         let requests = inbox.take_requests();
         assert!(!inbox.has_requests());

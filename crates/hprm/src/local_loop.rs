@@ -67,7 +67,7 @@ where
     let fast = scheduler.program().properties.fast;
     let mut interrupted = false;
     loop {
-        let stop = inbox.take_stop();
+        let stop = inbox.take_stop()?;
         if inbox.has_requests() {
             for request in inbox.take_requests() {
                 scheduler.schedule(request.action, request.extra, request.value, request.at);
