@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
-use hprm_core::{FederateId, Program};
+use hprm_core::FederateId;
+use hprm_lf::Compiled;
 
 use crate::args::{PYTHON, Properties};
 use crate::children::{Children, Console};
@@ -58,14 +59,15 @@ pub(crate) struct Plan {
 /// # Errors
 ///
 /// If it cannot be started; nothing is left of it then.
-pub(crate) fn launch(program: &Arc<Program>, plan: &Plan) -> Result<i32, Error> {
+pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
+    let program = &compiled.program;
     let (events, arrivals) = sync_channel(EVENTS);
     let signals = events.clone();
     signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let parts = plan.logical_trace.as_deref().map(Parts::of).transpose()?;
     let federation = secret::random()?;
-    let (rti, address) = start_rti(program, federation, plan, events.clone())?;
+    let (rti, address) = start_rti(compiled, federation, plan, events.clone())?;
 
     if program.federates.values().any(|federate| federate.transient) {
         launcher::write(program, &plan.file)?;
@@ -121,13 +123,14 @@ fn private_address() -> Result<Address, Error> {
 }
 
 fn start_rti(
-    program: &Arc<Program>,
+    compiled: &Compiled,
     federation: FederationId,
     plan: &Plan,
     events: SyncSender<Event>,
 ) -> Result<(RtiHandle, Address), Error> {
     let options = RtiOptions {
-        program: Arc::clone(program),
+        program: Arc::clone(&compiled.program),
+        fingerprint: Arc::new(compiled.fingerprint()),
         federation,
         listen: private_address()?,
         also_listen: Vec::new(),
@@ -137,7 +140,7 @@ fn start_rti(
     let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());
     let (entered, is_entered) = sync_channel(1);
-    let program = Arc::clone(program);
+    let program = Arc::clone(&compiled.program);
     let run = move || {
         let allowed = enter_realtime(&program.properties, None);
         let refused = allowed.is_err();

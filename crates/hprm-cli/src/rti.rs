@@ -41,6 +41,7 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     let mut listen = arguments.listen.into_iter();
     let rti = hprm::Rti::bind(&RtiOptions {
         program: Arc::clone(&compiled.program),
+        fingerprint: Arc::new(compiled.fingerprint()),
         federation,
         listen: listen.next().expect("the option is required"),
         also_listen: listen.collect(),
@@ -164,6 +165,7 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
     let name = |federate: FederateId| program.federates[federate].name.as_str();
     match event {
         RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
+        RtiEvent::Refused { name, reason } => Ok(format!("refused federate {name}: {reason}")),
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
         RtiEvent::Silent { federate, silence } => Ok(verdict::on_silent(name(federate), silence)),
         RtiEvent::Answers { federate, silence } => Ok(verdict::on_answer(name(federate), silence)),

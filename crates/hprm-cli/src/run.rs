@@ -54,7 +54,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
     };
-    let code = launch::launch(&compiled.program, &plan)?;
+    let code = launch::launch(&compiled, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
 }
 

@@ -9,6 +9,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use hprm::federated::Refusal;
 use hprm::{Failure, RtiEvent};
 use hprm_core::{FederateId, Program, Table};
 
@@ -224,6 +225,12 @@ impl Supervisor {
     fn hear(&mut self, now: Duration, event: RtiEvent) {
         match event {
             RtiEvent::Joined(federate) => self.federates[federate].joined = true,
+            // It came while the federation was ending, and hears of that itself.
+            RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
+            RtiEvent::Refused { name, reason } => {
+                let warning = format!("the RTI refuses a process as federate {name}: {reason}");
+                self.orders.push_back(Order::Warn(Error::new(warning)));
+            }
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;

@@ -13,6 +13,7 @@
 mod agenda;
 mod builder;
 mod clock_sync;
+mod fingerprint;
 mod id;
 mod level;
 mod lists;
@@ -31,6 +32,7 @@ pub mod limits;
 
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use clock_sync::{ClockSyncMode, ClockSyncOptions};
+pub use fingerprint::{Content, Fact, Fingerprint, show_time};
 pub use id::{
     ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, ReactionId, ReactorId, Table,
     TimerId,

@@ -339,16 +339,4 @@ impl Program {
         let Reaction { reactor, number, .. } = &self.reactions[reaction];
         format!("{}.{number}", self.reactors[*reactor].name)
     }
-
-    /// A number that two processes compare to be sure that they run the same program.
-    ///
-    /// It covers the structure, not the bodies: FNV-1a over the debug text, which names everything
-    /// that the coordination depends on.
-    #[must_use]
-    pub fn fingerprint(&self) -> u64 {
-        let text = format!("{:?}{:?}{:?}", self.federates, self.channels, self.connections);
-        text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        })
-    }
 }

@@ -242,7 +242,7 @@ fn append(value: &impl Serialize, out: &mut Vec<u8>) {
 
 #[cfg(test)]
 mod tests {
-    use hprm_core::{FederateId, PhysicalTime};
+    use hprm_core::{Content, Fact, FederateId, PhysicalTime};
     use proptest::prelude::*;
 
     use super::*;
@@ -274,6 +274,21 @@ mod tests {
 
     fn step() -> impl Strategy<Value = Step> {
         (tag(), any::<u32>()).prop_map(|(tag, level)| Step { tag, level })
+    }
+
+    fn fact() -> impl Strategy<Value = Fact> {
+        let content = prop_oneof![
+            any::<String>().prop_map(Content::Text),
+            any::<u64>().prop_map(Content::Digest),
+            any::<u64>().prop_map(Content::Order),
+        ];
+        let fact = (any::<String>(), any::<String>(), any::<bool>(), content);
+        fact.prop_map(|(subject, place, optional, content)| Fact {
+            subject,
+            place,
+            optional,
+            content,
+        })
     }
 
     fn frame() -> impl Strategy<Value = Frame> {
@@ -330,6 +345,12 @@ mod tests {
             }),
             1 => Just(Frame::Resign),
             1 => Just(Frame::Refused { reason: Refusal::TooLate }),
+            1 => any::<Vec<String>>().prop_map(|differences| Frame::Refused {
+                reason: Refusal::WrongProgram { differences },
+            }),
+            1 => Just(Frame::ProgramRequest),
+            1 => (any::<String>(), prop::collection::vec(fact(), 0..4))
+                .prop_map(|(name, facts)| Frame::ProgramReply { name, facts }),
         ]
     }
 

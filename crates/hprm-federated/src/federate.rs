@@ -12,9 +12,10 @@ mod starting;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
-use hprm_core::{Coordination, FederateId, PhysicalTime, Program, Tag};
+use hprm_core::{Coordination, FederateId, Fingerprint, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
@@ -51,6 +52,8 @@ enum Activity {
 pub struct Federate {
     me: FederateId,
     topology: Topology,
+    /// What its program is like, for the RTI to compare.
+    fingerprint: Arc<Fingerprint>,
     startup: Startup,
     coordinator: Coordinator,
     stop: Stop,
@@ -87,7 +90,7 @@ impl Federate {
         me: FederateId,
         program: &Program,
         federation: FederationId,
-        fingerprint: u64,
+        fingerprint: Arc<Fingerprint>,
         host: HostId,
         listen: Option<String>,
     ) -> Self {
@@ -106,7 +109,7 @@ impl Federate {
         let hello = Frame::Hello {
             protocol: PROTOCOL,
             federation,
-            fingerprint,
+            fingerprint: fingerprint.digest(),
             federate: me,
             host,
             listen,
@@ -115,6 +118,7 @@ impl Federate {
             me,
             flow: Flow::new(&topology, me, FLOW_LIMIT),
             topology,
+            fingerprint,
             startup: Startup::new(federation, host, needed),
             coordinator,
             stop: Stop::Open,
@@ -382,6 +386,10 @@ impl Federate {
             }
             Frame::StopGranted { tag } => self.stop_at(tag),
             Frame::Gone { federate } => self.peer_gone(now, federate),
+            Frame::ProgramRequest if self.startup.awaits_peers() => {
+                let (name, facts) = (self.topology.name(self.me), self.fingerprint.report());
+                self.outputs.push_back(Output::ToRti(Frame::ProgramReply { name, facts }));
+            }
             Frame::Ping => self.outputs.push_back(Output::ToRti(Frame::Pong)),
             Frame::Failed { federate, message, code } => {
                 self.end(End::Failed { federate, message, code });

@@ -6,13 +6,13 @@
 use std::fmt;
 use std::str::FromStr;
 
-use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+use hprm_core::{ChannelId, Fact, FederateId, Payload, PhysicalTime, Tag};
 use serde::{Deserialize, Serialize};
 
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 7;
+pub const PROTOCOL: u32 = 8;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -79,18 +79,10 @@ pub struct Peer {
 }
 
 /// Why a federate may not join, or a peer may not link.
+///
+/// A process of another version reads this too: a reason keeps its place.
 #[derive(
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    Hash,
-    Debug,
-    Serialize,
-    Deserialize,
-    thiserror::Error,
+    Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, thiserror::Error,
 )]
 #[non_exhaustive]
 pub enum Refusal {
@@ -98,8 +90,15 @@ pub enum Refusal {
     #[error("this is another federation: check the federation id")]
     WrongFederation,
     /// Another program, or another version of it.
-    #[error("the program differs from that of the federation: run the same files everywhere")]
-    WrongProgram,
+    #[error(
+        "its program differs from that of the federation{}\n  hint: run the same files with the same \
+         properties everywhere",
+        listed(differences)
+    )]
+    WrongProgram {
+        /// In what, in sentences.
+        differences: Vec<String>,
+    },
     /// Another version of the protocol.
     #[error("another version of the protocol: run the same version of hprm everywhere")]
     WrongProtocol,
@@ -112,6 +111,11 @@ pub enum Refusal {
     /// The federation has started, or failed.
     #[error("the federation has already started or ended")]
     TooLate,
+}
+
+/// Each on a line of its own.
+fn listed(sentences: &[String]) -> String {
+    sentences.iter().map(|sentence| format!("\n  - {sentence}")).collect()
 }
 
 /// How many messages a channel has carried, as one of its ends counts them.
@@ -127,13 +131,14 @@ pub struct Count {
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Frame {
-    /// Federate to RTI, first on a link: let me join.
+    /// Federate to RTI, first on a link: let me join. Its layout is the same in all versions, so that
+    /// one can refuse another.
     Hello {
         /// [`PROTOCOL`].
         protocol: u32,
         /// Which federation it means.
         federation: FederationId,
-        /// [`Program::fingerprint`](hprm_core::Program::fingerprint).
+        /// The [digest](hprm_core::Fingerprint::digest) of its program's fingerprint.
         fingerprint: u64,
         /// Who it is.
         federate: FederateId,
@@ -363,6 +368,15 @@ pub enum Frame {
         /// And when this left.
         sent: PhysicalTime,
     },
+    /// RTI to a federate whose fingerprint is another one: what is your program like?
+    ProgramRequest,
+    /// The answer.
+    ProgramReply {
+        /// The name of the federate there.
+        name: String,
+        /// All facts of its program.
+        facts: Vec<Fact>,
+    },
 }
 
 impl Frame {
@@ -407,6 +421,8 @@ impl Frame {
             Self::Failed { .. } => "Failed",
             Self::ClockRequest { .. } => "ClockRequest",
             Self::ClockReply { .. } => "ClockReply",
+            Self::ProgramRequest => "ProgramRequest",
+            Self::ProgramReply { .. } => "ProgramReply",
         }
     }
 }

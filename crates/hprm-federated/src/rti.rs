@@ -17,18 +17,21 @@ mod traffic;
 mod watch;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
-use hprm_core::{ChannelId, Coordination, FederateId, Nanos, Payload, PhysicalTime, Table, Tag};
+use hprm_core::{
+    ChannelId, Coordination, FederateId, Fingerprint, Nanos, Payload, PhysicalTime, Table, Tag,
+};
 
 use self::advance::Advance;
 pub use self::advance::Quieting;
 use self::arriving::Arrivals;
 use self::ending::Negotiation;
-use self::join::Member;
+use self::join::{Candidate, Member};
 use self::traffic::Traffic;
 pub use self::watch::Patience;
 use self::watch::Watch;
-use crate::{Fault, FederationId, Frame, Step, Topology};
+use crate::{Fault, FederationId, Frame, Refusal, Step, Topology};
 
 /// A connection that the driver has accepted; it never uses a number twice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -77,6 +80,19 @@ pub enum RtiOutput {
     Close {
         /// The link.
         link: LinkId,
+    },
+    /// The process at the other end of a link belongs to the federation, and was asked for its
+    /// program: its answer may be long.
+    Asked {
+        /// The link.
+        link: LinkId,
+    },
+    /// A federate may not join.
+    Refused {
+        /// Its name, as far as the RTI knows.
+        name: String,
+        /// Why.
+        reason: Refusal,
     },
     /// A federate belongs to the federation now.
     Joined {
@@ -138,13 +154,15 @@ enum Phase {
 pub struct Rti {
     topology: Topology,
     federation: FederationId,
-    fingerprint: u64,
+    fingerprint: Arc<Fingerprint>,
     start_delay: Nanos,
     phase: Phase,
     members: Table<FederateId, Member>,
     /// Transient federates that have not started yet, while the others run.
     arrivals: Arrivals,
     links: BTreeMap<LinkId, FederateId>,
+    /// Links whose federates have been asked for their programs.
+    candidates: BTreeMap<LinkId, Candidate>,
     /// Links that will be closed. Who is at the other end may not have heard of it.
     refused: BTreeSet<LinkId>,
     /// The physical time of tag zero, and of the latest input; of use only to federates that join late
@@ -172,7 +190,7 @@ impl Rti {
     pub fn new(
         topology: Topology,
         federation: FederationId,
-        fingerprint: u64,
+        fingerprint: Arc<Fingerprint>,
         start_delay: Nanos,
     ) -> Self {
         Self {
@@ -183,6 +201,7 @@ impl Rti {
             members: topology.federates().map(|_| Member::Absent).collect(),
             arrivals: Arrivals::default(),
             links: BTreeMap::new(),
+            candidates: BTreeMap::new(),
             refused: BTreeSet::new(),
             start: PhysicalTime(0),
             now: PhysicalTime(0),
@@ -239,7 +258,7 @@ impl Rti {
                 Ok(())
             }
             RtiInput::Frame { link, frame: Frame::ClockRequest { asked } }
-                if self.links.contains_key(&link) =>
+                if self.links.contains_key(&link) || self.candidates.contains_key(&link) =>
             {
                 let frame = Frame::ClockReply { asked, received: now, sent: now };
                 self.outputs.push_back(RtiOutput::Send { link, frame });
@@ -247,6 +266,7 @@ impl Rti {
             }
             RtiInput::Frame { link, frame } => match self.links.get(&link) {
                 None if self.refused.contains(&link) => Ok(()),
+                None if self.candidates.contains_key(&link) => self.candidate_frame(link, frame),
                 None => self.hello(link, frame),
                 Some(federate) if self.arrivals.is_link_of(*federate, link) => {
                     self.arrival_frame(*federate, frame)
@@ -263,6 +283,7 @@ impl Rti {
     /// A link is of no use any more; if that is the fault of the other end, `reason` says so.
     fn closed(&mut self, link: LinkId, reason: Option<&str>) {
         self.refused.remove(&link);
+        self.candidates.remove(&link);
         let Some(federate) = self.links.remove(&link) else { return };
         if self.arrivals.is_link_of(federate, link) {
             self.arrival_lost(federate, reason);

@@ -64,6 +64,14 @@ fn samples() -> Vec<Frame> {
             listen: Some("tcp:127.0.0.1:1".to_owned()),
         },
         Frame::Refused { reason: Refusal::TooLate },
+        Frame::Refused {
+            reason: Refusal::WrongProgram { differences: vec!["timer a.t differs".to_owned(); 3] },
+        },
+        Frame::ProgramRequest,
+        Frame::ProgramReply {
+            name: "a".to_owned(),
+            facts: common::program().fingerprint().report(),
+        },
         Frame::Peers { peers: (0..3).map(peer).collect() },
         Frame::PeerHello { protocol: PROTOCOL, federation: FederationId(1), from: owner },
         Frame::Start { at: PhysicalTime(50), first: Tag::START },

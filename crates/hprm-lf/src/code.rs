@@ -4,8 +4,11 @@
 //! Lingua Franca's own lexer accepts, and also what trips that one: single-quoted strings with
 //! `=}` in them and floor division.
 
+mod tokens;
+
 use crate::source::{FileId, Sources, Span};
 use crate::unclosed;
+pub(crate) use tokens::{Token, canonical, tokens};
 
 /// A piece of Python, ready to be compiled.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]

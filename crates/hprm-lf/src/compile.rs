@@ -9,6 +9,7 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
 use crate::model::{Declarations, MOST_MEMBERS, Model};
+use crate::modules;
 use crate::overrides::{self, Overrides};
 use crate::properties::Stated;
 use crate::property_rules;
@@ -78,7 +79,13 @@ fn all_stages(
     let stated = Stated::read(&library, &overrides.properties, &mut report);
     stated.check_files(&library.sources, loader, &mut report);
     match stages(&library, &overrides, stated, purpose, &mut report) {
-        Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
+        Some(parts) if !report.has_errors() => {
+            let mut compiled = assemble(library, parts, report);
+            if compiled.federated && purpose == Purpose::Run {
+                compiled.modules = modules::facts(&compiled, loader);
+            }
+            Ok(compiled)
+        }
         _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
     }
 }
@@ -213,6 +220,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         preambles,
         files: stated.files,
         protobufs: stated.protobufs,
+        modules: Vec::new(),
         settings: stated.settings,
         rti_host,
         hosts,

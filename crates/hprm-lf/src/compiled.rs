@@ -3,7 +3,9 @@
 
 use std::sync::Arc;
 
-use hprm_core::{ActionId, ModeId, PortId, Program, ReactionId, ReactorId, Table, Transition};
+use hprm_core::{
+    ActionId, Fact, ModeId, PortId, Program, ReactionId, ReactorId, Table, Transition,
+};
 
 use crate::code::Code;
 use crate::diagnostic::Diagnostic;
@@ -35,6 +37,9 @@ pub struct Compiled {
     pub files: Vec<(String, FileId)>,
     /// The target property `protobufs` of all files, likewise.
     pub protobufs: Vec<(String, FileId)>,
+    /// Modules and files beside a federated program that decide what it does, for federates to
+    /// compare.
+    pub modules: Vec<Fact>,
     /// Target properties that the scheduler does not need.
     pub settings: Settings,
     /// The host of a federated reactor (`at`), where the RTI runs.

@@ -180,6 +180,7 @@ fn options(
     let wrong = |option, error: &dyn Display| Failure::new(format!("error: {option}: {error}"));
     Ok(FederateOptions {
         program: Arc::clone(program),
+        fingerprint: Arc::new(compiled.fingerprint()),
         federate: id,
         rti: rti.parse().map_err(|error| wrong("--rti", &error))?,
         federation: federation.parse().map_err(|error| wrong("--federation", &error))?,

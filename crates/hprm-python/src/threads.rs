@@ -115,9 +115,11 @@ fn start(
     let (events, arrivals) = channel();
     let reporter = Reporter { events, bell: bell.clone() };
     let room = Room::new();
+    let fingerprint = Arc::new(program.fingerprint());
     let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
     let options = RtiOptions {
         program: Arc::clone(program),
+        fingerprint: Arc::clone(&fingerprint),
         // It keeps strangers out, and there are none in this room.
         federation: FederationId(0),
         listen: listen.clone(),
@@ -138,6 +140,7 @@ fn start(
     for (id, federate) in program.federates.iter() {
         let options = FederateOptions {
             program: Arc::clone(program),
+            fingerprint: Arc::clone(&fingerprint),
             federate: id,
             rti: listen.clone(),
             federation: options.federation,
@@ -269,7 +272,8 @@ impl Watch {
             | Event::Rti(RtiEvent::Failed { federate, message, code }) => {
                 self.blame(federate, &message, code);
             }
-            Event::Rti(RtiEvent::Joined(_)) => {}
+            // Nobody joins from elsewhere.
+            Event::Rti(RtiEvent::Joined(_) | RtiEvent::Refused { .. }) => {}
             Event::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 if let Err(failure) = outcome {

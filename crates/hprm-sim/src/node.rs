@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
 use hprm_core::{
-    Action, FederateId, Nanos, Origin, Payload, PhysicalTime, Program, Scheduled, Scheduler, Scope,
-    Tag,
+    Action, FederateId, Fingerprint, Nanos, Origin, Payload, PhysicalTime, Program, Scheduled,
+    Scheduler, Scope, Tag,
 };
 use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
 
@@ -76,10 +76,11 @@ impl Node {
         federation: FederationId,
         stop_after: Option<Tag>,
         flow_limit: Option<u64>,
+        fingerprint: &Arc<Fingerprint>,
     ) -> Self {
-        let fingerprint = program.fingerprint();
         let listen = Some(format!("{}", me.0));
-        let machine = Federate::new(me, program, federation, fingerprint, HostId(1), listen);
+        let machine =
+            Federate::new(me, program, federation, Arc::clone(fingerprint), HostId(1), listen);
         let machine = machine.with_flow_limit(flow_limit.unwrap_or(FLOW_LIMIT));
         Self {
             me,

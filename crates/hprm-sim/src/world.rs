@@ -130,12 +130,13 @@ impl World {
         let federation = FederationId(u128::from(rng.draw()));
         let topology = Topology::new(program);
         let stop = |me| plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
-        let node = |me| Node::new(me, program, federation, stop(me), plan.flow_limit);
+        let fingerprint = Arc::new(program.fingerprint());
+        let node = |me| Node::new(me, program, federation, stop(me), plan.flow_limit, &fingerprint);
         let clock = |me: FederateId| plan.clocks.get(me.index()).copied().unwrap_or_default();
         let mut world = Self {
             program: Arc::clone(program),
             nodes: program.federates.ids().map(node).collect(),
-            rti: Rti::new(topology, federation, program.fingerprint(), START_DELAY)
+            rti: Rti::new(topology, federation, Arc::clone(&fingerprint), START_DELAY)
                 .quieting(plan.quieting),
             network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
             clocks: program.federates.ids().map(clock).collect(),

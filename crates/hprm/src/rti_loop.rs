@@ -9,8 +9,10 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
-use hprm_federated::{FederationId, Frame, LinkId, Patience, RtiInput, RtiOutput, Topology};
+use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
+use hprm_federated::{
+    FederationId, Frame, LinkId, Patience, Refusal, RtiInput, RtiOutput, Topology,
+};
 
 use crate::bell::Bell;
 use crate::doorbell::Doorbell;
@@ -32,6 +34,8 @@ const START_DELAY_ACROSS: Nanos = 250_000_000;
 pub struct RtiOptions {
     /// The program of the federation.
     pub program: Arc<Program>,
+    /// What federates must have alike: that of the program, or more.
+    pub fingerprint: Arc<Fingerprint>,
     /// Its secret.
     pub federation: FederationId,
     /// Where to listen.
@@ -50,6 +54,13 @@ pub struct RtiOptions {
 pub enum RtiEvent {
     /// A federate has joined.
     Joined(FederateId),
+    /// A process may not join.
+    Refused {
+        /// As which federate.
+        name: String,
+        /// Why.
+        reason: Refusal,
+    },
     /// All have joined; the program starts at this time.
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
@@ -155,7 +166,7 @@ impl Rti {
             Failure::new(format!("error: the RTI cannot listen at {address}: {error}"))
         };
         let keys = Keys::new(options.federation, options.security.clone())?;
-        let fingerprint = options.program.fingerprint();
+        let fingerprint = Arc::clone(&options.fingerprint);
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
         let delay = if addresses.any(Address::is_open) { START_DELAY_ACROSS } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
@@ -329,6 +340,12 @@ impl Rti {
             match output {
                 RtiOutput::Send { link, frame } => self.send(link, &frame),
                 RtiOutput::Close { link } => self.closing.push(link),
+                RtiOutput::Asked { link } => {
+                    if let Some(link) = self.links.get_mut(&link) {
+                        link.trust();
+                    }
+                }
+                RtiOutput::Refused { name, reason } => report(RtiEvent::Refused { name, reason }),
                 RtiOutput::Joined { federate, link } => {
                     if let Some(link) = self.links.get_mut(&link) {
                         link.trust();

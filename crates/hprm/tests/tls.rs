@@ -183,6 +183,7 @@ fn a_program_that_wants_tls_does_not_run_without() {
     let security = Security { encrypt: true, ..Security::default() };
     let rti = hprm::Rti::bind(&hprm::RtiOptions {
         program: Arc::clone(&program),
+        fingerprint: Arc::new(program.fingerprint()),
         federation: FederationId(7),
         listen: TCP.parse().unwrap(),
         also_listen: Vec::new(),

@@ -2,6 +2,8 @@
 
 mod quiet;
 
+use std::sync::Arc;
+
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
 use super::Federate;
@@ -18,7 +20,8 @@ const MILLISECOND: i64 = 1_000_000;
 fn new(text: &str, name: &str) -> Federate {
     let program = program(text);
     let me = federate(&program, name);
-    Federate::new(me, &program, FEDERATION, 1, HostId(1), Some(format!("at {name}")))
+    let fingerprint = Arc::new(program.fingerprint());
+    Federate::new(me, &program, FEDERATION, fingerprint, HostId(1), Some(format!("at {name}")))
 }
 
 fn at(time: i64) -> Tag {

@@ -166,7 +166,7 @@ impl Rti {
     /// The federation ends: nobody may join any more.
     pub(super) fn turn_away(&mut self) {
         for (federate, arrival) in std::mem::take(&mut self.arrivals.arrivals) {
-            self.refuse(arrival.link, Refusal::TooLate);
+            self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
             if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
                 self.send_gone(federate);
             }
@@ -317,7 +317,7 @@ impl Rti {
         };
         let first = entry.max(after.succ());
         if first > self.topology.timeout() {
-            self.refuse(link, Refusal::TooLate);
+            self.refuse(link, self.topology.name(federate), Refusal::TooLate);
             self.send_gone(federate);
             self.tell();
             return;

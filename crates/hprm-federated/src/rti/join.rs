@@ -5,6 +5,17 @@ use hprm_core::{FederateId, PhysicalTime, Tag};
 use super::{LinkId, Phase, Rti, RtiOutput};
 use crate::{Fault, Frame, HostId, PROTOCOL, Peer, Refusal};
 
+/// How many federates with other programs are compared at a time. One more hears no details.
+const MOST_CANDIDATES: usize = 64;
+
+/// A federate whose program is to be compared.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Candidate {
+    peer: Peer,
+    /// Whether it has loaded its program meanwhile.
+    loaded: bool,
+}
+
 /// What the RTI knows of a federate.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) enum Member {
@@ -30,15 +41,33 @@ impl Member {
 }
 
 impl Rti {
-    /// The first frame on a link.
+    /// The first frame on a link. Whoever is no member learns nothing about the program.
     pub(super) fn hello(&mut self, link: LinkId, frame: Frame) -> Result<(), Fault> {
-        let refusal = self.refusal(&frame);
-        let Frame::Hello { federate, host, listen, .. } = frame else {
+        let Frame::Hello { protocol, federation, fingerprint, federate, host, listen } = frame
+        else {
             return Err(Fault::UnknownLink);
         };
-        if let Some(reason) = refusal {
-            self.refuse(link, reason);
-            return Ok(());
+        let name = self.topology.name(federate);
+        if protocol != PROTOCOL {
+            self.refuse(link, name, Refusal::WrongProtocol);
+        } else if federation != self.federation {
+            self.refuse(link, name, Refusal::WrongFederation);
+        } else {
+            let peer = Peer { federate, host, listen };
+            match fingerprint == self.fingerprint.digest() {
+                true => self.admit(link, peer),
+                false => self.compare(link, peer),
+            }
+        }
+        Ok(())
+    }
+
+    /// A federate with the same program.
+    fn admit(&mut self, link: LinkId, peer: Peer) {
+        let Peer { federate, host, listen } = peer;
+        if let Some(reason) = self.refusal(federate) {
+            self.refuse(link, self.topology.name(federate), reason);
+            return;
         }
         self.links.insert(link, federate);
         self.outputs.push_back(RtiOutput::Joined { federate, link });
@@ -48,15 +77,57 @@ impl Rti {
         } else {
             self.arrivals.add(link, Peer { federate, host, listen });
         }
+    }
+
+    /// Asks a federate whose program is not quite the same what it is like.
+    fn compare(&mut self, link: LinkId, peer: Peer) {
+        if self.candidates.len() >= MOST_CANDIDATES {
+            let reason = Refusal::WrongProgram { differences: Vec::new() };
+            self.refuse(link, self.topology.name(peer.federate), reason);
+            return;
+        }
+        self.candidates.insert(link, Candidate { peer, loaded: false });
+        self.outputs.push_back(RtiOutput::Asked { link });
+        self.outputs.push_back(RtiOutput::Send { link, frame: Frame::ProgramRequest });
+    }
+
+    /// A frame from a federate that has been asked for its program.
+    pub(super) fn candidate_frame(&mut self, link: LinkId, frame: Frame) -> Result<(), Fault> {
+        let Some(candidate) = self.candidates.get_mut(&link) else {
+            return Err(Fault::UnknownLink);
+        };
+        match frame {
+            Frame::Loaded => candidate.loaded = true,
+            // It was no member, and says so itself.
+            Frame::Failed { .. } | Frame::Leave { .. } => drop(self.candidates.remove(&link)),
+            Frame::ProgramReply { name, facts } => {
+                let other = format!("federate {name}");
+                let differences = self.fingerprint.differences("the RTI", &facts, &other);
+                let Some(Candidate { peer, loaded }) = self.candidates.remove(&link) else {
+                    return Err(Fault::UnknownLink);
+                };
+                if !differences.is_empty() {
+                    self.refuse(link, name, Refusal::WrongProgram { differences });
+                    return Ok(());
+                }
+                let federate = peer.federate;
+                self.admit(link, peer);
+                if loaded && self.arrivals.is_link_of(federate, link) {
+                    return self.arrival_frame(federate, Frame::Loaded);
+                }
+            }
+            _ => return Err(Fault::Unexpected { frame: frame.name() }),
+        }
         Ok(())
     }
 
-    pub(super) fn refuse(&mut self, link: LinkId, reason: Refusal) {
+    pub(super) fn refuse(&mut self, link: LinkId, name: String, reason: Refusal) {
         self.links.remove(&link);
         self.refused.insert(link);
-        let frame = Frame::Refused { reason };
+        let frame = Frame::Refused { reason: reason.clone() };
         self.outputs.push_back(RtiOutput::Send { link, frame });
         self.outputs.push_back(RtiOutput::Close { link });
+        self.outputs.push_back(RtiOutput::Refused { name, reason });
     }
 
     /// Introduces all to one another, once they are there. Transient federates may come later.
@@ -73,20 +144,8 @@ impl Rti {
         members.all(|(federate, member)| member.is_live() || self.topology.is_transient(federate))
     }
 
-    /// Why the sender of a `Hello` may not join. A stranger learns nothing about the program.
-    fn refusal(&self, frame: &Frame) -> Option<Refusal> {
-        let Frame::Hello { protocol, federation, fingerprint, federate, .. } = *frame else {
-            return None;
-        };
-        if protocol != PROTOCOL {
-            return Some(Refusal::WrongProtocol);
-        }
-        if federation != self.federation {
-            return Some(Refusal::WrongFederation);
-        }
-        if fingerprint != self.fingerprint {
-            return Some(Refusal::WrongProgram);
-        }
+    /// Why a federate with the same program may not join.
+    fn refusal(&self, federate: FederateId) -> Option<Refusal> {
         if !self.topology.has(federate) {
             return Some(Refusal::UnknownFederate);
         }

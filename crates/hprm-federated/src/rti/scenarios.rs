@@ -8,6 +8,7 @@
 //! whole text is written anew from its inputs and must come out the same.
 
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Table, Tag};
 
@@ -32,7 +33,8 @@ impl Scenario {
             true => Quieting::Eager,
             false => Quieting::Usual,
         };
-        let rti = Rti::new(Topology::new(&program), federation, 0, 0).quieting(quieting);
+        let fingerprint = Arc::new(program.fingerprint());
+        let rti = Rti::new(Topology::new(&program), federation, fingerprint, 0).quieting(quieting);
         let links = Table::filled(program.federates.len(), (0, 0));
         let now = PhysicalTime(0);
         let mut scenario = Self { program, rti, now, links, next_link: 0 };
@@ -53,7 +55,8 @@ impl Scenario {
         let (host, listen, protocol, federation) = (HostId(1), None, PROTOCOL, FederationId(1));
         self.links[federate] = (self.next_link, self.links[federate].0);
         self.next_link += 1;
-        let hello = Frame::Hello { protocol, federation, fingerprint: 0, federate, host, listen };
+        let fingerprint = self.program.fingerprint().digest();
+        let hello = Frame::Hello { protocol, federation, fingerprint, federate, host, listen };
         self.input(federate, hello);
     }
 
@@ -187,7 +190,9 @@ impl Scenario {
                     format!("{to} {what}")
                 }
                 RtiOutput::Finished => "finished".to_owned(),
-                RtiOutput::Joined { .. } | RtiOutput::Close { .. } => continue,
+                RtiOutput::Joined { .. } | RtiOutput::Close { .. } | RtiOutput::Refused { .. } => {
+                    continue;
+                }
                 RtiOutput::Dropped { federate, message, .. } => {
                     format!("{} is dropped: {message}", name(federate))
                 }

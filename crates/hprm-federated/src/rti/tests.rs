@@ -1,6 +1,8 @@
 //! The RTI as strangers, failing federates and broken ones meet it.
 
-use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+use std::sync::Arc;
+
+use hprm_core::{ChannelId, Fact, FederateId, Fingerprint, Payload, PhysicalTime, Tag};
 
 use super::{LinkId, Patience, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
@@ -10,14 +12,19 @@ const FEDERATION: FederationId = FederationId(7);
 const NOW: PhysicalTime = PhysicalTime(0);
 
 fn rti(text: &str) -> Rti {
-    Rti::new(Topology::new(&program(text)), FEDERATION, 1, 100)
+    Rti::new(Topology::new(&program(text)), FEDERATION, Arc::new(fingerprint("4 s")), 100)
+}
+
+/// What a program with that timeout is like.
+fn fingerprint(timeout: &str) -> Fingerprint {
+    Fingerprint::new(vec![Fact::text("property timeout".to_owned(), timeout.to_owned())])
 }
 
 fn hello(federate: u16) -> Frame {
     Frame::Hello {
         protocol: PROTOCOL,
         federation: FEDERATION,
-        fingerprint: 1,
+        fingerprint: fingerprint("4 s").digest(),
         federate: FederateId(federate),
         host: HostId(1),
         listen: None,
@@ -91,7 +98,7 @@ fn everybody_starts_together_after_the_latest_clock() {
 fn the_start_is_a_multiple_of_what_the_program_says() {
     let mut program = program("a -> b");
     program.properties.start_time_multiple = 1_000;
-    let mut rti = Rti::new(Topology::new(&program), FEDERATION, 1, 100);
+    let mut rti = Rti::new(Topology::new(&program), FEDERATION, Arc::new(fingerprint("4 s")), 100);
     (0..2).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
     input(&mut rti, 0, Frame::Ready { now: PhysicalTime(1_910) }).unwrap();
     let outputs = input(&mut rti, 1, Frame::Ready { now: PhysicalTime(1_900) }).unwrap();
@@ -122,14 +129,6 @@ fn strangers_are_refused_with_a_reason() {
             }),
             Refusal::WrongFederation,
         ),
-        (
-            other(|f| {
-                if let Frame::Hello { fingerprint, .. } = f {
-                    *fingerprint += 1;
-                }
-            }),
-            Refusal::WrongProgram,
-        ),
         (hello(9), Refusal::UnknownFederate),
         (hello(0), Refusal::Duplicate),
     ];
@@ -137,13 +136,94 @@ fn strangers_are_refused_with_a_reason() {
     input(&mut rti, 0, hello(0)).unwrap();
     for (frame, reason) in cases {
         let close = RtiOutput::Close { link: LinkId(3) };
-        let refused = [sent(3, Frame::Refused { reason }), close];
+        let Frame::Hello { federate, .. } = &frame else { unreachable!("all are greetings") };
+        let name = rti.topology.name(*federate);
+        let sent = sent(3, Frame::Refused { reason: reason.clone() });
+        let refused = [sent, close, RtiOutput::Refused { name, reason }];
         assert_eq!(input(&mut rti, 3, frame).unwrap(), refused);
         assert!(self::close(&mut rti, 3).is_empty());
     }
     let mut running = running("a -> b");
     let outputs = input(&mut running, 3, hello(0)).unwrap();
     assert_eq!(outputs[0], sent(3, Frame::Refused { reason: Refusal::TooLate }));
+}
+
+/// The greeting of a federate whose program has another timeout, and what its program is like.
+fn other(federate: u16, timeout: &str) -> (Frame, Frame) {
+    let mut hello = hello(federate);
+    if let Frame::Hello { fingerprint, .. } = &mut hello {
+        *fingerprint = self::fingerprint(timeout).digest();
+    }
+    let facts = fingerprint(timeout).report();
+    (hello, Frame::ProgramReply { name: "b".to_owned(), facts })
+}
+
+#[test]
+fn another_program_is_refused_with_what_differs() {
+    let mut rti = rti("a -> b");
+    input(&mut rti, 0, hello(0)).unwrap();
+    let (hello_of_b, reply) = other(1, "1 s");
+    let link = LinkId(3);
+    let asked = [RtiOutput::Asked { link }, sent(3, Frame::ProgramRequest)];
+    assert_eq!(input(&mut rti, 3, hello_of_b).unwrap(), asked);
+    // It may have loaded its program before it hears of that, and asks for the time.
+    assert!(input(&mut rti, 3, Frame::Loaded).unwrap().is_empty());
+    let question = Frame::ClockRequest { asked: PhysicalTime(3) };
+    assert_eq!(input(&mut rti, 3, question).unwrap().len(), 1);
+    assert!(input(&mut rti, 3, Frame::Resign).is_err());
+    let differences = vec!["property timeout is 1 s at federate b and 4 s at the RTI".to_owned()];
+    let reason = Refusal::WrongProgram { differences };
+    let words = reason.to_string();
+    assert!(words.contains("\n  - property timeout is 1 s at federate b"), "{words}");
+    assert_eq!(
+        input(&mut rti, 3, reply).unwrap(),
+        [
+            sent(3, Frame::Refused { reason: reason.clone() }),
+            RtiOutput::Close { link },
+            RtiOutput::Refused { name: "b".to_owned(), reason },
+        ]
+    );
+    close(&mut rti, 3);
+    // There is still a place for the right one.
+    assert!(input(&mut rti, 4, hello(1)).unwrap().len() > 1);
+}
+
+#[test]
+fn a_program_that_agrees_in_all_that_is_compared_is_the_same() {
+    for joins_late in [false, true] {
+        let mut rti = rti(if joins_late { "transient b\na -> b" } else { "a -> b" });
+        input(&mut rti, 0, hello(0)).unwrap();
+        if joins_late {
+            input(&mut rti, 0, Frame::Ready { now: NOW }).unwrap();
+            assert_eq!(rti.phase, super::Phase::Running);
+        }
+        let (hello, _) = other(1, "1 s");
+        input(&mut rti, 3, hello).unwrap();
+        input(&mut rti, 3, Frame::Loaded).unwrap();
+        // It has a module that the RTI lacks.
+        let mut facts = fingerprint("4 s").report();
+        facts.push(Fact::digest("module pixels".to_owned(), [&b"1"[..]]).if_present());
+        let name = "b".to_owned();
+        let outputs = input(&mut rti, 3, Frame::ProgramReply { name, facts }).unwrap();
+        let joined = RtiOutput::Joined { federate: FederateId(1), link: LinkId(3) };
+        assert_eq!(outputs[0], joined);
+        // One that joins late is introduced, as it has loaded its program.
+        let introduced = |output: &RtiOutput| {
+            matches!(output, RtiOutput::Send { frame: Frame::Joining { .. }, .. })
+        };
+        assert_eq!(outputs.iter().any(introduced), joins_late, "{outputs:?}");
+    }
+}
+
+#[test]
+fn a_crowd_with_other_programs_is_not_asked_without_end() {
+    let mut rti = rti("a -> b");
+    for link in 0..100 {
+        let asks = input(&mut rti, link, other(1, "1 s").0).unwrap().len() == 2;
+        assert_eq!(asks, link < 64, "{link}");
+    }
+    close(&mut rti, 0);
+    assert_eq!(input(&mut rti, 100, other(1, "1 s").0).unwrap().len(), 2);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! The promise about any bytes on a link: frames, an error, or too few of them. Shared with the fuzz
 //! target in `fuzz/`.
 
+use std::sync::Arc;
+
 use hprm_federated::codec::{self, Decoded};
 use hprm_federated::{Federate, FederationId, Frame, HostId, Input, Rti, RtiInput, Topology};
 use hprm_federated::{LinkId, PROTOCOL};
@@ -37,8 +39,9 @@ pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
 /// them, or find fault with them.
 pub(crate) fn tell(program: &Program, frames: Vec<Frame>) {
     let federation = FederationId(1);
-    let fingerprint = program.fingerprint();
-    let mut rti = Rti::new(Topology::new(program), federation, fingerprint, 1_000);
+    let agreed = Arc::new(program.fingerprint());
+    let fingerprint = agreed.digest();
+    let mut rti = Rti::new(Topology::new(program), federation, Arc::clone(&agreed), 1_000);
     let mut now = PhysicalTime(0);
     for (link, federate) in program.federates.ids().enumerate() {
         let link = LinkId(u32::try_from(link).unwrap_or(0));
@@ -51,7 +54,7 @@ pub(crate) fn tell(program: &Program, frames: Vec<Frame>) {
     }
     let listen = Some("there".to_owned());
     let me = FederateId(1);
-    let mut federate = Federate::new(me, program, federation, fingerprint, HostId(1), listen);
+    let mut federate = Federate::new(me, program, federation, agreed, HostId(1), listen);
     let _ = federate.handle(now, Input::Loaded);
     for (at, frame) in frames.into_iter().enumerate() {
         now = now.plus(1_000);

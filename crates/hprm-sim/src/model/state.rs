@@ -85,10 +85,11 @@ impl State {
     ) -> Self {
         let federation = FederationId(1);
         let topology = Topology::new(program);
-        let rti = Rti::new(topology, federation, program.fingerprint(), start_delay);
+        let fingerprint = Arc::new(program.fingerprint());
+        let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
         let rti = rti.quieting(quieting);
         let seat = |me| {
-            let node = Node::new(me, program, federation, None, flow_limit);
+            let node = Node::new(me, program, federation, None, flow_limit, &fingerprint);
             Shared::new(Seat { node, granted: Step::NEVER })
         };
         let mut state = Self {

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Nanos, Program};
+use hprm_core::{FederateId, Fingerprint, Nanos, Program};
 use hprm_federated::{Federate, FederationId, Input, Output};
 use hprm_store::{Store, StoreLimits};
 
@@ -25,6 +25,8 @@ const FAREWELL: Nanos = 2_000_000_000;
 pub struct FederateOptions {
     /// The program of the federation.
     pub program: Arc<Program>,
+    /// What it must have like the RTI: that of the program, or more.
+    pub fingerprint: Arc<Fingerprint>,
     /// Which federate of it.
     pub federate: FederateId,
     /// Where the RTI listens.
@@ -62,7 +64,7 @@ impl Membership {
             options.federate,
             &options.program,
             wires.federation(),
-            options.program.fingerprint(),
+            Arc::clone(&options.fingerprint),
             wires.host(),
             wires.advertised(),
         );

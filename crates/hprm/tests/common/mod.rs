@@ -190,6 +190,7 @@ pub(crate) fn bind(program: &Arc<Program>, listen: Address, security: &Security)
 fn rti_options(program: &Arc<Program>, listen: Address, security: &Security) -> RtiOptions {
     RtiOptions {
         program: Arc::clone(program),
+        fingerprint: Arc::new(program.fingerprint()),
         federation: SECRET,
         listen,
         also_listen: Vec::new(),
@@ -207,6 +208,7 @@ pub(crate) fn options(
 ) -> FederateOptions {
     FederateOptions {
         program: Arc::clone(program),
+        fingerprint: Arc::new(program.fingerprint()),
         federate,
         rti: rti.clone(),
         federation: SECRET,
