@@ -10,6 +10,12 @@ from hprm import _hints
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
 
+# What helps where memory is short.
+_MEMORY = (
+    "drop values sooner, or let this process have more memory"
+    " (ulimit -v, the limit of its container)"
+)
+
 
 def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str]:
     """Return the exit code and the message, which is empty if there is nothing to say.
@@ -44,6 +50,8 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
             f"  hint: the program runs with {sys.executable}; install {package} there, or name "
             "another interpreter with --python"
         )
+    if isinstance(error, MemoryError):
+        lines.append(f"  hint: {_MEMORY}")
     text = "".join(trace.format()).rstrip()
     # Without a frame, it is often only what the title has said.
     if text not in (name, f"{name}: {reason}"):

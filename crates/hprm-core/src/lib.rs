@@ -38,7 +38,7 @@ pub use id::{
     TimerId,
 };
 pub use mode::{Confined, Mode, Transition};
-pub use object::{ObjectRef, Part, Payload};
+pub use object::{NoMemory, ObjectRef, Part, Payload, copy_of, zeroed};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Spin, Timer, Trigger,

@@ -11,9 +11,9 @@ pub const INLINE_LIMIT: usize = 64 * 1024;
 /// frame header (paper, section III-C, eager protocol).
 pub const EAGER_BUFFER: usize = INLINE_LIMIT + 4 * 1024;
 
-/// The largest frame that a link accepts, in bytes. A payload for another host travels inline, so
-/// this bounds the largest such payload.
-pub const FRAME_LIMIT: usize = 1 << 30;
+/// The largest frame that a link accepts, in bytes. A message may be longer: its payload travels in
+/// parts then, and only what describes it has to be one frame.
+pub const FRAME_LIMIT: usize = 16 << 20;
 
 /// How many bytes of messages a federate may have under way to another one when it begins a tag.
 pub const FLOW_LIMIT: u64 = 8 << 20;

@@ -42,7 +42,51 @@ pub struct Payload {
     pub physical: bool,
 }
 
+/// The system has no memory for so many bytes of a message. Messages are as long as programs make them,
+/// so that is no reason to abort.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
+#[error("no memory is left for {0} bytes of a message")]
+pub struct NoMemory(pub usize);
+
+/// A copy of bytes of a message.
+///
+/// # Errors
+///
+/// If there is no memory for it.
+pub fn copy_of(bytes: &[u8]) -> Result<Vec<u8>, NoMemory> {
+    let mut copy = Vec::new();
+    copy.try_reserve_exact(bytes.len()).map_err(|_| NoMemory(bytes.len()))?;
+    copy.extend_from_slice(bytes);
+    Ok(copy)
+}
+
+/// So many bytes for a message, zero at first.
+///
+/// # Errors
+///
+/// If there is no memory for them.
+pub fn zeroed(len: usize) -> Result<Vec<u8>, NoMemory> {
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(len).map_err(|_| NoMemory(len))?;
+    bytes.resize(len, 0);
+    Ok(bytes)
+}
+
 impl Payload {
+    /// A copy.
+    ///
+    /// # Errors
+    ///
+    /// If there is no memory for it.
+    pub fn try_clone(&self) -> Result<Self, NoMemory> {
+        let parts = self.parts.iter().map(|part| match part {
+            Part::Inline(bytes) => copy_of(bytes).map(Part::Inline),
+            Part::Object(object) => Ok(Part::Object(*object)),
+        });
+        let parts = parts.collect::<Result<_, _>>()?;
+        Ok(Self { head: copy_of(&self.head)?, parts, physical: self.physical })
+    }
+
     /// The objects that this payload refers to.
     pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
         self.parts.iter().filter_map(|part| match part {

@@ -4,18 +4,24 @@
 //! frame    = length:u32 (little endian, of the body)  body
 //! body     = 0  postcard(Frame)                       every frame but a message
 //!          | 1  postcard(Envelope)  head  part*       a message; the bytes of its payload as they are
+//!          | 2  postcard(Envelope)                    a long message; its bytes follow
+//!          | 3  bytes                                 some of them
 //! ```
 //!
-//! The bytes of a payload are copied once when a frame is encoded, or not at all if the caller
-//! writes what [`envelope`] returns straight to its link. Decoding any bytes gives a frame, an
-//! error, or the number of bytes that are missing; it never panics and allocates no more than the
-//! bytes at hand justify. Reading and writing links is the driver's.
+//! A long message is an envelope and then, with nothing in between, frames that have its bytes in order.
+//! Decoding any bytes gives a frame, an error, or the number of bytes that are missing; it never panics
+//! and allocates no more than the bytes at hand justify. Where there is no memory for a message, that is
+//! an error, at both ends. Reading and writing links is the driver's.
+
+mod parts;
 
 use hprm_core::limits::FRAME_LIMIT;
-use hprm_core::{ChannelId, ObjectRef, Part, Payload, Tag};
+use hprm_core::{ChannelId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
 use serde::{Deserialize, Serialize};
 
 use crate::Frame;
+pub use parts::Outgoing;
+use parts::{Incoming, PART_LIMIT};
 
 /// Bytes of the length field.
 const LENGTH: usize = 4;
@@ -30,8 +36,13 @@ const ENVELOPE: usize = 64;
 /// The most bytes that the description of a part needs.
 const PART: usize = 48;
 
+/// The most parts of a payload.
+pub const PARTS_LIMIT: usize = (FRAME_LIMIT - PART_LIMIT - ENVELOPE) / PART;
+
 const CONTROL: u8 = 0;
 const MESSAGE: u8 = 1;
+const PARTED: u8 = 2;
+const BYTES: u8 = 3;
 
 /// Why bytes are not taken for a frame. Nothing that follows on the link can be trusted.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
@@ -51,7 +62,7 @@ pub enum CodecError {
     /// The body goes on after the frame.
     #[error("{0} bytes too many in a frame")]
     Trailing(usize),
-    /// The frame may be well, but it cannot be copied.
+    /// The frame is well, but there is no room for it here.
     #[error("no memory is left for {0} bytes of a message")]
     NoMemory(usize),
 }
@@ -59,14 +70,28 @@ pub enum CodecError {
 /// What the start of a buffer holds.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Decoded {
-    /// A frame, in so many bytes.
+    /// A frame, which ends after so many bytes.
     Frame(Frame, usize),
+    /// So many bytes that belong to a longer message, and how long that is in all.
+    Part {
+        /// The bytes that have been taken.
+        taken: usize,
+        /// The bytes of the payload.
+        of: usize,
+    },
     /// The start of a frame; at least so many more bytes are needed.
     Missing(usize),
 }
 
+/// Reads the frames of a link, in order.
+#[derive(Debug, Default)]
+pub struct Decoder {
+    /// The message whose parts come now.
+    incoming: Option<Box<Incoming>>,
+}
+
 /// The part of a message that is not the payload's bytes.
-#[derive(Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Envelope {
     channel: ChannelId,
     tag: Tag,
@@ -75,61 +100,82 @@ struct Envelope {
     physical: bool,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 enum Piece {
     Inline(u64),
     Object(ObjectRef),
 }
 
-/// Whether a message with this payload is short enough to be a frame.
+/// Whether a message with this payload can be sent: what describes it has to fit into a frame.
 #[must_use]
 pub fn fits(payload: &Payload) -> bool {
-    let described = ENVELOPE.saturating_add(payload.parts.len().saturating_mul(PART));
-    described.saturating_add(inline_len(payload)) <= FRAME_LIMIT
+    payload.parts.len() <= PARTS_LIMIT
 }
 
-/// Appends `frame` to `out`.
+/// Whether a message with this payload travels in parts.
+fn is_long(payload: &Payload) -> bool {
+    inline_len(payload) > PART_LIMIT
+}
+
+/// The most bytes that an envelope takes, the length of its frame included.
+fn room_for_envelope(parts: usize) -> usize {
+    ENVELOPE.saturating_add(parts.saturating_mul(PART))
+}
+
+/// Appends `frame` to `out`, all parts of it.
+///
+/// # Errors
+///
+/// If there is no memory for it; `out` has not changed.
 ///
 /// # Panics
 ///
 /// If the frame is longer than a frame may be: ask [`fits`] before making a message.
-pub fn encode(frame: &Frame, out: &mut Vec<u8>) {
-    let buffers = envelope(frame, out);
-    if let Some(payload) = buffers {
-        out.reserve(inline_len(payload));
-        for bytes in buffers_of(payload) {
-            out.extend_from_slice(bytes);
-        }
+pub fn encode(frame: &Frame, out: &mut Vec<u8>) -> Result<(), CodecError> {
+    let Frame::Message { channel, tag, payload } = frame else {
+        let start = begin(CONTROL, out);
+        append(frame, out);
+        let len = end(start, out);
+        assert!(len <= CONTROL_LIMIT, "a {} of {len} bytes exceeds its limit", frame.name());
+        return Ok(());
+    };
+    assert!(fits(payload), "what describes a message exceeds the limit of a frame");
+    let envelope = Envelope::of(*channel, *tag, payload);
+    // Between parts are the beginnings of frames.
+    let len = inline_len(payload);
+    let frames = payload.parts.len() + 1 + len / PART_LIMIT;
+    reserve(out, envelope.room() + len + frames * (LENGTH + 1))?;
+    let is_long = len > PART_LIMIT;
+    let start = begin(if is_long { PARTED } else { MESSAGE }, out);
+    append(&envelope, out);
+    if is_long {
+        end(start, out);
+        let chunks = buffers_of(payload).flat_map(|bytes| bytes.chunks(PART_LIMIT));
+        return chunks.into_iter().try_for_each(|bytes| parts::part(bytes, out));
     }
+    buffers_of(payload).for_each(|bytes| out.extend_from_slice(bytes));
+    end(start, out);
+    Ok(())
 }
 
-/// Appends to `out` what precedes the payload's bytes, all of it if the frame is no message. The
-/// payload whose [`buffers_of`] must follow is returned.
-///
-/// # Panics
-///
-/// As [`encode`].
-pub fn envelope<'a>(frame: &'a Frame, out: &mut Vec<u8>) -> Option<&'a Payload> {
+/// Begins a frame, whose length is not known yet.
+fn begin(kind: u8, out: &mut Vec<u8>) -> usize {
     let start = out.len();
     out.extend_from_slice(&[0; LENGTH]);
-    let payload = if let Frame::Message { channel, tag, payload } = frame {
-        out.push(MESSAGE);
-        let parts = payload.parts.iter().map(Piece::of).collect();
-        let head = payload.head.len() as u64;
-        let physical = payload.physical;
-        append(&Envelope { channel: *channel, tag: *tag, head, parts, physical }, out);
-        Some(payload)
-    } else {
-        out.push(CONTROL);
-        append(frame, out);
-        None
-    };
-    let limit = if payload.is_some() { FRAME_LIMIT } else { CONTROL_LIMIT };
-    let len = out.len() - start - LENGTH + payload.map_or(0, inline_len);
-    assert!(len <= limit, "a {} of {len} bytes exceeds the limit of a frame", frame.name());
+    out.push(kind);
+    start
+}
+
+/// Ends the frame that was begun there. Returns the length of its body.
+fn end(start: usize, out: &mut [u8]) -> usize {
+    let len = out.len() - start - LENGTH;
     let length = u32::try_from(len).expect("the limit of a frame is below 4 GiB");
     out[start..start + LENGTH].copy_from_slice(&length.to_le_bytes());
-    payload
+    len
+}
+
+fn reserve(out: &mut Vec<u8>, more: usize) -> Result<(), CodecError> {
+    out.try_reserve(more).map_err(|_| CodecError::NoMemory(more))
 }
 
 /// The bytes of a payload that travel in its frame, in order.
@@ -147,26 +193,72 @@ pub fn buffers_of(payload: &Payload) -> impl Iterator<Item = &[u8]> {
 ///
 /// If no continuation of these bytes is a frame; the link must be closed.
 pub fn decode(buffer: &[u8]) -> Result<Option<(Frame, usize)>, CodecError> {
-    Ok(match inspect(buffer)? {
-        Decoded::Frame(frame, len) => Some((frame, len)),
-        Decoded::Missing(_) => None,
-    })
+    let mut decoder = Decoder::default();
+    let mut before = 0;
+    loop {
+        match decoder.next(&buffer[before..])? {
+            Decoded::Frame(frame, len) => return Ok(Some((frame, before + len))),
+            Decoded::Part { taken, .. } => before += taken,
+            Decoded::Missing(_) => return Ok(None),
+        }
+    }
 }
 
-/// As [`decode`], but tells how many bytes are missing: a reader can make room for a large frame
-/// once, and read it in one piece.
-///
-/// # Errors
-///
-/// As [`decode`].
-pub fn inspect(buffer: &[u8]) -> Result<Decoded, CodecError> {
+impl Decoder {
+    /// What `buffer` begins with, which must be what follows on the link. The caller gives up what was
+    /// taken, and makes room for what is missing.
+    ///
+    /// # Errors
+    ///
+    /// If no continuation of these bytes is a frame, or if there is no memory for it; the link must be
+    /// closed.
+    pub fn next(&mut self, buffer: &[u8]) -> Result<Decoded, CodecError> {
+        let body = match body(buffer)? {
+            Ok(body) => body,
+            Err(missing) => return Ok(Decoded::Missing(missing)),
+        };
+        let taken = LENGTH + body.len();
+        let (frame, trailing) = match (body, &mut self.incoming) {
+            ([BYTES, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
+                let of = incoming.len();
+                if !incoming.take(bytes)? {
+                    return Ok(Decoded::Part { taken, of });
+                }
+                let complete = self.incoming.take().map(|incoming| incoming.finish());
+                (complete.ok_or(CodecError::Junk)?, 0)
+            }
+            // Nothing else comes before the message is complete.
+            (_, Some(_)) => return Err(CodecError::Junk),
+            ([CONTROL, body @ ..], None) => control(body)?,
+            ([MESSAGE, body @ ..], None) => message(body)?,
+            ([PARTED, body @ ..], None) => {
+                let (envelope, rest) = envelope(body)?;
+                if !rest.is_empty() {
+                    return Err(CodecError::Trailing(rest.len()));
+                }
+                let incoming = Incoming::new(envelope)?;
+                let of = incoming.len();
+                self.incoming = Some(Box::new(incoming));
+                return Ok(Decoded::Part { taken, of });
+            }
+            _ => return Err(CodecError::Junk),
+        };
+        if trailing > 0 {
+            return Err(CodecError::Trailing(trailing));
+        }
+        Ok(Decoded::Frame(frame, taken))
+    }
+}
+
+/// The body of the frame at the start of a buffer, or how many bytes it lacks.
+fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
     let Some((length, rest)) = buffer.split_first_chunk::<LENGTH>() else {
-        return Ok(Decoded::Missing(LENGTH + 1 - buffer.len()));
+        return Ok(Err(LENGTH + 1 - buffer.len()));
     };
     let len = u32::from_le_bytes(*length) as usize;
     let limit = match rest.first() {
         Some(&CONTROL) => CONTROL_LIMIT,
-        Some(&MESSAGE) | None => FRAME_LIMIT,
+        Some(&(MESSAGE | PARTED | BYTES)) | None => FRAME_LIMIT,
         Some(_) => return Err(CodecError::Junk),
     };
     if len > limit {
@@ -175,18 +267,7 @@ pub fn inspect(buffer: &[u8]) -> Result<Decoded, CodecError> {
     if len == 0 {
         return Err(CodecError::Junk);
     }
-    let Some(body) = rest.get(..len) else {
-        return Ok(Decoded::Missing(len - rest.len()));
-    };
-    let (frame, trailing) = match body {
-        [CONTROL, body @ ..] => control(body)?,
-        [_, body @ ..] => message(body)?,
-        [] => return Err(CodecError::Junk),
-    };
-    if trailing > 0 {
-        return Err(CodecError::Trailing(trailing));
-    }
-    Ok(Decoded::Frame(frame, LENGTH + len))
+    Ok(rest.get(..len).ok_or(len - rest.len().min(len)))
 }
 
 fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
@@ -198,16 +279,12 @@ fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
 }
 
 fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
-    let (envelope, mut rest): (Envelope, _) =
-        postcard::take_from_bytes(body).map_err(|_| CodecError::Junk)?;
+    let (envelope, mut rest) = envelope(body)?;
     let mut take = |len: u64| {
         let len = usize::try_from(len).map_err(|_| CodecError::Junk)?;
         let (bytes, after) = rest.split_at_checked(len).ok_or(CodecError::Junk)?;
         rest = after;
-        let mut copy = Vec::new();
-        copy.try_reserve_exact(len).map_err(|_| CodecError::NoMemory(len))?;
-        copy.extend_from_slice(bytes);
-        Ok(copy)
+        copy_of(bytes).map_err(|NoMemory(len)| CodecError::NoMemory(len))
     };
     let head = take(envelope.head)?;
     let parts = envelope
@@ -220,6 +297,23 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
         .collect::<Result<_, _>>()?;
     let payload = Payload { head, parts, physical: envelope.physical };
     Ok((Frame::Message { channel: envelope.channel, tag: envelope.tag, payload }, rest.len()))
+}
+
+fn envelope(body: &[u8]) -> Result<(Envelope, &[u8]), CodecError> {
+    postcard::take_from_bytes(body).map_err(|_| CodecError::Junk)
+}
+
+impl Envelope {
+    fn of(channel: ChannelId, tag: Tag, payload: &Payload) -> Self {
+        let parts = payload.parts.iter().map(Piece::of).collect();
+        let (head, physical) = (payload.head.len() as u64, payload.physical);
+        Self { channel, tag, head, parts, physical }
+    }
+
+    /// The most bytes that it takes, the length of its frame included.
+    fn room(&self) -> usize {
+        room_for_envelope(self.parts.len())
+    }
 }
 
 impl Piece {
@@ -358,7 +452,7 @@ mod tests {
         #[test]
         fn frames_are_read_as_they_are_written(frames in prop::collection::vec(frame(), 1..5)) {
             let mut bytes = Vec::new();
-            frames.iter().for_each(|frame| encode(frame, &mut bytes));
+            frames.iter().for_each(|frame| encode(frame, &mut bytes).unwrap());
             let mut rest = bytes.as_slice();
             for frame in frames {
                 let (read, len) = decode(rest).unwrap().unwrap();
@@ -371,10 +465,11 @@ mod tests {
         #[test]
         fn what_is_missing_leads_to_the_frame(frame in frame()) {
             let mut bytes = Vec::new();
-            encode(&frame, &mut bytes);
+            encode(&frame, &mut bytes).unwrap();
             let mut have = 0;
             loop {
-                match inspect(&bytes[..have]).unwrap() {
+                match Decoder::default().next(&bytes[..have]).unwrap() {
+                    Decoded::Part { .. } => unreachable!("it is short"),
                     Decoded::Missing(more) => {
                         prop_assert!(more > 0 && have + more <= bytes.len());
                         have += more;
@@ -390,7 +485,7 @@ mod tests {
         #[test]
         fn any_bytes_are_a_frame_or_an_error_or_too_few(
             bytes in prop::collection::vec(any::<u8>(), 0..200),
-            kind in 0_u8..2,
+            kind in 0_u8..4,
         ) {
             let _ = decode(&bytes);
             let mut body = u32::try_from(bytes.len() + 1).unwrap().to_le_bytes().to_vec();
@@ -400,23 +495,10 @@ mod tests {
                 let (frame, len) = found.expect("all bytes are there");
                 prop_assert_eq!(len, body.len());
                 let mut again = Vec::new();
-                encode(&frame, &mut again);
+                encode(&frame, &mut again).unwrap();
                 prop_assert_eq!(decode(&again).unwrap(), Some((frame, again.len())));
             }
         }
-    }
-
-    #[test]
-    fn an_envelope_and_the_buffers_make_the_frame() {
-        let parts = vec![Part::Inline(vec![4, 5])];
-        let payload = Payload { head: vec![1, 2, 3], parts, physical: false };
-        let frame = Frame::Message { channel: ChannelId(7), tag: Tag::START, payload };
-        let (mut whole, mut pieces) = (Vec::new(), Vec::new());
-        encode(&frame, &mut whole);
-        let payload = envelope(&frame, &mut pieces).unwrap();
-        pieces.extend(buffers_of(payload).flatten());
-        assert_eq!(pieces, whole);
-        assert!(whole.ends_with(&[1, 2, 3, 4, 5]));
     }
 
     #[test]
@@ -428,13 +510,13 @@ mod tests {
         };
         assert!(too_long(FRAME_LIMIT + 1, MESSAGE));
         assert!(too_long(CONTROL_LIMIT + 1, CONTROL));
-        assert!(!too_long(CONTROL_LIMIT + 1, MESSAGE));
+        assert!(too_long(FRAME_LIMIT + 1, PARTED) && too_long(FRAME_LIMIT + 1, BYTES));
     }
 
     #[test]
     fn bytes_after_the_frame_in_its_body_are_an_error() {
         let mut bytes = Vec::new();
-        encode(&Frame::Resign, &mut bytes);
+        encode(&Frame::Resign, &mut bytes).unwrap();
         bytes.push(0);
         bytes[0] += 1;
         assert_eq!(decode(&bytes), Err(CodecError::Trailing(1)));

@@ -32,11 +32,14 @@ pub enum Fault {
         /// What its receiver may process.
         granted: Tag,
     },
-    /// A value too long for a frame.
-    #[error("a value of {len} bytes is too long for a message; the limit is {limit} bytes")]
-    TooLong {
-        /// Its length.
-        len: usize,
+    /// A value with too many large buffers.
+    #[error(
+        "a value with {parts} arrays or texts of more than 64 KiB is too much for a message; the \
+         limit is {limit} of them"
+    )]
+    TooManyParts {
+        /// How many it has.
+        parts: usize,
         /// The limit.
         limit: usize,
     },

@@ -47,6 +47,11 @@ pub enum RtiInput {
         /// The frame.
         frame: Frame,
     },
+    /// A frame is on its way over a link, and some of it has moved.
+    Moved {
+        /// The link.
+        link: LinkId,
+    },
     /// A link has ended.
     Closed {
         /// The link.
@@ -237,6 +242,12 @@ impl Rti {
             self.now = now;
         }
         match input {
+            RtiInput::Moved { link } => {
+                if let Some(federate) = self.links.get(&link) {
+                    self.heard(*federate, now);
+                }
+                Ok(())
+            }
             RtiInput::Closed { link } => {
                 self.closed(link, None);
                 Ok(())

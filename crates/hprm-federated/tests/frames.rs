@@ -8,7 +8,7 @@ mod common;
 
 use allocation_counter::measure;
 use hprm_core::{ChannelId, FederateId, ObjectRef, Part, Payload, PhysicalTime, Tag};
-use hprm_federated::codec::{self, CodecError, Decoded};
+use hprm_federated::codec::{self, CodecError, Decoded, Decoder};
 use hprm_federated::{Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal, Step};
 
 /// How many texts are made.
@@ -81,6 +81,8 @@ fn samples() -> Vec<Frame> {
         Frame::DownstreamNextEventTag { tag, sent: 7 },
         Frame::LatestTagConfirmed { tag },
         message(vec![]),
+        // It travels in parts.
+        message(vec![Part::Inline(vec![7; 300]), Part::Inline(vec![8; 300_000])]),
         message(vec![Part::Inline(vec![7; 300]), Part::Object(object), Part::Inline(vec![])]),
         Frame::Segment { owner, reader, segment: 1, len: 1 << 24 },
         Frame::Retired { owner, reader, segments: vec![1, 2, 3] },
@@ -118,7 +120,7 @@ fn mutated(numbers: &mut Numbers, samples: &[Vec<u8>]) -> Vec<u8> {
 
 fn encoded(frame: &Frame) -> Vec<u8> {
     let mut bytes = Vec::new();
-    codec::encode(frame, &mut bytes);
+    codec::encode(frame, &mut bytes).unwrap();
     bytes
 }
 
@@ -151,17 +153,28 @@ fn reading_takes_no_more_memory_than_there_are_bytes() {
 
 #[test]
 fn who_claims_much_and_sends_little_gets_nothing() {
-    for kind in [0, 1] {
+    for kind in 0..4 {
         for claimed in [1_u32 << 10, 1 << 20, 16 << 20, 1 << 30] {
             let mut bytes = claimed.to_le_bytes().to_vec();
             bytes.push(kind);
             bytes.extend([0xff; 64]);
             let mut found = None;
-            let taken = measure(|| found = Some(codec::inspect(&bytes))).bytes_max;
+            let taken = measure(|| found = Some(Decoder::default().next(&bytes))).bytes_max;
             assert_eq!(taken, 0, "{claimed} bytes were claimed");
             let answered =
                 matches!(found, Some(Ok(Decoded::Missing(_)) | Err(CodecError::TooLong { .. })));
             assert!(answered, "{found:?}");
         }
+    }
+}
+
+/// The frames that a message in parts begins with, with its parts missing.
+#[test]
+fn who_announces_a_long_message_and_sends_none_gets_nothing() {
+    let bytes = encoded(&message(vec![Part::Inline(vec![0; 1 << 20])]));
+    let envelope = u32::from_le_bytes(*bytes.first_chunk().unwrap()) as usize + 4;
+    for sent in [envelope, envelope + 100, bytes.len() - 1] {
+        let taken = measure(|| assert_eq!(codec::decode(&bytes[..sent]), Ok(None))).bytes_max;
+        assert!(taken <= 2 * sent as u64 + IN_ANY_CASE, "{sent} bytes took {taken}");
     }
 }

@@ -16,7 +16,7 @@ mod sole;
 mod trust;
 
 use hprm_core::limits::INLINE_LIMIT;
-use hprm_core::{FederateId, Payload};
+use hprm_core::{FederateId, Payload, copy_of};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 
@@ -47,7 +47,7 @@ impl Encoded {
     ) -> Option<Self> {
         let mut holds = Vec::new();
         let part = |part: &Part| match part {
-            Part::Inline(bytes) => Some(hprm_core::Part::Inline(bytes.to_vec())),
+            Part::Inline(bytes) => copy_of(bytes).ok().map(hprm_core::Part::Inline),
             Part::Object(came) => {
                 let object = store.pass_on(came)?;
                 let part = hprm_core::Part::Object(object.object_ref());
@@ -85,9 +85,12 @@ pub(crate) fn encode(
     for source in &draft.sources {
         parts.push(place.put(py, source)?);
     }
-    let mut head = draft.head;
+    let mut head = draft.head.into_bytes();
     if head.len() > INLINE_LIMIT {
-        parts.push(place.put_bytes(head)?);
+        parts.push(match place.is_inline() {
+            true => hprm_core::Part::Inline(head),
+            false => place.put_bytes(&head)?,
+        });
         head = vec![format::INDIRECT];
     }
     Ok(Encoded {
@@ -104,7 +107,7 @@ pub(crate) fn encode(
 /// If only pickle can take the value.
 pub(crate) fn describe(value: &Bound<'_, PyAny>, trust: Trust) -> PyResult<Vec<u8>> {
     match encode::encode(value) {
-        Ok(draft) => Ok(draft.head),
+        Ok(draft) => Ok(draft.head.into_bytes()),
         Err(Stop::Raised(error)) => Err(error),
         Err(Stop::Foreign(culprit)) => Err(culprit.refused(trust)),
     }
@@ -137,7 +140,7 @@ pub(crate) fn decode<'py>(
 pub(crate) fn wrap(bytes: &[u8], store: &mut Store, owner: FederateId) -> PyResult<Encoded> {
     let mut place = Place::store(store, owner);
     let payload = if bytes.len() > INLINE_LIMIT {
-        Payload { parts: vec![place.put_bytes(bytes.to_vec())?], ..Payload::default() }
+        Payload { parts: vec![place.put_bytes(bytes)?], ..Payload::default() }
     } else {
         Payload { head: bytes.to_vec(), ..Payload::default() }
     };

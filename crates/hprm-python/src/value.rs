@@ -14,6 +14,7 @@ use pyo3::sync::PyOnceLock;
 use crate::backlog::Share;
 use crate::buffer::Part;
 use crate::codec::Codec;
+use crate::failure::no_memory;
 use crate::parcel::Parcel;
 use crate::serialize::{Encoded, Trust};
 
@@ -167,7 +168,7 @@ impl Value {
     ) -> PyResult<Payload> {
         let known = find(&self.0.encodings, codec);
         if let Some(encoded) = known.filter(|known| trust.permits_pickle() || !known.pickled) {
-            return Ok(encoded.payload.clone());
+            return encoded.payload.try_clone().map_err(no_memory);
         }
         let encoded = match self.as_it_came(py, codec, store, trust) {
             Some(encoded) => encoded,
@@ -176,7 +177,7 @@ impl Value {
         let encoded = Arc::new(encoded);
         let mut encodings = self.0.encodings.lock().unwrap_or_else(PoisonError::into_inner);
         encodings.push((Arc::clone(codec), Arc::clone(&encoded)));
-        Ok(encoded.payload.clone())
+        encoded.payload.try_clone().map_err(no_memory)
     }
 
     fn came(&self) -> Option<&Arrival> {

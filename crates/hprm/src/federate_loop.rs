@@ -440,16 +440,16 @@ where
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.tell_rti(&frame, descriptor);
+                wires.tell_rti(frame, descriptor);
             }
             Output::ToPeer { to, frame } => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.tell_peer(to, &frame, descriptor);
+                wires.tell_peer(to, frame, descriptor);
             }
             Output::Connect { peer, listen } => {
                 let same_host = machine.shares_memory_with(peer);
                 let hello = machine.peer_hello();
-                let connected = wires.connect_peer(peer, &listen, same_host, &hello);
+                let connected = wires.connect_peer(peer, &listen, same_host, hello);
                 if let Err(reason) = connected {
                     self.handle(Input::Unreachable { peer, reason })?;
                 }

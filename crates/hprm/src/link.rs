@@ -11,20 +11,21 @@ pub(crate) mod descriptors;
 mod ends;
 mod keys;
 mod lobby;
+mod outbound;
 mod proof;
 mod rings;
 mod socket;
 mod stream;
 mod tls;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use hprm_core::PhysicalTime;
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
-use hprm_federated::codec::{self, CodecError, Decoded};
+use hprm_federated::codec::{CodecError, Decoded, Decoder};
 
 use crate::Clock;
 use crate::doorbell::Doorbell;
@@ -33,6 +34,7 @@ pub use address::{Address, AddressError};
 pub(crate) use keys::Keys;
 pub use keys::Security;
 pub(crate) use lobby::Lobby;
+use outbound::Outbound;
 pub(crate) use proof::Purpose;
 use proof::{Handshake, Refused, Role};
 pub(crate) use socket::Listener;
@@ -59,6 +61,8 @@ pub(crate) struct Link {
     mute: bool,
     inbound: Inbound,
     outbound: Outbound,
+    /// Whether some of a long message has moved.
+    has_moved: bool,
 }
 
 /// Bytes that have arrived and are not frames yet.
@@ -69,18 +73,8 @@ struct Inbound {
     end: usize,
     /// How many more bytes the frame under way needs, as far as that is known.
     missing: usize,
+    decoder: Decoder,
     descriptors: VecDeque<OwnedFd>,
-}
-
-/// Bytes that have not left yet.
-#[derive(Debug, Default)]
-struct Outbound {
-    buffer: Vec<u8>,
-    written: usize,
-    /// Whether the other end took no more the last time.
-    clogged: bool,
-    /// Descriptors, by the position of the frame that they travel with.
-    descriptors: BTreeMap<usize, OwnedFd>,
 }
 
 /// Whether the other end is still there.
@@ -141,9 +135,11 @@ impl Link {
                 start: 0,
                 end: 0,
                 missing: 0,
+                decoder: Decoder::default(),
                 descriptors: VecDeque::new(),
             },
             outbound: Outbound::default(),
+            has_moved: false,
         })
     }
 
@@ -151,7 +147,7 @@ impl Link {
     pub(crate) fn trust(&mut self) {
         self.trusted = true;
         self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
-        self.outbound.buffer.reserve(EAGER_BUFFER);
+        self.outbound.prepare();
     }
 
     /// Whether both ends have proved what they have to.
@@ -216,25 +212,21 @@ impl Link {
         self.stream.socket().is_unix()
     }
 
-    /// Appends a frame to what is to be written.
-    pub(crate) fn queue(&mut self, frame: &Frame) {
-        self.outbound.compact();
-        codec::encode(frame, &mut self.outbound.buffer);
-    }
-
-    /// Appends a frame with a descriptor.
-    pub(crate) fn queue_with(&mut self, frame: &Frame, descriptor: OwnedFd) {
-        self.outbound.compact();
-        self.outbound.descriptors.insert(self.outbound.buffer.len(), descriptor);
-        codec::encode(frame, &mut self.outbound.buffer);
+    /// Appends a frame to what is to be written, perhaps with a descriptor.
+    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        if !self.mute {
+            self.outbound.queue(frame, descriptor);
+        }
     }
 
     /// How many bytes of frames are to be written, unless the other end took no more the last time.
     pub(crate) fn writable_len(&self) -> usize {
-        match self.outbound.clogged {
-            true => 0,
-            false => self.outbound.buffer.len() - self.outbound.written,
-        }
+        self.outbound.writable_len()
+    }
+
+    /// Whether some of a message that is longer than a frame has come or left since this was asked.
+    pub(crate) fn take_moved(&mut self) -> bool {
+        std::mem::take(&mut self.has_moved)
     }
 
     /// Whether something is to be written, and may be.
@@ -285,14 +277,11 @@ impl Link {
             return Ok(());
         }
         self.meet()?;
-        while self.outbound.is_some() {
+        while self.outbound.fill()? {
             match self.outbound.write(&mut self.stream) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(_) => self.outbound.clogged = false,
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    self.outbound.clogged = true;
-                    return Ok(());
-                }
+                Ok(_) => self.has_moved |= self.outbound.is_long(),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
@@ -395,17 +384,25 @@ impl Link {
 
     /// The next whole frame that has been read, with the descriptor that came with it.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
-        let Inbound { buffer, start, end, missing, descriptors } = &mut self.inbound;
-        let frame = match codec::inspect(&buffer[*start..*end])? {
-            Decoded::Frame(frame, len) => {
-                *start += len;
-                frame
-            }
-            Decoded::Missing(more) => {
-                let (len, limit) = (*end - *start + more, STRANGER_LIMIT);
-                if !self.trusted && len > limit {
-                    return Err(CodecError::TooLong { len, limit });
+        let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;
+        let frame = loop {
+            let (more, of) = match decoder.next(&buffer[*start..*end])? {
+                Decoded::Frame(frame, len) => {
+                    *start += len;
+                    break frame;
                 }
+                Decoded::Part { taken, of } => {
+                    *start += taken;
+                    self.has_moved = true;
+                    (0, of)
+                }
+                Decoded::Missing(more) => (more, *end - *start + more),
+            };
+            let limit = STRANGER_LIMIT;
+            if !self.trusted && of > limit {
+                return Err(CodecError::TooLong { len: of, limit });
+            }
+            if more > 0 {
                 *missing = more;
                 return Ok(None);
             }
@@ -434,9 +431,9 @@ fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
     }
 }
 
-/// Large messages are read into one piece, which the system may not have.
-fn no_memory(len: usize) -> io::Error {
-    io::Error::new(io::ErrorKind::OutOfMemory, CodecError::NoMemory(len))
+/// What is read and written needs memory, which the system may not have.
+fn no_memory(error: CodecError) -> io::Error {
+    io::Error::new(io::ErrorKind::OutOfMemory, error)
 }
 
 fn refused(refused: Refused) -> io::Error {
@@ -465,53 +462,13 @@ impl Inbound {
             // No faster than bytes arrive: who only claims to send much costs nothing.
             let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
             let more = wanted.saturating_sub(self.buffer.len());
-            self.buffer.try_reserve_exact(more).map_err(|_| no_memory(wanted))?;
+            self.buffer
+                .try_reserve_exact(more)
+                .map_err(|_| CodecError::NoMemory(wanted))
+                .map_err(no_memory)?;
             self.buffer.resize(self.buffer.len() + more, 0);
         }
         Ok(())
-    }
-}
-
-impl Outbound {
-    fn is_some(&self) -> bool {
-        self.written < self.buffer.len()
-    }
-
-    fn write(&mut self, stream: &mut Stream) -> io::Result<usize> {
-        // A descriptor goes with the first byte of its frame, so a write starts or ends there.
-        let next = self.descriptors.range(self.written + 1..).next();
-        let until = next.map_or(self.buffer.len(), |(at, _)| *at);
-        let bytes = &self.buffer[self.written..until];
-        let count = match self.descriptors.get(&self.written) {
-            Some(descriptor) => stream.send_with(bytes, descriptor.as_fd())?,
-            None => stream.send(bytes)?,
-        };
-        if count > 0 {
-            self.descriptors.remove(&self.written);
-        }
-        self.written += count;
-        Ok(count)
-    }
-
-    /// Forgets what has left, once that is the larger half: a reader that always lags a little would
-    /// otherwise keep all of it here.
-    fn compact(&mut self) {
-        if self.written > EAGER_BUFFER && self.written > self.buffer.len() / 2 {
-            self.buffer.drain(..self.written);
-            let descriptors = std::mem::take(&mut self.descriptors).into_iter();
-            self.descriptors = descriptors.map(|(at, fd)| (at - self.written, fd)).collect();
-            self.written = 0;
-        }
-    }
-
-    fn clear(&mut self) {
-        self.descriptors.clear();
-        self.buffer.clear();
-        self.written = 0;
-        self.clogged = false;
-        if self.buffer.capacity() > 4 * EAGER_BUFFER {
-            self.buffer = Vec::with_capacity(EAGER_BUFFER);
-        }
     }
 }
 
@@ -529,13 +486,13 @@ mod tests {
         let doorbell = Doorbell::new().unwrap();
         let connect = Link::connect(listener.address(), Purpose::Messages, &keys, &doorbell, until);
         let mut link = connect.unwrap();
-        link.queue(&Frame::Resign);
+        link.queue(Frame::Resign, None);
         assert!(link.has_outbound());
         link.finish();
         assert!(link.flush().is_err());
         link.discard();
         assert!(!link.has_outbound());
-        link.queue(&Frame::Resign);
+        link.queue(Frame::Resign, None);
         assert!(link.flush().is_ok() && !link.has_outbound());
     }
 }

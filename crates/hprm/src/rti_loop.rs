@@ -338,7 +338,7 @@ impl Rti {
     fn apply(&mut self, report: &mut impl FnMut(RtiEvent)) {
         while let Some(output) = self.machine.poll() {
             match output {
-                RtiOutput::Send { link, frame } => self.send(link, &frame),
+                RtiOutput::Send { link, frame } => self.send(link, frame),
                 RtiOutput::Close { link } => self.closing.push(link),
                 RtiOutput::Asked { link } => {
                     if let Some(link) = self.links.get_mut(&link) {
@@ -377,9 +377,9 @@ impl Rti {
         self.descriptors.clear();
     }
 
-    fn send(&mut self, link: LinkId, frame: &Frame) {
+    fn send(&mut self, link: LinkId, frame: Frame) {
         let Some(link) = self.links.get_mut(&link) else { return };
-        let descriptor = match frame {
+        let descriptor = match &frame {
             Frame::Segment { owner, reader, segment, .. } => {
                 self.descriptors.remove(&(*owner, *reader, *segment))
             }
@@ -389,11 +389,25 @@ impl Rti {
     }
 
     fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {
-        for link in self.links.values_mut() {
-            // The other end is closed. What it said before is still to be read, so its end is
-            // noticed there and not here.
-            link.flush().unwrap_or_else(|_| link.discard());
+        let mut lacks = Vec::new();
+        for (id, link) in &mut self.links {
+            match link.flush() {
+                Ok(()) => {}
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                    lacks.push((*id, error.to_string()));
+                }
+                // The other end is closed. What it said before is still to be read, so its end is
+                // noticed there and not here.
+                Err(_) => link.discard(),
+            }
         }
+        lacks.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
+        let moved: Vec<_> = self
+            .links
+            .iter_mut()
+            .filter_map(|(id, link)| link.take_moved().then_some(*id))
+            .collect();
+        moved.into_iter().for_each(|link| self.handle_input(RtiInput::Moved { link }));
         let done: Vec<_> = self
             .closing
             .iter()

@@ -236,11 +236,19 @@ impl Wire {
     }
 
     /// Appends a frame to what is to be written, with the descriptor that it travels with.
-    pub(crate) fn queue(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
-        match (self, descriptor) {
-            (Self::Socket(link), None) => link.queue(frame),
-            (Self::Socket(link), Some(descriptor)) => link.queue_with(frame, descriptor),
-            (Self::Memory(link), descriptor) => link.queue(frame, descriptor),
+    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        match self {
+            Self::Socket(link) => link.queue(frame, descriptor),
+            Self::Memory(link) => link.queue(frame, descriptor),
+        }
+    }
+
+    /// Whether some of a message that is longer than a frame has come or left since this was asked.
+    pub(crate) fn take_moved(&mut self) -> bool {
+        match self {
+            Self::Socket(link) => link.take_moved(),
+            // A frame is there at once.
+            Self::Memory(_) => false,
         }
     }
 

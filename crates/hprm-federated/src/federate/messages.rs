@@ -1,6 +1,5 @@
 //! What passes through a federate: values, and news about objects, each the way it takes.
 
-use hprm_core::limits::FRAME_LIMIT;
 use hprm_core::{Channel, ChannelId, FederateId, Nanos, Payload, Tag};
 
 use super::{Activity, Coordinator, Federate};
@@ -85,8 +84,8 @@ impl Federate {
     pub(super) fn send(&mut self, id: ChannelId, tag: Tag, payload: Payload) -> Result<(), Fault> {
         let channel = self.topology.channel(id, Some(self.me), None)?;
         if !codec::fits(&payload) {
-            let len = codec::buffers_of(&payload).map(<[u8]>::len).sum();
-            return Err(Fault::TooLong { len, limit: FRAME_LIMIT });
+            let (parts, limit) = (payload.parts.len(), codec::PARTS_LIMIT);
+            return Err(Fault::TooManyParts { parts, limit });
         }
         let is_direct =
             matches!(self.coordinator, Coordinator::Decentralized(_)) && !channel.physical;

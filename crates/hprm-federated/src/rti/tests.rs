@@ -338,6 +338,19 @@ fn who_is_silent_is_asked_and_then_reported() {
 }
 
 #[test]
+fn whoever_takes_or_sends_some_of_a_long_message_is_not_silent() {
+    let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
+    rti.heard_all(PhysicalTime(110));
+    for second in 1..10 {
+        let now = PhysicalTime(110 + second * SECOND);
+        for link in [LinkId(0), LinkId(1), LinkId(77)] {
+            rti.handle(now, RtiInput::Moved { link }).unwrap();
+        }
+        assert_eq!(rti.next_silence(), Some(now.plus(SECOND)));
+    }
+}
+
+#[test]
 fn silence_is_a_failure_if_the_user_says_so() {
     let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
     rti.heard_all(PhysicalTime(110));

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use hprm_federated::codec::{self, Decoded};
+use hprm_federated::codec::{self, Decoded, Decoder};
 use hprm_federated::{Federate, FederationId, Frame, HostId, Input, Rti, RtiInput, Topology};
 use hprm_federated::{LinkId, PROTOCOL};
 
@@ -16,15 +16,20 @@ use hprm_core::{
 /// when it is written, and whatever is missing must be little enough to ask for.
 pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
     let mut frames = Vec::new();
+    let mut decoder = Decoder::default();
     loop {
-        match codec::inspect(bytes) {
+        match decoder.next(bytes) {
             Ok(Decoded::Frame(frame, len)) => {
                 assert!(len > 0 && len <= bytes.len(), "a frame of {len} bytes");
                 let mut again = Vec::new();
-                codec::encode(&frame, &mut again);
+                codec::encode(&frame, &mut again).expect("there is memory");
                 assert_eq!(codec::decode(&again), Ok(Some((frame.clone(), again.len()))));
                 frames.push(frame);
                 bytes = &bytes[len..];
+            }
+            Ok(Decoded::Part { taken, of }) => {
+                assert!(taken > 0 && taken <= bytes.len() && of > 0, "{taken} bytes of {of}");
+                bytes = &bytes[taken..];
             }
             Ok(Decoded::Missing(more)) => {
                 assert!(more > 0 && more <= hprm_core::limits::FRAME_LIMIT + 8);

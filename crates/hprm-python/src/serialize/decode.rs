@@ -82,6 +82,17 @@ impl<'a> Blob<'a> {
         }
     }
 
+    /// The bytes as an object of Python. There may be no memory for those that are many.
+    fn into_bytes<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        match self {
+            Self::Inline(bytes) => Ok(PyBytes::new(py, bytes)),
+            Self::Part(_) => {
+                let bytes = py.get_type::<PyBytes>().call1((self.into_buffer(py)?,))?;
+                Ok(bytes.cast_into()?)
+            }
+        }
+    }
+
     /// The bytes as an object that arrays can lie over, read-only.
     fn into_buffer<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         Ok(match self {
@@ -126,12 +137,15 @@ impl<'a, 'py> Walk<'a, 'py> {
             Kind::Float => PyFloat::new(py, f64::from_le_bytes(self.take()?)).into_any(),
             Kind::Str => self.text()?,
             Kind::Bytes => {
-                let bytes = self.blob()?;
-                self.remember(PyBytes::new(py, bytes.as_bytes()).into_any())
+                let bytes = self.blob()?.into_bytes(py)?;
+                self.remember(bytes.into_any())
             }
             Kind::ByteArray => {
-                let bytes = self.blob()?;
-                self.remember(PyByteArray::new(py, bytes.as_bytes()).into_any())
+                let bytes = match self.blob()? {
+                    Blob::Inline(bytes) => PyByteArray::new(py, bytes),
+                    part @ Blob::Part(_) => PyByteArray::from(&part.into_buffer(py)?)?,
+                };
+                self.remember(bytes.into_any())
             }
             Kind::List => self.list()?,
             Kind::Tuple => self.tuple()?,
@@ -292,7 +306,7 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn long(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let bytes = PyBytes::new(self.py, self.blob()?.as_bytes());
+        let bytes = self.blob()?.into_bytes(self.py)?;
         let signed = PyDict::new(self.py);
         signed.set_item(intern!(self.py, "signed"), true)?;
         let args = (bytes, intern!(self.py, "little"));
@@ -300,9 +314,17 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn text(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let text = std::str::from_utf8(self.blob()?.as_bytes())
+        let blob = self.blob()?;
+        let text = std::str::from_utf8(blob.as_bytes())
             .map_err(|_| malformed("a string that is no text"))?;
-        Ok(PyString::new(self.py, text).into_any())
+        Ok(match blob {
+            Blob::Inline(_) => PyString::new(self.py, text),
+            Blob::Part(_) => {
+                let bytes = blob.into_buffer(self.py)?;
+                PyString::from_encoded_object(&bytes, Some(c"utf-8"), Some(c"strict"))?
+            }
+        }
+        .into_any())
     }
 
     fn remember(&mut self, value: Bound<'py, PyAny>) -> Bound<'py, PyAny> {

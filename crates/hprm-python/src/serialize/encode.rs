@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use hprm_core::copy_of;
 use hprm_core::limits::INLINE_LIMIT;
 use pyo3::buffer::PyBuffer;
 use pyo3::intern;
@@ -18,8 +19,14 @@ use pyo3::types::{
 
 use super::array::{Layout, Numpy};
 use super::culprit::Culprit;
-use super::format::{self, DEPTH_LIMIT, Kind, put_number};
+use super::format::{self, DEPTH_LIMIT, Head, Kind, put_number};
 use super::kinds::{Kinds, Parts};
+use crate::failure::no_memory;
+
+/// How many members it takes until there is a look whether there is memory to note as many more, and how
+/// many bytes that takes for one, at most. A map cannot be asked.
+const OFTEN: usize = 4096;
+const SEEN: usize = 128;
 
 /// A large buffer of the value.
 pub(super) enum Source<'py> {
@@ -37,7 +44,7 @@ pub(super) enum Source<'py> {
 
 /// A value as a head and its large buffers.
 pub(super) struct Draft<'py> {
-    pub(super) head: Vec<u8>,
+    pub(super) head: Head,
     pub(super) sources: Vec<Source<'py>>,
 }
 
@@ -92,6 +99,7 @@ pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, Stop>
 pub(super) fn pickle<'py>(value: &Bound<'py, PyAny>) -> PyResult<Draft<'py>> {
     let mut walk = Walk::new(value.py());
     walk.pickle(value)?;
+    walk.draft.head.check().map_err(no_memory)?;
     Ok(walk.draft)
 }
 
@@ -120,12 +128,20 @@ struct Seen<'py> {
 
 impl<'py> Walk<'py> {
     fn new(py: Python<'py>) -> Self {
-        let draft = Draft { head: vec![format::DIRECT], sources: Vec::new() };
+        let mut head = Head::default();
+        head.push(format::DIRECT);
+        let draft = Draft { head, sources: Vec::new() };
         let (seen, orders) = (BTreeMap::new(), BTreeMap::new());
         Self { py, draft, seen, kept: Vec::new(), orders, limit: INLINE_LIMIT, depth: 0 }
     }
 
     fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+        self.write_node(value)?;
+        self.draft.head.check().map_err(no_memory)?;
+        Ok(())
+    }
+
+    fn write_node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if value.is_none() {
             self.kind(Kind::None);
         } else if let Ok(value) = value.cast_exact::<PyFloat>() {
@@ -275,7 +291,7 @@ impl<'py> Walk<'py> {
     /// The bytes of a member of a set for itself, wherever it occurs.
     fn order(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, Stop> {
         if let Some(order) = self.orders.get(&address(member)) {
-            return Ok(order.clone());
+            return Ok(copy_of(order).map_err(no_memory)?);
         }
         let mut walk = Walk::new(self.py);
         // What it has found out of sets in the member is the same for this walk.
@@ -286,8 +302,9 @@ impl<'py> Walk<'py> {
         self.kept.append(&mut walk.kept);
         walked?;
         self.kept.push(member.clone());
-        self.orders.insert(address(member), walk.draft.head.clone());
-        Ok(walk.draft.head)
+        let order = walk.draft.head.into_bytes();
+        self.orders.insert(address(member), copy_of(&order).map_err(no_memory)?);
+        Ok(order)
     }
 
     fn all(
@@ -371,6 +388,9 @@ impl<'py> Walk<'py> {
     }
 
     fn begin(&mut self, value: &Bound<'py, PyAny>, kind: Kind) {
+        if self.seen.len().is_multiple_of(OFTEN) {
+            self.draft.head.probe(OFTEN * SEEN);
+        }
         self.kind(kind);
         let number = self.seen.len() as u64;
         let seen = Seen { number, open: false, _value: value.clone() };

@@ -6,6 +6,8 @@
 //! parts are counted as they begin, and [`Kind::Again`] refers to them by that number. A pickle is
 //! a whole value, never inside of one, so that one byte tells whether there is any.
 
+use hprm_core::NoMemory;
+
 /// The head is right here.
 pub(super) const DIRECT: u8 = 1;
 /// The head is the payload's last part, because it is too large to travel inside a message.
@@ -89,8 +91,52 @@ impl Kind {
     }
 }
 
+/// The head of a value that is being written. Where there is no memory for it, it says so later, and what
+/// is appended is lost.
+#[derive(Debug, Default)]
+pub(super) struct Head {
+    bytes: Vec<u8>,
+    /// How long it would have had to be.
+    lacks: Option<NoMemory>,
+}
+
+impl Head {
+    pub(super) fn push(&mut self, byte: u8) {
+        if self.bytes.len() < self.bytes.capacity() {
+            self.bytes.push(byte);
+        } else {
+            self.extend_from_slice(&[byte]);
+        }
+    }
+
+    pub(super) fn extend_from_slice(&mut self, bytes: &[u8]) {
+        if self.bytes.try_reserve(bytes.len()).is_ok() {
+            self.bytes.extend_from_slice(bytes);
+        } else {
+            self.lacks = Some(NoMemory(self.bytes.len() + bytes.len()));
+            self.bytes = Vec::new();
+        }
+    }
+
+    /// Looks whether there is memory for so many bytes beside it.
+    pub(super) fn probe(&mut self, len: usize) {
+        if Vec::<u8>::new().try_reserve_exact(len).is_err() {
+            self.lacks = Some(NoMemory(self.bytes.len() + len));
+        }
+    }
+
+    /// Whether all of it is there.
+    pub(super) fn check(&self) -> Result<(), NoMemory> {
+        self.lacks.map_or(Ok(()), Err)
+    }
+
+    pub(super) fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+}
+
 /// Appends `number`.
-pub(super) fn put_number(head: &mut Vec<u8>, mut number: u64) {
+pub(super) fn put_number(head: &mut Head, mut number: u64) {
     while number >= 0x80 {
         head.push(number as u8 | 0x80);
         number >>= 7;

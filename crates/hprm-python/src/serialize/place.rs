@@ -4,8 +4,7 @@
 //! nobody else can reach, is published where it lies; and one that lies over an object of the store
 //! is passed on.
 
-use hprm_core::limits::INLINE_LIMIT;
-use hprm_core::{FederateId, Part};
+use hprm_core::{FederateId, Part, zeroed};
 use hprm_store::{Object, Store, StoreError};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -15,6 +14,7 @@ use super::encode::Source;
 use super::sole::{self, Sole};
 use crate::buffer::{Draft, Staging};
 use crate::console::say;
+use crate::failure::no_memory;
 use crate::numpy_memory;
 
 /// What happens then, told once.
@@ -40,6 +40,11 @@ impl<'s> Place<'s> {
     /// In the message.
     pub(crate) fn inline() -> Self {
         Self { store: None, holds: Vec::new(), sole: Sole::new() }
+    }
+
+    /// Whether everything travels in the message.
+    pub(super) fn is_inline(&self) -> bool {
+        self.store.is_none()
     }
 
     /// Ends the placing: what keeps the stored objects.
@@ -70,13 +75,10 @@ impl<'s> Place<'s> {
         self.write(len, |draft| source.write(py, draft))
     }
 
-    /// Places bytes that are ours.
-    pub(super) fn put_bytes(&mut self, bytes: Vec<u8>) -> PyResult<Part> {
-        if self.store.is_none() || bytes.len() <= INLINE_LIMIT {
-            return Ok(Part::Inline(bytes));
-        }
+    /// Places bytes.
+    pub(super) fn put_bytes(&mut self, bytes: &[u8]) -> PyResult<Part> {
         self.write(bytes.len(), |mut draft| {
-            draft.bytes_mut().copy_from_slice(&bytes);
+            draft.bytes_mut().copy_from_slice(bytes);
             Ok(draft)
         })
     }
@@ -118,14 +120,14 @@ impl<'s> Place<'s> {
     }
 
     fn draft(&mut self, len: usize) -> PyResult<Draft> {
-        let Some((store, _)) = self.store.as_mut() else { return Ok(Draft::Inline(vec![0; len])) };
+        let Some((store, _)) = self.store.as_mut() else { return inline(len) };
         match store.loan(len) {
             Ok(loan) => Ok(Draft::Loan(loan)),
             Err(error) => {
                 if let Some(first) = store.fall_back(error).map_err(refused)? {
                     say(&format!("warning: {first}; {WITHOUT_ROOM}"));
                 }
-                Ok(Draft::Inline(vec![0; len]))
+                inline(len)
             }
         }
     }
@@ -157,6 +159,11 @@ impl Source<'_> {
         }
         Ok(draft)
     }
+}
+
+/// Memory for a buffer that travels in its message.
+fn inline(len: usize) -> PyResult<Draft> {
+    zeroed(len).map(Draft::Inline).map_err(no_memory)
 }
 
 fn refused(error: StoreError) -> PyErr {

@@ -96,19 +96,19 @@ impl Membership {
         // The machine may have ended already; then there is nobody left to tell.
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
         self.tell_rti();
-        self.say_goodbye();
+        self.wires.leave(FAREWELL, false);
         failure
     }
 
-    /// Makes sure that what has been said arrives.
+    /// Makes sure that what has been said arrives, however long it is.
     pub(super) fn say_goodbye(&mut self) {
-        self.wires.leave(Clock::now().plus(FAREWELL));
+        self.wires.leave(FAREWELL, true);
     }
 
     fn tell_rti(&mut self) {
         while let Some(output) = self.machine.poll() {
             if let Output::ToRti(frame) = output {
-                self.wires.tell_rti(&frame, None);
+                self.wires.tell_rti(frame, None);
             }
         }
     }

@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::{Arc, MutexGuard};
 
-use hprm_core::{FederateId, Part, Payload};
+use hprm_core::{FederateId, Part, Payload, copy_of};
 use hprm_federated::Frame;
 use hprm_store::{Announcement, Object, Store, Yard};
 
+use super::wires::no_memory;
 use crate::Failure;
 
 /// The store, and the descriptors of its segments that are about to leave.
@@ -71,7 +72,8 @@ impl Objects {
                 let owner = object.owner;
                 store.add_reader(object.serial, owner).map_err(|error| failure(&error))?;
                 let bytes = store.open(*object).map_err(|error| failure(&error))?;
-                *part = Part::Inline(bytes.as_bytes().to_vec());
+                let copy = copy_of(bytes.as_bytes()).map_err(|error| no_memory(&error))?;
+                *part = Part::Inline(copy);
             }
         }
         Ok(payload)

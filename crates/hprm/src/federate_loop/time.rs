@@ -35,7 +35,7 @@ impl Time {
     /// Asks for the time if it is time for that.
     pub(super) fn ask(&mut self, wires: &mut Wires) {
         if let Some(question) = self.sync.ask(Clock::local()) {
-            wires.tell_rti(&question, None);
+            wires.tell_rti(question, None);
         }
     }
 

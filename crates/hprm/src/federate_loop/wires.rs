@@ -62,6 +62,8 @@ pub(super) struct Wires {
     is_stirred: bool,
     host: HostId,
     descriptors: Descriptors,
+    /// Why something could not be written.
+    lack: Option<Failure>,
 }
 
 impl Wires {
@@ -90,6 +92,7 @@ impl Wires {
             asked_at: NOW,
             is_stirred: false,
             descriptors: BTreeMap::new(),
+            lack: None,
         })
     }
 
@@ -129,7 +132,7 @@ impl Wires {
         peer: FederateId,
         addresses: &str,
         same_host: bool,
-        hello: &Frame,
+        hello: Frame,
     ) -> Result<(), String> {
         let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
         link.queue(hello, None);
@@ -156,13 +159,13 @@ impl Wires {
         }
     }
 
-    pub(super) fn tell_rti(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn tell_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if let Some(line) = &mut self.rti {
             line.wire.queue(frame, descriptor);
         }
     }
 
-    pub(super) fn tell_peer(&mut self, to: FederateId, frame: &Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn tell_peer(&mut self, to: FederateId, frame: Frame, descriptor: Option<OwnedFd>) {
         let link = self.outgoing.get_mut(&to).or_else(|| self.incoming.get_mut(&to));
         if let Some(line) = link {
             line.wire.queue(frame, descriptor);
@@ -174,9 +177,20 @@ impl Wires {
         self.descriptors.remove(&(owner, segment))
     }
 
-    /// Writes what can be written. A peer that is gone is noticed when its link is read.
+    /// Writes what can be written. A peer that is gone is noticed when its link is read, and so is that
+    /// there was no memory for it.
     pub(super) fn flush(&mut self) {
-        self.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
+        let mut lack = None;
+        for link in self.links_mut() {
+            match link.flush() {
+                Ok(()) => {}
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                    lack = Some(Broken::memory(&error).failure());
+                }
+                Err(_) => link.discard(),
+            }
+        }
+        self.lack = self.lack.take().or(lack);
     }
 
     /// Whether there is as much to write as the other end reads at once. Where it took no more the last
@@ -185,9 +199,11 @@ impl Wires {
         self.links().any(|link| link.writable_len() >= EAGER_BUFFER)
     }
 
-    /// Says goodbye: writes everything, until `until` at the latest, and makes sure that it arrives.
-    pub(super) fn leave(&mut self, until: PhysicalTime) {
-        self.drain(until);
+    /// Says goodbye: writes everything within `patience`, and makes sure that it arrives. `all` means that
+    /// a long message may take longer, as long as it moves.
+    pub(super) fn leave(&mut self, patience: Nanos, all: bool) {
+        self.drain(patience, all);
+        let until = Clock::now().plus(patience);
         // A TCP connection that is closed before everything has been read is reset, and the other
         // end loses what it has not read yet. So it is closed from there.
         let mut links: Vec<_> = self.links_mut().filter(|link| !link.is_local()).collect();
@@ -202,10 +218,15 @@ impl Wires {
         }
     }
 
-    fn drain(&mut self, until: PhysicalTime) {
+    fn drain(&mut self, patience: Nanos, all: bool) {
+        let mut until = Clock::now().plus(patience);
         while Clock::now() < until {
             // A link that cannot be written has nobody left to read it.
             self.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
+            let moved = self.links_mut().fold(false, |moved, link| link.take_moved() | moved);
+            if all && moved {
+                until = Clock::now().plus(patience);
+            }
             let blocked = self.links().filter(|link| link.has_outbound());
             let mut interests: Interests = blocked
                 .map(|link| Interest { fd: link.as_fd(), write: link.waits_for_socket() })
@@ -227,6 +248,7 @@ impl Wires {
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
         events: &mut Vec<Event>,
     ) -> Result<(), Failure> {
+        self.lack.take().map_or(Ok(()), Err)?;
         self.read_rti(events)?;
         self.read_greetings(admit, events)?;
         self.read_peers(events)
@@ -374,7 +396,7 @@ impl Wires {
         for (mut link, hello) in admitted {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
-                link.queue(&welcome, None);
+                link.queue(welcome, None);
                 self.incoming.insert(from, Line::new(link));
                 events.push(Event::PeerUp(from));
             }
@@ -483,6 +505,15 @@ fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd
     }
 }
 
+/// A message is too much for this process, which sends or receives it.
+pub(super) fn no_memory(error: &dyn Display) -> Failure {
+    Failure::new(format!(
+        "error: {error}\n  hint: drop values sooner, or let this process have more memory (ulimit -v, \
+         the limit of its container); what fits into the object store of its sender needs none in its \
+         receivers"
+    ))
+}
+
 /// Why a link is not read any further.
 enum Broken {
     Link(Failure),
@@ -510,11 +541,7 @@ impl Broken {
     }
 
     fn memory(error: &dyn Display) -> Self {
-        Self::Memory(Failure::new(format!(
-            "error: {error}\n  hint: drop values sooner, or let this process have more memory \
-             (ulimit -v, the limit of its container); what fits into the object store of its sender \
-             needs none here"
-        )))
+        Self::Memory(no_memory(error))
     }
 
     fn failure(self) -> Failure {

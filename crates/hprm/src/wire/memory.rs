@@ -124,8 +124,8 @@ impl MemoryLink {
         Ok((end(&back, &there), end(&there, &back)))
     }
 
-    pub(crate) fn queue(&mut self, frame: &Frame, descriptor: Option<OwnedFd>) {
-        self.unsent.push((frame.clone(), descriptor));
+    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        self.unsent.push((frame, descriptor));
     }
 
     pub(crate) fn has_outbound(&self) -> bool {
@@ -274,8 +274,8 @@ mod tests {
     fn frames_arrive_in_order_behind_one_ring() {
         let (mut here, mut there) = MemoryLink::pair().unwrap();
         assert!(!rings(&there));
-        here.queue(&Frame::Resign, None);
-        here.queue(&Frame::Resign, None);
+        here.queue(Frame::Resign, None);
+        here.queue(Frame::Resign, None);
         assert!(here.has_outbound() && !rings(&there));
         here.flush().unwrap();
         assert!(!here.has_outbound() && rings(&there));
@@ -290,14 +290,14 @@ mod tests {
     #[test]
     fn what_was_said_before_the_end_is_heard() {
         let (mut here, mut there) = MemoryLink::pair().unwrap();
-        here.queue(&Frame::Resign, None);
+        here.queue(Frame::Resign, None);
         here.flush().unwrap();
         drop(here);
         assert!(rings(&there));
         assert_eq!(there.read(), Arrival::Rest);
         assert_eq!(there.read(), Arrival::Closed);
         assert!(rings(&there), "the end can be noticed at any later time");
-        there.queue(&Frame::Resign, None);
+        there.queue(Frame::Resign, None);
         assert!(there.flush().is_err());
     }
 

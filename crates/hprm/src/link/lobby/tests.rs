@@ -63,7 +63,7 @@ fn member(lobby: &mut Lobby, address: &str, until: impl Fn(&Link) -> bool) -> Li
 
 /// The first frame of a member arrives.
 fn is_admitted(lobby: &mut Lobby, mut link: Link) -> bool {
-    link.queue(&Frame::Resign);
+    link.queue(Frame::Resign, None);
     for _ in 0..1000 {
         if link.flush().is_err() || link.read().is_err() {
             return false;

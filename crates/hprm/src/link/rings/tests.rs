@@ -3,7 +3,8 @@
 use std::fs::File;
 use std::io::Read;
 
-use hprm_core::{FederateId, PhysicalTime};
+use hprm_core::{ChannelId, FederateId, Part, Payload, PhysicalTime, Tag};
+use hprm_federated::codec::CodecError;
 use hprm_federated::{FederationId, Frame};
 use rustix::pipe::pipe;
 
@@ -37,17 +38,17 @@ fn pair(name: &str) -> Pair {
 fn acquainted(name: &str) -> Pair {
     let mut pair = pair(name);
     let (near, far) = (&mut pair.near.0, &mut pair.far.0);
-    near.queue(&Frame::Ping);
+    near.queue(Frame::Ping, None);
     near.flush().unwrap();
     assert_eq!(read_all(far), [Frame::Ping]);
     assert!(!far.is_in_memory());
     far.trust();
-    far.queue(&Frame::Pong);
+    far.queue(Frame::Pong, None);
     far.flush().unwrap();
     // The first read brings the doorbell, without which this end does not know of the ring.
     assert_eq!(read_all(near), [Frame::Pong]);
     assert!(near.is_in_memory());
-    near.queue(&Frame::Resign);
+    near.queue(Frame::Resign, None);
     near.flush().unwrap();
     assert_eq!(read_all(far), [Frame::Resign]);
     assert!(far.is_in_memory());
@@ -85,18 +86,18 @@ fn is_rung(doorbell: &Doorbell) -> bool {
 #[test]
 fn only_who_sleeps_is_rung_for() {
     let Pair { near: (mut near, _), far: (mut far, bell) } = acquainted("sleep");
-    near.queue(&Frame::Ping);
+    near.queue(Frame::Ping, None);
     near.flush().unwrap();
     assert!(!is_rung(&bell));
     assert!(far.has_unread());
     assert_eq!(read_all(&mut far), [Frame::Ping]);
     far.fall_asleep();
     assert!(!far.has_unread());
-    near.queue(&Frame::Ping);
+    near.queue(Frame::Ping, None);
     near.flush().unwrap();
     assert!(is_rung(&bell));
     // Once is enough.
-    near.queue(&Frame::Pong);
+    near.queue(Frame::Pong, None);
     near.flush().unwrap();
     assert!(!is_rung(&bell));
     far.wake_up();
@@ -107,7 +108,7 @@ fn only_who_sleeps_is_rung_for() {
 fn more_than_a_ring_holds_waits_and_comes_in_order() {
     let Pair { near: (mut near, bell), far: (mut far, _) } = acquainted("full");
     let frames: Vec<_> = (0..50).map(|number| failed(number, 10_007)).collect();
-    frames.iter().for_each(|frame| near.queue(frame));
+    frames.iter().for_each(|frame| near.queue(frame.clone(), None));
     near.flush().unwrap();
     assert!(near.has_outbound());
     // The socket could be written at once, and that would not help.
@@ -129,9 +130,9 @@ fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
     let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("descriptors");
     let mut ropes = Vec::new();
     for number in 0..20 {
-        near.queue(&failed(number, 12_000));
+        near.queue(failed(number, 12_000), None);
         let (ear, rope) = pipe().unwrap();
-        near.queue_with(&segment(u32::try_from(number).unwrap()), ear);
+        near.queue(segment(u32::try_from(number).unwrap()), Some(ear));
         ropes.push(rope);
     }
     let (mut frames, mut next) = (0, 0);
@@ -153,11 +154,51 @@ fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
     assert_eq!(frames, 40);
 }
 
+fn long(len: usize) -> Frame {
+    let parts = vec![Part::Inline(vec![7; len])];
+    let payload = Payload { head: vec![1], parts, physical: false };
+    Frame::Message { channel: ChannelId(3), tag: Tag::START, payload }
+}
+
+#[test]
+fn long_messages_keep_their_place_among_frames_and_descriptors() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("long");
+    let frames: Vec<_> =
+        [Frame::Ping, long(3 << 20), Frame::Pong, long(1 << 20), segment(4), long(300_000)].into();
+    for frame in &frames {
+        let descriptor = matches!(frame, Frame::Segment { .. }).then(|| pipe().unwrap().0);
+        near.queue(frame.clone(), descriptor);
+    }
+    let mut come = Vec::new();
+    while come.len() < frames.len() {
+        assert!(near.has_outbound() || far.has_unread());
+        near.flush().unwrap();
+        far.read().unwrap();
+        while let Some((frame, descriptor)) = far.next_frame().unwrap() {
+            assert_eq!(descriptor.is_some(), matches!(frame, Frame::Segment { .. }));
+            come.push(frame);
+        }
+    }
+    assert_eq!(come, frames);
+    assert!(near.take_moved() && far.take_moved() && !far.take_moved());
+    assert!(!near.has_outbound());
+}
+
+#[test]
+fn who_has_not_said_who_he_is_sends_no_long_message() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair("stranger");
+    near.queue(long(1 << 20), None);
+    near.flush().unwrap();
+    far.read().unwrap();
+    let refused = far.next_frame().unwrap_err();
+    assert!(matches!(refused, CodecError::TooLong { limit: 4096, .. }), "{refused}");
+}
+
 #[test]
 fn what_was_written_before_an_end_is_read_and_then_the_end() {
     let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("end");
-    near.queue(&failed(1, 60_000));
-    near.queue_with(&segment(3), pipe().unwrap().0);
+    near.queue(failed(1, 60_000), None);
+    near.queue(segment(3), Some(pipe().unwrap().0));
     near.flush().unwrap();
     drop(near);
     let mut frames = Vec::new();
@@ -173,11 +214,11 @@ fn what_was_written_before_an_end_is_read_and_then_the_end() {
 #[test]
 fn an_end_before_the_first_answer_is_an_end() {
     let Pair { near: (mut near, _), far: (mut far, _) } = pair("early");
-    near.queue(&Frame::Ping);
+    near.queue(Frame::Ping, None);
     near.flush().unwrap();
     assert_eq!(read_all(&mut far), [Frame::Ping]);
     far.trust();
-    far.queue(&Frame::Pong);
+    far.queue(Frame::Pong, None);
     far.flush().unwrap();
     drop(far);
     let mut frames = Vec::new();
@@ -193,7 +234,7 @@ fn an_end_before_the_first_answer_is_an_end() {
 fn who_fills_the_ring_of_one_who_has_ended_hears_of_it() {
     let Pair { near: (mut near, _), far: (far, _) } = acquainted("gone");
     drop(far);
-    near.queue(&failed(1, 200_000));
+    near.queue(failed(1, 200_000), None);
     assert_eq!(near.flush().unwrap_err().kind(), io::ErrorKind::BrokenPipe);
     near.discard();
     assert!(!near.has_outbound());

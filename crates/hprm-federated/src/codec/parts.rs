@@ -1,0 +1,308 @@
+//! Messages that are too long for one frame: their bytes travel in parts.
+//!
+//! The envelope says what follows; each part is a frame of its own, and nothing comes between them. So
+//! neither end needs more memory than the payload itself, and a part. Whoever receives gets memory as
+//! bytes arrive: to claim much costs nothing.
+
+use std::collections::VecDeque;
+
+use hprm_core::limits::FRAME_LIMIT;
+use hprm_core::{ChannelId, Part, Payload, Tag};
+
+use super::{BYTES, CodecError, Envelope, LENGTH, PARTED, Piece, append, begin, end, reserve};
+use crate::Frame;
+
+/// The most bytes of a payload in one frame; a message with more of them travels in parts.
+pub(super) const PART_LIMIT: usize = 256 << 10;
+
+/// A message that leaves in parts.
+#[derive(Debug)]
+pub struct Outgoing {
+    /// Until it is written.
+    envelope: Option<Envelope>,
+    /// What has not been written; of the first one, so many bytes have.
+    buffers: VecDeque<Vec<u8>>,
+    written: usize,
+}
+
+impl Outgoing {
+    /// The frame in parts, or as it was if it is a whole one.
+    ///
+    /// # Errors
+    ///
+    /// The frame, if it is no long message.
+    pub fn cut(frame: Frame) -> Result<Self, Frame> {
+        match frame {
+            Frame::Message { channel, tag, payload } if super::is_long(&payload) => {
+                let envelope = Some(Envelope::of(channel, tag, &payload));
+                let parts = payload.parts.into_iter().filter_map(|part| match part {
+                    Part::Inline(bytes) => Some(bytes),
+                    Part::Object(_) => None,
+                });
+                let buffers = std::iter::once(payload.head).chain(parts);
+                let buffers = buffers.filter(|bytes| !bytes.is_empty()).collect();
+                Ok(Self { envelope, buffers, written: 0 })
+            }
+            frame => Err(frame),
+        }
+    }
+
+    /// Appends the next frame to `out`. Returns whether there are more. What has been written is not
+    /// kept.
+    ///
+    /// # Errors
+    ///
+    /// If there is no memory for it; nothing has changed.
+    pub fn write(&mut self, out: &mut Vec<u8>) -> Result<bool, CodecError> {
+        if let Some(envelope) = &self.envelope {
+            reserve(out, envelope.room())?;
+            let start = begin(PARTED, out);
+            append(envelope, out);
+            end(start, out);
+            self.envelope = None;
+            return Ok(!self.buffers.is_empty());
+        }
+        if let Some(buffer) = self.buffers.front() {
+            let rest = &buffer[self.written..];
+            let bytes = &rest[..rest.len().min(PART_LIMIT)];
+            part(bytes, out)?;
+            self.written += bytes.len();
+            if self.written == buffer.len() {
+                self.buffers.pop_front();
+                self.written = 0;
+            }
+        }
+        Ok(!self.buffers.is_empty())
+    }
+}
+
+/// Appends a frame with bytes of a payload to `out`.
+pub(super) fn part(bytes: &[u8], out: &mut Vec<u8>) -> Result<(), CodecError> {
+    reserve(out, LENGTH + 1 + bytes.len())?;
+    let start = begin(BYTES, out);
+    out.extend_from_slice(bytes);
+    end(start, out);
+    Ok(())
+}
+
+/// A message of which the envelope has come, and not all parts.
+#[derive(Debug)]
+pub(super) struct Incoming {
+    channel: ChannelId,
+    tag: Tag,
+    /// The bytes of the whole message.
+    len: usize,
+    /// Those that are missing.
+    missing: usize,
+    payload: Payload,
+    /// What is being filled is the head, until that is complete; then the last of the parts.
+    head: usize,
+    /// The pieces that have not begun, and how much is missing of the one that has.
+    pieces: std::vec::IntoIter<Piece>,
+    rest: usize,
+}
+
+impl Incoming {
+    /// What an envelope announces. Nothing that it says costs memory.
+    pub(super) fn new(envelope: Envelope) -> Result<Self, CodecError> {
+        let head = usize::try_from(envelope.head).map_err(|_| CodecError::Junk)?;
+        let mut len = head;
+        for piece in &envelope.parts {
+            if let Piece::Inline(more) = piece {
+                let more = usize::try_from(*more).map_err(|_| CodecError::Junk)?;
+                len = len.checked_add(more).ok_or(CodecError::Junk)?;
+            }
+        }
+        // Shorter ones are written in one piece.
+        if len <= PART_LIMIT {
+            return Err(CodecError::Junk);
+        }
+        let payload = Payload { physical: envelope.physical, ..Payload::default() };
+        let Envelope { channel, tag, parts, .. } = envelope;
+        let pieces = parts.into_iter();
+        Ok(Self { channel, tag, len, missing: len, payload, head, pieces, rest: 0 })
+    }
+
+    /// The bytes of the whole message.
+    pub(super) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Takes a part. Returns whether the message is complete.
+    pub(super) fn take(&mut self, mut bytes: &[u8]) -> Result<bool, CodecError> {
+        if bytes.len() > self.missing {
+            return Err(CodecError::Trailing(bytes.len() - self.missing));
+        }
+        self.missing -= bytes.len();
+        while !bytes.is_empty() {
+            let len = self.len;
+            let (buffer, rest) = self.buffer();
+            let (now, later) = bytes.split_at(bytes.len().min(*rest));
+            grow(buffer, now.len(), *rest).map_err(|()| CodecError::NoMemory(len))?;
+            buffer.extend_from_slice(now);
+            *rest -= now.len();
+            bytes = later;
+        }
+        Ok(self.missing == 0)
+    }
+
+    /// The buffer that gets the next byte, and how many it still gets. There is a byte to come.
+    fn buffer(&mut self) -> (&mut Vec<u8>, &mut usize) {
+        if self.head > 0 {
+            self.rest = std::mem::take(&mut self.head);
+        }
+        while self.rest == 0 {
+            self.begin_piece();
+        }
+        match self.payload.parts.last_mut() {
+            Some(Part::Inline(bytes)) => (bytes, &mut self.rest),
+            _ => (&mut self.payload.head, &mut self.rest),
+        }
+    }
+
+    fn begin_piece(&mut self) {
+        match self.pieces.next() {
+            Some(Piece::Inline(len)) => {
+                self.rest = usize::try_from(len).expect("it was added to the others");
+                self.payload.parts.push(Part::Inline(Vec::new()));
+            }
+            Some(Piece::Object(object)) => self.payload.parts.push(Part::Object(object)),
+            None => unreachable!("the bytes that are missing belong to a piece"),
+        }
+    }
+
+    /// The message, once it is complete.
+    pub(super) fn finish(mut self) -> Frame {
+        // Pieces without bytes may follow the last one with some.
+        while !self.pieces.as_slice().is_empty() {
+            self.begin_piece();
+        }
+        Frame::Message { channel: self.channel, tag: self.tag, payload: self.payload }
+    }
+}
+
+/// Makes room for `more` bytes in a buffer that will get `rest` of them: no more than it has already,
+/// but at once if the whole is little.
+fn grow(buffer: &mut Vec<u8>, more: usize, rest: usize) -> Result<(), ()> {
+    if buffer.capacity() - buffer.len() >= more {
+        return Ok(());
+    }
+    let ample = rest.min(buffer.len().max(more));
+    // Where memory is short, as little as possible.
+    let reserved = buffer.try_reserve_exact(ample).or_else(|_| buffer.try_reserve_exact(more));
+    reserved.map_err(|_| ())
+}
+
+const _: () = assert!(PART_LIMIT + LENGTH < FRAME_LIMIT);
+
+#[cfg(test)]
+mod tests {
+    use hprm_core::{FederateId, ObjectRef};
+
+    use super::super::{Decoded, Decoder, decode, encode};
+    use super::*;
+
+    fn frame(head: usize, parts: &[Option<usize>]) -> Frame {
+        let object = ObjectRef { owner: FederateId(1), serial: 2, segment: 3, offset: 4, len: 5 };
+        let bytes = |len: usize| (0..len).map(|at| (at % 251).to_le_bytes()[0]).collect();
+        let parts = parts.iter().map(|part| match part {
+            Some(len) => Part::Inline(bytes(*len)),
+            None => Part::Object(object),
+        });
+        let payload = Payload { head: bytes(head), parts: parts.collect(), physical: true };
+        Frame::Message { channel: ChannelId(7), tag: Tag::new(8, 9), payload }
+    }
+
+    fn long() -> Vec<Frame> {
+        vec![
+            frame(PART_LIMIT + 1, &[]),
+            frame(0, &[Some(3 * PART_LIMIT), None, Some(0)]),
+            frame(1, &[None, Some(0), Some(PART_LIMIT), Some(1), Some(0), None]),
+            frame(PART_LIMIT, &[Some(1), Some(2 * PART_LIMIT + 5), Some(PART_LIMIT)]),
+        ]
+    }
+
+    #[test]
+    fn a_long_message_is_whole_again_at_the_other_end() {
+        for frame in long() {
+            let mut bytes = Vec::new();
+            encode(&frame, &mut bytes).unwrap();
+            assert_eq!(decode(&bytes), Ok(Some((frame.clone(), bytes.len()))));
+            assert_eq!(decode(&bytes[..bytes.len() - 1]), Ok(None));
+            // Written one at a time it is the same, and no frame is long.
+            let mut outgoing = Outgoing::cut(frame).unwrap();
+            let mut pieces = Vec::new();
+            loop {
+                let before = pieces.len();
+                let more = outgoing.write(&mut pieces).unwrap();
+                assert!(pieces.len() - before <= PART_LIMIT + LENGTH + 1);
+                if !more {
+                    break;
+                }
+            }
+            assert_eq!(pieces, bytes);
+        }
+        let short = frame(PART_LIMIT, &[None]);
+        assert_eq!(Outgoing::cut(short.clone()).unwrap_err(), short);
+    }
+
+    /// The frames of a long message, each by itself.
+    fn frames() -> Vec<Vec<u8>> {
+        let mut outgoing = Outgoing::cut(frame(3, &[Some(2 * PART_LIMIT)])).unwrap();
+        let mut frames = vec![];
+        loop {
+            let mut bytes = Vec::new();
+            let more = outgoing.write(&mut bytes).unwrap();
+            frames.push(bytes);
+            if !more {
+                return frames;
+            }
+        }
+    }
+
+    fn read(frames: &[Vec<u8>]) -> Result<usize, CodecError> {
+        let mut decoder = Decoder::default();
+        let mut whole = 0;
+        for frame in frames {
+            match decoder.next(frame)? {
+                Decoded::Frame(..) => whole += 1,
+                Decoded::Part { .. } => {}
+                Decoded::Missing(_) => panic!("the frame is there"),
+            }
+        }
+        Ok(whole)
+    }
+
+    #[test]
+    fn nothing_comes_between_the_parts_and_no_part_is_without_a_message() {
+        let all = frames();
+        assert_eq!((all.len(), read(&all)), (4, Ok(1)));
+        let mut ping = Vec::new();
+        encode(&Frame::Ping, &mut ping).unwrap();
+        let with = |at: usize, other: &Vec<u8>| {
+            let mut frames = all.clone();
+            frames.insert(at, other.clone());
+            read(&frames)
+        };
+        assert_eq!((with(0, &ping), with(4, &ping)), (Ok(2), Ok(2)));
+        for at in 1..4 {
+            assert_eq!(with(at, &ping), Err(CodecError::Junk));
+            assert_eq!(with(at, &all[0]), Err(CodecError::Junk));
+        }
+        assert_eq!(read(&all[1..]), Err(CodecError::Junk));
+        assert!(matches!(with(2, &all[1]), Err(CodecError::Trailing(_))));
+    }
+
+    #[test]
+    fn what_is_only_claimed_takes_no_memory() {
+        let envelope = |head, parts: Vec<Piece>| {
+            let (channel, tag) = (ChannelId(0), Tag::START);
+            Incoming::new(Envelope { channel, tag, head, parts, physical: false })
+        };
+        let mut incoming = envelope(1 << 60, vec![Piece::Inline(1 << 61)]).unwrap();
+        assert_eq!(incoming.take(&[1; 1000]), Ok(false));
+        assert!(incoming.payload.head.capacity() <= 2000);
+        assert!(matches!(envelope(u64::MAX, vec![Piece::Inline(1)]), Err(CodecError::Junk)));
+        assert!(matches!(envelope(5, vec![Piece::Inline(1)]), Err(CodecError::Junk)));
+    }
+}
