@@ -5,6 +5,7 @@ Text is parsed where it stands at the left margin, and the tree is moved to wher
 
 import ast
 import linecache
+import re
 from collections.abc import Callable, Iterator
 from types import CodeType
 from typing import Any
@@ -154,6 +155,10 @@ def _located(error: SyntaxError, code: Code) -> SyntaxError:
     beside = b"{=" in linecache.getline(code.path, code.line).encode()[: code.column]
     if line > 1 and beside and error.msg == "unexpected indent":
         error.msg += ": the first line stands beside `{=`; put it on a line of its own"
+    # "after 'if' statement on line 1".
+    error.msg = re.sub(
+        r"\bon line (\d+)", lambda at: f"on line {int(at[1]) + code.line - 1}", error.msg
+    )
     error.filename = code.path
     error.lineno = code.line + line - 1
     error.text = linecache.getline(code.path, error.lineno)

@@ -54,6 +54,8 @@ def _hint(error: BaseException) -> str | None:
             return _name(error, frames)
         case AttributeError(obj=None, name=str()) | TypeError() if "NoneType" in str(error):
             return _absent(frame, line)
+        case TypeError() if "port_capsule" in str(error):
+            return "a port is not its value, which is `port.value`"
         case AttributeError(name=str()):
             return _attribute(error, frames)
         case ValueError() | TypeError() if _READ_ONLY.search(str(error)):

@@ -372,6 +372,8 @@ def _of_port(code: Code, node: ast.Attribute, name: str, kind: str) -> Iterator[
     if node.attr not in _PORT:
         message = f"a port has no `{node.attr}`"
         hint = _names.did_you_mean(node.attr, _PORT)
+        if kind == "output":
+            hint = hint or f"a port is set by its method: `{name}.set(value)`"
         hint = hint or f"`{name}` is the port, and its value is `{name}.value`"
         yield _findings.at(node, code, (_findings.ATTRIBUTE, "error", message, hint))
     elif isinstance(node.ctx, ast.Store) and node.attr == "value":

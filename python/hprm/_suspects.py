@@ -4,6 +4,7 @@ Compiled code tells in no time which bodies may be meant; only those are looked 
 ``hprm._lint``, which is not imported otherwise.
 """
 
+import re
 from collections.abc import Callable, Container, Iterator
 from types import CodeType
 from typing import Any
@@ -24,16 +25,17 @@ def check(cls: ClassSource, bodies: list[Bodies], known: Container[str]) -> None
         for code, function in zip(handlers, functions, strict=True):
             if code is None or function is None:
                 continue
-            used = _used(function.__code__)
-            if any(not suspects.isdisjoint(used_here) for used_here in used):
+            used = suspects.intersection(_used(function.__code__))
+            # Compiled code does not tell `self.count` from `count` in so little time; the text does.
+            if any(re.search(rf"(?<![\w.]){name}\b", code.text) for name in used):
                 from hprm import _lint
 
                 _lint.refuse(code, reaction, cls, known)
 
 
-def _used(code: CodeType) -> Iterator[tuple[str, ...]]:
+def _used(code: CodeType) -> Iterator[str]:
     """Find the names of globals and attributes in a body and in all functions inside."""
-    yield code.co_names
+    yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _used(constant)

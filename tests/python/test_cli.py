@@ -228,6 +228,20 @@ def test_federates_speak_behind_their_names(hprm: Hprm, tmp_path: Path, coordina
     assert answer.stderr.splitlines() == ["[sink] noted"] * 6
 
 
+@pytest.mark.parametrize("options", [[], ["--in-process"]])
+def test_a_host_elsewhere_is_not_passed_over(
+    hprm: Hprm, tmp_path: Path, options: list[str]
+) -> None:
+    program = FEDERATION.replace("sink = new Sink()", "sink = new Sink() at 192.0.2.1:15045;")
+    program = program.replace("source = new Source()", "source = new Source() at localhost;")
+    (tmp_path / "Fed.lf").write_text(program)
+    answer = hprm("run", *options, "Fed.lf")
+    assert answer.returncode == 0
+    assert answer.stderr.count("warning[LF0804]") == 1
+    assert "federate `sink` is to run at `192.0.2.1:15045`" in answer.stderr
+    assert hprm("check", "Fed.lf").stderr == ""
+
+
 def test_a_property_of_the_command_line_outdoes_that_of_the_file(hprm: Hprm) -> None:
     answer = hprm("run", "--property", "timeout=30 ms", "Main.lf")
     assert (answer.returncode, answer.stdout) == (0, "tick\n" * 4), answer.stderr

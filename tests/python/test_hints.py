@@ -235,3 +235,9 @@ def test_the_check_knows_the_names_that_bodies_have(tmp_path: Path) -> None:
     """
     outcome = runner([sys.executable, "-m", "hprm", "run"], tmp_path)(textwrap.dedent(program))
     assert outcome.code == 0, outcome.err
+
+
+def test_a_program_without_mistakes_pays_for_no_hint(tmp_path: Path) -> None:
+    modules = {"hprm._lint", "hprm._hints", "hprm._names", "symtable", "difflib"}
+    body = f"assert not {modules} & set(sys.modules)"
+    assert run(tmp_path, body).code == 0

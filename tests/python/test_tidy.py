@@ -135,3 +135,16 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert UNSAFE.search(without_rust_comments("let x = un" + "safe { y };"))
     assert not UNSAFE.search(without_rust_comments("#![forbid(un" + "safe_code)] // unsafe"))
     assert headings("# One\n```sh\n# a comment\n```\n# Two\n") == ["# One", "# Two"]
+
+
+def test_the_document_has_every_code_of_a_diagnostic() -> None:
+    code = re.compile(r'"(LF\d{4})"')
+    used = {
+        found
+        for path, text in sources(".rs", ".py")
+        if path.startswith(("crates/hprm-lf/src", "crates/hprm-cli/src", "python/hprm"))
+        for found in code.findall(text)
+    }
+    text = (ROOT / "docs" / "diagnostics.md").read_text()
+    listed = re.findall(r"^\| `(LF\d{4})` \| (?:error|warning) \|", text, flags=re.MULTILINE)
+    assert listed == sorted(used)

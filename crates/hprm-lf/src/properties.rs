@@ -185,7 +185,10 @@ impl Stated {
             Ok(()) => property_rules::unheeded(property, &name, report),
             Err(expected) => {
                 let message = format!("`{name}` must be {expected}");
-                report.add(Diagnostic::error("LF0603", value.span, message));
+                // Words that are right stand between the backquotes.
+                let words = expected.split('`').skip(1).step_by(2);
+                let hint = word(value).and_then(|word| did_you_mean(word, words));
+                report.add(Diagnostic::error("LF0603", value.span, message).maybe_hint(hint));
             }
         }
     }

@@ -160,9 +160,30 @@ impl<'a> Resolver<'_, 'a> {
             };
             references.iter().filter_map(end).collect()
         };
+        if let [left] = decl.left.as_slice()
+            && let [right] = decl.right.as_slice()
+            && self.is_backwards(left, right)
+        {
+            let message = "this connection is the wrong way round";
+            let hint = format!("write `{} -> {}`", spell(right), spell(left));
+            report.add(Diagnostic::error("LF0305", decl.span, message).hint(hint));
+            return Connection { decl, mode, left: Vec::new(), right: Vec::new() };
+        }
         let left = ends(&decl.left, Role::From);
         let right = ends(&decl.right, Role::To);
         Connection { decl, mode, left, right }
+    }
+
+    /// Whether each end of a connection could only be the other one.
+    fn is_backwards(&self, left: &Reference, right: &Reference) -> bool {
+        let fits = |reference: &Reference, role| {
+            let entity = self.entity(reference, role).ok();
+            entity.map(|entity| self.check_role(reference, entity, role).is_ok())
+        };
+        fits(left, Role::From) == Some(false)
+            && fits(right, Role::To) == Some(false)
+            && fits(left, Role::To) == Some(true)
+            && fits(right, Role::From) == Some(true)
     }
 
     fn find(&self, reference: &Reference, role: Role, report: &mut Report) -> Option<Entity> {
@@ -180,7 +201,7 @@ impl<'a> Resolver<'_, 'a> {
 
     fn entity(&self, reference: &Reference, role: Role) -> Resolved<Entity> {
         match &reference.container {
-            Some(container) => self.contained(container, &reference.variable),
+            Some(container) => self.contained(container, &reference.variable, role),
             None => self.own(&reference.variable, role),
         }
     }
@@ -189,26 +210,45 @@ impl<'a> Resolver<'_, 'a> {
         if let Some(entity) = self.declared.variable(&name.text) {
             return Ok(entity);
         }
-        let Declarations { ports, actions, timers, .. } = self.declared;
+        let Declarations { ports, actions, timers, modes, .. } = self.declared;
         if self.declared.incomplete {
             return Err(None);
         }
-        let mut names: Vec<&str> = ports.iter().map(|port| port.name.text.as_str()).collect();
+        // Only what fits: a reactor reads its inputs, and sets its outputs.
+        let fits = ports.iter().filter(|port| (port.kind == PortKind::Output) == role.writes());
+        let mut names: Vec<&str> = fits.map(|port| port.name.text.as_str()).collect();
         if !matches!(role, Role::From | Role::To) {
             names.extend(actions.iter().map(|action| action.name.text.as_str()));
-            names.extend(timers.iter().map(|timer| timer.name.text.as_str()));
         }
-        let instance = self.declared.instance(&name.text).is_some();
-        let hint = if instance {
-            format!("`{0}` is an instance; name one of its ports: `{0}.port`", name.text)
-        } else {
-            existing(&name.text, "names that fit here", names.iter().copied())
-        };
+        match role {
+            Role::Trigger => {
+                names.extend(timers.iter().map(|timer| timer.name.text.as_str()));
+                names.extend(["startup", "shutdown"]);
+            }
+            Role::Effect => {
+                let modes = modes.iter().filter_map(|mode| mode.name.as_ref());
+                names.extend(modes.map(|mode| mode.text.as_str()));
+            }
+            Role::Source | Role::From | Role::To => {}
+        }
+        if let Some(instance) = self.declared.instance(&name.text) {
+            let message = format!("the instance `{}` cannot be {}", name.text, role.name());
+            let ports = self.ports_of(instance).iter();
+            let fits = ports.filter(|port| (port.kind == PortKind::Output) != role.writes());
+            let ports: Vec<_> =
+                fits.map(|port| format!("`{}.{}`", name.text, port.name.text)).collect();
+            let hint = match ports.as_slice() {
+                [] => "only a port of it could, and it has none that fits".to_owned(),
+                ports => format!("name one of its ports: {}", ports.join(", ")),
+            };
+            return refuse(Diagnostic::error("LF0303", name.span, message).hint(hint));
+        }
+        let hint = existing(&name.text, "names that fit here", names.iter().copied());
         let message = format!("there is no `{}` in this reactor", name.text);
         refuse(Diagnostic::error("LF0303", name.span, message).hint(hint))
     }
 
-    fn contained(&self, container: &ast::Name, port: &ast::Name) -> Resolved<Entity> {
+    fn contained(&self, container: &ast::Name, port: &ast::Name, role: Role) -> Resolved<Entity> {
         let instances = &self.declared.instances;
         let Some(instance) = self.declared.instance(&container.text) else {
             if self.declared.incomplete {
@@ -230,8 +270,10 @@ impl<'a> Resolver<'_, 'a> {
         let ports = &inner.ports;
         let class = &decl.class;
         let message = format!("`{}` has no port `{}`", class.text, port.text);
-        let names = ports.iter().map(|port| port.name.text.as_str());
-        let hint = existing(&port.text, "its ports", names);
+        let fits = ports.iter().filter(|port| (port.kind == PortKind::Output) != role.writes());
+        let names = fits.map(|port| port.name.text.as_str());
+        let what = if role.writes() { "its inputs" } else { "its outputs" };
+        let hint = existing(&port.text, what, names);
         refuse(Diagnostic::error("LF0304", port.span, message).hint(hint))
     }
 

@@ -78,15 +78,15 @@ main reactor { a = new A() reaction(a) {= pass =} }
     6 |   reaction(nothing_like_it) {= pass =}
       |            ^^^^^^^^^^^^^^^
       |
-      = help: names that fit here: `frame`, `retry`
+      = help: names that fit here: `frame`, `retry`, `startup`, `shutdown`
 
-    error[LF0303]: there is no `a` in this reactor
+    error[LF0303]: the instance `a` cannot be a trigger
      --> Main.lf:8:37
       |
     8 | main reactor { a = new A() reaction(a) {= pass =} }
       |                                     ^
       |
-      = help: `a` is an instance; name one of its ports: `a.port`
+      = help: only a port of it could, and it has none that fits
     "#);
 }
 
@@ -146,21 +146,13 @@ main reactor {
        |
        = help: a reactor sets its own outputs and the inputs of its instances
 
-    error[LF0305]: the contained input `a.inp` cannot be the source of a connection
+    error[LF0305]: this connection is the wrong way round
       --> Main.lf:12:3
        |
     12 |   a.inp -> a.out
-       |   ^^^^^
+       |   ^^^^^^^^^^^^^^
        |
-       = help: a reactor reads its own inputs and the outputs of its instances
-
-    error[LF0305]: the contained output `a.out` cannot be the destination of a connection
-      --> Main.lf:12:12
-       |
-    12 |   a.inp -> a.out
-       |            ^^^^^
-       |
-       = help: a reactor sets its own outputs and the inputs of its instances
+       = help: write `a.out -> a.inp`
     "#);
 }
 

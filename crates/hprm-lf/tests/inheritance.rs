@@ -234,7 +234,7 @@ main reactor { a = new A()  b = new B() }";
     2 | reactor Base { reaction(nothing) {= pass =} }
       |                         ^^^^^^^
       |
-      = help: names that fit here: there are none
+      = help: names that fit here: `startup`, `shutdown`
     "#);
 }
 

@@ -26,6 +26,14 @@ pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
         if port.kind != PortKind::Output || connected.contains(&index) {
             continue;
         }
+        if model
+            .reactions
+            .iter()
+            .any(|reaction| says(reaction, &[port.name.text.as_str()], sources))
+        {
+            // Perhaps a reaction only lacks the effect, which is found where names are looked at.
+            continue;
+        }
         let names_it = |reaction: &&Reaction<'_>| reaction.effects.contains(&Entity::Port(index));
         let reactions: Vec<&Reaction<'_>> = model.reactions.iter().filter(names_it).collect();
         if reactions.iter().any(|reaction| mentions(reaction, index, sources)) {
@@ -61,6 +69,13 @@ fn called<'r>(reaction: &'r Reaction<'_>, port: usize) -> &'r str {
 
 /// Whether a body of the reaction contains one of the names that it has for the port.
 fn mentions(reaction: &Reaction<'_>, port: usize, sources: &Sources) -> bool {
+    let names = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
+    // All arguments at once.
+    let names: Vec<&str> = names.map(|slot| slot.name.as_str()).chain(["locals"]).collect();
+    says(reaction, &names, sources)
+}
+
+fn says(reaction: &Reaction<'_>, names: &[&str], sources: &Sources) -> bool {
     let decl = reaction.decl;
     let bodies = decl
         .body
@@ -68,9 +83,6 @@ fn mentions(reaction: &Reaction<'_>, port: usize, sources: &Sources) -> bool {
         .chain(decl.deadline.iter().map(|deadline| &deadline.body))
         .chain(decl.late.iter().filter_map(|late| late.body.as_ref()));
     let mut texts = bodies.map(|body| sources.slice(body.inner));
-    let names = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
-    // All arguments at once.
-    let names: Vec<&str> = names.map(|slot| slot.name.as_str()).chain(["locals"]).collect();
     texts.any(|text| words(text).any(|word| names.contains(&word)))
 }
 

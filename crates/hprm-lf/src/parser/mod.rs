@@ -9,6 +9,8 @@ mod reactor;
 mod statement;
 mod target;
 
+use std::collections::BTreeSet;
+
 use crate::ast::{Body, Expression, Import, ImportSource, ImportedReactor, Model, Name};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::lexer;
@@ -34,13 +36,13 @@ type Parsed<T> = Result<T, Lost>;
 /// The tree of a file. What cannot be parsed is reported and missing from it.
 pub(crate) fn parse(file: FileId, text: &str, report: &mut Report) -> Model {
     let tokens = lexer::tokens(file, text, report);
-    Parser { text, tokens: tokens.all, cut: tokens.cut, at: 0, depth: 0, report }.model()
+    Parser::new(text, tokens, report).model()
 }
 
 /// The value that is all of a text; none, and what is wrong is reported, if it is not one.
 pub(crate) fn parse_value(file: FileId, text: &str, report: &mut Report) -> Option<Expression> {
     let tokens = lexer::tokens(file, text, report);
-    let mut parser = Parser { text, tokens: tokens.all, cut: tokens.cut, at: 0, depth: 0, report };
+    let mut parser = Parser::new(text, tokens, report);
     let value = parser.expression().ok()?;
     parser.is(Kind::End).then_some(value)
 }
@@ -52,7 +54,16 @@ struct Parser<'a> {
     cut: bool,
     at: usize,
     depth: usize,
+    /// Keywords that have been reported where a name is needed.
+    keywords: BTreeSet<String>,
     report: &'a mut Report,
+}
+
+impl<'a> Parser<'a> {
+    fn new(text: &'a str, tokens: lexer::Tokens, report: &'a mut Report) -> Self {
+        let (tokens, cut) = (tokens.all, tokens.cut);
+        Self { text, tokens, cut, at: 0, depth: 0, keywords: BTreeSet::new(), report }
+    }
 }
 
 impl Parser<'_> {
@@ -121,15 +132,38 @@ impl Parser<'_> {
     }
 
     fn name(&mut self, what: &str) -> Parsed<Name> {
-        if !self.is(Kind::Identifier) || MEMBERS.contains(&self.text_of(self.token())) {
+        if !self.is(Kind::Identifier) {
             return self.fail(what);
+        }
+        if MEMBERS.contains(&self.text_of(self.token())) {
+            self.keyword_as_name(what)?;
         }
         let token = self.advance();
         let text = self.text_of(token).trim_start_matches('^').to_owned();
         Ok(Name { text, span: token.span })
     }
 
+    /// Reports a keyword that is meant to be a name, once for each keyword, and lets it pass as one.
+    /// On a line of its own it rather starts the next member, and the name is missing.
+    fn keyword_as_name(&mut self, what: &str) -> Parsed<()> {
+        let token = self.token();
+        let word = self.text_of(token).to_owned();
+        let before = self.previous().end as usize..token.span.start as usize;
+        if self.text[before].contains('\n') {
+            return self.fail(what);
+        }
+        let message = format!("`{word}` is a keyword, and cannot be {what}");
+        if self.keywords.insert(word) {
+            let hint = "choose another name";
+            self.report.add(Diagnostic::error("LF0003", token.span, message).hint(hint));
+        }
+        Ok(())
+    }
+
     fn body(&mut self) -> Parsed<Body> {
+        if self.is_mark('{') {
+            return self.body_in_braces();
+        }
         if !self.is(Kind::Code) {
             return self.fail("a body `{= ... =}`");
         }
@@ -141,7 +175,26 @@ impl Parser<'_> {
     }
 
     fn maybe_body(&mut self) -> Parsed<Option<Body>> {
-        if self.is(Kind::Code) { self.body().map(Some) } else { Ok(None) }
+        if self.is(Kind::Code) || self.is_mark('{') { self.body().map(Some) } else { Ok(None) }
+    }
+
+    /// Reports braces without `=`, and steps over what is between them.
+    fn body_in_braces(&mut self) -> Parsed<Body> {
+        let open = self.advance().span;
+        let message = "the body of a reaction or a method stands between `{=` and `=}`";
+        self.report.add(
+            Diagnostic::error("LF0003", open, message).hint("write `{=` here, and `=}` at its end"),
+        );
+        let mut depth = 1_usize;
+        while depth > 0 && !self.is(Kind::End) {
+            match self.advance().kind {
+                Kind::Mark('{') => depth += 1,
+                Kind::Mark('}') => depth -= 1,
+                _ => {}
+            }
+        }
+        self.cut |= depth > 0;
+        Ok(Body { inner: Span { end: open.start, ..open } })
     }
 
     /// Reports that something else was expected here.

@@ -184,7 +184,8 @@ impl Parser<'_> {
         if self.accept('=') {
             return self.expression().map(Some);
         }
-        let value = matches!(self.peek(1).kind, Kind::Integer | Kind::Float | Kind::String);
+        let value =
+            matches!(self.peek(1).kind, Kind::Integer | Kind::Float | Kind::String | Kind::Code);
         if self.is_mark('{') || (self.is_mark('(') && value) {
             let span = self.token().span;
             return self.lose(

@@ -7,7 +7,7 @@ use crate::ast::{
     Action, Argument, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late,
     Method, Port, PortKind, Reaction, Reference, Timer, Trigger, Watchdog,
 };
-use crate::diagnostic::did_you_mean;
+use crate::diagnostic::{Diagnostic, did_you_mean};
 use crate::token::Kind;
 
 impl Parser<'_> {
@@ -109,6 +109,14 @@ impl Parser<'_> {
         }
         let name = if self.is(Kind::Identifier) { Some(self.name("a name")?) } else { None };
         let triggers = self.enclosed(('(', ')'), Self::trigger)?;
+        if self.is_word("deadline") && self.peek(1).kind == Kind::Mark('(') {
+            let span = self.token().span;
+            let message = "`deadline` stands behind the body of its reaction";
+            return self
+                .lose(Diagnostic::error("LF0003", span, message).hint(
+                    "write `{= body =} deadline(10 ms) {= what to do when it is missed =}`",
+                ));
+        }
         let sources = if self.is(Kind::Identifier) && !self.starts_member() {
             self.list(Self::reference)?
         } else {
@@ -189,11 +197,26 @@ impl Parser<'_> {
     pub(super) fn instantiation(&mut self, attributes: Vec<Attribute>) -> Parsed<Instantiation> {
         let name = self.name("the name of an instance")?;
         self.expect('=')?;
-        self.expect_word("new")?;
+        if self.accept_word("new").is_none() {
+            let class = self.text_of(self.token());
+            let hint = self
+                .is(Kind::Identifier)
+                .then(|| format!("write `{} = new {class}(...)`", name.text));
+            return self.fail_with("`new`", hint);
+        }
         let width = self.width()?;
         let class = self.name("the name of a reactor")?;
         let type_arguments = self.maybe_types()?;
+        if !self.is_mark('(') {
+            let message = format!("`new {}` lacks its parentheses", class.text);
+            let hint = format!("write `new {}()`", class.text);
+            return self.lose(Diagnostic::error("LF0003", class.span, message).hint(hint));
+        }
         let assignments = self.enclosed(('(', ')'), |parser| {
+            if !parser.is(Kind::Identifier) {
+                let hint = "parameters are assigned by their names: `name = value`";
+                return parser.fail_with("the name of a parameter", Some(hint.to_owned()));
+            }
             let name = parser.name("the name of a parameter")?;
             match parser.initializer()? {
                 Some(value) => Ok(Assignment { name, value }),

@@ -1,0 +1,55 @@
+"""What people read who are new to the language: their mistakes, and the answers, side by side.
+
+``tests/newcomers`` has a program for each mistake, and beside it what ``hprm check`` says, and
+``hprm run`` if the check finds no error. With ``HPRM_WRITE_SNAPSHOTS=1`` the answers are written
+anew, to be read before they are committed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parent.parent / "newcomers"
+PROGRAMS = sorted(path.stem for path in FOLDER.glob("*.lf"))
+
+
+def answer(verb: str, name: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("hprm")), verb, f"{name}.lf"],
+        cwd=FOLDER,
+        env=os.environ | {"TERM": "dumb"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+def neutral(text: str) -> str:
+    """Without what depends on the version of Python: markers below lines of tracebacks."""
+    return re.sub(r"(?m)^ +[~^]+\n", "", text) if "Traceback" in text else text
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_answer_to_a_mistake(name: str) -> None:
+    code, said = answer("check", name)
+    text = f"$ hprm check {name}.lf\n{said}"
+    if code == 0:
+        code, said = answer("run", name)
+        text += f"\n$ hprm run {name}.lf\n{neutral(said)}[exit code {code}]\n"
+    snapshot = FOLDER / f"{name}.txt"
+    if os.environ.get("HPRM_WRITE_SNAPSHOTS"):
+        snapshot.write_text(text)
+    assert text == snapshot.read_text()
+
+
+def test_no_answer_is_left_of_a_program_that_is_gone() -> None:
+    assert {path.stem for path in FOLDER.glob("*.txt")} == set(PROGRAMS)
