@@ -79,6 +79,14 @@ def test_a_value_comes_back_as_from_pickle(name: str, way: Any) -> None:
 
 
 @pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("way", [far_and_back, through_a_store])
+def test_a_trace_sees_no_difference_between_a_value_and_what_arrives(name: str, way: Any) -> None:
+    value = EVERY[name]
+    digest, _, opaque = _hprm.digest(value)
+    assert _hprm.digest(way(value))[::2] == (digest, opaque)
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_the_argument_is_not_changed(name: str) -> None:
     value = EVERY[name]
     before = _hprm.digest(value), pickled(value)[0]

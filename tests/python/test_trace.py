@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -251,6 +252,271 @@ def test_what_is_no_trace_is_said_to_be_none(tmp_path: Path) -> None:
         answer = hprm("diff", wrong, wrong)
         assert answer.returncode == 1
         assert answer.stderr.startswith("error: ") and str(wrong) in answer.stderr
+
+
+# A value that may change on its way: what the sender keeps, what it does, and what a receiver does.
+SHARED = """\
+target Python { timeout: 30 ms }
+preamble {=
+  import numpy as np
+=}
+reactor Sender {
+  output out
+  timer t(0, 10 ms)
+  state kept = {= KIND =}
+  reaction(t) -> out {=
+    SEND
+  =}
+}
+reactor Changes {
+  MUTABLE input inp
+  output done
+  reaction(inp) -> done {=
+    CHANGE
+    done.set(True)
+  =}
+}
+reactor Reads {
+  input inp
+  input[2] done
+  reaction(done) inp {= pass =}
+  reaction(inp) {= pass =}
+}
+federated reactor {
+  sender = new Sender()
+  changes = new[2] Changes()
+  reads = new Reads()
+  (sender.out)+ -> changes.inp
+  changes.done -> reads.done
+  sender.out -> reads.inp AFTER
+}
+"""
+
+
+def shared(kind: str, send: str, change: str = "pass", mutable: str = "", after: str = "") -> str:
+    text = SHARED.replace("KIND", kind).replace("SEND", send).replace("CHANGE", change)
+    return text.replace("MUTABLE", mutable).replace("AFTER", after)
+
+
+@pytest.mark.parametrize(
+    ("text", "reader"),
+    [
+        # The sender goes on changing what is on its way.
+        (
+            shared("np.zeros(100_000)", "self.kept += 1; out.set(self.kept)", after="after 15 ms"),
+            r"reaction Main\.reads\.2 reads Main\.reads\.inp as ndarray .*"
+            r" and reads .* as another ndarray",
+        ),
+        # A receiver changes what others read at the same tag. Workers decide on the first of them.
+        (
+            shared("[]", "out.set([1])", change="inp.value.append(2)"),
+            r"Main\.(changes\[[01]\]|reads)\.1 reads",
+        ),
+    ],
+)
+def test_verify_sees_what_is_read_and_not_only_what_is_set(
+    text: str, reader: str, tmp_path: Path
+) -> None:
+    verdict = hprm("verify", "--runs", 2, program(tmp_path, text, "Main"))
+    assert verdict.returncode == 3, verdict.stdout + verdict.stderr
+    assert re.search(reader, verdict.stdout), verdict.stdout
+    assert "  hint: the value may have been changed after it was set" in verdict.stdout
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        shared(
+            "np.zeros(100_000)", "self.kept += 1; out.set(self.kept.copy())", after="after 15 ms"
+        ),
+        shared("[]", "out.set([1])", change="inp.value.append(2)", mutable="mutable"),
+        # At the same tag, the sender's next change is still to come.
+        shared("[]", "self.kept.append(1); out.set(self.kept)"),
+    ],
+)
+def test_verify_is_content_with_copies(text: str, tmp_path: Path) -> None:
+    verdict = hprm("verify", "--runs", 5, program(tmp_path, text, "Main"))
+    assert verdict.returncode == 0, verdict.stdout + verdict.stderr
+
+
+READS = """\
+target Python { timeout: 10 ms }
+reactor Sender {
+  output out
+  output wide
+  timer t(0, 10 ms)
+  reaction(t) -> out, wide {=
+    wide.set([1])
+    if lf.time.logical_elapsed() == 0: out.set("once")
+  =}
+}
+reactor Reader {
+  mutable input[2] inp
+  input kept
+  logical action act
+  initial mode Only {
+    reaction(inp) kept -> act {=
+      inp[0].value.append(2)
+      act.schedule(MSEC(1), kept.value)
+      if not kept.is_present: act.schedule(0)
+    =}
+  }
+  reaction(startup) kept {= kept.set("never") =}
+  reaction(act) {= pass =} deadline(0) {= pass =}
+}
+main reactor {
+  sender = new Sender()
+  reader = new Reader()
+  (sender.wide)+ -> reader.inp
+  sender.out -> reader.kept
+}
+"""
+
+
+def test_a_trace_says_what_each_reaction_found(tmp_path: Path) -> None:
+    text = trace(program(tmp_path, READS, "Main"), tmp_path / "trace")
+    entries = [json.loads(line) for line in text.splitlines()[1:-1]]
+    found = [
+        (
+            entry["tag"],
+            entry["reaction"].removeprefix("Main."),
+            [
+                (
+                    read["from"].removeprefix("Main.reader."),
+                    read.get("value", {}).get("text"),
+                    read.get("remembered", False),
+                )
+                for read in entry["reads"]
+            ],
+        )
+        for entry in entries
+        if "reads" in entry
+    ]
+    inputs = [("inp[0]", "list of 1", False), ("inp[1]", "list of 1", False)]
+    assert found == [
+        ([0, 0], "reader.1", [*inputs, ("kept", "'once'", False)]),
+        ([0, 0], "reader.2", [("kept", "'once'", False)]),
+        ([1_000_000, 0], "reader.3", [("act", "'once'", False)]),
+        ([10_000_000, 0], "reader.1", [*inputs, ("kept", "'once'", True)]),
+    ]
+    assert [entry.get("body") for entry in entries if entry["reaction"] == "Main.reader.3"] == [
+        "deadline"
+    ]
+
+
+STOP = """\
+target Python { timeout: 200 ms }
+reactor Asks {
+  output out
+  timer t(0, 1 ms)
+  reaction(t) -> out {=
+    out.set(1)
+    if lf.time.logical_elapsed() == MSEC(10): lf.request_stop()
+  =}
+}
+reactor Schedules {
+  input inp
+  timer t(0, 500 us)
+  logical action plain(3 ms)
+  logical action drops(3 ms, 2 ms, "drop")
+  reaction(t) -> plain, drops {=
+    plain.schedule(0)
+    drops.schedule(0)
+  =}
+  reaction(plain, drops) {= pass =}
+  reaction(inp) {= pass =}
+}
+federated reactor {
+  asks = new Asks()
+  schedules = new Schedules()
+  asks.out -> schedules.inp
+}
+"""
+
+UNREAD = """\
+target Python
+reactor Sends {
+  output out
+  reaction(startup) -> out {= out.set(1) =}
+}
+reactor Ignores {
+  input inp
+  reaction(shutdown) {= print("ends at", lf.time.logical_elapsed()) =}
+}
+federated reactor {
+  sends = new Sends()
+  ignores = new Ignores()
+  sends.out -> ignores.inp after 5 ms
+}
+"""
+
+
+@pytest.mark.parametrize("text", [STOP, UNREAD])
+def test_a_program_ends_alike_in_every_deployment(text: str, tmp_path: Path) -> None:
+    verdict = hprm("verify", "--runs", 6, program(tmp_path, text))
+    assert verdict.returncode == 0, verdict.stdout + verdict.stderr
+
+
+def test_a_message_that_no_reaction_reads_is_waited_for(tmp_path: Path) -> None:
+    path = program(tmp_path, UNREAD)
+    for options in [[], ["--in-process"]]:
+        done = hprm("run", *options, path)
+        assert "ends at 5000000" in done.stdout, done.stdout + done.stderr
+
+
+LATE = """\
+target Python {{ timeout: 20 ms }}
+preamble {{=
+  import os, time
+=}}
+reactor Source {{
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {{= out.set(1) =}}
+}}
+reactor Slow {{
+  input inp
+  output out
+  reaction(inp) -> out {{=
+    if lf.time.logical_elapsed() == MSEC(10) and "HPRM_TEST_SLOW" in os.environ:
+        time.sleep(0.2)
+    out.set(1)
+  =}}
+}}
+reactor Hurried {{
+  input inp
+  output out
+  reaction(inp) -> out {{=
+    out.set(1)
+    {clock}
+  =}} deadline(100 ms) {{= {clock} =}}
+}}
+main reactor {{
+  source = new Source()
+  slow = new Slow()
+  hurried = new Hurried()
+  source.out -> slow.inp
+  slow.out -> hurried.inp
+  reaction(hurried.out) {{= pass =}}
+}}
+"""
+
+
+@pytest.mark.parametrize("clock", ["pass", "print(lf.time.physical())"])
+def test_a_missed_deadline_is_the_difference_that_is_named(clock: str, tmp_path: Path) -> None:
+    path = program(tmp_path, LATE.format(clock=clock))
+    trace(path, tmp_path / "met")
+    trace(path, tmp_path / "missed", HPRM_TEST_SLOW="1")
+    found = hprm("diff", tmp_path / "met", tmp_path / "missed")
+    assert found.returncode == 3
+    assert found.stdout.startswith(
+        "at (10000000 ns, 0), reaction Program.hurried.1 misses its deadline in "
+        f"{tmp_path / 'missed'}, but not in {tmp_path / 'met'}\n"
+    )
+    assert "  hint: whether a deadline is met depends on physical time" in found.stdout
+    found = hprm("diff", "--json", tmp_path / "met", tmp_path / "missed")
+    divergence = json.loads(found.stdout)["divergence"]
+    assert divergence["reaction"] == "Program.hurried.1" and "physical time" in divergence["hint"]
 
 
 def test_a_failing_run_leaves_the_trace_up_to_there(tmp_path: Path) -> None:

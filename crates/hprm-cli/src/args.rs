@@ -228,7 +228,7 @@ pub(crate) struct Run {
     pub(crate) debug: Option<String>,
     #[command(flatten)]
     pub(crate) hang: Hang,
-    /// Write down what every reaction did, in a form that does not depend on how the program was run.
+    /// Write down what every reaction read and did, in a form that does not depend on how the program was run.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]
@@ -293,7 +293,8 @@ pub(crate) struct Verdict {
 ///
 /// The runs differ in the seed of Python's hashes, the number of workers and the load of the
 /// machine; those of a federated program also in the coordination, and in whether federates are
-/// processes, threads of one, or parts of one program.
+/// processes, threads of one, or parts of one program. What an option or --property states does not
+/// differ.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -455,7 +456,7 @@ pub(crate) struct Federate {
     /// connection to the RTI begins. Only federates of a decentralized program connect to others.
     #[arg(long, value_name = "HOST[:PORT]")]
     pub(crate) advertise: Option<String>,
-    /// Write down what the reactions of this federate did: its share of the logical trace.
+    /// Write down what the reactions of this federate read and did: its share of the logical trace.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::args;
 use crate::message::{self, Error, print_line};
-use crate::trace::{Comparison, Judge, Reader, digest, moment, sentence, share};
+use crate::trace::{Comparison, Judge, Reader, digest, hint, moment, sentence, share};
 
 /// The exit code for traces that differ.
 pub(crate) const DIVERGENCE: u8 = 3;
@@ -38,10 +38,13 @@ fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
             let what = format!("{name} breaks off at {end}: what came then is not compared");
             Error::new(what).show_as_warning();
         }
-        print_line(&match &comparison.divergence {
-            Some(divergence) => sentence(divergence, names),
-            None => format!("equal: {}", share(&comparison)),
-        });
+        match &comparison.divergence {
+            Some(divergence) => {
+                print_line(&sentence(divergence, names));
+                print_more(&comparison, names);
+            }
+            None => print_line(&format!("equal: {}", share(&comparison))),
+        }
     }
     Ok(exit_code(&comparison))
 }
@@ -54,6 +57,16 @@ pub(crate) fn exit_code(comparison: &Comparison) -> ExitCode {
     }
 }
 
+/// Prints what else is of use about a difference.
+pub(crate) fn print_more(comparison: &Comparison, names: [&str; 2]) {
+    if let Some(consequence) = &comparison.consequence {
+        print_line(&format!("  then: {}", sentence(consequence, names)));
+    }
+    if let Some(hint) = comparison.divergence.as_ref().and_then(hint) {
+        print_line(&format!("  hint: {hint}"));
+    }
+}
+
 /// A comparison for machines.
 pub(crate) fn as_json(comparison: &Comparison, names: [&str; 2]) -> Value {
     let divergence = comparison.divergence.as_ref().map(|divergence| {
@@ -61,6 +74,8 @@ pub(crate) fn as_json(comparison: &Comparison, names: [&str; 2]) -> Value {
             "tag": [divergence.tag.0, divergence.tag.1],
             "reaction": divergence.reaction,
             "message": sentence(divergence, names),
+            "consequence": comparison.consequence.as_ref().map(|then| sentence(then, names)),
+            "hint": hint(divergence),
         })
     });
     json!({

@@ -12,4 +12,4 @@ pub(crate) use compare::{Comparison, Judge, digest};
 pub(crate) use merge::merge;
 pub(crate) use parts::Parts;
 pub(crate) use read::Reader;
-pub(crate) use say::{moment, sentence, share};
+pub(crate) use say::{hint, moment, sentence, share};

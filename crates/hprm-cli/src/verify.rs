@@ -19,7 +19,7 @@ use serde_json::json;
 
 use self::variant::{Deployment, Kind, Variant};
 use crate::args::Verify;
-use crate::diff::{DIVERGENCE, as_json, extent, hash};
+use crate::diff::{DIVERGENCE, as_json, extent, hash, print_more};
 use crate::message::{self, Error, print_line};
 use crate::trace::{Comparison, Judge, Reader, sentence};
 use crate::{check, python};
@@ -48,9 +48,10 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
     check::show_warnings(&compiled);
     let folder = Folder::of(arguments)?;
     let kind = Kind::of(&compiled.program);
+    let stated = arguments.properties.stated();
     let runs: Vec<Run> = (1..=arguments.runs)
         .map(|number| Run {
-            variant: Variant::of(number, kind),
+            variant: Variant::of(number, kind).keeping(&stated),
             trace: folder.path.join(format!("{number}.trace")),
         })
         .collect();
@@ -117,6 +118,7 @@ fn report(arguments: &Verify, found: &Comparison, runs: [&Run; 2]) -> ExitCode {
         for run in runs {
             print_line(&format!("  run {}: {}", run.variant.number, run.variant));
         }
+        print_more(found, names);
     }
     ExitCode::from(DIVERGENCE)
 }

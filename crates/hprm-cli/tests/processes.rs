@@ -366,7 +366,7 @@ fn errors_are_json_too_where_that_is_wanted() {
 #[test]
 fn a_trace_that_breaks_off_is_compared_with_a_warning() {
     let place = Place::new(PROGRAM, "");
-    let header = "{\"hprm_logical_trace\":1,\"program\":\"M\",\"federated\":false}\n";
+    let header = "{\"hprm_logical_trace\":2,\"program\":\"M\",\"federated\":false}\n";
     let entries = "{\"tag\":[0,0],\"reaction\":\"M.1\"}\n{\"tag\":[5,0],\"reaction\":\"M.1\"}\n";
     let end = "{\"end\":[5,0],\"outcome\":\"done\"}\n";
     std::fs::write(place.path("whole"), format!("{header}{entries}{end}")).unwrap();

@@ -6,6 +6,7 @@
 use std::collections::BTreeSet;
 
 use crate::level::{self, Loop, Precedence};
+use crate::reach;
 use crate::{
     Action, ActionId, Channel, Confined, Connection, ConnectionId, Delay, Direction, Effect,
     Federate, FederateId, Mode, ModeId, Nanos, Origin, Port, PortId, Program, Properties, Reaction,
@@ -408,16 +409,7 @@ impl ProgramBuilder {
     /// and one reads from it at the other.
     fn find_channels(&mut self) {
         let program = &self.program;
-        let written = reachable(
-            program,
-            |c| (c.from, c.to),
-            |id, mark| program.written_ports(id).for_each(mark),
-        );
-        let read = reachable(
-            program,
-            |c| (c.to, c.from),
-            |id, mark| program.read_ports(id).for_each(mark),
-        );
+        let (written, read) = (reach::written(program), reach::read(program));
         let federate = |port: PortId| program.reactors[program.ports[port].reactor].federate;
         self.program.channels = program
             .connections
@@ -478,30 +470,6 @@ fn follow(next: &Table<PortId, Vec<PortId>>, start: PortId, mut found: impl FnMu
         found(port);
         pending.extend(next[port].iter().copied().filter(|port| seen.insert(*port)));
     }
-}
-
-/// The ports that reactions mark, and those that connections lead to from there.
-fn reachable(
-    program: &Program,
-    ends: impl Fn(&Connection) -> (PortId, PortId),
-    marks: impl Fn(ReactionId, &mut dyn FnMut(PortId)),
-) -> Table<PortId, bool> {
-    let mut reached = Table::filled(program.ports.len(), false);
-    let mut next: Table<PortId, Vec<PortId>> = Table::filled(program.ports.len(), Vec::new());
-    for connection in program.connections.values() {
-        let (here, there) = ends(connection);
-        next[here].push(there);
-    }
-    let mut pending = Vec::new();
-    for reaction in program.reactions.ids() {
-        marks(reaction, &mut |port| pending.push(port));
-    }
-    while let Some(port) = pending.pop() {
-        if !std::mem::replace(&mut reached[port], true) {
-            pending.extend(&next[port]);
-        }
-    }
-    reached
 }
 
 #[cfg(test)]

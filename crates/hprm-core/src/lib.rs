@@ -22,6 +22,7 @@ mod object;
 mod order;
 mod program;
 mod queue;
+mod reach;
 mod scheduler;
 mod spacing;
 mod store_options;
@@ -43,7 +44,9 @@ pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Spin, Timer, Trigger,
 };
-pub use scheduler::{Body, Effects, Record, Request, Scheduled, Scheduler, Send, Turn};
+pub use scheduler::{
+    Body, Effects, Found, Input, Record, Request, Scheduled, Scheduler, Send, Turn,
+};
 pub use spacing::{Policy, Spacing};
 pub use store_options::{StoreOptions, WhenFull, read_size};
 pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};

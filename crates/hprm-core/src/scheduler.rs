@@ -28,8 +28,8 @@ use crate::order::{Batch, Position};
 use crate::queue::{Event, EventQueue};
 use crate::wiring::{Outlet, Scope, Wiring};
 use crate::{
-    ActionId, ChannelId, ConnectionId, Delay, Nanos, PhysicalTime, PortId, Program, ReactionId,
-    Reading, Table, Tag, Trigger,
+    ActionId, ChannelId, ConnectionId, Delay, FederateId, Nanos, PhysicalTime, PortId, Program,
+    ReactionId, Reading, Table, Tag, Trigger,
 };
 
 mod departures;
@@ -42,7 +42,7 @@ mod record;
 mod requests;
 mod steps;
 
-pub use record::{Record, Request};
+pub use record::{Found, Input, Record, Request};
 
 /// Which of a reaction's bodies runs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -93,13 +93,19 @@ pub struct Scheduler<V> {
     /// The first tag: `START`, unless this is a federate that has joined late.
     first: Tag,
     tag: Tag,
-    /// The last tag here.
+    /// The last tag that the program declares. What would be later never happens, so it is dropped.
+    timeout: Tag,
+    /// The last tag here, as far as it is known: perhaps one at which it was agreed to stop. What would be
+    /// later is kept, although it will not happen: so what reactions get to see until then does not
+    /// depend on when this scheduler hears of it.
     stop: Tag,
     /// The last tag of the program; after `stop`, if this federate leaves before the others.
     program_end: Tag,
     stop_requested: bool,
     departures: Departures,
     queue: EventQueue<V>,
+    /// When the last message arrives that no reaction reads, by the federate that sends it.
+    unread: BTreeMap<Option<FederateId>, Tag>,
     /// Empty but for a moment; the room for the events of a tag.
     happening: Vec<Event<V>>,
     ports: Table<PortId, Option<V>>,
@@ -139,17 +145,18 @@ impl<V: Clone> Scheduler<V> {
     #[must_use]
     pub fn new(program: Arc<Program>, scope: Scope) -> Self {
         let wiring = Arc::new(Wiring::new(&program, scope));
-        let timeout = program.properties.timeout;
-        let program_end = timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0));
+        let timeout = program.properties.timeout.map_or(Tag::FOREVER, |t| Tag::new(t.max(0), 0));
         Self {
             start: PhysicalTime(0),
             first: Tag::START,
             tag: Tag::NEVER,
-            stop: program_end,
-            program_end,
+            timeout,
+            stop: timeout,
+            program_end: timeout,
             stop_requested: false,
             departures: Departures::default(),
             queue: EventQueue::new(),
+            unread: BTreeMap::new(),
             happening: Vec::new(),
             ports: Table::filled(program.ports.len(), None),
             present_ports: Vec::new(),
@@ -244,8 +251,10 @@ impl<V: Clone> Scheduler<V> {
         if self.modes.has_due() || self.departures.are_due() {
             return self.tag.succ();
         }
-        let idle = if self.outlives_its_events() { Tag::FOREVER } else { self.tag.succ() };
-        self.queue.first().unwrap_or(idle)
+        self.pending().unwrap_or_else(|| match self.outlives_its_events() {
+            true => Tag::FOREVER,
+            false => self.tag.succ(),
+        })
     }
 
     // Commands of the driver.
@@ -279,16 +288,17 @@ impl<V: Clone> Scheduler<V> {
         assert!(tag > self.tag, "tags increase: {tag} after {}", self.tag);
         assert!(self.queue.first().is_none_or(|first| first >= tag), "an event would be skipped");
         let first = self.tag == Tag::NEVER;
+        let is_due = self.modes.has_due() || self.departures.are_due();
+        let starved = self.pending().is_none() && !is_due;
         self.tag = tag;
         self.displaced = None;
         self.level = Some(0);
         if first {
             self.queue_startup();
         }
-        let is_due = self.modes.has_due() || self.departures.are_due();
-        let starved = self.queue.first().is_none() && !is_due;
         if starved && !first && !self.outlives_its_events() {
             self.end_at(tag);
+            self.record_starved();
         }
         self.queue_due();
         let mut events = mem::take(&mut self.happening);
@@ -409,7 +419,6 @@ impl<V: Clone> Scheduler<V> {
     /// Ends the program at `tag`, or at the next one if that has passed. An earlier end stands.
     pub fn set_stop(&mut self, tag: Tag) {
         self.end_at(tag.max(self.tag.succ()).max(self.first));
-        self.queue.truncate(self.stop);
     }
 
     fn end_at(&mut self, tag: Tag) {
@@ -440,7 +449,7 @@ impl<V: Clone> Scheduler<V> {
                 let period = self.program.timers[timer].period;
                 if let Some(time) = self.tag.time.checked_add(period).filter(|_| period > 0) {
                     let next = Tag::new(time, 0);
-                    if next <= self.stop {
+                    if next <= self.timeout {
                         self.queue.insert(next, Event::Timer(timer));
                     }
                 }
@@ -511,6 +520,16 @@ impl<V: Clone> Scheduler<V> {
                 self.make_present(to, value, intended, physical);
             }
         }
+    }
+
+    /// The tag of the next event that will happen, unless the outside causes one. A message that no
+    /// reaction reads counts as long as there is nothing else.
+    fn pending(&self) -> Option<Tag> {
+        let first = self.queue.first().filter(|first| *first <= self.stop);
+        first.or_else(|| {
+            let unread = self.unread.values().copied();
+            unread.filter(|unread| *unread > self.tag && *unread <= self.stop).max()
+        })
     }
 
     /// Whether it goes on when its event queue is empty.

@@ -13,9 +13,10 @@ use std::collections::BTreeSet;
 
 use crate::lists::Lists;
 use crate::order::{Batch, Order, Position};
+use crate::reach;
 use crate::{
-    ActionId, ChannelId, ConnectionId, FederateId, PortId, Program, ReactionId, ReactorId, Table,
-    TimerId, Trigger,
+    ActionId, ChannelId, ConnectionId, FederateId, Port, PortId, Program, ReactionId, ReactorId,
+    Table, TimerId, Trigger,
 };
 
 /// Which share of a program a scheduler runs.
@@ -48,6 +49,9 @@ pub(crate) struct Wiring {
     pub(crate) relays: Lists<PortId, ConnectionId>,
     /// Delayed and physical connections, by root, that stay within the scope.
     pub(crate) delayed: Lists<PortId, ConnectionId>,
+    /// Delayed and physical connections, by root, that no reaction reads. They carry no values, but the
+    /// program goes on until their messages would have arrived.
+    pub(crate) unread: Lists<PortId, ConnectionId>,
     /// Channels to other federates, by root.
     pub(crate) outgoing: Lists<PortId, ChannelId>,
     /// Timers in the scope.
@@ -89,10 +93,11 @@ impl Wiring {
 
     /// The same without whatever triggers reactions of federates that have left.
     pub(crate) fn without(program: &Program, scope: Scope, gone: &[FederateId]) -> Self {
-        let root = roots(program, scope);
+        let read = reach::read(program);
+        let root = roots(program, scope, &read);
         let order = Order::new(program, scope);
         let triggers = Triggers::new(program, scope, gone, (&root, &order));
-        let leaving = Leaving::new(program, scope, gone, &root);
+        let leaving = Leaving::new(program, scope, gone, (&root, &read));
         let ports = program.ports.len();
         let timers = program.timers.iter();
         let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
@@ -111,6 +116,7 @@ impl Wiring {
             resets: triggers.resets,
             relays: Lists::new(ports, leaving.relays),
             delayed: Lists::new(ports, leaving.delayed),
+            unread: Lists::new(ports, leaving.unread),
             outgoing: Lists::new(ports, leaving.outgoing),
             timers: local.map(|(id, _)| id).collect(),
             modes: ModeWiring::new(program, scope),
@@ -171,6 +177,7 @@ impl Triggers {
 struct Leaving {
     relays: Vec<(PortId, ConnectionId)>,
     delayed: Vec<(PortId, ConnectionId)>,
+    unread: Vec<(PortId, ConnectionId)>,
     outgoing: Vec<(PortId, ChannelId)>,
 }
 
@@ -179,11 +186,21 @@ impl Leaving {
         program: &Program,
         scope: Scope,
         gone: &[FederateId],
-        root: &Table<PortId, PortId>,
+        (root, read): (&Table<PortId, PortId>, &Table<PortId, bool>),
     ) -> Self {
         let mut leaving = Self::default();
         let conditional = program.conditional_connections();
+        let ours = unread_from(program, scope, read);
         for (id, connection) in program.connections.iter() {
+            if !read[connection.to] {
+                // In a mode, it is as if it were not there: another federate may be its sender, and
+                // knows nothing of the mode.
+                let counts = !connection.is_direct() && program.mode_of_connection(id).is_none();
+                if counts && ours[connection.from] {
+                    leaving.unread.push((root[connection.from], id));
+                }
+                continue;
+            }
             let to = program.ports[connection.to].reactor;
             let local = [connection.from, connection.to]
                 .iter()
@@ -213,7 +230,8 @@ impl Leaving {
         let relays: BTreeSet<_> = self.relays.iter().map(|(root, _)| *root).collect();
         let delayed = self.delayed.iter().map(|(root, _)| *root);
         let outgoing = self.outgoing.iter().map(|(root, _)| *root);
-        let away: BTreeSet<_> = delayed.chain(outgoing).collect();
+        let unread = self.unread.iter().map(|(root, _)| *root);
+        let away: BTreeSet<_> = delayed.chain(outgoing).chain(unread).collect();
         let outlet = |root: &PortId| Outlet {
             root: *root,
             triggers: triggers(*root),
@@ -224,13 +242,35 @@ impl Leaving {
     }
 }
 
-/// Follows plain connections upstream, as far as the scope reaches.
-fn roots(program: &Program, scope: Scope) -> Table<PortId, PortId> {
+/// The ports of the scope, and those in other federates to which it leads where no reaction reads. No
+/// channel leads there, so the sender keeps the books.
+fn unread_from(program: &Program, scope: Scope, read: &Table<PortId, bool>) -> Table<PortId, bool> {
+    let is_local = |port: &Port| scope.contains(program, port.reactor);
+    let mut ours: Table<PortId, bool> = program.ports.values().map(is_local).collect();
+    let mut followers: Table<PortId, Vec<PortId>> = Table::filled(program.ports.len(), Vec::new());
+    for connection in program.connections.values().filter(|c| !read[c.to]) {
+        followers[connection.from].push(connection.to);
+    }
+    let mut pending: Vec<PortId> = ours.ids().filter(|port| ours[*port]).collect();
+    while let Some(port) = pending.pop() {
+        for follower in &followers[port] {
+            if !std::mem::replace(&mut ours[*follower], true) {
+                pending.push(*follower);
+            }
+        }
+    }
+    ours
+}
+
+/// Follows plain connections upstream, as far as the scope reaches; and where no reaction reads,
+/// beyond.
+fn roots(program: &Program, scope: Scope, read: &Table<PortId, bool>) -> Table<PortId, PortId> {
     let mut upstream: Table<PortId, Option<PortId>> = Table::filled(program.ports.len(), None);
     let conditional = program.conditional_connections();
     let direct = program.connections.iter().filter(|(id, c)| c.is_direct() && !conditional[*id]);
     for (_, connection) in direct {
-        let crosses = scope != Scope::Whole && program.crosses_federates(connection);
+        let crosses =
+            scope != Scope::Whole && read[connection.to] && program.crosses_federates(connection);
         if !crosses {
             upstream[connection.to] = Some(connection.from);
         }

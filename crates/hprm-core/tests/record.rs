@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use hprm_core::{
-    ActionId, Body, ChannelId, Confined, Connection, Delay, Direction, Effect, FederateId, Nanos,
-    Origin, PhysicalTime, PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec,
-    ReactorId, Record, Request, Scheduled, Scheduler, Scope, Tag, Transition, Trigger,
+    ActionId, Body, ChannelId, Confined, Connection, Delay, Direction, Effect, FederateId, Found,
+    Input, Nanos, Origin, PhysicalTime, PortId, Program, ProgramBuilder, Properties, ReactionId,
+    ReactionSpec, ReactorId, Record, Request, Scheduled, Scheduler, Scope, Tag, Transition,
+    Trigger,
 };
 
 /// The physical time of tag zero.
@@ -113,6 +114,42 @@ fn a_record_tells_all_that_a_reaction_did() {
     let first = Record { ports: vec![(first, 2), (second, 3)], actions, ..empty.clone() };
     let second = Record { tag: Tag::new(3, 0), reaction: ReactionId(1), stops: true, ..empty };
     assert_eq!(records, [first, second]);
+}
+
+#[test]
+fn a_reaction_finds_its_triggers_and_sources_as_they_are_when_it_begins() {
+    let mut b = ProgramBuilder::new("Main", properties(5));
+    let source = b.reactor(b.main(), "source");
+    let [one, two] = ["one", "two"].map(|name| b.port(source, name, Direction::Output));
+    let action = b.action(source, "act", Origin::Logical, 5);
+    let effects = [Effect::Port(one), Effect::Port(two), Effect::Action(action)];
+    b.reaction(source, with_effects(&[Trigger::Startup], &effects));
+    let sink = b.reactor(b.main(), "sink");
+    let inputs = ["a", "b", "absent"].map(|name| b.port(sink, name, Direction::Input));
+    b.connect(one, inputs[0], Delay::None);
+    b.connect(two, inputs[1], Delay::None);
+    // A source may be a trigger, too.
+    let reads = |port| ReactionSpec { sources: inputs.to_vec(), ..on(&[Trigger::Port(port)]) };
+    let reader = b.reaction(sink, reads(inputs[1]));
+    let later = b.reaction(source, ReactionSpec { ..on(&[Trigger::Action(action)]) });
+    let mut scheduler = Scheduler::new(Arc::new(b.build().unwrap()), Scope::Whole);
+    scheduler.keep(inputs[0], 7);
+    scheduler.start(START);
+    scheduler.begin(Tag::START);
+    let (reaction, _) = scheduler.next_reaction(START).unwrap();
+    assert_eq!(scheduler.inputs(reaction), []);
+    scheduler.set(two, 2);
+    scheduler.schedule(action, 0, None, START);
+    scheduler.finish(reaction);
+    let found = |input, value, remembered| Found { input, value, remembered };
+    let kept = found(Input::Port(inputs[0]), Some(&7), true);
+    let present = found(Input::Port(inputs[1]), Some(&2), false);
+    assert_eq!(scheduler.inputs(reader), [kept, present]);
+    let (reaction, _) = scheduler.next_reaction(START).unwrap();
+    scheduler.finish(reaction);
+    scheduler.end(START);
+    scheduler.begin(Tag::new(5, 0));
+    assert_eq!(scheduler.inputs(later), [found(Input::Action(action), None, false)]);
 }
 
 #[test]

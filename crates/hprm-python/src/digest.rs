@@ -14,17 +14,23 @@ use pyo3::buffer::PyBuffer;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{
-    PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple,
+    PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PySlice, PyString, PyTuple,
 };
+
+use crate::buffer::Memory;
 
 /// The deepest nesting that is looked into. Below that, a value counts as opaque.
 const DEPTH_LIMIT: u32 = 200;
 
+/// Bytes of a buffer that are copied at a time.
+const PIECE: usize = 1 << 18;
+
 /// How often values inside a cycle may be walked again before they are numbered.
 const PATIENCE: u32 = 10_000;
 
-/// Describes a value; never fails.
-pub(crate) fn describe(value: &Bound<'_, PyAny>) -> Described {
+/// Describes a value, and says whether it will always be described so, since nothing can change it.
+/// Never fails.
+pub(crate) fn describe(value: &Bound<'_, PyAny>) -> (Described, bool) {
     let mut walk = Walk::new(value.py(), false);
     let mut digest = walk.node(value);
     if matches!(digest, Err(Stop::Tangled)) {
@@ -33,8 +39,8 @@ pub(crate) fn describe(value: &Bound<'_, PyAny>) -> Described {
     }
     let text = text(value).unwrap_or_else(|_| "value".to_owned());
     match digest {
-        Ok(digest) => Described { digest, text, opaque: walk.opaque },
-        Err(_) => Described::opaque(&text),
+        Ok(digest) => (Described { digest, text, opaque: walk.opaque }, walk.fixed),
+        Err(_) => (Described::opaque(&text), false),
     }
 }
 
@@ -72,6 +78,8 @@ struct Walk<'py> {
     outermost: u32,
     again: u32,
     opaque: bool,
+    /// Whether nothing that has been walked can change.
+    fixed: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -94,6 +102,7 @@ impl<'py> Walk<'py> {
             outermost: u32::MAX,
             again: 0,
             opaque: false,
+            fixed: true,
         }
     }
 
@@ -166,10 +175,13 @@ impl<'py> Walk<'py> {
     }
 
     fn inside(&mut self, value: &Bound<'py, PyAny>) -> Result<Digest, Stop> {
+        if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+            return self.members("tuple", tuple.iter());
+        }
+        let fixed = self.fixed;
+        self.fixed = false;
         if let Ok(list) = value.cast_exact::<PyList>() {
             self.members("list", list.iter())
-        } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
-            self.members("tuple", tuple.iter())
         } else if let Ok(dict) = value.cast_exact::<PyDict>() {
             let pairs = dict.items();
             let mut members = Vec::with_capacity(2 * pairs.len());
@@ -180,11 +192,12 @@ impl<'py> Walk<'py> {
         } else if let Ok(bytes) = value.cast_exact::<PyByteArray>() {
             Ok(of_bytes("bytearray", &bytes.to_vec()))
         } else {
-            self.foreign(value)
+            self.foreign(value, fixed)
         }
     }
 
-    fn foreign(&mut self, value: &Bound<'py, PyAny>) -> Result<Digest, Stop> {
+    /// Something that is not of a basic type; all before it was `fixed` or not.
+    fn foreign(&mut self, value: &Bound<'py, PyAny>, fixed: bool) -> Result<Digest, Stop> {
         let module = self.py.import(intern!(self.py, "hprm._digest"))?;
         let parts = module.call_method1(intern!(self.py, "take_apart"), (value,))?;
         let (kind, name, held): (String, String, Bound<'py, PyAny>) = parts.extract()?;
@@ -193,7 +206,10 @@ impl<'py> Walk<'py> {
                 self.members("members", held.cast::<PyList>().map_err(PyErr::from)?.iter())?
             }
             "unordered" => self.unordered(held.cast::<PyList>().map_err(PyErr::from)?)?,
-            "bytes" => of_bytes("buffer", &PyBuffer::<u8>::get(&held)?.to_vec(self.py)?),
+            "bytes" => {
+                self.fixed = fixed && has_arrived(value)?;
+                self.buffer(&held)?
+            }
             "named" => of_bytes("named", &[]),
             _ => {
                 self.opaque = true;
@@ -203,6 +219,21 @@ impl<'py> Walk<'py> {
         let mut digester = start("object");
         digester.write(&of_bytes("name", name.as_bytes()).0.to_le_bytes());
         digester.write(&inside.0.to_le_bytes());
+        Ok(digester.finish())
+    }
+
+    /// The bytes of a buffer, copied piece by piece: they may be many, and Python may change them.
+    fn buffer(&self, held: &Bound<'py, PyAny>) -> Result<Digest, Stop> {
+        let len = held.len()?;
+        let mut digester = start("buffer");
+        let mut piece = vec![0; len.min(PIECE)];
+        for from in (0..len).step_by(PIECE) {
+            let until = len.min(from + PIECE);
+            let part = held.get_item(PySlice::new(self.py, from as isize, until as isize, 1))?;
+            let bytes = &mut piece[..until - from];
+            PyBuffer::<u8>::get(&part)?.copy_to_slice(self.py, bytes)?;
+            digester.write(bytes);
+        }
         Ok(digester.finish())
     }
 
@@ -229,6 +260,7 @@ impl<'py> Walk<'py> {
                 walk.depth = self.depth;
                 digests.push(walk.node(&member)?);
                 self.opaque |= walk.opaque;
+                self.fixed &= walk.fixed;
             } else {
                 digests.push(self.node(&member)?);
             }
@@ -262,6 +294,20 @@ impl<'py> Walk<'py> {
         let bytes = value.call_method1(intern!(self.py, "encode"), arguments)?;
         Ok(of_bytes("str", bytes.extract().map_err(PyErr::from)?))
     }
+}
+
+/// Whether the elements of an array have arrived and are read in place: then nothing can change them.
+fn has_arrived(array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let py = array.py();
+    let mut held = array.clone();
+    while held.cast_exact::<Memory>().is_err() {
+        let Some(flags) = held.getattr_opt(intern!(py, "flags"))? else { return Ok(false) };
+        if flags.getattr(intern!(py, "writeable"))?.is_truthy()? {
+            return Ok(false);
+        }
+        held = held.getattr(intern!(py, "base"))?;
+    }
+    Ok(true)
 }
 
 /// A digester that knows the kind of value.

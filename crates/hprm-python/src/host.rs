@@ -256,10 +256,7 @@ impl Host for PyHost {
     }
 
     fn describe(&mut self, value: &Value) -> Described {
-        Python::attach(|py| match value.object(py) {
-            Ok(object) => crate::digest::describe(&object),
-            Err(_) => Described::opaque("a value that cannot be decoded"),
-        })
+        Python::attach(|py| value.described(py))
     }
 
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
@@ -319,5 +316,9 @@ impl SharedBodies<Value> for PyHost {
         effects: &mut Effects<Value>,
     ) -> Result<(), Failure> {
         self.run(scheduler, (turn.reaction, turn.body), effects)
+    }
+
+    fn describe(&self, value: &Value) -> Described {
+        Python::attach(|py| value.described(py))
     }
 }

@@ -17,7 +17,7 @@ use crate::value::Value;
 /// What a trace says of a value: the digest, the text, and whether something could not be seen.
 #[pyfunction]
 pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
-    let described = crate::digest::describe(value);
+    let (described, _) = crate::digest::describe(value);
     (described.digest.to_string(), described.text, described.opaque)
 }
 

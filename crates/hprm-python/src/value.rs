@@ -4,8 +4,9 @@
 //! somebody reads it; one that leaves is encoded once, however many take it. To another federate of
 //! the process goes a [`Parcel`].
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use hprm::trace::Described;
 use hprm_core::{FederateId, Payload, PhysicalTime};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
@@ -31,6 +32,8 @@ struct Shared {
     encodings: Mutex<Vec<(Arc<Codec>, Arc<Encoded>)>>,
     /// The parcels that were made, likewise.
     parcels: Mutex<Vec<(Arc<Codec>, Arc<Parcel>)>>,
+    /// What the logical trace says of it, if that cannot change any more.
+    described: OnceLock<Box<Described>>,
 }
 
 /// Where a value comes from.
@@ -128,7 +131,8 @@ impl Value {
 
     fn with(object: PyOnceLock<Py<PyAny>>, origin: Origin, share: Option<Share>) -> Self {
         let (encodings, parcels) = (Mutex::default(), Mutex::default());
-        Self(Arc::new(Shared { object, origin, _share: share, encodings, parcels }))
+        let described = OnceLock::new();
+        Self(Arc::new(Shared { object, origin, _share: share, encodings, parcels, described }))
     }
 
     /// The object, decoded if it has not been.
@@ -146,6 +150,23 @@ impl Value {
             Origin::UnderWay(_) => unreachable!("a value is taken before it is read"),
         })?;
         Ok(object.bind(py).clone())
+    }
+
+    /// What the logical trace says of the value as it is now. Who has the object may change it at any
+    /// time, so this is found out anew unless nothing can.
+    pub(crate) fn described(&self, py: Python<'_>) -> Described {
+        if let Some(described) = self.0.described.get() {
+            return Described::clone(described);
+        }
+        let Ok(object) = self.object(py) else {
+            return Described::opaque("a value that cannot be decoded");
+        };
+        let (described, fixed) = crate::digest::describe(&object);
+        if fixed {
+            // Whoever was quicker has found the same.
+            let _ = self.0.described.set(Box::new(described.clone()));
+        }
+        described
     }
 
     /// The physical time at which the value arrived, if it came from another federate.

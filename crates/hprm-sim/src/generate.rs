@@ -82,9 +82,12 @@ fn connect(
             let output = output(b, rng, &mut federates[from]);
             let input = {
                 let ports = &mut federates[to];
-                let name = format!("in{}", ports.inputs.len());
+                let name = format!("in{from}");
                 let input = b.port(ports.reactor, &name, Direction::Input);
-                ports.inputs.push(input);
+                // Some are for no reaction; what is sent there keeps the program going all the same.
+                if rng.percent(90) {
+                    ports.inputs.push(input);
+                }
                 input
             };
             let physical = shape.physical && rng.percent(30);

@@ -264,7 +264,7 @@ pub(crate) fn schedule(
     };
     let (action, _) = program.actions.iter().find(|(_, action)| is_here(action))?;
     match scheduler.schedule(action, 0, Some(EVENT), now) {
-        Scheduled::At(tag) => Some(tag),
+        Scheduled::At(tag) => Some(tag).filter(|tag| *tag <= scheduler.stop_tag()),
         Scheduled::Dropped | Scheduled::AfterStop | Scheduled::Suspended => None,
     }
 }

@@ -196,4 +196,10 @@ pub trait SharedBodies<V>: Sync {
         turn: &Turn,
         effects: &mut Effects<V>,
     ) -> Result<(), Failure>;
+
+    /// Describes a value for the logical trace, as [`Host::describe`] does.
+    fn describe(&self, value: &V) -> Described {
+        let _ = value;
+        Described::opaque("value")
+    }
 }

@@ -14,7 +14,8 @@ use std::thread;
 use hprm_core::{Body, Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
-use crate::trace::Trace;
+use crate::trace::line::Read;
+use crate::trace::{Trace, reads};
 use crate::{Clock, Failure, Host};
 
 /// What runs the reactions of one loop.
@@ -41,6 +42,8 @@ struct Team<V> {
 struct Ran<V> {
     effects: Effects<V>,
     outcome: Option<thread::Result<Result<(), Failure>>>,
+    /// What it found when it began, for the trace.
+    found: Vec<Read>,
 }
 
 impl<V: Clone> Workers<V> {
@@ -126,17 +129,24 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        let ran = match &mut self.team {
-            Some(team) if host.shared_bodies().is_some() => team.run_next(scheduler, host)?,
+        let Self { team, trace } = self;
+        let ran = match team {
+            Some(team) if host.shared_bodies().is_some() => {
+                team.run_next(scheduler, host, trace.as_mut())?
+            }
             _ => match scheduler.next_reaction(Clock::now) {
                 Some((reaction, body)) => {
+                    if let Some(trace) = trace {
+                        let found = reads(scheduler, reaction, |value| host.describe(value));
+                        trace.begin(reaction, found);
+                    }
                     run_alone(scheduler, host, reaction, body)?;
                     true
                 }
                 None => false,
             },
         };
-        if let Some(trace) = &mut self.trace {
+        if let Some(trace) = trace {
             // At once: a value may change later, when others have it.
             while let Some(record) = scheduler.poll_record() {
                 trace.add(host, record)?;
@@ -180,6 +190,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         &mut self,
         scheduler: &mut Scheduler<V>,
         host: &mut H,
+        trace: Option<&mut Trace>,
     ) -> Result<bool, Failure> {
         scheduler.next_turns(Clock::now, &mut self.turns);
         for turn in &self.turns {
@@ -192,19 +203,34 @@ impl<V: Clone + Send + Sync> Team<V> {
             // Not worth waking anybody.
             [turn] => {
                 scheduler.take_turn(turn);
+                if let Some(trace) = trace {
+                    let found = reads(scheduler, turn.reaction, |value| host.describe(value));
+                    trace.begin(turn.reaction, found);
+                }
                 host.react(scheduler, turn.reaction, turn.body)?;
                 scheduler.finish(turn.reaction);
             }
             _ => {
-                self.run_turns(scheduler, host);
+                self.run_turns(scheduler, host, trace.is_some());
+                if let Some(trace) = trace {
+                    for (turn, ran) in self.turns.iter().zip(&mut self.results) {
+                        let ran = ran.get_mut().unwrap_or_else(PoisonError::into_inner);
+                        trace.begin(turn.reaction, mem::take(&mut ran.found));
+                    }
+                }
                 self.commit(scheduler)?;
             }
         }
         Ok(true)
     }
 
-    /// Runs the bodies of all turns.
-    fn run_turns<H: Host<Value = V>>(&mut self, scheduler: &mut Scheduler<V>, host: &H) {
+    /// Runs the bodies of all turns, and for a trace notes what each finds.
+    fn run_turns<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &H,
+        traced: bool,
+    ) {
         let Some(bodies) = host.shared_bodies() else {
             unreachable!("a host that has shared bodies keeps them")
         };
@@ -220,7 +246,10 @@ impl<V: Clone + Send + Sync> Team<V> {
                     return;
                 };
                 let mut ran = result.lock().unwrap_or_else(PoisonError::into_inner);
-                let Ran { effects, outcome } = &mut *ran;
+                let Ran { effects, outcome, found } = &mut *ran;
+                if traced {
+                    *found = reads(shared, turn.reaction, |value| bodies.describe(value));
+                }
                 let body = AssertUnwindSafe(|| bodies.react(shared, turn, effects));
                 *outcome = Some(catch_unwind(body));
             }
@@ -262,7 +291,7 @@ impl<V: Clone + Send + Sync> Team<V> {
 
 impl<V: Clone> Default for Ran<V> {
     fn default() -> Self {
-        Self { effects: Effects::default(), outcome: None }
+        Self { effects: Effects::default(), outcome: None, found: Vec::new() }
     }
 }
 

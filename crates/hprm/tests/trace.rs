@@ -98,10 +98,10 @@ fn run(path: &Path, fails_at: i64) -> Result<(), Failure> {
     run_whole_traced(&program, &mut host, &Inbox::new().unwrap(), Some(trace))
 }
 
-const HEADER: &str = r#"{"hprm_logical_trace":1,"program":"Main","federated":false}"#;
+const HEADER: &str = r#"{"hprm_logical_trace":2,"program":"Main","federated":false}"#;
 const FIRST: [&str; 2] = [
     r#"{"tag":[0,0],"reaction":"Main.source.1","sets":[{"port":"Main.source.out","value":{"digest":"ONE","text":"1"}}],"schedules":[{"action":"Main.source.again","at":[10,0]}]}"#,
-    r#"{"tag":[0,0],"reaction":"Main.sink.1"}"#,
+    r#"{"tag":[0,0],"reaction":"Main.sink.1","reads":[{"from":"Main.sink.in","value":{"digest":"ONE","text":"1"}}]}"#,
 ];
 
 /// The lines, with the digest of one by name.
@@ -118,8 +118,10 @@ fn a_trace_has_a_header_an_entry_for_each_reaction_and_an_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.trace");
     run(&path, i64::MAX).unwrap();
-    let last =
-        [r#"{"tag":[10,0],"reaction":"Main.source.2"}"#, r#"{"end":[10,0],"outcome":"done"}"#];
+    let last = [
+        r#"{"tag":[10,0],"reaction":"Main.source.2","reads":[{"from":"Main.source.again"}]}"#,
+        r#"{"end":[10,0],"outcome":"done"}"#,
+    ];
     assert_eq!(lines(&path), [&[HEADER], &FIRST[..], &last].concat());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
 }

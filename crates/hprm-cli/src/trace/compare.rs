@@ -3,11 +3,17 @@
 //! Compared is what reactions did, up to where both runs are complete: if one of them ended earlier,
 //! then up to there, because how a run is deployed and when somebody stops it may decide on its end,
 //! but not on what comes before. What stems from the physical world is left out, unless asked for.
+//!
+//! Whether a deadline is met is for the clock to say, and what follows may look like another fault. So
+//! a deadline that was missed in one run only is a difference, and it is the first one, even if its
+//! handler has read the clock and nothing else would be compared.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Seek};
 
-use hprm::trace::line::{At, End, Ending, Enter, Entry, Outcome, Reason, Schedule, Set, Which};
+use hprm::trace::line::{
+    At, End, Ending, Enter, Entry, Outcome, Read, Reason, Schedule, Set, Which,
+};
 use hprm::trace::{Digest, Digester};
 
 use super::Reader;
@@ -36,6 +42,10 @@ pub(crate) struct Comparison {
     pub(crate) limit: Option<At>,
     /// Where the traces part, if they do.
     pub(crate) divergence: Option<Divergence>,
+    /// If that is a deadline whose handler has read the clock, what it has led to.
+    pub(crate) consequence: Option<Divergence>,
+    /// Such a deadline, as long as nothing has come of it.
+    pub(crate) missed: Option<Divergence>,
 }
 
 /// The first difference.
@@ -54,6 +64,8 @@ pub(crate) enum Difference {
     Ran(bool),
     Body(Which, Which),
     Tardy(Option<At>, Option<At>),
+    /// What it found at an input or action.
+    Read(String, [Option<Read>; 2]),
     Port(String, [Option<Set>; 2]),
     /// The action that a call scheduled; calls are counted from one.
     Action(usize, [Option<Schedule>; 2]),
@@ -109,40 +121,36 @@ impl Judge {
             || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != Ending::Done);
         if a.end.end != b.end.end && (!by_chance || self.physical) {
             let (tag, what) = (a.end.end.min(b.end.end), Difference::End([a.end.end, b.end.end]));
-            found.divergence = Some(Divergence { tag, reaction: String::new(), what });
+            found.diverge(Divergence { tag, reaction: String::new(), what });
         }
         Ok(found)
     }
 
     fn compare_groups(self, a: Option<Group>, b: Option<Group>, found: &mut Comparison) {
         let [a, b] = [a, b].map(|group| group.map_or(Vec::new(), |group| group.entries));
-        let mut others: BTreeMap<&str, &Entry> =
-            b.iter().map(|entry| (entry.reaction.as_str(), entry)).collect();
-        for entry in &a {
-            let other = others.remove(entry.reaction.as_str());
-            if !self.physical && (entry.physical || other.is_some_and(|other| other.physical)) {
+        for pair in pairs(&a, &b) {
+            let ([Some(entry), _] | [None, Some(entry)]) = pair else { continue };
+            if !self.physical && pair.into_iter().flatten().any(|entry| entry.physical) {
                 found.left_out += 1;
+                let missed = missed_once(pair);
+                let certain = pair.into_iter().flatten().any(|entry| !entry.physical);
+                match missed.map(|what| Divergence::of(entry, what)) {
+                    Some(missed) if certain => return found.diverge(missed),
+                    Some(missed) if found.missed.is_none() => found.missed = Some(missed),
+                    _ => {}
+                }
                 continue;
             }
-            let different = match other {
-                None => Some(Difference::Ran(false)),
-                Some(other) => self.difference(entry, other, found.limit),
+            let different = match pair {
+                [Some(entry), Some(other)] => self.difference(entry, other, found.limit),
+                [in_a, _] => Some(Difference::Ran(in_a.is_none())),
             };
             if let Some(what) = different {
-                found.diverge(entry, what);
-                return;
+                return found.diverge(Divergence::of(entry, what));
             }
             found.equal += 1;
             found.stops |= entry.stops;
             found.opaque += opaque(entry);
-        }
-        for entry in b.iter().filter(|entry| others.contains_key(entry.reaction.as_str())) {
-            if !self.physical && entry.physical {
-                found.left_out += 1;
-            } else {
-                found.diverge(entry, Difference::Ran(true));
-                return;
-            }
         }
     }
 
@@ -153,6 +161,9 @@ impl Judge {
         }
         if a.tardy != b.tardy {
             return Some(Difference::Tardy(a.tardy, b.tardy));
+        }
+        if let Some(read) = reads(a, b) {
+            return Some(read);
         }
         if let Some(port) = ports(a, b) {
             return Some(port);
@@ -192,10 +203,53 @@ impl Judge {
 }
 
 impl Comparison {
-    fn diverge(&mut self, entry: &Entry, what: Difference) {
-        let (tag, reaction) = (entry.tag, entry.reaction.clone());
-        self.divergence = Some(Divergence { tag, reaction, what });
+    fn diverge(&mut self, divergence: Divergence) {
+        match self.missed.take() {
+            Some(missed) => {
+                self.divergence = Some(missed);
+                self.consequence = Some(divergence);
+            }
+            None => self.divergence = Some(divergence),
+        }
     }
+}
+
+impl Divergence {
+    fn of(entry: &Entry, what: Difference) -> Self {
+        Self { tag: entry.tag, reaction: entry.reaction.clone(), what }
+    }
+}
+
+/// What ran at a tag in two runs, side by side. Before a reaction that ran in both come those that ran
+/// in one only and stand before it there: they may be why it did something else.
+fn pairs<'a>(a: &'a [Entry], b: &'a [Entry]) -> Vec<[Option<&'a Entry>; 2]> {
+    let by_name = |entries: &'a [Entry]| -> BTreeMap<&'a str, &'a Entry> {
+        entries.iter().map(|entry| (entry.reaction.as_str(), entry)).collect()
+    };
+    let (of_a, of_b) = (by_name(a), by_name(b));
+    let mut only_b = b.iter().peekable();
+    let mut pairs = Vec::new();
+    for entry in a {
+        let other = of_b.get(entry.reaction.as_str()).copied();
+        if other.is_some() {
+            while let Some(next) = only_b.next_if(|next| next.reaction != entry.reaction) {
+                if !of_a.contains_key(next.reaction.as_str()) {
+                    pairs.push([None, Some(next)]);
+                }
+            }
+        }
+        pairs.push([Some(entry), other]);
+    }
+    let rest = only_b.filter(|next| !of_a.contains_key(next.reaction.as_str()));
+    pairs.extend(rest.map(|next| [None, Some(next)]));
+    pairs
+}
+
+/// The difference, if a reaction missed its deadline in one of two runs.
+fn missed_once(pair: [Option<&Entry>; 2]) -> Option<Difference> {
+    let [Some(a), Some(b)] = pair else { return None };
+    let missed = [a, b].map(|entry| entry.body == Which::Deadline);
+    (missed[0] != missed[1]).then_some(Difference::Body(a.body, b.body))
 }
 
 /// One number for all that is compared of a trace, up to `limit`.
@@ -218,7 +272,11 @@ pub(crate) fn digest<R: BufRead + Seek>(
             let sets = entry.sets.iter().map(|set| (&set.port, set.value.digest));
             let (calls, sets): (Vec<_>, Vec<_>) = (calls.collect(), sets.collect());
             let who = (entry.tag, &entry.reaction, entry.body, entry.tardy);
-            let all = (who, sets, calls, &entry.enters, entry.stops, entry.leaves);
+            let reads = entry.reads.iter().map(|read| {
+                (&read.from, read.value.as_ref().map(|value| value.digest), read.remembered)
+            });
+            let reads: Vec<_> = reads.collect();
+            let all = (who, reads, sets, calls, &entry.enters, entry.stops, entry.leaves);
             let text = serde_json::to_vec(&all).expect("what was read can be written");
             digester.write(&text);
         }
@@ -231,6 +289,22 @@ fn limit(a: &End, b: &End) -> Option<At> {
     let in_order = |end: &End| matches!(end.outcome, Ending::Done | Ending::Interrupted);
     let same = a.end == b.end && in_order(a) && in_order(b);
     (!same).then_some(a.end.min(b.end))
+}
+
+/// The first input or action at which a reaction found something else.
+fn reads(a: &Entry, b: &Entry) -> Option<Difference> {
+    let known = |entry: &Entry| {
+        let known = entry.reads.iter().map(|read| {
+            let digest = read.value.as_ref().map(|value| value.digest);
+            (read.from.clone(), (digest, read.remembered))
+        });
+        known.collect::<BTreeMap<_, _>>()
+    };
+    let (in_a, in_b) = (known(a), known(b));
+    let from = a.reads.iter().chain(&b.reads).map(|read| &read.from);
+    let from = from.into_iter().find(|from| in_a.get(*from) != in_b.get(*from))?;
+    let of = |entry: &Entry| entry.reads.iter().find(|read| read.from == *from).cloned();
+    Some(Difference::Read(from.clone(), [of(a), of(b)]))
 }
 
 /// The first port whose value differs.
@@ -250,6 +324,7 @@ fn ports(a: &Entry, b: &Entry) -> Option<Difference> {
 fn opaque(entry: &Entry) -> usize {
     let values = entry.sets.iter().map(|set| &set.value);
     let values = values.chain(entry.schedules.iter().filter_map(|call| call.value.as_ref()));
+    let values = values.chain(entry.reads.iter().filter_map(|read| read.value.as_ref()));
     values.filter(|value| value.opaque).count()
 }
 

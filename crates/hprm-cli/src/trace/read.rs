@@ -155,7 +155,7 @@ pub(super) mod tests {
     use super::*;
 
     pub(crate) const HEADER: &str =
-        "{\"hprm_logical_trace\":1,\"program\":\"M\",\"federated\":false}\n";
+        "{\"hprm_logical_trace\":2,\"program\":\"M\",\"federated\":false}\n";
 
     /// A trace with these lines after its header.
     pub(crate) fn trace(name: &str, lines: &str) -> Reader<Cursor<String>> {
@@ -206,7 +206,7 @@ pub(super) mod tests {
         assert!(refused("").contains("a:1 is no line"));
         assert!(refused("hello\n").contains("a:1 is no line"));
         assert!(refused(&format!("{HEADER}{HEADER}")).contains("a:2 is no line"));
-        assert!(refused(&HEADER.replace(":1,", ":7,")).contains("version 7, not 1"));
+        assert!(refused(&HEADER.replace(":2,", ":7,")).contains("version 7, not 2"));
         let entry = |tag: i64| format!("{{\"tag\":[{tag},0],\"reaction\":\"M.1\"}}\n");
         let back = format!("{HEADER}{}{}{}", entry(5), entry(4), entry(6));
         assert!(refused(&back).contains("is no line"));

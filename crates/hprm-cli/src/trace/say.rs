@@ -1,7 +1,7 @@
 //! Differences in sentences for people, and how much was compared.
 
 use hprm::trace::Described;
-use hprm::trace::line::{At, How, Outcome, Reason, Schedule, Set, Which};
+use hprm::trace::line::{At, How, Outcome, Read, Reason, Schedule, Set, Which};
 
 use super::compare::{Comparison, Difference, Divergence};
 
@@ -21,8 +21,11 @@ pub(crate) fn sentence(divergence: &Divergence, [a, b]: [&str; 2]) -> String {
             let [does, not] = only(*second);
             format!("{subject} runs in {does}, but not in {not}")
         }
+        Difference::Body(Which::Deadline, Which::Main) => missed(&subject, [a, b]),
+        Difference::Body(Which::Main, Which::Deadline) => missed(&subject, [b, a]),
         Difference::Body(x, y) => both(&format!("{subject} runs"), [body(*x), body(*y)]),
         Difference::Tardy(x, y) => both(&format!("{subject} has"), [tardy(*x), tardy(*y)]),
+        Difference::Read(from, reads) => both(&subject, finds(from, reads)),
         Difference::Port(port, sets) => {
             let values = sets.each_ref().map(|set| set.as_ref().map(|set: &Set| &set.value));
             both(
@@ -52,6 +55,22 @@ pub(crate) fn sentence(divergence: &Divergence, [a, b]: [&str; 2]) -> String {
         Difference::End([x, y]) => {
             both("the program ends", [x, y].map(|end| format!("at {}", moment(*end))))
         }
+    }
+}
+
+/// What a user may want to know about a difference besides where it is.
+pub(crate) fn hint(divergence: &Divergence) -> Option<&'static str> {
+    match &divergence.what {
+        Difference::Body(Which::Deadline, _) | Difference::Body(_, Which::Deadline) => Some(
+            "whether a deadline is met depends on physical time; with a longer one, the rest can be \
+             compared",
+        ),
+        Difference::Read(_, [Some(a), Some(b)]) if a.remembered == b.remembered => Some(
+            "the value may have been changed after it was set: reactions of one process share it, \
+             and federates have copies. Set a copy of what you go on changing, and declare an input \
+             that you change as mutable",
+        ),
+        _ => None,
     }
 }
 
@@ -91,9 +110,28 @@ fn action(
     format!("{subject} {x} in {a}, and {y} in {b}")
 }
 
+/// A reaction has missed its deadline in one run only.
+fn missed(subject: &str, [does, not]: [&str; 2]) -> String {
+    format!("{subject} misses its deadline in {does}, but not in {not}")
+}
+
+/// What a reaction finds at one of its inputs or actions.
+fn finds(from: &str, reads: &[Option<Read>; 2]) -> [String; 2] {
+    let values = reads.each_ref().map(|read| read.as_ref().and_then(|read| read.value.as_ref()));
+    let mut texts = values_of(values, "as", "without a value").into_iter();
+    reads.each_ref().map(|read| {
+        let text = texts.next().unwrap_or_default();
+        match read {
+            Some(Read { remembered: false, .. }) => format!("reads {from} {text}"),
+            Some(_) => format!("remembers {from} {text}"),
+            None => format!("finds {from} absent"),
+        }
+    })
+}
+
 /// Two values that differ, though their texts may not.
 fn values_of(values: [Option<&Described>; 2], does: &str, does_not: &str) -> [String; 2] {
-    let same = matches!(values, [Some(x), Some(y)] if x.text == y.text);
+    let same = matches!(values, [Some(x), Some(y)] if x.text == y.text && x.digest != y.digest);
     let mut other = ["", if same { "another " } else { "" }].into_iter();
     values.map(|value| {
         let other = other.next().unwrap_or_default();

@@ -14,9 +14,11 @@ pub(super) struct Variant {
     pub(super) number: u32,
     /// Of Python's hashes, which decide on the order of sets.
     pub(super) hash_seed: u32,
-    workers: u32,
+    /// None if the user has said how many.
+    workers: Option<u32>,
     /// How many threads keep the machine busy meanwhile.
     pub(super) load: usize,
+    /// None if there is none, or the user has said which.
     coordination: Option<&'static str>,
     pub(super) deployment: Deployment,
 }
@@ -72,26 +74,38 @@ impl Variant {
         Self {
             number,
             hash_seed: index,
-            workers: at(&[1, 2, 8]),
+            workers: Some(at(&[1, 2, 8])),
             load: at(&[0, 0, 0, 2]) as usize,
             coordination,
             deployment,
         }
     }
 
+    /// The same, but for what the user has chosen: that does not vary. `stated` is as `KEY=VALUE`.
+    pub(super) fn keeping(mut self, stated: &[String]) -> Self {
+        let is_stated = |name: &str| {
+            stated.iter().any(|property| property.split('=').next().map(str::trim) == Some(name))
+        };
+        self.workers = self.workers.filter(|_| !is_stated("workers"));
+        self.coordination = self.coordination.filter(|_| !is_stated("coordination"));
+        self
+    }
+
     /// The target properties that make it.
     pub(super) fn properties(&self) -> impl Iterator<Item = String> {
         let coordination = self.coordination.map(|kind| format!("coordination={kind}"));
-        coordination.into_iter().chain([format!("workers={}", self.workers)])
+        let workers = self.workers.map(|workers| format!("workers={workers}"));
+        coordination.into_iter().chain(workers)
     }
 }
 
 impl fmt::Display for Variant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "hash seed {}, ", self.hash_seed)?;
+        write!(f, "hash seed {}", self.hash_seed)?;
         match self.workers {
-            1 => f.write_str("1 worker")?,
-            workers => write!(f, "{workers} workers")?,
+            None => {}
+            Some(1) => f.write_str(", 1 worker")?,
+            Some(workers) => write!(f, ", {workers} workers")?,
         }
         if let Some(coordination) = self.coordination {
             write!(f, ", {coordination}")?;
@@ -116,7 +130,7 @@ mod tests {
     fn the_default_number_of_runs_covers_everything() {
         let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, Kind::Federated)).collect();
         for workers in [1, 2, 8] {
-            assert!(runs.iter().any(|run| run.workers == workers));
+            assert!(runs.iter().any(|run| run.workers == Some(workers)));
         }
         for coordination in [None, Some("centralized"), Some("decentralized")] {
             assert!(runs.iter().any(|run| run.coordination == coordination));
@@ -127,6 +141,16 @@ mod tests {
         }
         let way = "hash seed 3, 1 worker, centralized, as threads, on a busy machine";
         assert_eq!(runs[3].to_string(), way);
+    }
+
+    #[test]
+    fn what_the_user_has_chosen_does_not_vary() {
+        let stated = ["coordination = decentralized", "workers=3"].map(str::to_owned);
+        let run = Variant::of(4, Kind::Federated);
+        assert_eq!(run.clone().keeping(&[]), run);
+        let run = run.keeping(&stated);
+        assert_eq!(run.properties().next(), None);
+        assert_eq!(run.to_string(), "hash seed 3, as threads, on a busy machine");
     }
 
     #[test]

@@ -66,7 +66,6 @@ impl<V: Clone> Scheduler<V> {
     /// An earlier end stands.
     pub fn leave_at(&mut self, tag: Tag) {
         self.stop = self.stop.min(tag.max(self.tag.succ()).max(self.first));
-        self.queue.truncate(self.stop);
     }
 
     /// Whether this federate ends before the program does, as far as is known.
@@ -75,17 +74,21 @@ impl<V: Clone> Scheduler<V> {
         self.stop < self.program_end
     }
 
-    /// The last tag of a reactor, as far as is known.
+    /// The last tag for which a reactor may schedule something. That an end is near is not for it to
+    /// know; that this tag is its last one is.
     #[inline]
-    pub(super) fn stop_of(&self, reactor: ReactorId) -> Tag {
+    pub(super) fn last_of(&self, reactor: ReactorId) -> Tag {
+        if self.tag >= self.stop {
+            return self.tag;
+        }
         let Departures { leaving, gone, .. } = &self.departures;
         if leaving.is_empty() && gone.is_empty() {
-            return self.stop;
+            return self.timeout;
         }
         match self.program.reactors[reactor].federate {
             Some(federate) if gone.contains(&federate) => Tag::NEVER,
             Some(federate) if leaving.contains(&federate) => self.tag,
-            _ => self.stop,
+            _ => self.timeout,
         }
     }
 
@@ -125,7 +128,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// Forgets the events of those that leave, and what they want of modes.
     fn forget_departing(&mut self) {
-        let Self { program, wiring, queue, modes, departures, .. } = self;
+        let Self { program, wiring, queue, unread, modes, departures, .. } = self;
         let leaves = |reactor: ReactorId| {
             let federate = program.reactors[reactor].federate;
             federate.is_some_and(|federate| departures.leaving.contains(&federate))
@@ -141,6 +144,9 @@ impl<V: Clone> Scheduler<V> {
         };
         let of_reaction = |reaction: ReactionId| leaves(program.reactions[reaction].reactor);
         queue.extract(|event| of_event(event));
+        unread.retain(|sender, _| {
+            sender.is_none_or(|federate| !departures.leaving.contains(&federate))
+        });
         modes.forget(&wiring.modes, leaves, of_reaction, of_event);
     }
 }

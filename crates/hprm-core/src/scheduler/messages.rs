@@ -5,7 +5,8 @@ use std::sync::Arc;
 use super::{Scheduler, Send};
 use crate::queue::Event;
 use crate::{
-    Channel, ChannelId, Connection, ConnectionId, Delay, PhysicalTime, PortId, Reading, Tag,
+    Channel, ChannelId, Connection, ConnectionId, Delay, FederateId, PhysicalTime, PortId, Reading,
+    Tag,
 };
 
 impl<V: Clone> Scheduler<V> {
@@ -15,7 +16,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Inserts a message from another federate. Returns the tag at which it will be present: its
-    /// own, or a later one if it is tardy; none if the program ends before. A message for the tag
+    /// own, or a later one if it is tardy; none if that is after the program's timeout. A message for the tag
     /// that is being processed is in time if no reaction that could read it has had its turn.
     /// `physical` is what the sender's scheduler said of it.
     pub fn deliver(
@@ -100,6 +101,33 @@ impl<V: Clone> Scheduler<V> {
                 self.sends.push_back(Send { channel: *channel, tag, value, physical: marked });
             }
         }
+        let sender = self.program.reactors[self.program.ports[root].reactor].federate;
+        self.pass_unread(root, self.tag, (sender, now));
+    }
+
+    /// Notes when messages arrive that leave a root at `tag` and that no reaction reads.
+    fn pass_unread(
+        &mut self,
+        root: PortId,
+        tag: Tag,
+        (sender, now): (Option<FederateId>, PhysicalTime),
+    ) {
+        let wiring = Arc::clone(&self.wiring);
+        for connection in &wiring.unread[root] {
+            let Connection { to, physical, delay, .. } = self.program.connections[*connection];
+            let computed = match physical {
+                true => self.physical_tag(*connection, now).max(tag.succ()),
+                false => delay.shift(tag),
+            };
+            let at = self.assign(*connection, computed);
+            if at <= self.timeout {
+                let last = self.unread.entry(sender).or_insert(at);
+                *last = at.max(*last);
+                self.record_unread(physical);
+                // A circle of connections has no reaction in it, and so nothing ever gets there.
+                self.pass_unread(wiring.root(to), at, (sender, now));
+            }
+        }
     }
 
     /// The tag of the next message of a connection: as computed, but after the one before it.
@@ -117,7 +145,7 @@ impl<V: Clone> Scheduler<V> {
         (value, intended, physical): (V, Option<Tag>, bool),
     ) -> Option<Tag> {
         self.last_assigned[connection] = at;
-        if at > self.stop {
+        if at > self.timeout {
             return None;
         }
         self.queue.insert(at, Event::Message { connection, value, intended, physical });

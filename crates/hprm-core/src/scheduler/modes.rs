@@ -223,7 +223,7 @@ impl<V: Clone> Scheduler<V> {
                 let offset = self.program.timers[timer].offset.max(0);
                 self.modes.suspend(event, mode, offset);
             }
-            _ if at <= self.stop => self.queue.insert(at, event),
+            _ if at <= self.timeout => self.queue.insert(at, event),
             _ => {}
         }
     }
@@ -293,7 +293,7 @@ impl<V: Clone> Scheduler<V> {
             }
         }
         self.modes.suspended = kept;
-        self.queue.truncate(self.stop);
+        self.queue.truncate(self.timeout);
     }
 
     /// Starts the timers of modes over that are reset. One whose reactor has been in the mode before

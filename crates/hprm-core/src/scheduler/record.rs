@@ -11,7 +11,9 @@
 //! - A reaction that reads the clock is marked for this one time.
 //! - What a marked reaction sets or schedules from then on has the mark.
 //!
-//! What a value is, and how it is written down, is the driver's business.
+//! What a value is, and how it is written down, is the driver's business. It asks for what a reaction
+//! finds at its inputs ([`Scheduler::inputs`]) before it runs the body: later, the value may have
+//! changed, since clones share it.
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -47,6 +49,26 @@ pub struct Record<V> {
     pub leaves: bool,
 }
 
+/// What a reaction finds at one of its triggers or sources.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Found<'a, V> {
+    /// The port or the action.
+    pub input: Input,
+    /// The value there; an action may have none.
+    pub value: Option<&'a V>,
+    /// Whether the port is absent, and remembers the value.
+    pub remembered: bool,
+}
+
+/// What a reaction may read.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Input {
+    /// A port that triggers it or is a source of it.
+    Port(PortId),
+    /// An action that triggers it.
+    Action(ActionId),
+}
+
 /// An action that a reaction scheduled.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Request<V> {
@@ -74,6 +96,8 @@ pub(super) struct Recorder<V> {
     reactors: BTreeSet<ReactorId>,
     /// Whether the program's end is.
     stop: bool,
+    /// Whether the clock has given tags to messages that no reaction reads.
+    unread: bool,
 }
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -92,6 +116,7 @@ impl<V> Recorder<V> {
             actions: BTreeSet::new(),
             reactors: BTreeSet::new(),
             stop: false,
+            unread: false,
         }
     }
 
@@ -133,6 +158,32 @@ impl<V: Clone> Scheduler<V> {
         self.recorder.as_mut()?.complete.pop_front()
     }
 
+    /// What a reaction finds at its triggers and sources if it begins now: what is present, and what
+    /// persistent ports remember. Each once, in the order of the program.
+    #[must_use]
+    pub fn inputs(&self, reaction: ReactionId) -> Vec<Found<'_, V>> {
+        let spec = &self.program.reactions[reaction];
+        let triggers = spec.triggers.iter().filter_map(|trigger| match *trigger {
+            Trigger::Port(port) => Some(Input::Port(port)),
+            Trigger::Action(action) => Some(Input::Action(action)),
+            Trigger::Startup | Trigger::Shutdown | Trigger::Reset | Trigger::Timer(_) => None,
+        });
+        let mut inputs: Vec<Input> =
+            triggers.chain(spec.sources.iter().copied().map(Input::Port)).collect();
+        inputs.sort_unstable();
+        inputs.dedup();
+        let found = inputs.into_iter().filter_map(|input| match input {
+            Input::Port(port) => {
+                let (value, remembered) = (self.latest(port)?, self.port(port).is_none());
+                Some(Found { input, value: Some(value), remembered })
+            }
+            Input::Action(action) => {
+                Some(Found { input, value: self.action(action)?, remembered: false })
+            }
+        });
+        found.collect()
+    }
+
     /// Notes that the running reaction has read something of the physical world, such as the clock.
     pub fn mark_physical(&mut self) {
         if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
@@ -140,7 +191,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Whether somebody has asked for the end who may have seen something of the physical world.
+    /// Whether the physical world may have a part in when the program ends.
     #[must_use]
     pub fn stops_physically(&self) -> bool {
         self.recorder.as_ref().is_some_and(|recorder| recorder.stop)
@@ -240,6 +291,20 @@ impl<V: Clone> Scheduler<V> {
             let reactors = self.program.reactors.iter();
             let of_federate = reactors.filter(|(_, reactor)| reactor.federate == federate);
             recorder.reactors.extend(of_federate.map(|(id, _)| id));
+        }
+    }
+
+    /// A message is on its way that no reaction reads; `physical` if the clock gave it its tag.
+    pub(super) fn record_unread(&mut self, physical: bool) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.unread |= physical;
+        }
+    }
+
+    /// The program ends because nothing can happen any more.
+    pub(super) fn record_starved(&mut self) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.stop |= recorder.unread;
         }
     }
 

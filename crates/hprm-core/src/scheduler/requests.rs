@@ -62,13 +62,13 @@ impl<V: Clone> Scheduler<V> {
             }
         }
         // At the end of time there is no next microstep to pile up at, and nobody gets there.
-        let stop = self.stop_of(spec.reactor);
-        if tag > stop || tag.time == Nanos::MAX {
+        let last = self.last_of(spec.reactor);
+        if tag > last || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
         let at = self.queue.pile(tag, Event::Action { action, value, physical });
-        if at > self.stop {
-            self.queue.truncate(self.stop);
+        if at > self.timeout {
+            self.queue.truncate(self.timeout);
             return Scheduled::AfterStop;
         }
         self.last_scheduled[action] = Some(at);

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Described;
 
 /// The version of the format. Another one cannot be compared with this.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// A tag: nanoseconds since the start, and the microstep.
 pub type At = (i64, u32);
@@ -54,6 +54,9 @@ pub struct Entry {
     /// Which of its bodies ran.
     #[serde(default, skip_serializing_if = "Which::is_main")]
     pub body: Which,
+    /// What it found at its triggers and sources when its body began, in the order of the program.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reads: Vec<Read>,
     /// The ports that it set, in the order of the program.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sets: Vec<Set>,
@@ -88,6 +91,19 @@ pub enum Which {
     Deadline,
     /// Its handler for inputs that come too late.
     Tardy,
+}
+
+/// An input or an action of a reaction, as it was when the body began.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Read {
+    /// The full name of the port or action.
+    pub from: String,
+    /// The value; an action may have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<Described>,
+    /// Whether the port is absent, and remembers the value.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub remembered: bool,
 }
 
 /// A port that was set.
@@ -245,10 +261,10 @@ mod tests {
     fn a_line_is_read_as_it_is_written() {
         let digest = "99aa06d3014798d86001c324468d497f";
         let full = format!(
-            r#"{{"tag":[5,1],"reaction":"M.a.1","body":"tardy","sets":[{{"port":"M.a.out","value":{{"digest":"{digest}","text":"1"}}}}],"schedules":[{{"action":"M.a.b","at":[7,0]}},{{"action":"M.a.b","at":"after-stop","physical":true,"value":{{"digest":"{digest}","text":"f","opaque":true}}}}],"enters":[{{"mode":"M.a.m","how":"reset"}}],"stops":true,"tardy":[4,0],"physical":true}}"#
+            r#"{{"tag":[5,1],"reaction":"M.a.1","body":"tardy","reads":[{{"from":"M.a.inp","value":{{"digest":"{digest}","text":"2"}},"remembered":true}},{{"from":"M.a.b"}}],"sets":[{{"port":"M.a.out","value":{{"digest":"{digest}","text":"1"}}}}],"schedules":[{{"action":"M.a.b","at":[7,0]}},{{"action":"M.a.b","at":"after-stop","physical":true,"value":{{"digest":"{digest}","text":"f","opaque":true}}}}],"enters":[{{"mode":"M.a.m","how":"reset"}}],"stops":true,"tardy":[4,0],"physical":true}}"#
         );
         for text in [
-            r#"{"hprm_logical_trace":1,"program":"M","federated":false}"#,
+            r#"{"hprm_logical_trace":2,"program":"M","federated":false}"#,
             r#"{"tag":[0,0],"reaction":"M.1"}"#,
             &full,
             r#"{"end":[10,0],"outcome":"done"}"#,

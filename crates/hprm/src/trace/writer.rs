@@ -7,10 +7,10 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use hprm_core::{Program, ReactionId, Record, Request, Scheduler, Tag};
+use hprm_core::{ActionId, Found, Input, Program, ReactionId, Record, Request, Scheduler, Tag};
 
-use super::Draft;
-use super::line::{End, Ending, Enter, Entry, Header, Line, Schedule, Set, VERSION, at};
+use super::line::{End, Ending, Enter, Entry, Header, Line, Read, Schedule, Set, VERSION, at};
+use super::{Described, Draft};
 use crate::{Failure, Host};
 
 /// The trace of a run.
@@ -21,6 +21,8 @@ pub struct Trace {
     /// The tag whose entries wait.
     tag: Tag,
     waiting: Vec<((u32, ReactionId), Entry)>,
+    /// What reactions have found that have begun and not finished.
+    begun: Vec<(ReactionId, Vec<Read>)>,
     tardy: u64,
 }
 
@@ -42,7 +44,19 @@ impl Trace {
         let mut draft = Draft::create(path).map_err(unwritten)?;
         draft.write(&Line::Header(header)).map_err(unwritten)?;
         let program = Arc::clone(program);
-        Ok(Self { program, draft, tag: Tag::NEVER, waiting: Vec::new(), tardy: 0 })
+        Ok(Self {
+            program,
+            draft,
+            tag: Tag::NEVER,
+            waiting: Vec::new(),
+            begun: Vec::new(),
+            tardy: 0,
+        })
+    }
+
+    /// Notes what a reaction has found at its inputs: see [`reads`].
+    pub fn begin(&mut self, reaction: ReactionId, reads: Vec<Read>) {
+        self.begun.push((reaction, reads));
     }
 
     /// Adds what a reaction did.
@@ -105,19 +119,18 @@ impl Trace {
         Ok(())
     }
 
-    fn entry<H: Host>(&self, host: &mut H, record: Record<H::Value>) -> Entry {
+    fn entry<H: Host>(&mut self, host: &mut H, record: Record<H::Value>) -> Entry {
+        let at_start = self.begun.iter().position(|(reaction, _)| *reaction == record.reaction);
+        let reads = at_start.map(|place| self.begun.swap_remove(place).1).unwrap_or_default();
         let program = &self.program;
         let set =
             |(port, value)| Set { port: program.port_name(port), value: host.describe(&value) };
         let sets = record.ports.into_iter().map(set).collect();
-        let schedule = |Request { action, value, outcome }| {
-            let spec = &program.actions[action];
-            Schedule {
-                action: format!("{}.{}", program.reactors[spec.reactor].name, spec.name),
-                at: outcome.into(),
-                physical: spec.origin == hprm_core::Origin::Physical,
-                value: value.map(|value: H::Value| host.describe(&value)),
-            }
+        let schedule = |Request { action, value, outcome }| Schedule {
+            action: action_name(program, action),
+            at: outcome.into(),
+            physical: program.actions[action].origin == hprm_core::Origin::Physical,
+            value: value.map(|value: H::Value| host.describe(&value)),
         };
         let schedules = record.actions.into_iter().map(schedule).collect();
         let enter = |(mode, transition): (hprm_core::ModeId, hprm_core::Transition)| {
@@ -129,6 +142,7 @@ impl Trace {
             tag: at(record.tag),
             reaction: program.reaction_name(record.reaction),
             body: record.body.into(),
+            reads,
             sets,
             schedules,
             enters: record.modes.into_iter().map(enter).collect(),
@@ -138,6 +152,30 @@ impl Trace {
             physical: record.physical,
         }
     }
+}
+
+/// What a reaction finds at its inputs. To be called when its body begins, not before: whoever has a
+/// value may change it at any time, and what counts is what this reaction reads.
+pub fn reads<V: Clone>(
+    scheduler: &Scheduler<V>,
+    reaction: ReactionId,
+    mut describe: impl FnMut(&V) -> Described,
+) -> Vec<Read> {
+    let program = scheduler.program();
+    let read = |Found { input, value, remembered }: Found<'_, V>| Read {
+        from: match input {
+            Input::Port(port) => program.port_name(port),
+            Input::Action(action) => action_name(program, action),
+        },
+        value: value.map(&mut describe),
+        remembered,
+    };
+    scheduler.inputs(reaction).into_iter().map(read).collect()
+}
+
+fn action_name(program: &Program, action: ActionId) -> String {
+    let spec = &program.actions[action];
+    format!("{}.{}", program.reactors[spec.reactor].name, spec.name)
 }
 
 fn unwritten(error: io::Error) -> Failure {

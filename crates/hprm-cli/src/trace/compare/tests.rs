@@ -45,11 +45,26 @@ fn each_kind_of_difference_has_its_sentence() {
     let call =
         |at: &str, rest: &str| format!(r#","schedules":[{{"action":"M.a.act","at":{at}{rest}}}]"#);
     let with = |number| format!(r#","value":{}"#, value(number));
+    let read = |number, rest: &str| {
+        format!(r#","reads":[{{"from":"M.a.in","value":{}{rest}}}]"#, value(number))
+    };
     let enter = |how: &str| format!(r#","enters":[{{"mode":"M.a.m","how":"{how}"}}]"#);
     let here = "at (10 ns, 0), reaction M.a.1";
     for (a, b, expected) in [
         (set("M.a.x", 1), set("M.a.x", 2), "sets M.a.x to 1 in A, and sets M.a.x to 2 in B"),
         (set("M.a.x", 1), String::new(), "sets M.a.x to 1 in A, and does not set M.a.x in B"),
+        (read(1, ""), read(2, ""), "reads M.a.in as 1 in A, and reads M.a.in as 2 in B"),
+        (read(1, ""), String::new(), "reads M.a.in as 1 in A, and finds M.a.in absent in B"),
+        (
+            read(1, ""),
+            read(1, r#","remembered":true"#),
+            "reads M.a.in as 1 in A, and remembers M.a.in as 1 in B",
+        ),
+        (
+            r#","reads":[{"from":"M.a.act"}]"#.to_owned(),
+            String::new(),
+            "reads M.a.act without a value in A, and finds M.a.act absent in B",
+        ),
         (
             call("[12,0]", ""),
             call("[13,0]", ""),
@@ -75,7 +90,7 @@ fn each_kind_of_difference_has_its_sentence() {
         (
             r#","body":"deadline""#.to_owned(),
             String::new(),
-            "runs its deadline handler in A, and its body in B",
+            "misses its deadline in A, but not in B",
         ),
         (
             r#","tardy":[9,0]"#.to_owned(),
@@ -107,6 +122,35 @@ fn a_reaction_that_ran_in_one_run_only_is_named() {
     let other = r#"{"tag":[9,0],"reaction":"M.b.1"}"#;
     let said = parting(&[&entry(""), DONE], &[other, &entry(""), DONE]);
     assert_eq!(said.unwrap(), "at (9 ns, 0), reaction M.b.1 runs in B, but not in A");
+}
+
+#[test]
+fn what_ran_before_is_named_rather_than_what_it_led_to() {
+    let (other, changed) = (r#"{"tag":[10,0],"reaction":"M.0"}"#, entry(r#","stops":true"#));
+    let said = parting(&[&entry(""), DONE], &[other, &changed, DONE]);
+    assert_eq!(said.unwrap(), "at (10 ns, 0), reaction M.0 runs in B, but not in A");
+    let said = parting(&[&entry(""), DONE], &[&changed, other, DONE]);
+    assert!(said.unwrap().contains("M.a.1 asks for the end"));
+}
+
+#[test]
+fn a_missed_deadline_is_named_rather_than_what_it_led_to() {
+    let late = r#","body":"deadline","physical":true"#;
+    let follows = r#"{"tag":[10,0],"reaction":"M.b.1"}"#;
+    let met = "at (10 ns, 0), reaction M.a.1 misses its deadline in B, but not in A";
+    // The handler has read the clock.
+    let said = parting(&[&entry(""), follows, DONE], &[&entry(late), DONE]);
+    assert_eq!(said.as_deref(), Some(met));
+    // So has the body.
+    let clock = entry(r#","physical":true"#);
+    let found = compared(Judge::default(), &[&clock, follows, DONE], &[entry(late).as_str(), DONE]);
+    assert_eq!(sentence(&found.divergence.unwrap(), ["A", "B"]), met);
+    assert_eq!(found.consequence.unwrap().reaction, "M.b.1");
+    // Nothing that is compared depends on it.
+    assert_eq!(parting(&[&clock, DONE], &[&entry(late), DONE]), None);
+    // What was missed in both is no difference.
+    let both = parting(&[&entry(late), follows, DONE], &[&entry(late), DONE]).unwrap();
+    assert!(both.contains("M.b.1 runs in A"), "{both}");
 }
 
 #[test]
@@ -187,6 +231,8 @@ fn the_digest_is_of_what_is_compared() {
     let sensed = r#"{"tag":[5,0],"reaction":"M.s.1","physical":true}"#;
     let later = r#"{"tag":[15,0],"reaction":"M.a.1"}"#;
     let plain = digest_of(&[&entry(""), DONE], None);
+    let reads = entry(&format!(r#","reads":[{{"from":"M.a.in","value":{}}}]"#, value(1)));
+    assert_ne!(digest_of(&[&reads, DONE], None), plain);
     assert_eq!(digest_of(&[sensed, &entry(""), DONE], None), plain);
     assert_eq!(digest_of(&[&entry(""), later, DONE], Some((15, 0))), plain);
     assert_ne!(digest_of(&[&entry(""), later, DONE], None), plain);
