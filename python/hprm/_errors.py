@@ -5,8 +5,6 @@ import sys
 import threading
 import traceback
 
-from hprm import _hints
-
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
 
@@ -56,6 +54,9 @@ def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str
     # Without a frame, it is often only what the title has said.
     if text not in (name, f"{name}: {reason}"):
         lines.append(text)
+    # Only programs that fail pay for it.
+    from hprm import _hints
+
     hint = _hints.of(error)
     # Python's own is in the text, from version 3.12 on.
     if hint is not None and not (hint.startswith("did you mean") and "Did you mean" in text):

@@ -32,7 +32,7 @@ class Program:
             self._classes[used] = made
             self._names[made.cls.__name__] = made.cls
         for made in self._classes.values():
-            _suspects.check(made.source, made.reactions, self._names)
+            _suspects.check(made.source, made.cls, made.reactions, self._names)
         self._instances: dict[int, tuple[_Class, ReactorBase]] = {}
         for instance in source.instances:
             self._make_instance(instance)

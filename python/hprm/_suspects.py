@@ -9,16 +9,21 @@ from collections.abc import Callable, Container, Iterator
 from types import CodeType
 from typing import Any
 
+from hprm._classes import ReactorBase
 from hprm._source import ClassSource
 
 Bodies = tuple[Callable[..., Any], Callable[..., Any] | None, Callable[..., Any] | None]
 
 
-def check(cls: ClassSource, bodies: list[Bodies], known: Container[str]) -> None:
-    """Refuse a class with such a body, if the module does not have what it uses either."""
-    names = {name for name, _ in [*cls.parameters, *cls.state]}
-    names |= {name for name, _, _ in cls.parts} | {method[0] for method in cls.methods}
-    names = {name for name in names if name not in known}
+def check(
+    cls: ClassSource, made: type[ReactorBase], bodies: list[Bodies], known: Container[str]
+) -> None:
+    """Refuse a class with such a body, if the module does not have what it uses either.
+
+    ``made`` has what preambles have defined, besides parameters and methods.
+    """
+    names = {*vars(made), *(name for name, _ in cls.state), *(name for name, _, _ in cls.parts)}
+    names = {name for name in names if name not in known and not name.startswith("_")}
     for reaction, functions in zip(cls.reactions, bodies, strict=True):
         handlers = (reaction.body, reaction.deadline, reaction.tardy)
         suspects = names.difference(reaction.arguments)
@@ -26,7 +31,7 @@ def check(cls: ClassSource, bodies: list[Bodies], known: Container[str]) -> None
             if code is None or function is None:
                 continue
             used = suspects.intersection(_used(function.__code__))
-            # Compiled code does not tell `self.count` from `count` in so little time; the text does.
+            # Compiled code does not tell `self.count` from `count` at once; the text does.
             if any(re.search(rf"(?<![\w.]){name}\b", code.text) for name in used):
                 from hprm import _lint
 
