@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
-from typing import TYPE_CHECKING
+import sys
+from pathlib import Path
 
 import pytest
 from conftest import Outcome, Run
 from processes import COORDINATIONS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 #: A federate that starts `mid` at a given time, and one that sends it a number every 20 ms.
 REACTORS = """
@@ -293,9 +291,11 @@ def test_large_arrays_find_the_new_instance(launch: Run, coordination: str) -> N
 def test_it_is_too_late_after_the_end(launch: Run, tmp_path: Path) -> None:
     outcome = launch(program("centralized", "reaction(startup) {= lf.stop() =}", ""))
     assert outcome.code == 0, outcome.err
-    command = tmp_path / "fed-gen" / "Program" / "bin" / "federate__mid"
+    assert not (tmp_path / "fed-gen").exists()
+    command = shutil.which("hprm", path=str(Path(sys.executable).parent))
+    options = ["-i", "0" * 32, "--rti", "unix:@hprm-nobody", "--connect-timeout", "0.1"]
     done = subprocess.run(
-        [command, "-i", "0" * 32, "--rti", "unix:@hprm-nobody", "--connect-timeout", "0.1"],
+        [str(command), "federate", tmp_path / "Program.lf", "mid", *options],
         capture_output=True,
         text=True,
         timeout=60,

@@ -446,9 +446,10 @@ pub(crate) struct Federate {
     /// The name of the federate. A member of a bank has its index: camera__2.
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
-    /// Where the RTI listens.
+    /// Where the RTI listens. Without it, the federation of this program is joined that `hprm run` runs
+    /// on this machine, with its target properties.
     #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
-    pub(crate) rti: Address,
+    pub(crate) rti: Option<Address>,
     /// Seconds that the RTI may take to be there, and the file with the secret.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     pub(crate) connect_timeout: Duration,

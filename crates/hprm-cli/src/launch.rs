@@ -13,14 +13,15 @@ use std::time::{Duration, Instant};
 
 use hprm::federated::{FederationId, Patience};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
-use hprm_core::FederateId;
+use hprm_core::{FederateId, Program};
 use hprm_lf::Compiled;
 
 use crate::args::{PYTHON, Properties};
 use crate::children::{Children, Console};
-use crate::launcher;
+use crate::launcher::{self, Commands};
 use crate::message::Error;
 use crate::python;
+use crate::registry::{self, Entry, Record};
 use crate::secret;
 use crate::signals;
 use crate::supervisor::{Event, Order, Supervisor};
@@ -69,9 +70,12 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let federation = secret::random()?;
     let (rti, address) = start_rti(compiled, federation, plan, events.clone())?;
 
-    if program.federates.values().any(|federate| federate.transient) {
-        launcher::write(program, &plan.file)?;
-    }
+    let _visible = program
+        .federates
+        .values()
+        .any(|federate| federate.transient)
+        .then(|| plan.become_visible(program, &address, federation))
+        .transpose()?;
     let mut children = Children::default();
     let mut federates: Vec<_> = program.federates.iter().collect();
     // The start does not wait for those who have not come, and most programs want them there.
@@ -101,6 +105,31 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
 }
 
 impl Plan {
+    /// Lets transient federates be started again by others: by the commands of Lingua Franca, and by
+    /// name from anywhere, while the result lives.
+    fn become_visible(
+        &self,
+        program: &Program,
+        rti: &Address,
+        federation: FederationId,
+    ) -> Result<(Option<Entry>, Commands), Error> {
+        let is_left = registry::sweep(&self.file);
+        let others = registry::of_program(&self.file);
+        let inherits = is_left || others.iter().any(|other| other.made);
+        let commands = launcher::write(program, &self.file, inherits)?;
+        let properties = self.properties.stated();
+        let mut record = Record::new(&self.file, rti, federation, properties, &self.python);
+        record.made = !commands.is_empty();
+        // The program itself runs without.
+        let entry = registry::enter(&record).map_err(|error| {
+            error
+                .hint("other processes find the federation by --rti and --federation only")
+                .show_as_warning();
+        });
+        // In this order they go: the commands look whether another federation needs them.
+        Ok((entry.ok(), commands))
+    }
+
     fn command(&self, name: &str, rti: &Address, share: Option<PathBuf>) -> Command {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(rti.to_string());

@@ -12,23 +12,66 @@ use std::path::{Path, PathBuf};
 use hprm_core::Program;
 
 use crate::message::Error;
+use crate::registry;
 
-/// Writes the commands for the transient federates of a program, unless they are there.
+/// The commands of a program whose federation runs. They go away with it.
+#[derive(Debug)]
+pub(crate) struct Commands {
+    program: PathBuf,
+    /// Files that were not there before.
+    files: Vec<PathBuf>,
+    /// Folders that were not there before, the innermost first.
+    folders: Vec<PathBuf>,
+}
+
+impl Commands {
+    /// Whether there is nothing to remove.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.files.is_empty()
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        // Another federation of the program needs them, and removes them.
+        if registry::of_program(&self.program).iter().any(|record| record.made) {
+            return;
+        }
+        for file in &self.files {
+            let _ = fs::remove_file(file);
+        }
+        for folder in &self.folders {
+            // What else is in it is the user's.
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// Writes the commands for the transient federates of a program, unless they are there. Those that are
+/// there belong to the federation if `inherits`: another one of the same program has made them, and
+/// runs, or was killed.
 ///
 /// # Errors
 ///
 /// If they cannot be written.
-pub(crate) fn write(program: &Program, file: &Path) -> Result<(), Error> {
+pub(crate) fn write(program: &Program, file: &Path, inherits: bool) -> Result<Commands, Error> {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folder = package(&file).join("fed-gen").join(&program.name).join("bin");
+    let mut commands = Commands { program: file.clone(), files: Vec::new(), folders: Vec::new() };
     let command = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("hprm"));
     let unwritten = |path: &Path, error: io::Error| {
         Error::new(format!("cannot write {}: {error}", path.display()))
             .hint("a program with transient federates needs a folder for what starts them")
     };
+    let folders = folder.ancestors().take(3);
+    let missing = folders.filter(|folder| inherits || !folder.exists()).map(Path::to_owned);
+    commands.folders = missing.collect();
     fs::create_dir_all(&folder).map_err(|error| unwritten(&folder, error))?;
     for federate in program.federates.values().filter(|federate| federate.transient) {
         let path = folder.join(format!("federate__{}", federate.name));
+        if inherits || !path.exists() {
+            commands.files.push(path.clone());
+        }
         let text = format!(
             "#!/bin/sh\nexec {} federate {} {} \"$@\"\n",
             quoted(&command),
@@ -37,7 +80,7 @@ pub(crate) fn write(program: &Program, file: &Path) -> Result<(), Error> {
         );
         install(&path, &text).map_err(|error| unwritten(&path, error))?;
     }
-    Ok(())
+    Ok(commands)
 }
 
 /// Writes an executable file at once, so that nobody runs half of it.
@@ -72,6 +115,35 @@ mod tests {
     fn a_package_contains_the_nearest_folder_of_sources() {
         assert_eq!(package(Path::new("/a/src/b/src/c/D.lf")), Path::new("/a/src/b"));
         assert_eq!(package(Path::new("/a/b/D.lf")), Path::new("/a/b"));
+    }
+
+    fn program() -> Program {
+        let mut b = hprm_core::ProgramBuilder::new("Main", hprm_core::Properties::default());
+        let reactor = b.reactor(b.main(), "mid");
+        let federate = b.federate(reactor, "mid", 0, None);
+        b.make_transient(federate);
+        b.build().unwrap()
+    }
+
+    #[test]
+    fn commands_go_away_and_leave_what_was_there() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("Main.lf");
+        let folder = place.path().join("fed-gen");
+        let script = folder.join("Main/bin/federate__mid");
+        let commands = write(&program(), &file, false).unwrap();
+        assert_eq!(script.metadata().unwrap().permissions().mode() & 0o777, 0o755);
+        drop(commands);
+        assert!(!folder.exists());
+        fs::create_dir_all(folder.join("Other")).unwrap();
+        drop(write(&program(), &file, false).unwrap());
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        // A federation that was killed has left them.
+        std::mem::forget(write(&program(), &file, false).unwrap());
+        drop(write(&program(), &file, false).unwrap());
+        assert!(script.exists());
+        drop(write(&program(), &file, true).unwrap());
+        assert!(!folder.join("Main").exists() && folder.join("Other").exists());
     }
 
     #[test]

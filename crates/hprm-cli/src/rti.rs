@@ -14,6 +14,7 @@ use hprm_core::{FederateId, Program};
 
 use crate::args::Rti;
 use crate::message::{self, Error};
+use crate::roster::Roster;
 use crate::signals::Signal;
 use crate::verdict::{LastWords, Verdict};
 use crate::{check, secret, signals, verdict};
@@ -65,7 +66,9 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     hprm::enter_realtime(&compiled.program.properties, None)
         .map_err(|failure| Error::of(&failure))?;
     let mut failure = None;
+    let roster = Roster::new(&compiled.program);
     let outcome = rti.run(|event| {
+        let heard = event.clone();
         if let RtiEvent::Started(_) = event {
             interruption.started.store(true, Ordering::Relaxed);
         }
@@ -73,7 +76,9 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
             Ok(line) => message::print_line(&line),
             Err(verdict) => failure = failure.take().or(Some(verdict)),
         }
+        roster.hear(&heard);
     });
+    roster.close();
     if let Some(signal) = interruption.signal() {
         if interruption.gave_up.load(Ordering::Relaxed) {
             unfinished(signal).show();

@@ -12,7 +12,8 @@ use hprm_core::{FederateId, Program};
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::Error;
-use crate::{check, hosts, python, rti, secret, threads};
+use crate::registry::Record;
+use crate::{check, hosts, join, python, rti, secret, threads};
 
 /// Runs a program to its end.
 ///
@@ -80,8 +81,11 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     let mut properties = arguments.properties.clone();
+    let running = join::running(arguments)?;
     if let Ok(inherited) = std::env::var(PROPERTIES) {
         properties.inherit(inherited.lines());
+    } else if let Some(running) = &running {
+        properties.inherit(running.properties.iter().map(String::as_str));
     }
     let Some(compiled) = check::checked(&arguments.file, &properties)? else {
         return Ok(ExitCode::FAILURE);
@@ -90,10 +94,18 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     if compiled.program.federate_named(&arguments.name).is_none() {
         return Err(no_federate(&compiled.program, &arguments.file, &arguments.name));
     }
-    let (secret, patience) = secret::of_federate(&arguments.secret, arguments.connect_timeout)?;
-    let python = python::find(&arguments.interpreter)?;
+    let rti = join::address(arguments, running.as_ref())?;
+    let (secret, patience) = match running.as_ref().and_then(Record::federation) {
+        Some(secret) => (secret, arguments.connect_timeout),
+        None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
+    };
+    let mut interpreter = arguments.interpreter.clone();
+    if let Some(running) = &running {
+        interpreter.python.get_or_insert_with(|| running.python.clone());
+    }
+    let python = python::find(&interpreter)?;
     let mut command = python::module(&python, "federate");
-    command.arg("--rti").arg(arguments.rti.to_string());
+    command.arg("--rti").arg(rti.to_string());
     command.arg("--connect-timeout").arg(patience.as_secs_f64().to_string());
     if let Some(advertise) = &arguments.advertise {
         command.arg("--advertise").arg(advertise);

@@ -356,6 +356,11 @@ impl Link {
             }
             Err(arrival) => return Ok(arrival),
         };
+        if taken == Err(Refused::Encrypted) {
+            // A socket that is closed with bytes unread may take the answer with it.
+            let mut rest = [0; STRANGER_LIMIT];
+            let _ = self.stream.receive(&mut rest, &mut self.inbound.descriptors);
+        }
         self.flush_handshake()?;
         taken.map_err(refused)?;
         Ok(Arrival::Bytes)

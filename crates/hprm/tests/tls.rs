@@ -173,7 +173,11 @@ fn with_and_without_tls_do_not_meet() {
     let (_authority, security) = Authority::new().member_for_all();
     let (address, handle) = alone(&program, &security);
     let message = in_vain(&options(&program, FederateId(0), &address, &Security::default()));
-    assert!(message.starts_with("error: "), "{message}");
+    assert!(message.contains("the other end uses TLS, and this process has no"), "{message}");
+    handle.abort();
+    let (address, handle) = alone(&program, &Security::default());
+    let message = in_vain(&options(&program, FederateId(0), &address, &security));
+    assert!(message.contains("the other end does not use TLS, and this process does"), "{message}");
     handle.abort();
 }
 

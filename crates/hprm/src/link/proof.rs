@@ -58,6 +58,12 @@ pub(crate) enum Refused {
         "the other end does not prove that it belongs to the federation: is `auth` the same everywhere, and the version of hprm?"
     )]
     Stranger,
+    /// It speaks TLS, and this end does not.
+    #[error(
+        "the other end uses TLS, and this process has no certificate: name the files with --tls-cert, \
+         --tls-key and --tls-ca"
+    )]
+    Encrypted,
     /// Its proof is wrong.
     #[error("the other end does not know the secret of this federation: check the federation id")]
     WrongProof,
@@ -142,7 +148,14 @@ impl Handshake {
         let seen = self.inbound.len().min(MAGIC.len());
         if self.step == Step::Hello && self.inbound[..seen] != MAGIC[..seen] {
             self.step = Step::Refusing;
-            return Err(Refused::Stranger);
+            if !is_tls(&self.inbound) {
+                return Err(Refused::Stranger);
+            }
+            if self.role == Role::Acceptor {
+                // It finds out that this is not TLS, which closing the link would not tell.
+                self.outbound.extend_from_slice(&MAGIC);
+            }
+            return Err(Refused::Encrypted);
         }
         if self.wanted() > 0 {
             return Ok(());
@@ -254,6 +267,12 @@ impl Handshake {
         mac.update(acceptor);
         mac
     }
+}
+
+/// Whether these bytes begin a record of TLS: a kind, from 20 to 23, and the major version.
+fn is_tls(bytes: &[u8]) -> bool {
+    bytes.first().is_some_and(|kind| (20..=23).contains(kind))
+        && bytes.get(1).is_none_or(|major| *major == 3)
 }
 
 /// The name under which members know their federation. It is sent in frames, so it does not tell the

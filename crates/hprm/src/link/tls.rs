@@ -17,7 +17,7 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
 use rustls::server::WebPkiClientVerifier;
 use rustls::{
     CertificateError, ClientConfig, ClientConnection, Connection, DigitallySignedStruct, Error,
-    RootCertStore, ServerConfig, ServerConnection, SignatureScheme,
+    InvalidMessage, RootCertStore, ServerConfig, ServerConnection, SignatureScheme,
 };
 
 use super::proof::Role;
@@ -250,7 +250,15 @@ impl Channel {
 }
 
 fn invalid(error: Error) -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidData, format!("TLS: {error}"))
+    let words = match error {
+        Error::InvalidMessage(InvalidMessage::InvalidContentType) => {
+            "the other end does not use TLS, and this process does: give all processes of the \
+             federation certificates, or none"
+                .to_owned()
+        }
+        error => format!("TLS: {error}"),
+    };
+    io::Error::new(io::ErrorKind::InvalidData, words)
 }
 
 /// The socket, as the record layer reads and writes it.
