@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from conftest import Run
 from processes import COORDINATIONS
@@ -232,3 +234,52 @@ def test_a_federation_ends_when_nothing_is_left_to_do(launch: Run, coordination:
     assert outcome.code == 0, outcome.err
     ends = [f"[{name}] 55000000 1" for name in ("alone", "sink", "source")]
     assert sorted(outcome.out.splitlines()) == ends
+
+
+def test_the_example_of_waits_in_the_docs(launch: Run) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "federations.md").read_text()
+    [example] = [block for block in text.split("```")[1::2] if "absent_after" in block]
+    outcome = launch(example)
+    assert (outcome.code, outcome.err) == (0, ""), outcome.err
+    lines = [line.removeprefix("[controller] ") for line in outcome.out.splitlines()]
+    kinds = [line.removesuffix(", too late") for line in lines]
+    # Whatever the load of the machine is, nothing is lost before the last tag.
+    assert kinds.count("tick") == 5
+    assert kinds.count("image") in (4, 5)
+    assert kinds.count("plan") == 1
+
+
+def test_a_reaction_that_reads_no_input_runs_before_the_answer_to_it_is_known(
+    launch: Run,
+) -> None:
+    # No matter how long the answer takes, it is for the tag at which it was asked for.
+    outcome = launch("""\
+        target Python { coordination: decentralized, timeout: 40 ms }
+        preamble {= import time =}
+        reactor Asks {
+          input answer
+          output question
+          timer t(0, 10 ms)
+          state count = 0
+          reaction(t) -> question {= self.count += 1; question.set(self.count) =}
+          reaction(answer) {= print(self.count, answer.value) =}
+        }
+        reactor Answers {
+          input question
+          output answer
+          reaction(question) -> answer {=
+            time.sleep(0.02)
+            answer.set(2 * question.value)
+          =}
+        }
+        federated reactor {
+          @maxwait(0)
+          asks = new Asks()
+          answers = new Answers()
+          asks.question -> answers.question
+          @absent_after(1 hour)
+          answers.answer -> asks.answer
+        }
+        """)
+    expected = "".join(f"[asks] {n} {2 * n}\n" for n in range(1, 6))
+    assert (outcome.code, outcome.out, outcome.err) == (0, expected, "")

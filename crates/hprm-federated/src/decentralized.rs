@@ -1,12 +1,15 @@
 //! A federate under decentralized coordination: it decides for itself when it has waited enough.
 //!
-//! A channel is known through the tag of its last message, because tags on a channel increase. A
-//! tag may begin once every input is known through it, or has been waited for as long as the
-//! program says: `maxwait`, and `absent_after` of the connection.
+//! A channel is known through the tag of its last message, because tags on a channel increase. Two
+//! waits count from the time at which a tag is due. A tag begins once every input is known through the
+//! tag before, or `maxwait` is over; so no message for an earlier tag is missed. A level of its reactions
+//! is passed once every input that it reads is known through the tag itself, or `maxwait` and the
+//! `absent_after` of that connection are over. So a reaction waits for what it reads, and for nothing
+//! else.
 //!
-//! A federate that goes through tags level by level needs to know an undelayed channel only when it
-//! comes to the level that reads it; and it tells others of its kind when nothing comes on a channel
-//! at a tag.
+//! A federate goes through tags level by level if that makes a difference. Where all waits end at one
+//! moment, or never, it waits for whole tags, which takes fewer steps. In a circle without a delay it
+//! also tells others of its kind when nothing comes on a channel at a tag.
 //!
 //! Where the program says "for ever", two federates could wait for one another although neither
 //! will send. So in such a federation everybody reports from time to time what it will do next and
@@ -29,8 +32,10 @@ struct Incoming {
     received: u64,
     /// The tag of the latest message, while a transient sender is joining.
     latest: Tag,
-    /// The level at which it must be known.
+    /// The level at which it is read first.
     level: u32,
+    /// Through which level of a tag the RTI must vouch for it.
+    vouched: u32,
 }
 
 /// Which reports are of use.
@@ -61,7 +66,10 @@ pub(crate) struct Decentralized {
     /// Messages sent, by channel.
     sent: BTreeMap<ChannelId, u64>,
     circular: BTreeMap<ChannelId, Circular>,
-    stepwise: bool,
+    /// Whether it is in a circle without a delay.
+    circles: bool,
+    /// Whether the program states an `absent_after` for some input.
+    uneven: bool,
     /// The RTI says that every input is known through this step.
     safe: Step,
     by_clock: Option<Nanos>,
@@ -74,7 +82,7 @@ pub(crate) struct Decentralized {
 
 impl Decentralized {
     pub(crate) fn new(program: &Program, topology: &Topology, me: FederateId) -> Self {
-        let stepwise = topology.is_stepwise(me);
+        let circles = topology.is_stepwise(me);
         let logical = || topology.channels().iter().filter(|(_, channel)| !channel.physical);
         let incoming = logical().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
             let incoming = Incoming {
@@ -83,25 +91,26 @@ impl Decentralized {
                 absent_after: program.connections[channel.connection].absent_after,
                 received: 0,
                 latest: Tag::NEVER,
-                level: if stepwise && channel.is_direct() { channel.first_reader } else { 0 },
+                level: channel.first_reader,
+                vouched: if channel.is_direct() { channel.first_reader } else { 0 },
             };
             (id, incoming)
         });
         let circular = logical()
-            .filter(|(_, c)| {
-                c.from == me && c.is_direct() && stepwise && topology.is_stepwise(c.to)
-            })
+            .filter(|(_, c)| c.from == me && c.is_direct() && circles && topology.is_stepwise(c.to))
             .map(|(id, channel)| {
                 let Channel { to, last_writer, .. } = *channel;
                 (id, Circular { to, last_writer, settled: Tag::NEVER })
             });
         let sent = logical().filter(|(_, channel)| channel.from == me).map(|(id, _)| (id, 0));
+        let incoming: BTreeMap<_, Incoming> = incoming.collect();
         Self {
             maxwait: program.federates[me].maxwait,
-            incoming: incoming.collect(),
+            uneven: incoming.values().any(|incoming| incoming.absent_after > 0),
+            incoming,
             sent: sent.collect(),
             circular: circular.collect(),
-            stepwise,
+            circles,
             safe: Step::NEVER,
             by_clock: topology.by_clock(me),
             reports: match topology.starves() {
@@ -115,8 +124,22 @@ impl Decentralized {
         }
     }
 
+    /// Whether it goes through tags level by level. Without a limit to `maxwait`, and with one of zero,
+    /// all inputs are waited for until one moment, unless the program states an `absent_after`.
     pub(crate) fn is_stepwise(&self) -> bool {
-        self.stepwise
+        let waits = self.maxwait > 0 && self.maxwait < Nanos::MAX;
+        self.circles || !self.incoming.is_empty() && (self.uneven || waits)
+    }
+
+    /// Whether a tag may begin: every input is known through the tag before, or has been waited for. If
+    /// it does not go level by level, all that is read must be known.
+    pub(crate) fn may_begin(&self, tag: Tag, now: PhysicalTime, start: PhysicalTime) -> Permission {
+        if !self.is_stepwise() {
+            return self.permission(Step::end(tag), now, start);
+        }
+        let before = Step::end(tag.pred());
+        let unknown = self.incoming.values().any(|incoming| !self.knows(incoming, before));
+        until(unknown.then_some(self.maxwait), tag, now, start)
     }
 
     /// Whether the step may be processed: every input that is read up to there is known, or has been
@@ -130,22 +153,24 @@ impl Decentralized {
         if step <= self.safe {
             return Permission::Granted;
         }
-        let unknown = self.incoming.values().filter(|incoming| {
-            // What is read at a later level must not bring a message for an earlier tag either.
-            let is_read = incoming.level <= step.level;
-            let needed = if is_read { step.tag } else { step.tag.pred() };
-            let level = if is_read { incoming.level } else { u32::MAX };
-            let is_safe = self.stepwise && Step { tag: needed, level } <= self.safe;
-            incoming.known < needed && !is_safe
-        });
-        let Some(absent_after) = unknown.map(|incoming| incoming.absent_after).max() else {
-            return Permission::Granted;
+        let wait_for = |incoming: &Incoming| {
+            let (needed, wait) = match incoming.level <= step.level {
+                true => {
+                    let wait = self.maxwait.saturating_add(incoming.absent_after);
+                    (Step { tag: step.tag, level: incoming.vouched }, wait)
+                }
+                // What is read at a later level must not bring a message for an earlier tag either.
+                false => (Step::end(step.tag.pred()), self.maxwait),
+            };
+            (!self.knows(incoming, needed)).then_some(wait)
         };
-        match step.tag.due(start).plus(self.maxwait).plus(absent_after) {
-            PhysicalTime::FOREVER => Permission::Wait,
-            until if now >= until => Permission::Granted,
-            until => Permission::WaitUntil(until),
-        }
+        until(self.incoming.values().filter_map(wait_for).max(), step.tag, now, start)
+    }
+
+    /// Whether no message can come on an input any more for a tag, or an earlier one. The RTI vouches
+    /// for that through a level of it.
+    fn knows(&self, incoming: &Incoming, Step { tag, level }: Step) -> bool {
+        incoming.known >= tag || Step { tag, level } <= self.safe
     }
 
     /// All levels of `next`'s tag before its own are done. Returns on which channels the receiver
@@ -316,5 +341,15 @@ impl Decentralized {
             messages.map(|messages| Count { channel, messages })
         };
         std::mem::take(&mut self.unreported).into_iter().filter_map(count).collect()
+    }
+}
+
+/// The answer, if a tag waits for so long after it is due, or for nothing.
+fn until(wait: Option<Nanos>, tag: Tag, now: PhysicalTime, start: PhysicalTime) -> Permission {
+    match wait.map(|wait| tag.due(start).plus(wait)) {
+        None => Permission::Granted,
+        Some(PhysicalTime::FOREVER) => Permission::Wait,
+        Some(until) if now >= until => Permission::Granted,
+        Some(until) => Permission::WaitUntil(until),
     }
 }

@@ -159,7 +159,16 @@ impl Federate {
         if self.stop.refuses(tag) || self.may_starve() || self.flow.is_ahead(tag) {
             return Permission::Wait;
         }
-        self.allows(if self.is_stepwise() { Step::begin(tag) } else { Step::end(tag) }, now)
+        let Some(start) = self.started() else {
+            return Permission::Wait;
+        };
+        match &self.coordinator {
+            Coordinator::Centralized(machine) if machine.is_stepwise() => {
+                machine.permission(Step::begin(tag))
+            }
+            Coordinator::Centralized(machine) => machine.permission(Step::end(tag)),
+            Coordinator::Decentralized(machine) => machine.may_begin(tag, now, start),
+        }
     }
 
     /// Whether nothing is left to do here, and perhaps nowhere. Then the last tag comes sooner than the
@@ -188,15 +197,20 @@ impl Federate {
     }
 
     fn allows(&self, step: Step, now: PhysicalTime) -> Permission {
-        // What was sent on a link that has broken may be lost, unless its other end has ended.
-        let intact = !self.over && self.missing.is_empty();
-        let Some(start) = self.startup.start().filter(|_| intact) else {
+        let Some(start) = self.started() else {
             return Permission::Wait;
         };
         match &self.coordinator {
             Coordinator::Centralized(machine) => machine.permission(step),
             Coordinator::Decentralized(machine) => machine.permission(step, now, start),
         }
+    }
+
+    /// The time of tag zero, if it has come to that and nothing is in the way.
+    fn started(&self) -> Option<PhysicalTime> {
+        // What was sent on a link that has broken may be lost, unless its other end has ended.
+        let intact = !self.over && self.missing.is_empty();
+        self.startup.start().filter(|_| intact)
     }
 
     fn step(&self, level: Option<u32>) -> Step {

@@ -6,6 +6,7 @@
 //! transient b              b may join late, leave, and come back
 //! a -> b                   a connection; federates are numbered as they are mentioned
 //! b -> a after 100         with a delay
+//! b -> a absent_after 20   waited for that much longer
 //! a ~> c                   a physical one
 //! ```
 
@@ -41,12 +42,15 @@ pub(crate) fn program(text: &str) -> Program {
             })
         };
         let (from, to) = (reactor(from), reactor(to));
-        let delay = match rest {
-            [] => Delay::None,
-            [_, nanos, ..] => Delay::after(nanos.parse().unwrap()),
-            _ => panic!("what does {line} mean?"),
-        };
-        connect(&mut b, from, to, delay, *arrow == "~>");
+        let (mut delay, mut absent_after) = (Delay::None, 0);
+        for words in rest.chunks(2) {
+            match words {
+                ["after", nanos] => delay = Delay::after(nanos.parse().unwrap()),
+                ["absent_after", nanos] => absent_after = nanos.parse().unwrap(),
+                _ => panic!("what does {line} mean?"),
+            }
+        }
+        connect(&mut b, (from, to), (delay, *arrow == "~>"), absent_after);
     }
     for name in text.lines().filter_map(|line| line.trim().strip_prefix("transient ")) {
         b.make_transient(federates[name.trim()]);
@@ -54,10 +58,15 @@ pub(crate) fn program(text: &str) -> Program {
     b.build().unwrap()
 }
 
-fn connect(b: &mut ProgramBuilder, from: ReactorId, to: ReactorId, delay: Delay, physical: bool) {
+fn connect(
+    b: &mut ProgramBuilder,
+    (from, to): (ReactorId, ReactorId),
+    (delay, physical): (Delay, bool),
+    absent_after: Nanos,
+) {
     let output = b.port(from, "out", Direction::Output);
     let input = b.port(to, "in", Direction::Input);
-    let (serializer, absent_after) = (None, 0);
+    let serializer = None;
     b.connection(Connection {
         from: output,
         to: input,

@@ -2,7 +2,9 @@
 //!
 //! A value carries how often it may still be passed on, so a circle comes to rest.
 
-use hprm_core::{Effect, PhysicalTime, Program, ReactionId, Scheduler, Table, Tag, Trigger};
+use hprm_core::{
+    Effect, FederateId, PhysicalTime, Program, ReactionId, Scheduler, Table, Tag, Trigger,
+};
 
 use crate::rng::mix;
 
@@ -33,10 +35,18 @@ impl Log {
     }
 }
 
+/// Federates that leave, each at its first reaction at that tag or a later one.
+pub(crate) type Leaves = [(FederateId, Tag)];
+
 /// Runs all reactions of the tag that `scheduler` has begun.
-pub(crate) fn run(scheduler: &mut Scheduler<u64>, now: PhysicalTime, log: &mut Log) {
+pub(crate) fn run(
+    scheduler: &mut Scheduler<u64>,
+    now: PhysicalTime,
+    leaves: &Leaves,
+    log: &mut Log,
+) {
     while let Some((reaction, _)) = scheduler.next_reaction(now) {
-        react(scheduler, reaction, now, log);
+        react(scheduler, (reaction, now), leaves, log);
         scheduler.finish(reaction);
     }
 }
@@ -46,20 +56,30 @@ pub(crate) fn run_level(
     scheduler: &mut Scheduler<u64>,
     now: PhysicalTime,
     level: u32,
+    leaves: &Leaves,
     log: &mut Log,
 ) {
     while scheduler.ready_level() == Some(level)
         && let Some((reaction, _)) = scheduler.next_reaction(now)
     {
-        react(scheduler, reaction, now, log);
+        react(scheduler, (reaction, now), leaves, log);
         scheduler.finish(reaction);
     }
 }
 
-fn react(scheduler: &mut Scheduler<u64>, reaction: ReactionId, now: PhysicalTime, log: &mut Log) {
+fn react(
+    scheduler: &mut Scheduler<u64>,
+    (reaction, now): (ReactionId, PhysicalTime),
+    leaves: &Leaves,
+    log: &mut Log,
+) {
     let program = scheduler.program().clone();
     let spec = &program.reactions[reaction];
     let tag = scheduler.tag();
+    let me = program.reactors[spec.reactor].federate;
+    if leaves.iter().any(|(federate, from)| Some(*federate) == me && tag >= *from) {
+        scheduler.leave();
+    }
     let read = |trigger: &Trigger| match *trigger {
         Trigger::Port(port) => scheduler.port(port).copied(),
         Trigger::Action(action) => scheduler.action(action).flatten().copied(),

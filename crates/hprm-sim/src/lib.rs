@@ -13,17 +13,20 @@
 #![forbid(unsafe_code)]
 
 mod behaviour;
+mod changes;
 mod generate;
 mod model;
 mod network;
 mod node;
 mod oracle;
+mod patience;
 mod rng;
 mod scenario;
 mod trial;
 mod world;
 
 pub use behaviour::{Entry, Log};
+pub use changes::Maxwait;
 pub use generate::{Shape, generate};
 pub use model::{Action, Explored, Happening, Setting, Violation, explore};
 pub use network::{Latency, Partition, Place};

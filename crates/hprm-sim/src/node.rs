@@ -2,19 +2,20 @@
 //!
 //! It does what a driver does: handle everything that has come, say what is next, ask, process.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
 use hprm_core::{
-    Action, FederateId, Fingerprint, Nanos, Origin, Payload, PhysicalTime, Program, Scheduled,
-    Scheduler, Scope, Tag,
+    Action, ChannelId, FederateId, Fingerprint, Nanos, Origin, Payload, PhysicalTime, Program,
+    Scheduled, Scheduler, Scope, Table, Tag,
 };
 use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
 
-use crate::Log;
 use crate::behaviour::{run, run_level};
+use crate::patience::Patience;
+use crate::{Log, Plan};
 
 /// What a federate has come to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -47,10 +48,10 @@ pub(crate) struct Node {
     pub(crate) machine: Federate,
     scheduler: Scheduler<u64>,
     pub(crate) log: Log,
-    /// Logical messages sent.
-    pub(crate) sent: usize,
-    /// Logical messages that have come.
-    pub(crate) received: usize,
+    /// Logical messages sent, by receiver and tag.
+    pub(crate) sent: Table<FederateId, BTreeMap<Tag, usize>>,
+    /// Logical messages that have come, by tag.
+    pub(crate) received: BTreeMap<Tag, usize>,
     /// Those of them that came too late for their tag.
     pub(crate) tardy: usize,
     /// By how much, at most, a tag has begun after it was due.
@@ -62,6 +63,8 @@ pub(crate) struct Node {
     pub(crate) outputs: VecDeque<Output>,
     /// It asks to stop when it has processed this tag or a later one.
     stop_after: Option<Tag>,
+    leaves: Vec<(FederateId, Tag)>,
+    pub(crate) patience: Patience,
     pub(crate) finished: bool,
     pub(crate) ended: Option<End>,
     pub(crate) crashed: bool,
@@ -73,28 +76,29 @@ impl Node {
     pub(crate) fn new(
         me: FederateId,
         program: &Arc<Program>,
-        federation: FederationId,
-        stop_after: Option<Tag>,
-        flow_limit: Option<u64>,
-        fingerprint: &Arc<Fingerprint>,
+        (federation, fingerprint): (FederationId, &Arc<Fingerprint>),
+        plan: &Plan,
     ) -> Self {
         let listen = Some(format!("{}", me.0));
         let machine =
             Federate::new(me, program, federation, Arc::clone(fingerprint), HostId(1), listen);
-        let machine = machine.with_flow_limit(flow_limit.unwrap_or(FLOW_LIMIT));
+        let machine = machine.with_flow_limit(plan.flow_limit.unwrap_or(FLOW_LIMIT));
+        let stop_after = plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
         Self {
             me,
             machine,
             scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
             log: Log::new(program),
-            sent: 0,
-            received: 0,
+            sent: Table::filled(program.federates.len(), BTreeMap::new()),
+            received: BTreeMap::new(),
             tardy: 0,
             lag: Noted(0),
             start: None,
             open: false,
             outputs: VecDeque::new(),
             stop_after,
+            leaves: plan.leaves.clone(),
+            patience: Patience::new(program, me, plan),
             finished: false,
             ended: None,
             crashed: false,
@@ -130,6 +134,11 @@ impl Node {
         self.scheduler.stop_tag()
     }
 
+    /// Whether it left before the others.
+    pub(crate) fn has_left(&self) -> bool {
+        self.finished && self.scheduler.leaves_early()
+    }
+
     pub(crate) fn last_tag(&self) -> Tag {
         self.scheduler.tag()
     }
@@ -150,10 +159,13 @@ impl Node {
                     self.scheduler.start_late(at, first);
                 }
                 Output::Deliver { channel, tag, payload } => {
-                    self.received += 1;
+                    *self.received.entry(tag).or_default() += 1;
                     let taken = self.scheduler.deliver(channel, tag, value(&payload), false);
                     let late = taken.map_or(tag <= self.scheduler.tag(), |taken| taken != tag);
                     self.tardy += usize::from(late);
+                    if late {
+                        self.note_late(now, (channel, tag, taken));
+                    }
                 }
                 Output::DeliverPhysical { channel, payload, .. } => {
                     self.scheduler.deliver_physical(channel, now, value(&payload));
@@ -164,6 +176,12 @@ impl Node {
                 output => self.outputs.push_back(output),
             }
         }
+    }
+
+    fn note_late(&mut self, now: PhysicalTime, message: (ChannelId, Tag, Option<Tag>)) {
+        let Some(start) = self.start else { return };
+        let current = self.scheduler.tag();
+        self.patience.came_late(message, current, (now, current.due(start)));
     }
 
     /// Processes tags as far as it may. Returns when to look up again.
@@ -186,6 +204,7 @@ impl Node {
             let tag = self.scheduler.next_tag();
             let due = tag.due(start);
             let permission = self.machine.permission(tag, now);
+            self.patience.asked_to_begin(tag, due, permission);
             let until = match permission {
                 Permission::Granted => due,
                 Permission::WaitUntil(until) => until.max(due),
@@ -197,6 +216,7 @@ impl Node {
                 return Ok(Turn::Waits(Some(until).filter(|until| *until < PhysicalTime::FOREVER)));
             }
             self.scheduler.begin(tag);
+            self.patience.began();
             self.lag.0 = self.lag.0.max(now.since(due));
             self.open = true;
             self.input(now, Input::Begun(tag))?;
@@ -216,16 +236,20 @@ impl Node {
         while self.machine.is_stepwise() {
             let level = self.scheduler.next_level();
             self.input(now, Input::Reached(level))?;
-            if self.machine.may_pass(level, now) != Permission::Granted {
+            let permission = self.machine.may_pass(level, now);
+            let at = self.scheduler.tag();
+            let due = at.due(self.scheduler.start_time());
+            self.patience.asked_to_pass((at, level), due, permission);
+            if permission != Permission::Granted {
                 return Ok(false);
             }
             let Some(level) = level else { break };
-            run_level(&mut self.scheduler, now, level, &mut self.log);
+            run_level(&mut self.scheduler, now, level, &self.leaves, &mut self.log);
             self.scheduler.pass(level);
             self.send(now)?;
         }
         let tag = self.scheduler.tag();
-        run(&mut self.scheduler, now, &mut self.log);
+        run(&mut self.scheduler, now, &self.leaves, &mut self.log);
         let last = self.scheduler.end(now);
         self.open = false;
         self.send(now)?;
@@ -233,6 +257,12 @@ impl Node {
             self.input(now, Input::RequestStop)?;
         }
         self.input(now, Input::Completed(tag))?;
+        if let Some(maxwait) = self.patience.completed(tag) {
+            self.input(now, Input::Maxwait(maxwait))?;
+        }
+        if self.scheduler.take_departure() && !last {
+            self.input(now, Input::Depart)?;
+        }
         if last {
             self.input(now, Input::Finished)?;
             self.finished = true;
@@ -242,8 +272,10 @@ impl Node {
 
     fn send(&mut self, now: PhysicalTime) -> Result<(), Fault> {
         while let Some(send) = self.scheduler.poll_send() {
-            let physical = self.scheduler.program().channels[send.channel].physical;
-            self.sent += usize::from(!physical);
+            let channel = self.scheduler.program().channels[send.channel];
+            if !channel.physical {
+                *self.sent[channel.to].entry(send.tag).or_default() += 1;
+            }
             let payload = Payload { head: send.value.to_le_bytes().to_vec(), ..Payload::default() };
             self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
         }

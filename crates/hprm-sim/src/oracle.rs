@@ -11,15 +11,17 @@ use crate::{Entry, Log};
 /// What the program does if it runs as one.
 #[must_use]
 pub fn reference(program: &Arc<Program>) -> Log {
-    reference_until(program, Tag::FOREVER, None)
+    reference_until(program, Tag::FOREVER, None, &[])
 }
 
-/// The same if it stops at `stop`, and a federate's physical action is scheduled for a tag.
+/// The same if it stops at `stop`, a federate's physical action is scheduled for a tag, and federates
+/// leave, each at its first reaction at a tag or later.
 #[must_use]
 pub fn reference_until(
     program: &Arc<Program>,
     stop: Tag,
     mut event: Option<(FederateId, Tag)>,
+    leaves: &[(FederateId, Tag)],
 ) -> Log {
     let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
     let mut log = Log::new(program);
@@ -35,7 +37,7 @@ pub fn reference_until(
             continue;
         }
         scheduler.begin(next);
-        run(&mut scheduler, next.due(start), &mut log);
+        run(&mut scheduler, next.due(start), leaves, &mut log);
         if scheduler.end(next.due(start)) {
             return log;
         }

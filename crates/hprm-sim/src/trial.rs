@@ -11,6 +11,7 @@ use std::sync::Arc;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 use hprm_federated::{Quieting, Topology};
 
+use crate::changes;
 use crate::rng::mix;
 use crate::{
     Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, World, difference, generate,
@@ -39,6 +40,8 @@ pub struct Trial {
     shape: Shape,
     plan: Plan,
     program: Arc<Program>,
+    /// Whether every federate waits for its inputs for ever.
+    patient: bool,
     rng: Rng,
 }
 
@@ -73,11 +76,15 @@ impl Trial {
             physical: rng.percent(25),
             circles: rng.percent(50),
         };
-        let program = Arc::new(generate(&mut rng, shape));
+        let mut program = Arc::new(generate(&mut rng, shape));
         let mut plan = plan(&mut rng, shape, &program);
+        plan.maxwaits = changes::waits(seed, &mut program);
+        plan.leaves = changes::leaves(seed, &program);
+        let patient = program.federates.values().all(|federate| federate.maxwait == Nanos::MAX)
+            && plan.maxwaits.is_empty();
         plan.flow_limit = flow_limit(seed);
         plan.quieting = quieting(seed);
-        Self { seed, shape, plan, program, rng }
+        Self { seed, shape, plan, program, patient, rng }
     }
 
     /// Runs it.
@@ -110,7 +117,7 @@ impl Trial {
 
     fn judge(&self, outcome: Result<Outcome, String>) -> Result<Verdict, String> {
         let outcome = outcome?;
-        let patient = self.shape.maxwait == Nanos::MAX;
+        let patient = self.patient;
         let tardy = outcome.tardy + outcome.lost;
         if patient && outcome.tardy > 0 {
             return Err(format!("{} messages were tardy, but everybody waits", outcome.tardy));
@@ -120,7 +127,7 @@ impl Trial {
         let compared = !self.shape.physical && tardy == 0 && certain;
         match outcome.failed {
             Some(victim) => self.failed(victim, &outcome, compared)?,
-            None => self.ended(&outcome, compared, patient)?,
+            None => self.ended(&outcome, compared)?,
         }
         let entries = outcome.log.entries.values();
         Ok(Verdict {
@@ -138,7 +145,7 @@ impl Trial {
         if !victims.contains(&Some(victim)) {
             return Err(format!("{} is reported, but nothing befell it", self.name(victim)));
         }
-        let must = reference_until(&self.program, outcome.stop, None);
+        let must = reference_until(&self.program, outcome.stop, None, &self.plan.leaves);
         if compared && let Some(wrong) = excess(&self.program, &outcome.log, &must, outcome.stop) {
             return Err(wrong);
         }
@@ -146,15 +153,16 @@ impl Trial {
     }
 
     /// What must be true if all have come to their end.
-    fn ended(&self, outcome: &Outcome, compared: bool, patient: bool) -> Result<(), String> {
-        let last = outcome.last[FederateId(0)];
-        if let Some((me, other)) = outcome.last.iter().find(|(_, tag)| **tag != last) {
-            return Err(format!("{} ends at {other}, the first one at {last}", self.name(me)));
+    fn ended(&self, outcome: &Outcome, compared: bool) -> Result<(), String> {
+        let mut stayed = outcome.last.iter().filter(|(me, _)| !outcome.left[*me]);
+        let last = stayed.next().map_or(Tag::FOREVER, |(_, last)| *last);
+        if let Some((me, other)) = stayed.find(|(_, tag)| **tag != last) {
+            return Err(format!("{} ends at {other}, another one at {last}", self.name(me)));
         }
-        if patient && outcome.lost > 0 && self.plan.stop.is_none() {
+        if self.patient && outcome.lost > 0 && self.plan.stop.is_none() {
             return Err(format!("{} messages did not come", outcome.lost));
         }
-        let must = compared.then(|| reference_until(&self.program, last, None));
+        let must = compared.then(|| reference_until(&self.program, last, None, &self.plan.leaves));
         let wrong =
             must.and_then(|must| difference(&self.program, &outcome.log, &must, Tag::FOREVER));
         wrong.map_or(Ok(()), Err)
@@ -247,8 +255,8 @@ impl fmt::Display for Trial {
             Coordination::Decentralized => "decentralized",
         };
         writeln!(f, "seed {seed}: {coordination}, {} federates", program.federates.len())?;
-        if shape.maxwait < Nanos::MAX {
-            writeln!(f, "  each waits {} ns for its inputs", shape.maxwait)?;
+        for federate in program.federates.values().filter(|f| f.maxwait < Nanos::MAX) {
+            writeln!(f, "  {} waits {} ns for its inputs", federate.name, federate.maxwait)?;
         }
         if let Some(timeout) = program.properties.timeout {
             writeln!(f, "  it ends at {timeout} ns")?;
@@ -260,7 +268,11 @@ impl fmt::Display for Trial {
         for channel in program.channels.values() {
             let arrow = if channel.physical { "~>" } else { "->" };
             let (from, to) = (self.name(channel.from), self.name(channel.to));
-            writeln!(f, "  {from} {arrow} {to}, delay {:?}", channel.delay)?;
+            let absent_after = match program.connections[channel.connection].absent_after {
+                0 => String::new(),
+                wait => format!(", absent after {wait}"),
+            };
+            writeln!(f, "  {from} {arrow} {to}, delay {:?}{absent_after}", channel.delay)?;
         }
         self.write_plan(f, plan)
     }
@@ -290,6 +302,12 @@ impl Trial {
         }
         if let Some((who, tag)) = plan.stop {
             writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;
+        }
+        for (who, tag) in &plan.leaves {
+            writeln!(f, "  {} leaves at {tag} or later", self.name(*who))?;
+        }
+        for (who, tag, wait) in &plan.maxwaits {
+            writeln!(f, "  {} waits {wait} ns for its inputs after {tag}", self.name(*who))?;
         }
         if let Some((who, at)) = plan.crash {
             writeln!(f, "  {} is killed at {}", self.name(who), at.0)?;

@@ -1,6 +1,6 @@
 //! A federation in virtual time: the RTI, the federates, and what is on its way between them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use hprm_federated::{
 
 use crate::network::{Event, Latency, Network, Partition, Place};
 use crate::node::Node;
-use crate::{Log, Rng};
+use crate::{Log, Maxwait, Rng};
 
 /// What is to happen besides the program.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -24,6 +24,10 @@ pub struct Plan {
     pub clocks: Vec<Skew>,
     /// A federate that asks to stop once it has processed that tag or a later one.
     pub stop: Option<(FederateId, Tag)>,
+    /// Federates that leave, each at its first reaction at that tag or a later one.
+    pub leaves: Vec<(FederateId, Tag)>,
+    /// Federates that change after which tag how long they wait.
+    pub maxwaits: Vec<Maxwait>,
     /// A federate that is killed at that time.
     pub crash: Option<(FederateId, PhysicalTime)>,
     /// A federate whose link to the RTI breaks at that time.
@@ -84,9 +88,12 @@ pub struct Outcome {
     pub log: Log,
     /// The last tag of each federate.
     pub last: Table<FederateId, Tag>,
+    /// Which of them left before the others.
+    pub left: Table<FederateId, bool>,
     /// How many messages came too late for their tag.
     pub tardy: usize,
-    /// How many messages did not come at all before their receiver ended.
+    /// How many messages did not come at all before their receiver ended, as far as it had to hear of
+    /// them.
     pub lost: usize,
     /// Whom the RTI reported as failed.
     pub failed: Option<FederateId>,
@@ -129,9 +136,8 @@ impl World {
     pub fn new(program: &Arc<Program>, mut rng: Rng, plan: Plan) -> Self {
         let federation = FederationId(u128::from(rng.draw()));
         let topology = Topology::new(program);
-        let stop = |me| plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
         let fingerprint = Arc::new(program.fingerprint());
-        let node = |me| Node::new(me, program, federation, stop(me), plan.flow_limit, &fingerprint);
+        let node = |me| Node::new(me, program, (federation, &fingerprint), &plan);
         let clock = |me: FederateId| plan.clocks.get(me.index()).copied().unwrap_or_default();
         let mut world = Self {
             program: Arc::clone(program),
@@ -223,12 +229,26 @@ impl World {
         }
         let last = self.nodes.values().map(Node::last_tag).collect();
         let tardy = self.nodes.values().map(|node| node.tardy).sum();
-        let lost = self.nodes.values().map(|node| node.sent).sum::<usize>()
-            - self.nodes.values().map(|node| node.received).sum::<usize>();
+        let left: Table<FederateId, bool> = self.nodes.values().map(Node::has_left).collect();
+        let lost = self.nodes.ids().map(|me| self.lost_to(me)).sum();
         let stop = self.nodes.values().map(Node::stop_tag).min().unwrap_or(Tag::FOREVER);
         let lag = self.nodes.values().map(|node| node.lag.0).max().unwrap_or(0);
+        if let Some(wrong) = self.nodes.values().find_map(|node| node.patience.wrong()) {
+            return Err(wrong.to_owned());
+        }
         let (failed, events, frames) = (self.failed, self.events, self.frames);
-        Ok(Outcome { log, last, tardy, lost, failed, stop, events, lag, frames })
+        Ok(Outcome { log, last, left, tardy, lost, failed, stop, events, lag, frames })
+    }
+
+    /// How many messages did not come that a federate had to hear of; one that has left, before.
+    fn lost_to(&self, me: FederateId) -> usize {
+        let node = &self.nodes[me];
+        let last = if node.has_left() { node.last_tag() } else { Tag::FOREVER };
+        let until = |counts: &BTreeMap<Tag, usize>| -> usize {
+            counts.range(..=last).map(|(_, n)| n).sum()
+        };
+        let sent: usize = self.nodes.values().map(|node| until(&node.sent[me])).sum();
+        sent - until(&node.received)
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {

@@ -353,8 +353,16 @@ where
         while self.federation.machine.is_stepwise() {
             let level = self.scheduler.next_level();
             self.handle(Input::Reached(level))?;
-            if self.federation.machine.may_pass(level, Clock::now()) != Permission::Granted {
+            let now = Clock::now();
+            if self.federation.machine.may_pass(level, now) != Permission::Granted {
                 return Ok(false);
+            }
+            if self.federation.machine.may_pass(level, self.looked_at) != Permission::Granted {
+                // Time has made it safe, so what had come by then is to be read before.
+                self.looked_at = now;
+                if self.federation.wires.look(self.inbox) {
+                    return Ok(true);
+                }
             }
             let Some(level) = level else { break };
             self.workers.run_level(&mut self.scheduler, &mut self.host, level)?;

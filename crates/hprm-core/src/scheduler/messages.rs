@@ -27,7 +27,9 @@ impl<V: Clone> Scheduler<V> {
         physical: bool,
     ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
-        if tag == self.tag && self.is_in_time(channel) {
+        // One that came too late may have taken the place of this one.
+        let is_next = tag > self.last_assigned[connection];
+        if tag == self.tag && is_next && self.is_in_time(channel) {
             let outlet = self.wiring.outlets[self.program.connections[connection].to];
             self.last_assigned[connection] = tag;
             self.make_present(outlet, value, None, physical);
@@ -144,9 +146,11 @@ impl<V: Clone> Scheduler<V> {
         at: Tag,
         (value, intended, physical): (V, Option<Tag>, bool),
     ) -> Option<Tag> {
-        self.last_assigned[connection] = at;
         if at > self.timeout {
             return None;
+        }
+        if at <= self.stop {
+            self.last_assigned[connection] = at;
         }
         self.queue.insert(at, Event::Message { connection, value, intended, physical });
         Some(at)

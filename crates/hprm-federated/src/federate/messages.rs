@@ -26,6 +26,11 @@ impl Federate {
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
         self.expect(tag);
+        if tag < self.current {
+            // It is tardy, so its own tag has been processed. Its sender may be behind, and waited for
+            // within the current tag.
+            self.reached(self.current);
+        }
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
     }
 

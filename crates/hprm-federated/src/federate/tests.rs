@@ -171,9 +171,43 @@ fn a_decentralized_federate_waits_as_long_as_its_program_says() {
     assert_eq!(machine.permission(at(6), START), due(at(6)));
     input(&mut machine, 0, arrives(at(60)));
     assert_eq!(machine.permission(at(49), START), Permission::Granted);
-    assert_eq!(machine.permission(at(50), START), due(at(50)));
+    // What is unknown is the tag itself, for which the reactions wait that read it.
+    assert_eq!(machine.permission(at(50), START), Permission::Granted);
+    input(&mut machine, 0, Input::Begun(at(50)));
+    assert_eq!(machine.may_pass(None, START), due(at(50)));
+    assert_eq!(machine.permission(at(51), START), due(at(51)));
     // One that is too late is delivered all the same: the scheduler sees that it is.
     assert_eq!(input(&mut machine, 0, arrives(at(3))).len(), 1);
+}
+
+#[test]
+fn a_reaction_waits_for_what_it_reads_and_for_nothing_else() {
+    // Each connection ends at a reaction of its own, one level after the other.
+    let text = "decentralized\nmaxwait 10\na -> c absent_after 5\nb -> c absent_after 40";
+    let program = program(text);
+    let levels: Vec<_> = program.channels.values().map(|channel| channel.first_reader).collect();
+    assert!(levels[0] < levels[1], "{levels:?}");
+    let mut machine = started(text, "c", 3, &[0, 2]);
+    let until = |wait| Permission::WaitUntil(at(100).due(START).plus(wait));
+    // Before: what is meant for an earlier tag may still come.
+    assert_eq!(machine.permission(at(100), START), until(10));
+    input(&mut machine, 110, Input::Begun(at(100)));
+    let levels = [0, levels[0], levels[1]].map(|level| machine.may_pass(Some(level), START));
+    assert_eq!(levels, [until(10), until(15), until(50)]);
+    assert_eq!(machine.may_pass(None, START), until(50));
+    // Known through the tag before: there is no reason to wait for that.
+    for (from, channel) in [(0, 0), (2, 1)] {
+        let frame = message(channel, at(100).pred());
+        input(&mut machine, 110, Input::FromPeer { from: FederateId(from), frame });
+    }
+    assert_eq!(machine.may_pass(Some(0), START), Permission::Granted);
+    assert_eq!(machine.may_pass(None, START), until(50));
+}
+
+#[test]
+fn the_start_waits_for_nothing_but_what_is_read_there() {
+    let machine = started("decentralized\nmaxwait 10\na -> b absent_after 5", "b", 2, &[0]);
+    assert_eq!(machine.permission(Tag::START, START), Permission::Granted);
 }
 
 #[test]

@@ -137,7 +137,7 @@ impl Judge {
 
     fn reference(&mut self, stop: Tag, event: Option<(FederateId, Tag)>) -> Arc<Log> {
         let program = &self.program;
-        let reference = || Arc::new(reference_until(program, stop, event));
+        let reference = || Arc::new(reference_until(program, stop, event, &[]));
         Arc::clone(self.references.entry((stop, event)).or_insert_with(reference))
     }
 }

@@ -10,6 +10,7 @@ use hprm_federated::{
 };
 
 use super::digest::{Shared, digest};
+use crate::Plan;
 use crate::network::{Event, Place};
 use crate::node::{Node, Turn};
 use crate::world::linked;
@@ -88,8 +89,9 @@ impl State {
         let fingerprint = Arc::new(program.fingerprint());
         let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
         let rti = rti.quieting(quieting);
+        let plan = Plan { flow_limit, ..Plan::default() };
         let seat = |me| {
-            let node = Node::new(me, program, federation, None, flow_limit, &fingerprint);
+            let node = Node::new(me, program, (federation, &fingerprint), &plan);
             Shared::new(Seat { node, granted: Step::NEVER })
         };
         let mut state = Self {
@@ -135,7 +137,7 @@ impl State {
 
     /// How many logical messages have come to their receivers.
     pub(super) fn messages(&self) -> usize {
-        self.seats.values().map(|seat| seat.get().node.received).sum()
+        self.seats.values().map(|seat| seat.get().node.received.values().sum::<usize>()).sum()
     }
 
     /// What arrives, if anything on its way does.

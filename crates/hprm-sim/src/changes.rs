@@ -1,0 +1,65 @@
+//! What is drawn apart from the rest of a trial, so that seeds tell what they told before: other waits,
+//! and federates that leave.
+
+use std::sync::Arc;
+
+use hprm_core::{Coordination, FederateId, Nanos, Program, Tag};
+
+use crate::Rng;
+use crate::rng::mix;
+
+/// Tells what is drawn for waits from everything else that is drawn from a seed.
+const WAITS: u64 = 0x3a17;
+
+/// The same for federates that leave.
+const LEAVES: u64 = 0x1ea7e;
+
+/// How long a federate waits before a tag.
+const MAXWAITS: [Nanos; 6] = [0, 0, 500, 2_000, 20_000, Nanos::MAX];
+
+/// How much longer for an input.
+const ABSENT_AFTER: [Nanos; 6] = [0, 0, 300, 1_500, 10_000, Nanos::MAX];
+
+/// Which federate waits for how long from which tag on.
+pub type Maxwait = (FederateId, Tag, Nanos);
+
+/// Gives half of the decentralized programs other waits: federates that wait for their inputs in
+/// different ways, and change that while they run.
+pub(crate) fn waits(seed: u64, program: &mut Arc<Program>) -> Vec<Maxwait> {
+    let mut rng = Rng::new(mix(seed ^ WAITS));
+    let decentralized = program.properties.coordination == Coordination::Decentralized;
+    if !decentralized || !rng.percent(50) {
+        return Vec::new();
+    }
+    let uneven = rng.percent(80);
+    let program = Arc::make_mut(program);
+    for federate in program.federates.ids() {
+        program.federates[federate].maxwait = pick(&mut rng, &MAXWAITS);
+    }
+    for connection in program.connections.ids().filter(|_| uneven) {
+        program.connections[connection].absent_after = pick(&mut rng, &ABSENT_AFTER);
+    }
+    let changing = program.federates.ids().filter(|_| rng.percent(20));
+    let changing: Vec<_> = changing.collect();
+    let change = |federate| {
+        // One that has no end must be stated in the program.
+        let wait = pick(&mut rng, &MAXWAITS[..5]);
+        (federate, Tag::new(rng.below(10_000).cast_signed(), 0), wait)
+    };
+    changing.into_iter().map(change).collect()
+}
+
+/// Federates that leave, each at its first reaction at that tag or a later one.
+pub(crate) fn leaves(seed: u64, program: &Program) -> Vec<(FederateId, Tag)> {
+    let mut rng = Rng::new(mix(seed ^ LEAVES));
+    if !rng.percent(30) {
+        return Vec::new();
+    }
+    let leaving: Vec<_> = program.federates.ids().filter(|_| rng.percent(30)).collect();
+    let leave = |federate| (federate, Tag::new(rng.below(12_000).cast_signed(), 0));
+    leaving.into_iter().map(leave).collect()
+}
+
+fn pick<T: Copy>(rng: &mut Rng, among: &[T]) -> T {
+    among[usize::try_from(rng.below(among.len() as u64)).unwrap_or(0)]
+}
