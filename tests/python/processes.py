@@ -143,6 +143,12 @@ class Federation:
             # The port may have been zero.
             self.address = hear(member.stdout, "\n").splitlines()[0].split()[-1]
 
+    def await_joined(self, *names: str) -> None:
+        """Wait until the RTI says that these have joined."""
+        heard = ""
+        while not all(f"federate {name} joined\n" in heard for name in names):
+            heard += hear(self.members["rti"].stdout, "\n")
+
     def finish(self, *names: str) -> dict[str, Outcome]:
         """How the members end, or those that are named."""
         return {name: finish(self.members[name]) for name in names or self.members}

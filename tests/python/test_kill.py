@@ -141,6 +141,7 @@ def test_a_federate_is_killed(bench: Bench, coordination: str, moment: str, vict
     stage = Stage(bench, moment, [victim])
     federation = bench.by_hand(program(coordination), *FEDERATES)
     assert stage.pid(victim) == federation.members[victim].pid
+    federation.await_joined(*FEDERATES)
     os.kill(stage.pid(victim), signal.SIGKILL)
     outcomes = ends(federation, *(name for name in ["rti", *FEDERATES] if name != victim))
     rti = outcomes.pop("rti")
@@ -163,6 +164,7 @@ def test_the_rti_is_killed(bench: Bench, coordination: str, moment: str) -> None
     stage = Stage(bench, moment, ["sender"] if moment == "stop" else FEDERATES)
     federation = bench.by_hand(program(coordination), *FEDERATES)
     stage.await_held()
+    federation.await_joined(*FEDERATES)
     federation.members["rti"].kill()
     federation.finish("rti")
     stage.release()

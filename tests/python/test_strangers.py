@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import COORDINATIONS, Bench, Federation, until
+from processes import COORDINATIONS, Bench, Federation, finish, hear, until
 
 PROGRAM = """\
 target Python { coordination: COORDINATION, timeout: 1 s }
@@ -103,3 +106,80 @@ def test_a_federate_with_few_descriptors_outlives_idle_strangers(bench: Bench) -
     until((bench.folder / "runs").exists, "the federation runs")
     with idle_strangers(listening_ports(federation.members["camera"].pid), IDLE):
         assert outcomes(federation) == OUTCOMES
+
+
+# Opens and closes connections as fast as it can, and keeps some of them.
+FLOOD = """
+import socket, sys
+kept = []
+while True:
+    stranger = socket.socket()
+    stranger.setblocking(False)
+    try: stranger.connect(("127.0.0.1", int(sys.argv[1])))
+    except OSError: pass
+    kept.append(stranger)
+    if len(kept) == 100: print(flush=True)
+    if len(kept) > 300: kept.pop(0).close()
+"""
+
+
+@contextlib.contextmanager
+def flood(number: int, processes: int) -> Iterator[None]:
+    """Processes that flood a port."""
+    command = [sys.executable, "-c", FLOOD, str(number)]
+    floods = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(processes)]
+    try:
+        for process in floods:
+            assert process.stdout is not None
+            process.stdout.readline()
+        yield
+    finally:
+        for process in floods:
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_federates_join_beside_a_flood(bench: Bench, coordination: str) -> None:
+    federation = prepare(bench, coordination)
+    federation.start("rti")
+    with flood(port(federation.address), 2):
+        federation.start("camera")
+        federation.start("planner")
+        hear(federation.members["rti"].stdout, "the federation starts")
+    ended = federation.finish()
+    assert [outcome.code for outcome in ended.values()] == [0, 0, 0], ended
+    assert ended["planner"].out == "got 51\n"
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_is_killed_before_all_have_joined_may_join_again(
+    bench: Bench, coordination: str
+) -> None:
+    federation = prepare(bench, coordination)
+    federation.start("rti")
+    federation.start("camera")
+    federation.await_joined("camera")
+    federation.members["camera"].kill()
+    finish(federation.members["camera"])
+    heard = hear(federation.members["rti"].stdout, "\n")
+    assert heard == "federate camera has left before the start; it may join again\n"
+    federation.start("camera")
+    federation.start("planner")
+    assert outcomes(federation) == OUTCOMES
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_rti_that_is_stopped_before_the_start_sends_its_federates_home(
+    bench: Bench, coordination: str, number: signal.Signals
+) -> None:
+    federation = prepare(bench, coordination)
+    federation.start("rti")
+    federation.start("camera")
+    federation.await_joined("camera")
+    federation.members["rti"].send_signal(number)
+    ended = federation.finish()
+    assert (ended["rti"].code, ended["rti"].err) == (128 + number, "")
+    assert ended["camera"].code == 1
+    ended["camera"].assert_one_error("the RTI has been stopped before the federation started")

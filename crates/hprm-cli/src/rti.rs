@@ -69,9 +69,6 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     let roster = Roster::new(&compiled.program);
     let outcome = rti.run(|event| {
         let heard = event.clone();
-        if let RtiEvent::Started(_) = event {
-            interruption.started.store(true, Ordering::Relaxed);
-        }
         match told(&compiled.program, event) {
             Ok(line) => message::print_line(&line),
             Err(verdict) => failure = failure.take().or(Some(verdict)),
@@ -131,20 +128,18 @@ fn unfinished(signal: Signal) -> Error {
 struct Interruption {
     /// The signal, or zero.
     signal: AtomicI32,
-    /// Whether the federation runs, so that it can be stopped in order.
-    started: AtomicBool,
-    /// Whether it was asked to, and that took too long.
+    /// Whether the federation was asked to stop, and that took too long.
     gave_up: AtomicBool,
 }
 
 impl Interruption {
-    /// The first time, the federation stops in order, or at once if that takes too long; the second
-    /// time, at once.
+    /// The first time, the federation stops in order, or at once if that takes too long, or does not
+    /// start; the second time, at once.
     fn watch(self: &Arc<Self>, rti: RtiHandle) -> Result<(), Error> {
         let interruption = Arc::clone(self);
         signals::watch(move |signal| {
             let first = interruption.signal.swap(signal.0, Ordering::Relaxed) == 0;
-            if first && interruption.started.load(Ordering::Relaxed) {
+            if first {
                 rti.request_stop();
                 let (interruption, rti) = (Arc::clone(&interruption), rti.clone());
                 thread::spawn(move || {
@@ -171,6 +166,9 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
     match event {
         RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
         RtiEvent::Refused { name, reason } => Ok(format!("refused federate {name}: {reason}")),
+        RtiEvent::Left(federate) => {
+            Ok(format!("federate {} has left before the start; it may join again", name(federate)))
+        }
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
         RtiEvent::Silent { federate, silence } => Ok(verdict::on_silent(name(federate), silence)),
         RtiEvent::Answers { federate, silence } => Ok(verdict::on_answer(name(federate), silence)),

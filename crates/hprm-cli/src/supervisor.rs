@@ -67,8 +67,17 @@ struct Federate {
     /// Whether the failure of its process has been reported.
     told: bool,
     joined: bool,
+    /// Whether its link has ended before all had joined, and it has not joined again.
+    left: bool,
     /// How its process ended, and when that was known.
     ending: Option<(Ending, Duration)>,
+}
+
+impl Federate {
+    /// Whether it has joined, and not left again.
+    fn is_in(&self) -> bool {
+        self.joined && !self.left
+    }
 }
 
 /// What is going on.
@@ -116,6 +125,7 @@ impl Supervisor {
             dropped: None,
             told: false,
             joined: false,
+            left: false,
             ending: None,
         });
         Self {
@@ -224,13 +234,17 @@ impl Supervisor {
 
     fn hear(&mut self, now: Duration, event: RtiEvent) {
         match event {
-            RtiEvent::Joined(federate) => self.federates[federate].joined = true,
             // It came while the federation was ending, and hears of that itself.
             RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
             RtiEvent::Refused { name, reason } => {
                 let warning = format!("the RTI refuses a process as federate {name}: {reason}");
                 self.orders.push_back(Order::Warn(Error::new(warning)));
             }
+            RtiEvent::Joined(federate) => {
+                let federate = &mut self.federates[federate];
+                (federate.joined, federate.left) = (true, false);
+            }
+            RtiEvent::Left(federate) => self.federates[federate].left = true,
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
@@ -357,7 +371,7 @@ impl Supervisor {
         if let Some((failure, at)) = &self.rti_failure {
             return due(*at).then(|| Verdict::on_rti(failure));
         }
-        let suspect = self.first_ending(|federate, how| !self.is_good(how) || !federate.joined);
+        let suspect = self.first_ending(|federate, how| !self.is_good(how) || !federate.is_in());
         if let Some((federate, at)) = suspect {
             return due(at).then(|| self.blame(federate));
         }
@@ -376,7 +390,7 @@ impl Supervisor {
 
     fn absent(&self) -> Verdict {
         let absent =
-            self.federates.values().filter(|federate| !federate.joined && !federate.transient);
+            self.federates.values().filter(|federate| !federate.is_in() && !federate.transient);
         let names: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
         Verdict::on_absent(&names, self.join_until.as_secs_f64())
     }
@@ -417,7 +431,7 @@ impl Supervisor {
     }
 
     fn all_joined(&self) -> bool {
-        self.federates.values().all(|federate| federate.joined || federate.transient)
+        self.federates.values().all(|federate| federate.is_in() || federate.transient)
     }
 
     fn all_ended(&self) -> bool {

@@ -77,6 +77,12 @@ pub struct Federate {
     meeting: Meeting,
     /// What is under way to receivers and from senders.
     flow: Flow,
+    /// How this federate asks to join.
+    hello: Frame,
+    /// Whether it has asked more than once.
+    rejoins: bool,
+    /// Whether there is no link to the RTI, and will be another one.
+    is_away: bool,
     /// This federate has resigned, failed, or been told to end: nothing matters any more.
     over: bool,
     outputs: VecDeque<Output>,
@@ -132,7 +138,10 @@ impl Federate {
             missing: BTreeMap::new(),
             meeting: Meeting::default(),
             over: false,
-            outputs: VecDeque::from([Output::ToRti(hello)]),
+            outputs: VecDeque::from([Output::ToRti(hello.clone())]),
+            rejoins: false,
+            is_away: false,
+            hello,
         }
     }
 
@@ -286,7 +295,8 @@ impl Federate {
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,
-            Input::RtiLost => self.end(End::RtiLost),
+            Input::RtiLost => self.rti_lost(),
+            Input::Rejoins => self.rejoin(),
             Input::PeerUp(peer) => {
                 self.startup.link(peer);
                 self.missing.remove(&peer);
@@ -297,7 +307,7 @@ impl Federate {
             Input::Unreachable { peer, reason } => self.unreachable(now, peer, reason),
             Input::Loaded => {
                 self.startup.loaded();
-                self.outputs.push_back(Output::ToRti(Frame::Loaded));
+                self.tell_of_loading();
                 self.get_ready(now);
             }
             Input::NextEvent(tag) => {
@@ -352,7 +362,7 @@ impl Federate {
     fn rti_frame(&mut self, now: PhysicalTime, frame: Frame) -> Result<(), Fault> {
         let unexpected = Err(Fault::Unexpected { frame: frame.name() });
         match frame {
-            Frame::Refused { reason } => self.end(End::Refused(reason)),
+            Frame::Refused { reason } => self.refused(reason),
             Frame::Peers { peers } if self.startup.awaits_peers() => {
                 self.meet(peers);
                 self.connect();

@@ -111,6 +111,9 @@ pub enum Refusal {
     /// The federation has started, or failed.
     #[error("the federation has already started or ended")]
     TooLate,
+    /// The RTI has been asked to stop before the start.
+    #[error("the RTI has been stopped before the federation started")]
+    Stopped,
 }
 
 /// Each on a line of its own.

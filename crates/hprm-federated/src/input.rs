@@ -13,6 +13,8 @@ pub enum Input {
     FromRti(Frame),
     /// The link to the RTI has ended.
     RtiLost,
+    /// There is another link to the RTI, after [`Output::Rejoin`].
+    Rejoins,
     /// A frame on a direct link, after its handshake.
     FromPeer {
         /// The other end.
@@ -183,6 +185,9 @@ pub enum Output {
     /// A federate has ended and everything that it sent has arrived: nothing new will refer to its
     /// store.
     OwnerGone(FederateId),
+    /// The link to the RTI has ended, or is of no use, before the federation has met: open another one,
+    /// and tell by [`Input::Rejoins`].
+    Rejoin,
     /// The federate must end now; there is no output after this.
     Ended {
         /// Why.

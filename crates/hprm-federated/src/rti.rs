@@ -106,6 +106,11 @@ pub enum RtiOutput {
         /// Its link.
         link: LinkId,
     },
+    /// A federate's link has ended before all had joined. It may join again; the others wait for it.
+    Left {
+        /// The federate.
+        federate: FederateId,
+    },
     /// Everybody is ready, and has been told the time of tag zero.
     Started {
         /// The physical time of tag zero.
@@ -263,9 +268,7 @@ impl Rti {
                 Ok(())
             }
             RtiInput::RequestStop => {
-                if self.phase == Phase::Running {
-                    self.stop_asked_from_outside();
-                }
+                self.stop_asked_from_outside();
                 Ok(())
             }
             RtiInput::Frame { link, frame: Frame::ClockRequest { asked } }

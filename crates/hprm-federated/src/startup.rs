@@ -109,6 +109,10 @@ impl Startup {
         self.linked.remove(&peer);
     }
 
+    pub(crate) fn is_loaded(&self) -> bool {
+        self.loaded
+    }
+
     pub(crate) fn loaded(&mut self) {
         self.loaded = true;
     }

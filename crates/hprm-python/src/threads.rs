@@ -273,7 +273,7 @@ impl Watch {
                 self.blame(federate, &message, code);
             }
             // Nobody joins from elsewhere.
-            Event::Rti(RtiEvent::Joined(_) | RtiEvent::Refused { .. }) => {}
+            Event::Rti(RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Refused { .. }) => {}
             Event::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 if let Err(failure) = outcome {

@@ -29,6 +29,8 @@ pub(crate) enum Event {
     Wake(FederateId),
     /// A federate's process is killed.
     Crash(FederateId),
+    /// It is launched again.
+    Restart(FederateId),
     /// The link between a federate and the RTI breaks.
     Cut(FederateId),
     /// A federate's physical action is scheduled.
@@ -114,17 +116,27 @@ impl Network {
 
     /// Breaks the link between a federate and the RTI: what is on its way is lost, and both ends
     /// learn of it.
-    pub(crate) fn cut(&mut self, now: PhysicalTime, who: FederateId) {
+    pub(crate) fn cut(&mut self, now: PhysicalTime, who: FederateId, link: LinkId) {
         self.broken.insert(who);
-        let link = LinkId(u32::from(who.0));
-        self.pending.retain(|_, event| match event {
-            Event::Rti(RtiInput::Frame { link: on, .. }) => *on != link,
-            Event::Federate(to, Input::FromRti(_)) => *to != who,
-            _ => true,
-        });
+        self.pending.retain(
+            |_, event| !matches!(event, Event::Rti(RtiInput::Frame { link: on, .. }) if *on == link),
+        );
+        self.lose_frames(who);
         let (early, late) = (now.plus(self.delay()), now.plus(self.delay()));
         self.at(early, Event::Rti(RtiInput::Closed { link }));
         self.at(late, Event::Federate(who, Input::RtiLost));
+    }
+
+    /// The federate has another link to the RTI: what was on its way on the one before is lost.
+    pub(crate) fn mend(&mut self, who: FederateId) {
+        self.broken.remove(&who);
+        self.lose_frames(who);
+    }
+
+    fn lose_frames(&mut self, who: FederateId) {
+        let is_lost =
+            |event: &Event| matches!(event, Event::Federate(to, Input::FromRti(_)) if *to == who);
+        self.pending.retain(|_, event| !is_lost(event));
     }
 
     fn is_broken(&self, from: Place, to: Place) -> bool {

@@ -70,6 +70,24 @@ pub(crate) struct Node {
     pub(crate) crashed: bool,
     /// When it looks up next; later wake-ups are void.
     pub(crate) wake: Option<PhysicalTime>,
+    launch: Launch,
+}
+
+/// What a process is launched with.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Launch {
+    federation: FederationId,
+    fingerprint: Arc<Fingerprint>,
+    flow_limit: u64,
+}
+
+impl Launch {
+    /// The machine of a federate whose process has just been launched.
+    fn machine(&self, me: FederateId, program: &Program) -> Federate {
+        let (listen, fingerprint) = (Some(format!("{}", me.0)), Arc::clone(&self.fingerprint));
+        Federate::new(me, program, self.federation, fingerprint, HostId(1), listen)
+            .with_flow_limit(self.flow_limit)
+    }
 }
 
 impl Node {
@@ -79,14 +97,14 @@ impl Node {
         (federation, fingerprint): (FederationId, &Arc<Fingerprint>),
         plan: &Plan,
     ) -> Self {
-        let listen = Some(format!("{}", me.0));
-        let machine =
-            Federate::new(me, program, federation, Arc::clone(fingerprint), HostId(1), listen);
-        let machine = machine.with_flow_limit(plan.flow_limit.unwrap_or(FLOW_LIMIT));
-        let stop_after = plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag);
+        let launch = Launch {
+            federation,
+            fingerprint: Arc::clone(fingerprint),
+            flow_limit: plan.flow_limit.unwrap_or(FLOW_LIMIT),
+        };
         Self {
             me,
-            machine,
+            machine: launch.machine(me, program),
             scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
             log: Log::new(program),
             sent: Table::filled(program.federates.len(), BTreeMap::new()),
@@ -96,13 +114,28 @@ impl Node {
             start: None,
             open: false,
             outputs: VecDeque::new(),
-            stop_after,
+            stop_after: plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag),
             leaves: plan.leaves.clone(),
             patience: Patience::new(program, me, plan),
             finished: false,
             ended: None,
             crashed: false,
             wake: None,
+            launch,
+        }
+    }
+
+    /// The same federate in a new process, for one that has ended before the start: nothing of what it
+    /// does at its tags has begun.
+    pub(crate) fn again(&self) -> Self {
+        Self {
+            machine: self.launch.machine(self.me, self.program()),
+            open: false,
+            outputs: VecDeque::new(),
+            ended: None,
+            crashed: false,
+            wake: None,
+            ..self.clone()
         }
     }
 

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Topology,
+    End, Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Refusal, Rti, RtiInput,
+    RtiOutput, Topology,
 };
 
 use crate::network::{Event, Latency, Network, Partition, Place};
@@ -116,6 +117,8 @@ pub struct World {
     network: Network,
     clocks: Table<FederateId, Skew>,
     joined: Table<FederateId, bool>,
+    /// The federates' links to the RTI; whoever joins again has another one.
+    links: Table<FederateId, LinkId>,
     failed: Option<FederateId>,
     finished: bool,
     events: usize,
@@ -126,6 +129,9 @@ pub struct World {
 
 /// More than any of the small programs takes.
 const STEPS: usize = 1_000_000;
+
+/// How long it takes until whoever has lost the RTI, or was killed, joins again.
+const PAUSE: Nanos = 1_000;
 
 /// From the last federate's readiness to the start.
 const START_DELAY: Nanos = 10_000;
@@ -147,6 +153,7 @@ impl World {
             network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
             clocks: program.federates.ids().map(clock).collect(),
             joined: Table::filled(program.federates.len(), false),
+            links: program.federates.ids().map(|me| LinkId(u32::from(me.0))).collect(),
             failed: None,
             finished: false,
             events: 0,
@@ -282,16 +289,23 @@ impl World {
                 Ok(())
             }
             Event::Crash(federate) => {
-                if !self.nodes[federate].is_over() {
-                    self.nodes[federate].crashed = true;
+                let node = &mut self.nodes[federate];
+                if !node.is_over() {
+                    node.crashed = true;
                     self.leave(now, federate);
+                    if !self.joined[federate] {
+                        self.network.at(now.plus(PAUSE), Event::Restart(federate));
+                    }
                 }
                 Ok(())
             }
+            Event::Restart(federate) => {
+                self.restart(now, federate);
+                Ok(())
+            }
             Event::Cut(federate) => {
-                // Who has not joined is not missed; how long to wait for it is the driver's business.
-                if self.joined[federate] && !self.nodes[federate].is_over() {
-                    self.network.cut(now, federate);
+                if !self.nodes[federate].is_over() {
+                    self.network.cut(now, federate, self.links[federate]);
                 }
                 Ok(())
             }
@@ -329,17 +343,43 @@ impl World {
             self.network.at(at, Event::Wake(federate));
         }
         let over = node.is_over();
+        let again = node.ended == Some(End::Refused(Refusal::Duplicate));
         self.carry_out(now, federate);
+        if over && again {
+            // Its predecessor has not been noticed to have ended.
+            self.network.at(now.plus(PAUSE), Event::Restart(federate));
+        }
         if over {
             self.leave(now, federate);
         }
         Ok(())
     }
 
+    /// A federate whose process has ended before the start is launched again, if that helps.
+    fn restart(&mut self, now: PhysicalTime, federate: FederateId) {
+        if !self.nodes[federate].is_over() || self.failed.is_some() || self.finished {
+            return;
+        }
+        self.nodes[federate] = self.nodes[federate].again();
+        self.redial(now, federate);
+        self.nodes[federate].drain(now);
+        self.carry_out(now, federate);
+        self.network.at(now.plus(PAUSE), Event::Federate(federate, Input::Loaded));
+    }
+
+    /// A federate opens another link to the RTI.
+    fn redial(&mut self, now: PhysicalTime, federate: FederateId) {
+        self.network.mend(federate);
+        let (from, link) = (Place::Federate(federate), self.links[federate]);
+        self.network.send(now, from, Place::Rti, Event::Rti(RtiInput::Closed { link }));
+        let federates = u32::try_from(self.links.len()).expect("there are few");
+        self.links[federate] = LinkId(link.0 + federates);
+    }
+
     /// A federate's process ends, and so do its links.
     fn leave(&mut self, now: PhysicalTime, federate: FederateId) {
         let from = Place::Federate(federate);
-        let closed = RtiInput::Closed { link: LinkId(u32::from(federate.0)) };
+        let closed = RtiInput::Closed { link: self.links[federate] };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
         for to in linked(&self.program, federate) {
             let lost = Event::Federate(to, Input::PeerLost(federate));
@@ -352,7 +392,7 @@ impl World {
         while let Some(output) = self.nodes[federate].outputs.pop_front() {
             match output {
                 Output::ToRti(frame) => {
-                    let link = LinkId(u32::from(federate.0));
+                    let link = self.links[federate];
                     let event = Event::Rti(RtiInput::Frame { link, frame });
                     self.frames.0 += 1;
                     self.network.send(now, from, Place::Rti, event);
@@ -360,6 +400,11 @@ impl World {
                 Output::ToPeer { to, frame } => {
                     let event = Event::Federate(to, Input::FromPeer { from: federate, frame });
                     self.network.send(now, from, Place::Federate(to), event);
+                }
+                Output::Rejoin => {
+                    self.redial(now, federate);
+                    let again = Event::Federate(federate, Input::Rejoins);
+                    self.network.at(now.plus(PAUSE), again);
                 }
                 Output::Connect { peer, .. } => {
                     let event = Event::Dial { from: federate, to: peer };
@@ -375,6 +420,12 @@ impl World {
             match output {
                 RtiOutput::Send { link, frame } => self.announce(now, link, frame),
                 RtiOutput::Joined { federate, .. } => self.joined[federate] = true,
+                RtiOutput::Left { federate } => {
+                    self.joined[federate] = false;
+                    if self.nodes[federate].crashed {
+                        self.network.at(now.plus(PAUSE), Event::Restart(federate));
+                    }
+                }
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),
                 RtiOutput::Finished => self.finished = true,
                 _ => {}
@@ -383,7 +434,12 @@ impl World {
     }
 
     fn announce(&mut self, now: PhysicalTime, link: LinkId, frame: Frame) {
-        let to = FederateId(u16::try_from(link.0).expect("a link has its federate's number"));
+        let federates = u32::try_from(self.links.len()).expect("there are few");
+        let to = u16::try_from(link.0 % federates).expect("a link tells its federate's number");
+        let to = FederateId(to);
+        if self.links[to] != link {
+            return;
+        }
         let event = Event::Federate(to, Input::FromRti(frame));
         self.frames.1 += 1;
         self.network.send(now, Place::Rti, Place::Federate(to), event);

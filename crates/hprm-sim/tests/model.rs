@@ -307,7 +307,9 @@ fn at_length() {
 #[test]
 fn joining() {
     for coordination in ["centralized", "decentralized"] {
-        for happenings in [vec![], vec![Crash(A)], vec![Crash(B)], vec![Stop(A), Stop(B)]] {
+        for happenings in
+            [vec![], vec![Crash(A)], vec![Crash(B)], vec![Disconnect(A)], vec![Stop(A), Stop(B)]]
+        {
             let program = scenario(&format!("{coordination}\n timeout 0\n{PAIR}"));
             let start_delay = PAST;
             let setting =

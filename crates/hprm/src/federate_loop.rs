@@ -12,6 +12,7 @@ mod membership;
 mod objects;
 mod pace;
 mod reach;
+mod search;
 mod time;
 mod wires;
 
@@ -243,6 +244,7 @@ where
                 Event::FromRti(frame) => Input::FromRti(frame),
                 Event::FromPeer { from, frame } => Input::FromPeer { from, frame },
                 Event::RtiLost => Input::RtiLost,
+                Event::RtiFound => Input::Rejoins,
                 Event::PeerUp(peer) => Input::PeerUp(peer),
                 Event::PeerLost(peer) => Input::PeerLost(peer),
             };
@@ -462,6 +464,7 @@ where
                     self.handle(Input::Unreachable { peer, reason })?;
                 }
             }
+            Output::Rejoin => wires.lose_rti()?,
             Output::Start { at, first } => {
                 wires.become_busy();
                 self.scheduler.start_late(at, first);
@@ -530,10 +533,11 @@ where
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
-        let Membership { machine, time, .. } = &self.federation;
+        let Membership { machine, time, wires, .. } = &self.federation;
         match self.phase {
             Phase::Joining => {
-                return machine.next_wakeup().into_iter().chain(time.next_wakeup()).min();
+                let wakeups = [machine.next_wakeup(), time.next_wakeup(), wires.next_wakeup()];
+                return wakeups.into_iter().flatten().min();
             }
             Phase::Done => return None,
             Phase::Processing | Phase::Running => {}

@@ -22,14 +22,12 @@ use std::collections::VecDeque;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use hprm_core::PhysicalTime;
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
 use hprm_federated::codec::{CodecError, Decoded, Decoder};
 
-use crate::Clock;
 use crate::doorbell::Doorbell;
-use crate::wait::{Interest, wait};
+use crate::wait::{Deadline, Interest, wait};
 pub use address::{Address, AddressError};
 pub(crate) use keys::Keys;
 pub use keys::Security;
@@ -91,16 +89,16 @@ pub(crate) enum Arrival {
 }
 
 impl Link {
-    /// Connects to a listening address, by `until` at the latest. What is queued leaves once the
+    /// Connects to a listening address, by the deadline at the latest. What is queued leaves once the
     /// other end has proved itself; [`Self::establish`] waits for that.
     pub(crate) fn connect(
         address: &Address,
         purpose: Purpose,
         keys: &Keys,
         doorbell: &Doorbell,
-        until: PhysicalTime,
+        deadline: Deadline,
     ) -> io::Result<Self> {
-        let socket = Socket::connect(address, until)?;
+        let socket = Socket::connect(address, deadline)?;
         let mut link = Self::new(socket, Role::Opener, purpose, keys, doorbell)?;
         link.trust();
         Ok(link)
@@ -166,8 +164,8 @@ impl Link {
             || self.stream.has_spoken()
     }
 
-    /// Waits until both ends have proved what they have to, until `until` at the latest.
-    pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
+    /// Waits until both ends have proved what they have to, until the deadline at the latest.
+    pub(crate) fn establish(&mut self, deadline: Deadline) -> io::Result<()> {
         loop {
             self.flush()?;
             if self.is_established() {
@@ -176,12 +174,10 @@ impl Link {
             match self.read()? {
                 Arrival::Bytes | Arrival::Rest => continue,
                 Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
-                Arrival::Nothing if Clock::now() >= until => {
-                    return Err(io::ErrorKind::TimedOut.into());
-                }
-                Arrival::Nothing => {}
+                Arrival::Nothing => deadline.check()?,
             }
-            wait(&[Interest { fd: self.as_fd(), write: self.has_outbound() }], Some(until));
+            let interest = Interest { fd: self.as_fd(), write: self.has_outbound() };
+            wait(&[interest], Some(deadline.until));
         }
     }
 
@@ -487,9 +483,10 @@ mod tests {
     fn a_link_that_cannot_be_written_waits_for_nothing() {
         let listener = Listener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
         let keys = Keys::new(FederationId(7), Security::default()).unwrap();
-        let until = Clock::now().plus(10_000_000_000);
+        let deadline = Deadline::at(crate::Clock::now().plus(10_000_000_000));
         let doorbell = Doorbell::new().unwrap();
-        let connect = Link::connect(listener.address(), Purpose::Messages, &keys, &doorbell, until);
+        let address = listener.address();
+        let connect = Link::connect(address, Purpose::Messages, &keys, &doorbell, deadline);
         let mut link = connect.unwrap();
         link.queue(Frame::Resign, None);
         assert!(link.has_outbound());

@@ -61,6 +61,8 @@ pub enum RtiEvent {
         /// Why.
         reason: Refusal,
     },
+    /// A federate's link has ended before all had joined. It may join again; the others wait for it.
+    Left(FederateId),
     /// All have joined; the program starts at this time.
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
@@ -135,7 +137,7 @@ struct Control {
 }
 
 impl RtiHandle {
-    /// Asks the federation to stop in order.
+    /// Asks the federation to stop in order; before the start, all are sent home.
     pub fn request_stop(&self) {
         self.control.stop.store(true, Ordering::Release);
         self.control.bell.ring();
@@ -352,6 +354,7 @@ impl Rti {
                     }
                     report(RtiEvent::Joined(federate));
                 }
+                RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Started { at } => {
                     self.lobby.become_busy();
                     report(RtiEvent::Started(at));

@@ -1,5 +1,6 @@
 //! Waiting for descriptors and for physical time.
 
+use std::io;
 use std::os::fd::BorrowedFd;
 
 use hprm_core::{Nanos, PhysicalTime};
@@ -53,6 +54,33 @@ pub(crate) struct Interest<'fd> {
     pub(crate) fd: BorrowedFd<'fd>,
     /// Whether it also waits until more can be written.
     pub(crate) write: bool,
+}
+
+/// For how long something is waited for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Deadline {
+    /// Until when, by the federation's time.
+    pub(crate) until: PhysicalTime,
+    /// Asked now and then: whether to wait no longer.
+    pub(crate) is_over: fn() -> bool,
+}
+
+impl Deadline {
+    /// Whatever signals come.
+    pub(crate) fn at(until: PhysicalTime) -> Self {
+        Self { until, is_over: || false }
+    }
+
+    /// Fails once it is over.
+    pub(crate) fn check(self) -> io::Result<()> {
+        if (self.is_over)() {
+            Err(io::Error::new(io::ErrorKind::Interrupted, "interrupted"))
+        } else if Clock::now() >= self.until {
+            Err(io::ErrorKind::TimedOut.into())
+        } else {
+            Ok(())
+        }
+    }
 }
 
 /// Waits until a descriptor is ready, `until` has come, or a signal arrives. Returns which are.

@@ -10,13 +10,13 @@ use std::net::SocketAddr;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 
-use hprm_core::PhysicalTime;
 use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::Address;
 use crate::doorbell::Doorbell;
 use crate::link::{Arrival, Keys, Link, Listener, Purpose};
+use crate::wait::Deadline;
 pub(crate) use memory::Hub;
 use memory::{MemoryGate, MemoryLink};
 
@@ -57,17 +57,17 @@ impl Network {
         }
     }
 
-    /// Connects to an address at which somebody listens, by `until` at the latest.
+    /// Connects to an address at which somebody listens, by the deadline at the latest.
     pub(crate) fn connect(
         &self,
         address: &Address,
         purpose: Purpose,
         keys: &Keys,
-        until: PhysicalTime,
+        deadline: Deadline,
     ) -> io::Result<Wire> {
         match self {
             Self::Sockets(doorbell) => {
-                Link::connect(address, purpose, keys, doorbell, until).map(Wire::Socket)
+                Link::connect(address, purpose, keys, doorbell, deadline).map(Wire::Socket)
             }
             Self::Process(hub) => hub.connect(address).map(Wire::Memory),
         }
@@ -161,10 +161,10 @@ impl Wire {
         }
     }
 
-    /// Waits until both ends have proved what they have to, until `until` at the latest.
-    pub(crate) fn establish(&mut self, until: PhysicalTime) -> io::Result<()> {
+    /// Waits until both ends have proved what they have to, until the deadline at the latest.
+    pub(crate) fn establish(&mut self, deadline: Deadline) -> io::Result<()> {
         match self {
-            Self::Socket(link) => link.establish(until),
+            Self::Socket(link) => link.establish(deadline),
             Self::Memory(_) => Ok(()),
         }
     }

@@ -5,7 +5,7 @@ mod common;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 
 use hprm::federated::FederationId;
@@ -211,7 +211,7 @@ fn federates_wait_for_the_rti() {
     let address = Address::Tcp(address.to_string());
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
     let program = Arc::new(program);
-    let (waiting, waits) = std::sync::mpsc::channel();
+    let (waiting, waits) = mpsc::channel();
     let federates: Vec<_> = program
         .federates
         .ids()
@@ -236,13 +236,92 @@ fn federates_wait_for_the_rti() {
 }
 
 thread_local! {
-    static WAITING: std::cell::Cell<Option<std::sync::mpsc::Sender<String>>> =
+    static WAITING: std::cell::Cell<Option<mpsc::Sender<String>>> =
         const { std::cell::Cell::new(None) };
 }
 
 fn note(text: &str) {
     let waiting = WAITING.take().expect("it is told once");
     waiting.send(text.to_owned()).unwrap();
+}
+
+/// More often than a link to a Unix socket may break while it is opened.
+const RESETS: usize = 6;
+
+/// Passes connections on to `target`. The first ones are reset before the handshake is over, and one
+/// when `cut` says so.
+fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
+    let listener = TcpListener::bind(TCP).unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let mut cut = Some(cut);
+    thread::spawn(move || {
+        // What is dropped with something unread is reset.
+        for client in listener.incoming().skip(RESETS) {
+            let (client, server) = (client.unwrap(), connect(&target));
+            let both = [client.try_clone().unwrap(), server.try_clone().unwrap()];
+            if let Some(cut) = cut.take() {
+                thread::spawn(move || {
+                    cut.recv().unwrap();
+                    both.iter().for_each(|end| end.shutdown(std::net::Shutdown::Both).unwrap());
+                });
+            }
+            let ways =
+                [(client.try_clone().unwrap(), server.try_clone().unwrap()), (server, client)];
+            for (mut from, mut to) in ways {
+                thread::spawn(move || {
+                    let _ = std::io::copy(&mut from, &mut to);
+                    let _ = to.shutdown(std::net::Shutdown::Write);
+                });
+            }
+        }
+    });
+    address
+}
+
+#[test]
+fn who_is_reset_while_it_joins_joins_again() {
+    for coordination in BOTH {
+        let (program, react) = rounds_of(coordination, 64, 5);
+        let program = Arc::new(program);
+        let rti = bind(&program, TCP.parse().unwrap(), &Security::default());
+        let address = rti.address().clone();
+        let (report, events) = mpsc::channel();
+        let rti = thread::spawn(move || rti.run(|event| report.send(event).unwrap()));
+        let run = |federate, address: &Address| {
+            let options = options(&program, federate, address, &Security::default());
+            let react = Arc::clone(&react);
+            thread::spawn(move || federate_with(&options, react, Arc::new(Mutex::new(Vec::new()))))
+        };
+        let (cut, is_cut) = mpsc::channel();
+        let first = run(FederateId(0), &unreliable(address.clone(), is_cut));
+        assert_eq!(events.recv().unwrap(), RtiEvent::Joined(FederateId(0)));
+        cut.send(()).unwrap();
+        assert_eq!(events.recv().unwrap(), RtiEvent::Left(FederateId(0)));
+        assert_eq!(events.recv().unwrap(), RtiEvent::Joined(FederateId(0)));
+        let others: Vec<_> = (1..4).map(|id| run(FederateId(id), &address)).collect();
+        assert_eq!(first.join().unwrap(), Ok(()));
+        assert!(others.into_iter().all(|federate| federate.join().unwrap() == Ok(())));
+        drop(events.iter().collect::<Vec<_>>());
+        assert_eq!(rti.join().unwrap(), Ok(()));
+    }
+}
+
+#[test]
+fn an_rti_that_is_stopped_before_the_start_sends_everybody_home() {
+    for listen in [TCP.to_owned(), format!("unix:@hprm-home-{}", std::process::id())] {
+        let program = Arc::new(gather(Coordination::Centralized, 1).program);
+        let rti = bind(&program, listen.parse().unwrap(), &Security::default());
+        let (address, handle) = (rti.address().clone(), rti.handle());
+        let rti = thread::spawn(move || {
+            rti.run(|event| {
+                assert_eq!(event, RtiEvent::Joined(FederateId(0)));
+                handle.request_stop();
+            })
+        });
+        let failure = join(&options(&program, FederateId(0), &address, &Security::default()));
+        assert!(failure.message.contains("the RTI has been stopped"), "{}", failure.message);
+        assert_eq!(rti.join().unwrap(), Ok(()));
+    }
 }
 
 #[test]

@@ -224,6 +224,33 @@ fn leaving_before_joining_is_a_failure_even_with_code_zero() {
 }
 
 #[test]
+fn leaving_after_joining_is_a_failure_too_if_the_others_have_not_joined() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Left(A));
+    stage.exits(A, Ending::Code(0));
+    stage.pass(500);
+    stage.reported_once("federate a exited with code 0 before its last tag");
+    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    assert_eq!(stage.outcome(), Some(1));
+}
+
+#[test]
+fn who_has_left_and_is_back_is_not_missed() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Left(A));
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    stage.exits(A, Ending::Code(0));
+    stage.exits(B, Ending::Code(0));
+    stage.pass(500);
+    assert_eq!(stage.reports.len(), 0);
+    assert_eq!(stage.outcome(), Some(0));
+}
+
+#[test]
 fn news_of_joining_may_come_after_the_end() {
     let mut stage = Stage::empty();
     stage.exits(A, Ending::Code(0));

@@ -4,9 +4,45 @@ use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::stop::Stop;
-use crate::{End, Frame, Output};
+use crate::{End, Frame, Output, Refusal};
 
 impl Federate {
+    /// The link to the RTI has ended. As long as the others have not been told of this federate, it can
+    /// join again.
+    pub(super) fn rti_lost(&mut self) {
+        if self.startup.awaits_peers() {
+            self.is_away = true;
+            self.outputs.push_back(Output::Rejoin);
+        } else {
+            self.end(End::RtiLost);
+        }
+    }
+
+    /// There is another link to the RTI.
+    pub(super) fn rejoin(&mut self) {
+        self.rejoins = true;
+        self.is_away = false;
+        self.outputs.push_back(Output::ToRti(self.hello.clone()));
+        self.tell_of_loading();
+    }
+
+    /// Tells the RTI that the program is loaded, if both are there.
+    pub(super) fn tell_of_loading(&mut self) {
+        if self.startup.is_loaded() && !self.is_away {
+            self.outputs.push_back(Output::ToRti(Frame::Loaded));
+        }
+    }
+
+    /// The RTI does not let this federate join. It may not have noticed yet that an earlier link of this
+    /// federate has ended.
+    pub(super) fn refused(&mut self, reason: Refusal) {
+        if self.rejoins && reason == Refusal::Duplicate {
+            self.rti_lost();
+        } else {
+            self.end(End::Refused(reason));
+        }
+    }
+
     /// Opens the direct links to those whom this federate sends messages. One link serves two that
     /// send to each other; the one with the smaller number opens it.
     pub(super) fn connect(&mut self) {

@@ -503,3 +503,30 @@ fn a_long_failure_text_is_cut_between_characters() {
     };
     assert_eq!(message.len(), 64 * 1024);
 }
+
+#[test]
+fn who_loses_the_rti_before_it_has_met_the_others_joins_again() {
+    let mut machine = new("a -> b", "a");
+    let hello = outputs(&mut machine);
+    assert_eq!(input(&mut machine, 0, Input::RtiLost), [Output::Rejoin]);
+    assert_eq!(input(&mut machine, 0, Input::Loaded), []);
+    let again = [hello, vec![Output::ToRti(Frame::Loaded)]].concat();
+    assert_eq!(input(&mut machine, 0, Input::Rejoins), again);
+    // The RTI has not noticed that the old link has ended.
+    let refused = || Input::FromRti(Frame::Refused { reason: Refusal::Duplicate });
+    assert_eq!(input(&mut machine, 0, refused()), [Output::Rejoin]);
+    assert_eq!(input(&mut machine, 0, Input::Rejoins), again);
+    input(&mut machine, 0, Input::FromRti(peers(2)));
+    let lost = input(&mut machine, 0, Input::RtiLost);
+    assert_eq!(lost, [Output::Ended { reason: End::RtiLost }]);
+}
+
+#[test]
+fn who_runs_twice_does_not_wait_for_itself() {
+    let mut machine = new("a -> b", "a");
+    outputs(&mut machine);
+    let reason = Refusal::Duplicate;
+    let refused = Input::FromRti(Frame::Refused { reason: reason.clone() });
+    let ended = Output::Ended { reason: End::Refused(reason) };
+    assert_eq!(input(&mut machine, 0, refused), [ended]);
+}

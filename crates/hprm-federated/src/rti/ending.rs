@@ -4,7 +4,7 @@ use hprm_core::{FederateId, Table, Tag};
 
 use super::join::Member;
 use super::{Phase, Rti, RtiOutput};
-use crate::{Fault, Frame};
+use crate::{Fault, Frame, Refusal};
 
 /// Agreeing on a last tag. Whoever has answered stays before the tag that it named.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -44,9 +44,22 @@ impl Rti {
         self.decide();
     }
 
-    /// Somebody who is no federate asks to stop, as soon as that suits everybody.
+    /// Somebody who is no federate asks to stop, as soon as that suits everybody. What has not started
+    /// is called off.
     pub(super) fn stop_asked_from_outside(&mut self) {
-        self.ask_to_stop(Tag::START);
+        if self.phase == Phase::Running {
+            self.ask_to_stop(Tag::START);
+        } else if !self.failed {
+            self.failed = true;
+            let candidates = std::mem::take(&mut self.candidates).into_keys();
+            let links = self.members.values().filter_map(Member::link).chain(candidates);
+            let links: Vec<_> = links.collect();
+            self.topology.federates().for_each(|federate| self.members[federate] = Member::Gone);
+            for link in links {
+                self.send_away(link, Refusal::Stopped);
+            }
+            self.finish();
+        }
     }
 
     /// Asks everybody to stop, at `tag` at the earliest.
@@ -123,9 +136,16 @@ impl Rti {
         self.finish();
     }
 
-    /// A federate's link has ended.
+    /// A federate's link has ended. Before all have joined, nobody knows it, so it may join again.
     pub(super) fn lost(&mut self, federate: FederateId) {
-        if self.members[federate].is_live() {
+        let is_joining = self.phase == Phase::Joining && !self.failed;
+        if !self.members[federate].is_live() {
+            return;
+        }
+        if is_joining && !self.topology.is_transient(federate) {
+            self.members[federate] = Member::Absent;
+            self.outputs.push_back(RtiOutput::Left { federate });
+        } else {
             let message = self.words_on_lost(federate);
             self.fail(federate, message, LOST);
         }

@@ -122,12 +122,16 @@ impl Rti {
     }
 
     pub(super) fn refuse(&mut self, link: LinkId, name: String, reason: Refusal) {
+        self.send_away(link, reason.clone());
+        self.outputs.push_back(RtiOutput::Refused { name, reason });
+    }
+
+    /// Tells a process why it does not belong to the federation, and closes its link.
+    pub(super) fn send_away(&mut self, link: LinkId, reason: Refusal) {
         self.links.remove(&link);
         self.refused.insert(link);
-        let frame = Frame::Refused { reason: reason.clone() };
-        self.outputs.push_back(RtiOutput::Send { link, frame });
+        self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Refused { reason } });
         self.outputs.push_back(RtiOutput::Close { link });
-        self.outputs.push_back(RtiOutput::Refused { name, reason });
     }
 
     /// Introduces all to one another, once they are there. Transient federates may come later.

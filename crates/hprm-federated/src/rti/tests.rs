@@ -296,6 +296,61 @@ fn a_link_that_ends_without_a_word_is_a_failure_with_a_name() {
 }
 
 #[test]
+fn who_leaves_before_all_have_joined_may_join_again() {
+    let mut rti = rti("a -> b");
+    let federate = FederateId(0);
+    input(&mut rti, 5, hello(0)).unwrap();
+    assert_eq!(close(&mut rti, 5), [RtiOutput::Left { federate }]);
+    let joined = RtiOutput::Joined { federate, link: LinkId(6) };
+    assert_eq!(input(&mut rti, 6, hello(0)).unwrap(), [joined]);
+    // All are there once the other one is, and wait for the link that counts.
+    input(&mut rti, 7, hello(1)).unwrap();
+    for link in [6, 7] {
+        input(&mut rti, link, Frame::Ready { now: NOW }).unwrap();
+    }
+    assert_eq!(rti.phase, super::Phase::Running);
+}
+
+#[test]
+fn who_leaves_once_all_have_joined_is_missed() {
+    let mut rti = rti("a -> b");
+    (0..2).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
+    let outputs = close(&mut rti, 0);
+    assert!(matches!(outputs.last(), Some(RtiOutput::Failed { .. })), "{outputs:?}");
+    assert_eq!(close(&mut rti, 1), [RtiOutput::Finished]);
+}
+
+#[test]
+fn a_federation_that_fails_while_it_joins_ends_when_all_have_left() {
+    let mut rti = rti("a -> b\nb -> c");
+    (0..2).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
+    let failed = Frame::Failed { federate: FederateId(0), message: "no".into(), code: 1 };
+    input(&mut rti, 0, failed).unwrap();
+    assert!(close(&mut rti, 0).is_empty());
+    assert_eq!(close(&mut rti, 1), [RtiOutput::Finished]);
+}
+
+#[test]
+fn a_stop_before_the_start_sends_everybody_home() {
+    for count in 0..=2 {
+        let mut rti = rti("a -> b");
+        (0..count).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
+        rti.handle(NOW, RtiInput::RequestStop).unwrap();
+        let outputs: Vec<_> = std::iter::from_fn(|| rti.poll()).collect();
+        let home = |id: u16| {
+            let reason = Refusal::Stopped;
+            let link = LinkId(id.into());
+            [sent(id.into(), Frame::Refused { reason }), RtiOutput::Close { link }]
+        };
+        let expected: Vec<_> = (0..count).flat_map(home).chain([RtiOutput::Finished]).collect();
+        assert_eq!(outputs, expected);
+        // A second one changes nothing.
+        rti.handle(NOW, RtiInput::RequestStop).unwrap();
+        assert_eq!(rti.poll(), None);
+    }
+}
+
+#[test]
 fn object_news_find_their_federate_until_it_is_gone() {
     let mut rti = running("a -> b");
     let (owner, reader) = (FederateId(0), FederateId(1));

@@ -106,13 +106,30 @@ impl State {
             left: BTreeSet::new(),
             event: None,
         };
-        for me in program.federates.ids() {
-            state.seats[me].change(|seat| seat.node.drain(LAUNCH));
-            state.carry_out(me);
-            let place = Place::Federate(me);
-            state.send(place, place, Event::Federate(me, Input::Loaded));
-        }
+        program.federates.ids().for_each(|me| state.begin(me));
         state
+    }
+
+    /// A federate's process has been launched.
+    fn begin(&mut self, me: FederateId) {
+        let now = self.now;
+        self.seats[me].change(|seat| seat.node.drain(now));
+        self.carry_out(me);
+        let place = Place::Federate(me);
+        self.send(place, place, Event::Federate(me, Input::Loaded));
+    }
+
+    /// A federate's process is launched again.
+    fn launch(&mut self, me: FederateId) {
+        self.seats[me].change(|seat| seat.node = seat.node.again());
+        self.broken.remove(&me);
+        self.begin(me);
+    }
+
+    /// Whether the RTI has not heard yet that a link has ended.
+    fn has_ended(&self, link: LinkId, me: FederateId) -> bool {
+        let sent = self.links.get(&(Place::Federate(me), Place::Rti));
+        sent.into_iter().flatten().any(|event| *event == Event::Rti(RtiInput::Closed { link }))
     }
 
     /// What tells this state from others.
@@ -176,7 +193,11 @@ impl State {
                 self.send(Place::Federate(to), Place::Federate(from), up);
                 Ok(())
             }
-            Event::Wake(_) | Event::Crash(_) | Event::Cut(_) | Event::Happen(_) => Ok(()),
+            Event::Wake(_)
+            | Event::Crash(_)
+            | Event::Restart(_)
+            | Event::Cut(_)
+            | Event::Happen(_) => Ok(()),
         }
     }
 
@@ -264,7 +285,12 @@ impl State {
                 RtiOutput::Send { link, frame } => {
                     let me = FederateId(u16::try_from(link.0).expect("links have small numbers"));
                     let event = Event::Federate(me, Input::FromRti(frame));
-                    self.send(Place::Rti, Place::Federate(me), event);
+                    if !self.has_ended(link, me) {
+                        self.send(Place::Rti, Place::Federate(me), event);
+                    }
+                }
+                RtiOutput::Left { federate } if self.seats[federate].get().node.crashed => {
+                    self.launch(federate);
                 }
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),
                 RtiOutput::Finished => self.finished = true,
@@ -293,6 +319,10 @@ impl State {
             Output::ToRti(frame) => {
                 let link = LinkId(u32::from(me.0));
                 self.send(from, Place::Rti, Event::Rti(RtiInput::Frame { link, frame }));
+            }
+            Output::Rejoin => {
+                self.broken.remove(&me);
+                self.send(from, from, Event::Federate(me, Input::Rejoins));
             }
             Output::ToPeer { to, frame } => {
                 let event = Event::Federate(to, Input::FromPeer { from: me, frame });

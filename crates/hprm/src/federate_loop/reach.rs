@@ -1,6 +1,6 @@
-//! Finding one another: a federate the RTI, and under decentralized coordination its peers.
+//! Where federates find one another: how long to look, where to listen, and which way to take.
 //!
-//! This is about addresses and patience. What travels over the links that result is in `wires`.
+//! The search for the RTI is in `search`. What travels over the links that result is in `wires`.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -12,21 +12,12 @@ use hprm_federated::HostId;
 
 use super::FederateOptions;
 use crate::link::{Keys, Purpose};
-use crate::wait::wait;
+use crate::wait::Deadline;
 use crate::wire::{Gate, Network, Wire};
 use crate::{Address, Clock, Failure};
 
-/// How long one attempt to connect may take.
-const ATTEMPT: Nanos = 5_000_000_000;
-
 /// How long a peer that listens may take to answer.
 const PEER_PATIENCE: Nanos = 20_000_000_000;
-
-/// Between two attempts; it doubles from the first to the last of these.
-const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
-
-/// How often a link may break while it is being opened, before that is no accident.
-const BREAKS: u32 = 5;
 
 /// How long to look for the RTI, and where others find this federate.
 #[derive(Clone, Debug)]
@@ -57,74 +48,6 @@ impl Default for Reach {
     }
 }
 
-/// Connects to the RTI. If it is not there yet, waits for it.
-pub(super) fn rti(
-    options: &FederateOptions,
-    keys: &Keys,
-    network: &Network,
-) -> Result<Wire, Failure> {
-    keys.suffice_for(&options.rti)?;
-    let reach = &options.reach;
-    let patience = Nanos::try_from(reach.patience.as_nanos()).unwrap_or(Nanos::MAX);
-    let give_up = Clock::now().plus(patience);
-    let (mut pause, longest) = PAUSES;
-    let mut breaks = 0;
-    let mut told = false;
-    loop {
-        let until = Clock::now().plus(ATTEMPT);
-        let link = network.connect(&options.rti, Purpose::Coordination, keys, until);
-        let error = match link.and_then(|mut link| link.establish(until).map(|()| link)) {
-            Ok(link) => return Ok(link),
-            Err(error) => error,
-        };
-        if reach.interrupted.is_some_and(|interrupted| interrupted()) {
-            return Err(Failure::interrupted());
-        }
-        breaks += u32::from(error.kind() == io::ErrorKind::ConnectionReset);
-        if breaks > BREAKS || Clock::now() >= give_up || !passes(&error) {
-            return Err(match reach.launched && passes(&error) {
-                true => Failure { message: String::new(), code: 1 },
-                false => no_rti(&options.rti, &error),
-            });
-        }
-        if let Some(notice) = reach.notice.filter(|_| !std::mem::replace(&mut told, true)) {
-            notice(&format!("waiting for the RTI at {}: {error}", options.rti));
-        }
-        wait(&[], Some(Clock::now().plus(pause).min(give_up)));
-        pause = (2 * pause).min(longest);
-    }
-}
-
-/// Whether it may go better next time.
-fn passes(error: &io::Error) -> bool {
-    use io::ErrorKind;
-    !matches!(
-        error.kind(),
-        ErrorKind::PermissionDenied | ErrorKind::InvalidData | ErrorKind::InvalidInput
-    )
-}
-
-fn no_rti(address: &Address, error: &io::Error) -> Failure {
-    let hint = match error.kind() {
-        io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidData => {
-            return refused(address, error);
-        }
-        io::ErrorKind::ConnectionReset => {
-            "whoever listens there closes links at once: is it the RTI, of the same version of \
-             hprm, and are `auth` and TLS the same everywhere?"
-        }
-        _ if address.is_open() => {
-            "start the RTI with `hprm rti`, and see whether a firewall is between the machines"
-        }
-        _ => "start the federation with `hprm run`, or the RTI with `hprm rti`",
-    };
-    Failure::new(format!("error: no RTI at {address}: {error}\n  hint: {hint}"))
-}
-
-fn refused(address: &Address, error: &io::Error) -> Failure {
-    Failure::new(format!("error: the RTI at {address}: {error}"))
-}
-
 /// Connects to a peer, over a Unix socket if it runs on the same host.
 ///
 /// # Errors
@@ -151,7 +74,8 @@ pub(super) fn peer(
         ));
     };
     let until = Clock::now().plus(PEER_PATIENCE);
-    let link = network.connect(address, Purpose::Messages, keys, until);
+    let deadline = Deadline::at(until);
+    let link = network.connect(address, Purpose::Messages, keys, deadline);
     link.map_err(|error| unreachable(&error))
 }
 

@@ -14,6 +14,7 @@ use hprm_federated::{FederationId, Frame, HostId};
 
 use super::FederateOptions;
 use super::reach;
+use super::search::Search;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
@@ -25,8 +26,13 @@ const NOW: PhysicalTime = PhysicalTime(0);
 /// What has come from a link.
 pub(super) enum Event {
     FromRti(Frame),
-    FromPeer { from: FederateId, frame: Frame },
+    FromPeer {
+        from: FederateId,
+        frame: Frame,
+    },
     RtiLost,
+    /// There is another link to the RTI.
+    RtiFound,
     PeerUp(FederateId),
     PeerLost(FederateId),
 }
@@ -46,6 +52,9 @@ type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
 pub(super) struct Wires {
     network: Network,
     rti: Option<Line>,
+    search: Search,
+    /// Whether the RTI is being looked for again.
+    is_away: bool,
     keys: Keys,
     /// Where peers open links, if the coordination needs them.
     lobby: Option<Lobby>,
@@ -70,7 +79,8 @@ impl Wires {
     /// Connects to the RTI, and listens for peers if the coordination needs them.
     pub(super) fn connect(options: &FederateOptions, network: Network) -> Result<Self, Failure> {
         let keys = Keys::new(options.federation, options.security.clone())?;
-        let rti = reach::rti(options, &keys, &network)?;
+        let mut search = Search::new(options);
+        let rti = search.find(&keys, &network)?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
         let (mut lobby, mut advertised) = (None, None);
         if decentralized {
@@ -83,6 +93,8 @@ impl Wires {
             host: reach::host_id(rti.is_local(), decentralized),
             network,
             rti: Some(Line::new(rti)),
+            search,
+            is_away: false,
             keys,
             lobby_is_ready: lobby.is_some(),
             lobby,
@@ -94,6 +106,22 @@ impl Wires {
             descriptors: BTreeMap::new(),
             lack: None,
         })
+    }
+
+    /// The link to the RTI is of no use, and this federate joins again over another one.
+    ///
+    /// # Errors
+    ///
+    /// If that is in vain.
+    pub(super) fn lose_rti(&mut self) -> Result<(), Failure> {
+        self.rti = None;
+        self.is_away = true;
+        self.search.lost()
+    }
+
+    /// When to look for the RTI again, if it is lost.
+    pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        self.is_away.then(|| self.search.next())
     }
 
     /// The federation runs: members come before strangers.
@@ -366,6 +394,13 @@ impl Wires {
     }
 
     fn read_rti(&mut self, events: &mut Vec<Event>) -> Result<(), Failure> {
+        if self.is_away
+            && let Some(link) = self.search.look(&self.keys, &self.network)?
+        {
+            self.rti = Some(Line::new(link));
+            self.is_away = false;
+            events.push(Event::RtiFound);
+        }
         let Some(line) = &mut self.rti else { return Ok(()) };
         let descriptors = &mut self.descriptors;
         let open = line.read(|frame, descriptor| {

@@ -7,9 +7,10 @@ use std::net::{SocketAddr as InternetAddr, TcpListener, TcpStream, ToSocketAddrs
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+use std::sync::mpsc;
+use std::thread;
 use std::time::Duration;
 
-use hprm_core::PhysicalTime;
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
@@ -18,8 +19,7 @@ use rustix::net::{
 
 use super::Address;
 use super::ends::End;
-use crate::Clock;
-use crate::wait::{Interest, wait};
+use crate::wait::{Deadline, Interest, wait};
 
 /// How soon a TCP connection to a machine that has vanished ends: this long after the last word the
 /// kernel asks, and then as often, at these intervals.
@@ -30,6 +30,9 @@ const QUESTION_INTERVAL: Duration = Duration::from_secs(2);
 /// How long what was sent may stay without an answer, in milliseconds: as long as silence and questions
 /// take together.
 const UNHEARD: u32 = 15_000;
+
+/// How often to look whether a signal has come, while a name is resolved.
+const LOOKING: Duration = Duration::from_millis(20);
 
 /// The most descriptors that one read brings, or one write sends.
 const DESCRIPTORS: usize = 8;
@@ -60,15 +63,15 @@ enum Kind {
 }
 
 impl Socket {
-    pub(super) fn connect(address: &Address, until: PhysicalTime) -> io::Result<Self> {
+    pub(super) fn connect(address: &Address, deadline: Deadline) -> io::Result<Self> {
         match address {
             Address::Abstract(_) | Address::Path(_) => {
                 Self::unix(UnixStream::connect_addr(&unix_address(address)?)?)
             }
             Address::Tcp(host) => {
                 let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
-                for address in host.to_socket_addrs()? {
-                    match connect_tcp(address, until).and_then(Self::tcp) {
+                for address in resolve(host, deadline)? {
+                    match connect_tcp(address, deadline).and_then(Self::tcp) {
                         Ok(socket) => return Ok(socket),
                         Err(error) => last = error,
                     }
@@ -239,8 +242,32 @@ impl AsFd for Listener {
     }
 }
 
+/// The addresses of a host. To ask for them may take long, and no signal ends that; so another thread
+/// does, unless it is an address already.
+fn resolve(host: &str, deadline: Deadline) -> io::Result<Vec<InternetAddr>> {
+    if let Ok(address) = host.parse() {
+        return Ok(vec![address]);
+    }
+    let (answer, answers) = mpsc::channel();
+    let name = host.to_owned();
+    thread::Builder::new().name("resolver".to_owned()).spawn(move || {
+        let addresses = name.to_socket_addrs().map(Iterator::collect);
+        // Nobody may wait for it any more.
+        let _ = answer.send(addresses);
+    })?;
+    loop {
+        match answers.recv_timeout(LOOKING) {
+            Ok(addresses) => return addresses,
+            Err(mpsc::RecvTimeoutError::Timeout) => deadline.check()?,
+            Err(mpsc::RecvTimeoutError::Disconnected) => {
+                return Err(io::Error::other("the name cannot be resolved"));
+            }
+        }
+    }
+}
+
 /// Connects without blocking anywhere but in [`wait`].
-fn connect_tcp(address: InternetAddr, until: PhysicalTime) -> io::Result<TcpStream> {
+fn connect_tcp(address: InternetAddr, deadline: Deadline) -> io::Result<TcpStream> {
     let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = rustix::net::socket_with(family, SocketType::STREAM, flags, None)?;
@@ -248,11 +275,9 @@ fn connect_tcp(address: InternetAddr, until: PhysicalTime) -> io::Result<TcpStre
         Ok(()) => {}
         Err(Errno::INPROGRESS) => {
             // A signal ends a wait early.
-            while !wait(&[Interest { fd: socket.as_fd(), write: true }], Some(until))[0].is_ready()
-            {
-                if Clock::now() >= until {
-                    return Err(io::ErrorKind::TimedOut.into());
-                }
+            let connected = Interest { fd: socket.as_fd(), write: true };
+            while !wait(&[connected], Some(deadline.until))[0].is_ready() {
+                deadline.check()?;
             }
             sockopt::socket_error(&socket)??;
         }

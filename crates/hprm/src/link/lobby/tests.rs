@@ -10,6 +10,7 @@ use hprm_federated::FederationId;
 use super::*;
 use crate::doorbell::Doorbell;
 use crate::link::{Link, Security};
+use crate::wait::Deadline;
 use crate::wire::Network;
 
 const NOW: PhysicalTime = PhysicalTime(1_000);
@@ -49,7 +50,8 @@ fn flood(lobby: &mut Lobby, address: &str, count: usize, words: &[u8]) -> Vec<Tc
 /// A member, whose link goes on as far as `until` says.
 fn member(lobby: &mut Lobby, address: &str, until: impl Fn(&Link) -> bool) -> Link {
     let address = Address::Tcp(address.to_owned());
-    let (doorbell, patience) = (Doorbell::new().unwrap(), Clock::now().plus(10_000_000_000));
+    let doorbell = Doorbell::new().unwrap();
+    let patience = Deadline::at(Clock::now().plus(10_000_000_000));
     let keys = keys(Security::default());
     let link = Link::connect(&address, Purpose::Coordination, &keys, &doorbell, patience);
     let mut link = link.unwrap();

@@ -11,7 +11,7 @@ use rustix::pipe::pipe;
 use super::*;
 use crate::Clock;
 use crate::link::{Arrival, Keys, Link, Listener, Purpose, Security};
-use crate::wait::{Interest, wait};
+use crate::wait::{Deadline, Interest, wait};
 
 /// Two ends that are opened and trust one another, with their doorbells.
 struct Pair {
@@ -19,8 +19,8 @@ struct Pair {
     far: (Link, Doorbell),
 }
 
-fn soon() -> PhysicalTime {
-    Clock::now().plus(20_000_000_000)
+fn soon() -> Deadline {
+    Deadline::at(Clock::now().plus(20_000_000_000))
 }
 
 fn pair(name: &str) -> Pair {

@@ -1,0 +1,172 @@
+//! The search for the RTI: it may not be there yet, be busy with strangers, or have lost this federate
+//! before the federation has met.
+
+use std::io;
+
+use hprm_core::{Nanos, PhysicalTime};
+
+use super::{FederateOptions, Reach};
+use crate::link::{Keys, Purpose};
+use crate::wait::{Deadline, wait};
+use crate::wire::{Network, Wire};
+use crate::{Address, Clock, Failure};
+
+/// How long one attempt to connect may take.
+const ATTEMPT: Nanos = 5_000_000_000;
+
+/// Between two attempts; it doubles from the first to the last of these.
+const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
+
+/// How often a link to a Unix socket may break while it is being opened, before that is no accident:
+/// there are no strangers there. Over TCP, that often until a person is told what it may be.
+const BREAKS: u32 = 5;
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Search {
+    rti: Address,
+    reach: Reach,
+    give_up: PhysicalTime,
+    pause: Nanos,
+    /// When to try again.
+    next: PhysicalTime,
+    breaks: u32,
+    told: bool,
+    /// Whether there has been a link before.
+    again: bool,
+}
+
+impl Search {
+    pub(super) fn new(options: &FederateOptions) -> Self {
+        let reach = options.reach.clone();
+        let give_up = Clock::now().plus(patience(&reach));
+        let (rti, (pause, _), next) = (options.rti.clone(), PAUSES, PhysicalTime(0));
+        Self { rti, reach, give_up, pause, next, breaks: 0, told: false, again: false }
+    }
+
+    /// Connects to the RTI. If it is not there yet, waits for it.
+    pub(super) fn find(&mut self, keys: &Keys, network: &Network) -> Result<Wire, Failure> {
+        keys.suffice_for(&self.rti)?;
+        let is_over = self.reach.interrupted.unwrap_or(|| false);
+        loop {
+            let (link, interrupted) = self.attempt(keys, network, is_over)?;
+            match link {
+                Some(link) => return Ok(link),
+                None if interrupted || is_over() => return Err(Failure::interrupted()),
+                None => drop(wait(&[], Some(self.next))),
+            }
+        }
+    }
+
+    /// The link to the RTI has ended before the federation has met. The time to find it again counts
+    /// from the first time on.
+    pub(super) fn lost(&mut self) -> Result<(), Failure> {
+        if !std::mem::replace(&mut self.again, true) {
+            (self.pause, self.told) = (PAUSES.0, false);
+            self.give_up = Clock::now().plus(patience(&self.reach));
+        }
+        self.failed(&io::ErrorKind::ConnectionReset.into())
+    }
+
+    /// When to try again.
+    pub(super) fn next(&self) -> PhysicalTime {
+        self.next
+    }
+
+    /// Tries again if it is time. Any signal ends the attempt, which is repeated then: the caller knows
+    /// what signals mean.
+    pub(super) fn look(&mut self, keys: &Keys, network: &Network) -> Result<Option<Wire>, Failure> {
+        if Clock::now() < self.next {
+            return Ok(None);
+        }
+        Ok(self.attempt(keys, network, || true)?.0)
+    }
+
+    /// Tries once. Returns also whether a signal has ended that.
+    fn attempt(
+        &mut self,
+        keys: &Keys,
+        network: &Network,
+        is_over: fn() -> bool,
+    ) -> Result<(Option<Wire>, bool), Failure> {
+        let deadline = Deadline { until: Clock::now().plus(ATTEMPT), is_over };
+        let link = network.connect(&self.rti, Purpose::Coordination, keys, deadline);
+        match link.and_then(|mut link| link.establish(deadline).map(|()| link)) {
+            Ok(link) => Ok((Some(link), false)),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok((None, true)),
+            Err(error) => self.failed(&error).map(|()| (None, false)),
+        }
+    }
+
+    /// Decides whether to go on, and when.
+    fn failed(&mut self, error: &io::Error) -> Result<(), Failure> {
+        self.breaks += u32::from(is_break(error));
+        let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
+        let now = Clock::now();
+        if in_vain || now >= self.give_up || !passes(error) {
+            return Err(match self.reach.launched && passes(error) {
+                true => Failure { message: String::new(), code: 1 },
+                false => self.no_rti(error),
+            });
+        }
+        if self.breaks == BREAKS {
+            self.tell(&format!("the RTI at {} still {CLOSES}", self.rti));
+        } else if !std::mem::replace(&mut self.told, true) {
+            let text = match self.again {
+                true => format!("the RTI at {} has closed the link: joining again", self.rti),
+                false => format!("waiting for the RTI at {}: {error}", self.rti),
+            };
+            self.tell(&text);
+        }
+        self.next = now.plus(self.pause).min(self.give_up);
+        self.pause = (2 * self.pause).min(PAUSES.1);
+        Ok(())
+    }
+
+    fn tell(&self, text: &str) {
+        if let Some(notice) = self.reach.notice {
+            notice(text);
+        }
+    }
+
+    fn no_rti(&self, error: &io::Error) -> Failure {
+        let rti = &self.rti;
+        let hint = match error.kind() {
+            io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidData => {
+                return Failure::new(format!("error: the RTI at {rti}: {error}"));
+            }
+            _ if is_break(error) => {
+                return Failure::new(format!(
+                    "error: no RTI at {rti}: {error}\n  hint: it {CLOSES}"
+                ));
+            }
+            _ if rti.is_open() => {
+                "start the RTI with `hprm rti`, and see whether a firewall is between the machines"
+            }
+            _ => "start the federation with `hprm run`, or the RTI with `hprm rti`",
+        };
+        Failure::new(format!("error: no RTI at {rti}: {error}\n  hint: {hint}"))
+    }
+}
+
+/// What an RTI may do to links, and why.
+const CLOSES: &str = "closes links at once: is it the RTI, of the same version of hprm, are `auth` \
+                      and TLS the same everywhere, and do strangers flood it?";
+
+fn patience(reach: &Reach) -> Nanos {
+    Nanos::try_from(reach.patience.as_nanos()).unwrap_or(Nanos::MAX)
+}
+
+/// Whether whoever listens has closed the link.
+fn is_break(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
+}
+
+/// Whether it may go better next time.
+fn passes(error: &io::Error) -> bool {
+    use io::ErrorKind;
+    !matches!(
+        error.kind(),
+        ErrorKind::PermissionDenied | ErrorKind::InvalidData | ErrorKind::InvalidInput
+    )
+}
