@@ -269,7 +269,7 @@ fn check_says_that_nobody_has_looked_into_the_bodies() {
     assert!(said.starts_with("warning: the Python of reactions was not looked into: No module"));
     let output = place.run(&["check", "--json", "Main.lf"]);
     let line: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&line["code"], &line["severity"]), (&"LF0902".into(), &"warning".into()));
+    assert_eq!((&line["code"], &line["severity"]), (&"LF1002".into(), &"warning".into()));
     assert_eq!(output.stderr, b"");
     let output = place.run(&["check", "--no-bodies", "Main.lf"]);
     assert_eq!((output.status.code(), text(&output.stderr).as_str()), (Some(0), ""));
@@ -277,7 +277,9 @@ fn check_says_that_nobody_has_looked_into_the_bodies() {
 
 #[test]
 fn check_asks_one_interpreter_about_all_programs() {
-    let answer = r#"{"program":"B.lf","file":"B.lf","line":3,"column":3,"message":"no"}"#;
+    let answer = r#"{"program":"B.lf","code":"LF1001","severity":"error","message":"no","hint":null,
+        "file":"B.lf","line":3,"column":3,"end_line":3,"end_column":3}"#;
+    let answer = answer.replace('\n', "");
     let place = Place::new(PROGRAM, &format!("echo \"$@\" >> asked; echo '{answer}'"));
     std::fs::copy(place.path("Main.lf"), place.path("B.lf")).unwrap();
     std::fs::write(place.path("Wrong.lf"), "target Python").unwrap();
@@ -286,7 +288,7 @@ fn check_asks_one_interpreter_about_all_programs() {
     let asked = std::fs::read_to_string(place.path("asked")).unwrap();
     assert_eq!(asked, "-m hprm syntax -- Main.lf B.lf\n");
     let said = text(&output.stderr);
-    assert!(said.starts_with("error[LF0901]: no\n --> B.lf:3:3\n"), "{said}");
+    assert!(said.starts_with("error[LF1001]: no\n --> B.lf:3:3\n"), "{said}");
     assert!(said.contains("no main reactor"), "{said}");
 }
 
