@@ -101,7 +101,7 @@ fn wait_until_gone(pid: &str) {
 #[test]
 fn one_process_takes_the_place_of_the_command() {
     let place = Place::new(PROGRAM, "echo \"$*\"; exit 7");
-    let output = place.run(&["run", "Main.lf", "--rounds", "3"]);
+    let output = place.run(&["run", "Main.lf", "--", "--rounds", "3"]);
     assert_eq!(text(&output.stdout), "-m hprm run -- Main.lf --rounds 3\n");
     assert_eq!(output.status.code(), Some(7));
 }
@@ -144,7 +144,7 @@ fn lines_of_federates_come_whole_and_unchanged() {
 #[test]
 fn the_secret_is_not_on_the_command_line() {
     let script = "echo \"$*\"; echo \"id $HPRM_FEDERATION_ID\"; exit 1";
-    let output = Place::new(FEDERATION, script).run(&["run", "Main.lf", "one", "--two"]);
+    let output = Place::new(FEDERATION, script).run(&["run", "Main.lf", "one", "--", "--two"]);
     let shown = text(&output.stdout);
     let id = shown.lines().find_map(|line| line.strip_prefix("[a] id ")).expect("a has an id");
     assert_eq!(id.len(), 32);
@@ -353,7 +353,7 @@ fn errors_are_json_too_where_that_is_wanted() {
     let place = Place::new(PROGRAM, "exec sleep 60");
     std::fs::write(place.path("Wrong.lf"), "target Python").unwrap();
     for (words, expected) in [
-        (&["verify", "--json", "--timeout", "0.000001", "Main.lf"][..], "did not end"),
+        (&["verify", "--json", "--run-timeout", "0.000001", "Main.lf"][..], "did not end"),
         (&["verify", "--json", "Wrong.lf"], "Wrong.lf has errors"),
         (&["diff", "--json", "nowhere", "nowhere"], "cannot read the trace nowhere"),
     ] {
