@@ -56,7 +56,7 @@ const SHAPES: [Shape; 4] = [CENTRALIZED, PATIENT, CIRCULAR, PATIENT_CIRCULAR];
 #[test]
 fn federates_in_circles_equal_their_program() {
     let mut circular = 0;
-    for seed in 0..8_000 {
+    for seed in 0..12_000 {
         let program = generate(&mut Rng::new(seed), CIRCULAR);
         if !Topology::new(&program).zero_delay_cycles().is_empty() {
             circular += 1;
