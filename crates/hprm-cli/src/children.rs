@@ -14,6 +14,7 @@ use rustix::process::{Pid, kill_process_group};
 
 use crate::follow::Followed;
 use crate::leftovers;
+use crate::limits::unstarted;
 use crate::message::{self, Error};
 use crate::signals::Signal;
 use crate::supervisor::Event;
@@ -56,7 +57,7 @@ impl Children {
         }
         command.process_group(0);
         let what = format!("cannot start federate {name} with {}", command.get_program().display());
-        let unstarted = |error: io::Error| Error::new(format!("{what}: {error}"));
+        let unstarted = |error: io::Error| unstarted(&what, &error);
         let mut child = command.spawn().map_err(unstarted)?;
         if console == Console::Terminal {
             self.terminal = Lent::to(child.id()).map(|lent| (id, lent));

@@ -19,6 +19,7 @@ use hprm_lf::Compiled;
 use crate::args::{PYTHON, Properties};
 use crate::children::{Children, Console};
 use crate::launcher::{self, Commands};
+use crate::limits;
 use crate::message::Error;
 use crate::python;
 use crate::registry::{self, Entry, Record};
@@ -62,6 +63,7 @@ pub(crate) struct Plan {
 /// If it cannot be started; nothing is left of it then.
 pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let program = &compiled.program;
+    limits::check_files(program.federates.len())?;
     let (events, arrivals) = sync_channel(EVENTS);
     let signals = events.clone();
     signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())

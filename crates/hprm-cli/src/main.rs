@@ -19,6 +19,7 @@ mod join;
 mod launch;
 mod launcher;
 mod leftovers;
+mod limits;
 mod message;
 mod output;
 mod parameters;
@@ -45,6 +46,18 @@ use std::process::ExitCode;
 use crate::args::Command;
 
 fn main() -> ExitCode {
+    match limits::check_stack() {
+        Ok(()) => command(),
+        Err(error) => {
+            error.show();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What was asked for; apart, because it needs more of the stack than there may be.
+#[inline(never)]
+fn command() -> ExitCode {
     let arguments = variables::parse().unwrap_or_else(|error| error.exit());
     let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),

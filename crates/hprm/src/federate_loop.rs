@@ -25,6 +25,7 @@ use hprm_core::{
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
+use crate::link::descriptors::no_doorbell;
 use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
@@ -87,8 +88,7 @@ where
 {
     let network = match room {
         Some(room) => room.network(),
-        None => Network::sockets()
-            .map_err(|error| Failure::new(format!("error: cannot make a doorbell: {error}")))?,
+        None => Network::sockets().map_err(|error| no_doorbell(&error))?,
     };
     let properties = &options.program.properties;
     enter_realtime(properties, Some(options.federate.index()))?;

@@ -16,6 +16,7 @@ use hprm_federated::{
 
 use crate::bell::Bell;
 use crate::doorbell::Doorbell;
+use crate::link::descriptors::{advice, is_shortage, no_doorbell};
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::spin;
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
@@ -157,15 +158,15 @@ impl Rti {
     ///
     /// If an address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
-        let network = Network::sockets()
-            .map_err(|error| Failure::new(format!("error: cannot make a doorbell: {error}")))?;
+        let network = Network::sockets().map_err(|error| no_doorbell(&error))?;
         Self::bind_on(options, &network)
     }
 
     pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
         let topology = Topology::new(&options.program);
         let failed = |address: &Address, error: io::Error| {
-            Failure::new(format!("error: the RTI cannot listen at {address}: {error}"))
+            let advice = advice(&error);
+            Failure::new(format!("error: the RTI cannot listen at {address}: {error}{advice}"))
         };
         let keys = Keys::new(options.federation, options.security.clone())?;
         let fingerprint = Arc::clone(&options.fingerprint);
@@ -278,8 +279,8 @@ impl Rti {
         for _ in 0..READS {
             let Some(link) = self.links.get_mut(&id) else { return };
             let arrival = match link.read() {
-                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    self.break_off(id, error.to_string());
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory || is_shortage(&error) => {
+                    self.break_off(id, format!("{error}{}", advice(&error)));
                     return;
                 }
                 arrival => arrival.unwrap_or(Arrival::Closed),

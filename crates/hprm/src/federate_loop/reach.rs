@@ -11,6 +11,7 @@ use hprm_core::Nanos;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
+use crate::link::descriptors::advice;
 use crate::link::{Keys, Purpose};
 use crate::wait::Deadline;
 use crate::wire::{Gate, Network, Wire};
@@ -120,7 +121,7 @@ fn bind(network: &Network, address: &Address) -> Result<Gate, Failure> {
 }
 
 fn cannot_listen(address: &Address, error: &io::Error) -> Failure {
-    Failure::new(format!("error: cannot listen at {address}: {error}"))
+    Failure::new(format!("error: cannot listen at {address}: {error}{}", advice(error)))
 }
 
 /// `HOST`, `HOST:PORT`, or an address of IPv6 with or without brackets.

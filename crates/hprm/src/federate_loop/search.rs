@@ -6,6 +6,7 @@ use std::io;
 use hprm_core::{Nanos, PhysicalTime};
 
 use super::{FederateOptions, Reach};
+use crate::link::descriptors::{advice, is_shortage};
 use crate::link::{Keys, Purpose};
 use crate::wait::{Deadline, wait};
 use crate::wire::{Network, Wire};
@@ -104,7 +105,7 @@ impl Search {
         let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
         let now = Clock::now();
         if in_vain || now >= self.give_up || !passes(error) {
-            return Err(match self.reach.launched && passes(error) {
+            return Err(match self.reach.launched && passes(error) && advice(error).is_empty() {
                 true => Failure { message: String::new(), code: 1 },
                 false => self.no_rti(error),
             });
@@ -138,6 +139,12 @@ impl Search {
             _ if is_break(error) => {
                 return Failure::new(format!(
                     "error: no RTI at {rti}: {error}\n  hint: it {CLOSES}"
+                ));
+            }
+            _ if is_shortage(error) => {
+                return Failure::new(format!(
+                    "error: cannot open a link to the RTI at {rti}: {error}{}",
+                    advice(error)
                 ));
             }
             _ if rti.is_open() => {

@@ -15,6 +15,7 @@ use hprm_federated::{FederationId, Frame, HostId};
 use super::FederateOptions;
 use super::reach;
 use super::search::Search;
+use crate::link::descriptors::{advice, is_shortage};
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
@@ -560,6 +561,10 @@ impl Broken {
     fn reading(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::OutOfMemory => Self::memory(&error),
+            _ if is_shortage(&error) => Self::Memory(Failure::new(format!(
+                "error: cannot receive from another federate: {error}{}",
+                advice(&error)
+            ))),
             _ => Self::link(&error),
         }
     }

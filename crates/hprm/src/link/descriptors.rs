@@ -5,6 +5,8 @@ use std::io;
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 
+use crate::Failure;
+
 /// What the process may open at all (`ulimit -n`).
 pub(crate) fn limit() -> usize {
     let limit = getrlimit(Resource::Nofile).current;
@@ -26,6 +28,27 @@ pub(crate) fn is_shortage(error: &io::Error) -> bool {
     Errno::from_io_error(error).is_some_and(|error| {
         matches!(error, Errno::MFILE | Errno::NFILE | Errno::NOBUFS | Errno::NOMEM)
     })
+}
+
+/// Without a doorbell a process can join no federation.
+pub(crate) fn no_doorbell(error: &io::Error) -> Failure {
+    Failure::new(format!("error: cannot make a doorbell: {error}{}", advice(error)))
+}
+
+/// What to do about an error, if a limit of this process or of the system is behind it: a hint, on a
+/// line of its own.
+pub(crate) fn advice(error: &io::Error) -> &'static str {
+    match Errno::from_io_error(error) {
+        Some(Errno::MFILE) => "\n  hint: let a process open more files: ulimit -n 1024",
+        Some(Errno::NFILE) => {
+            "\n  hint: too many files are open on this machine: fs.file-max limits them"
+        }
+        Some(Errno::NOBUFS | Errno::NOMEM) => {
+            "\n  hint: free memory on this machine, or let this process have more (ulimit -v, the \
+             limit of its container)"
+        }
+        _ => "",
+    }
 }
 
 #[cfg(test)]

@@ -45,14 +45,16 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// For who has opened the link.
-    pub(super) fn offered(doorbell: Doorbell) -> io::Result<Self> {
-        let (writer, reader, file) = ring_pair().map_err(io::Error::other)?;
+    /// For who has opened the link. Without memory for them (`ulimit -f` may forbid any), there are none,
+    /// and the socket does it all.
+    pub(super) fn offered(doorbell: Doorbell) -> Self {
         let mut rings = Self::expected(doorbell);
-        rings.ends = Some((writer, reader));
         rings.is_decided = true;
-        rings.offer = Some(file);
-        Ok(rings)
+        if let Ok((writer, reader, file)) = ring_pair() {
+            rings.ends = Some((writer, reader));
+            rings.offer = Some(file);
+        }
+        rings
     }
 
     /// For who has been connected to.

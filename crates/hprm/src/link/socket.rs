@@ -13,8 +13,9 @@ use std::time::Duration;
 
 use rustix::io::Errno;
 use rustix::net::{
-    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
-    SendAncillaryMessage, SendFlags, SocketFlags, SocketType, recvmsg, send, sendmsg, sockopt,
+    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags,
+    SendAncillaryBuffer, SendAncillaryMessage, SendFlags, SocketFlags, SocketType, recvmsg, send,
+    sendmsg, sockopt,
 };
 
 use super::Address;
@@ -153,6 +154,10 @@ impl Socket {
             if let RecvAncillaryMessage::ScmRights(fds) = ancillary {
                 descriptors.extend(fds);
             }
+        }
+        if message.flags.contains(ReturnFlags::CTRUNC) {
+            // One that is lost cannot be told from others that come later.
+            return Err(io::Error::from(Errno::MFILE));
         }
         Ok(message.bytes)
     }

@@ -1,0 +1,80 @@
+"""Limits of the process (`ulimit`): a program runs within them, or one error says which is low."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import COORDINATIONS
+
+PROGRAM = """\
+target Python { timeout: 20 ms }
+preamble {=
+import numpy as np
+=}
+reactor Source {
+  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {= out.set(np.ones(20_000)) =}
+}
+reactor Sink { input inp  reaction(inp) {= print(inp.value.sum()) =} }
+federated reactor { source = new Source()  sink = new Sink()  source.out -> sink.inp }
+"""
+
+ALL = "[sink] 20000.0\n" * 3
+
+
+def run(folder: Path, limit: str, coordination: str) -> subprocess.CompletedProcess[str]:
+    """Run the program within a limit, as a shell sets it."""
+    (folder / "Main.lf").write_text(PROGRAM)
+    hprm = Path(sys.executable).with_name("hprm")
+    command = f"ulimit {limit} && exec {hprm} run --property coordination={coordination} Main.lf"
+    shell = ["bash", "-c", command]
+    return subprocess.run(
+        shell, cwd=folder, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_without_files_of_that_length_messages_take_sockets(
+    tmp_path: Path, coordination: str
+) -> None:
+    done = run(tmp_path, "-f 100", coordination)
+    assert (done.returncode, done.stdout) == (0, ALL), done.stderr
+    assert done.stderr.count("warning") == 1
+    assert "bytes of shared memory (ftruncate: File too large" in done.stderr
+
+
+def test_a_stack_that_is_too_small_is_said(tmp_path: Path) -> None:
+    done = run(tmp_path, "-s 64", "centralized")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        "error: the stack may have only 64 KiB, and needs 128 at least\n"
+        "  hint: raise the limit: ulimit -s 8192\n"
+    )
+
+
+def test_a_low_limit_of_the_stack_is_raised_where_that_is_allowed(tmp_path: Path) -> None:
+    done = run(tmp_path, "-S -s 64", "centralized")
+    assert (done.returncode, done.stdout) == (0, ALL), done.stderr
+
+
+def test_a_low_limit_of_open_files_is_raised_where_that_is_allowed(tmp_path: Path) -> None:
+    done = run(tmp_path, "-S -n 12", "centralized")
+    assert (done.returncode, done.stdout, done.stderr) == (0, ALL, "")
+
+
+@pytest.mark.parametrize("files", [8, 12, 16, 18, 20, 25, 26])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_too_few_descriptors_are_said_once_or_suffice(
+    tmp_path: Path, coordination: str, files: int
+) -> None:
+    done = run(tmp_path, f"-n {files}", coordination)
+    if done.returncode == 0:
+        assert (done.stdout, done.stderr) == (ALL, "")
+        return
+    assert done.stderr.count("error:") == 1, done.stderr
+    assert "too many open files" in done.stderr
+    assert "ulimit -n" in done.stderr
