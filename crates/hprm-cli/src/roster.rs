@@ -82,6 +82,7 @@ impl Waiting {
     fn hear(&mut self, event: &RtiEvent) -> bool {
         match event {
             RtiEvent::Joined(federate) => self.note(*federate, true),
+            RtiEvent::Left(federate) => self.note(*federate, false),
             RtiEvent::Started(_) | RtiEvent::Failed { .. } => {
                 self.over = true;
                 false
@@ -126,6 +127,9 @@ mod tests {
         assert!(!waiting.hear(&RtiEvent::Joined(ids[2])));
         assert!(waiting.hear(&RtiEvent::Joined(ids[1])));
         assert_eq!(waiting.line().as_deref(), Some("waiting for federate a"));
+        assert!(waiting.hear(&RtiEvent::Left(ids[1])));
+        assert_eq!(waiting.line().as_deref(), Some("waiting for federates a, b"));
+        assert!(waiting.hear(&RtiEvent::Joined(ids[1])));
         assert!(waiting.hear(&RtiEvent::Joined(ids[0])));
         assert_eq!(waiting.line(), None);
         let mut started = Waiting { over: false, ..waiting.clone() };
