@@ -11,6 +11,9 @@ TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)
 # One interpreter for every compilation of the Python module, so that none undoes another's work.
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 
+# How many tests in Python run at a time: they wait more than they compute.
+WORKERS ?= 3
+
 PYTHON_CODE := python tests bench examples
 RUST_SOURCES := Cargo.toml Cargo.lock \
 	$(shell find crates -name '*.rs' -o -name 'Cargo.toml')
@@ -29,7 +32,7 @@ demo: build ## run the broadcast and gather example, print its table, draw its p
 
 test: lint build ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
-	$(BIN)/python -m pytest tests/python
+	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
 	$(BIN)/python tests/mutants/run.py
 
 mutants: $(VENV)/.requirements ## put faults into copies of the coordination; simulation must find all of them

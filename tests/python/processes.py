@@ -19,6 +19,11 @@ COORDINATIONS = ["centralized", "decentralized"]
 
 DEADLINE_S = 30.0
 
+# What the environment of all processes has that this run of the tests brings about, so that other
+# runs on the same machine, and other workers of the same run, do not count.
+RUN = f"HPRM_TEST_RUN={uuid.uuid4().hex}"
+os.environ.update([RUN.split("=")])
+
 
 @dataclass
 class Outcome:
@@ -207,8 +212,8 @@ def environment(pid: int) -> set[str]:
 
 
 def stores() -> set[int]:
-    """The processes that hold or map memory of an object store."""
-    return {pid for pid in processes() if _holds_store(pid)}
+    """The processes of this run that hold or map memory of an object store."""
+    return {pid for pid in processes() if RUN in environment(pid) and _holds_store(pid)}
 
 
 def _holds_store(pid: int) -> bool:

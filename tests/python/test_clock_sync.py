@@ -35,6 +35,7 @@ PROGRAM = """\
       a = new Watch()
       b = new Watch()
       a.out -> b.inp
+      b.out -> a.inp after 10 ms
     }}
     """
 

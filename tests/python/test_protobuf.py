@@ -63,7 +63,7 @@ def test_messages_travel_between_federates(launch: Any) -> None:
 @pytest.mark.parametrize(
     ("proto", "message"),
     [
-        ("Missing.proto", "Missing.proto, which `protobufs` in Program.lf names"),
+        ("Missing.proto", "error[LF0611]: there is no file `Missing.proto`\n --> Program.lf:1:28"),
         ("Broken.proto", "`protobufs` cannot be compiled:"),
     ],
 )
