@@ -159,7 +159,11 @@ class _Draw:
 
     def reactions(self, of: Class, mutable: bool) -> list[str]:
         """The reactions outside of modes."""
-        lines = [
+        persists = self.maybe(0.2)
+        of.passes_late = persists or self.maybe(0.4)
+        first = f"late.set({self.value('0', 'self.bank_index')})"
+        lines = [f"  reaction(startup) late {{= {first} =}}"] if persists else []
+        lines += [
             "  reaction(t) -> out, a {=",
             "    self.n += 1",
             *(f"    {line}" for line in self.ticks(of)),
@@ -171,12 +175,15 @@ class _Draw:
             *(f"    {line}" for line in self.set(of, "wide", "number", "hops")),
             "  =}",
         ]
-        of.passes_late = self.maybe(0.4)
         sources = " late" if of.passes_late else ""
         lines += [
             f"  reaction(inp){sources} -> wide, a {{=",
             *(f"    {line}" for line in self.takes(of, mutable)),
-            *(["    if late.is_present: self.seen += look(late.value)[1]"] if sources else []),
+            *(
+                ["    if late.value is not None: self.seen += look(late.value)[1]"]
+                if sources
+                else []
+            ),
             *(f"    {line}" for line in self.set(of, "wide", "self.seen % 997", "hops")),
             "    if hops > 0 and self.seen % 2 == 0: "
             + self.schedule(self.value("hops - 1", "self.seen % 997")),
@@ -200,6 +207,8 @@ class _Draw:
         if self.maybe(0.6):
             every = self.rng.randint(1, 3)
             lines += [f"if self.n % {every} == 0: {self.schedule(self.value())}"]
+        if self.maybe(0.1):
+            lines += [f"if self.n == {self.rng.randint(1, 4)}: lf.stop()"]
         if self.ending == "stop" and self.maybe(0.7):
             lines += [f"if self.n == {self.rng.randint(2, 5)}: request_stop()"]
             if self.maybe(0.5):
