@@ -19,6 +19,7 @@ use crate::failure::{failure, failure_at};
 use crate::fork;
 use crate::interrupt::{INTERRUPTED, Interrupt};
 use crate::numpy_memory;
+use crate::places::Places;
 use crate::runtime::{Late, Runtime};
 use crate::serialize::Trust;
 use crate::thread;
@@ -54,6 +55,7 @@ pub(crate) struct PyHost {
     pub(crate) pickling: Pickling,
     /// Of ports whose values are sent from here: where they are set.
     pub(crate) origins: BTreeMap<PortId, String>,
+    pub(crate) places: Places,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
     /// Whether other federates run in this process.
@@ -257,6 +259,10 @@ impl Host for PyHost {
 
     fn describe(&mut self, value: &Value) -> Described {
         Python::attach(|py| value.described(py))
+    }
+
+    fn place(&self, reaction: ReactionId) -> Option<String> {
+        self.places.of_reaction(reaction)
     }
 
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {

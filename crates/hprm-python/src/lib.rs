@@ -27,6 +27,7 @@ mod measuring;
 mod mode;
 mod numpy_memory;
 mod parcel;
+mod places;
 mod port;
 mod program;
 mod run;

@@ -7,7 +7,7 @@ use hprm::{Failure, Inbox, Pickling};
 use hprm_core::{
     ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
 };
-use hprm_lf::{Argument, Compiled, ContainedPort, Ports, ReactionCode, Runs};
+use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -20,6 +20,7 @@ use crate::failure::{failure, failure_at};
 use crate::host::{self, Bodies, PyHost};
 use crate::interrupt::Interrupt;
 use crate::mode::Mode;
+use crate::places::Places;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
@@ -55,7 +56,8 @@ pub(crate) fn load(
     let shared = Arc::new(Scheduler::new(Arc::clone(&compiled.program), scope));
     let effects = Effects::default();
     let is_thread = thread::current_federate().is_some();
-    let origins = origins(compiled, scope);
+    let places = Places::of(compiled);
+    let origins = origins(compiled, scope, &places);
     // Whoever runs the threads reports for all of them.
     let launched = is_thread;
     Ok(PyHost {
@@ -66,6 +68,7 @@ pub(crate) fn load(
         codecs,
         pickling,
         origins,
+        places,
         federate,
         is_thread,
         shared,
@@ -242,22 +245,18 @@ fn connection_place(compiled: &Compiled, connection: ConnectionId) -> String {
 }
 
 /// Where the values of the ports come from that are sent from here: the reactions that set them.
-fn origins(compiled: &Compiled, scope: Scope) -> BTreeMap<PortId, String> {
+fn origins(compiled: &Compiled, scope: Scope, places: &Places) -> BTreeMap<PortId, String> {
     let program = &compiled.program;
     let sent = program.channels.values().filter(|channel| Scope::Federate(channel.from) == scope);
     let sent: BTreeSet<_> =
         sent.map(|channel| program.connections[channel.connection].from).collect();
     let mut origins = BTreeMap::new();
     for (id, reaction) in program.reactions.iter() {
-        let ReactionCode { class, runs: Runs::Reaction(index), .. } = &compiled.bodies[id] else {
-            continue;
-        };
-        let body = &compiled.classes[*class].reactions[*index];
         for effect in &reaction.effects {
             if let Effect::Port(port) = effect
                 && sent.contains(port)
+                && let Some(place) = places.of_reaction(id)
             {
-                let place = format!("{}:{}", compiled.sources.path(body.file), body.line);
                 origins.entry(*port).or_insert(place);
             }
         }

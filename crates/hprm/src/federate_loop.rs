@@ -331,6 +331,7 @@ where
             self.flush();
         }
         self.handle(Input::Begun(tag))?;
+        self.workers.watch_lag(&self.scheduler, &mut self.host, tag, self.now);
         self.scheduler.begin(tag);
         self.phase = Phase::Processing;
         self.go_on()

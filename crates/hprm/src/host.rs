@@ -143,6 +143,12 @@ pub trait Host {
         Described::opaque("value")
     }
 
+    /// Where a reaction is written, as `FILE:LINE`, for what is told of it.
+    fn place(&self, reaction: ReactionId) -> Option<String> {
+        let _ = reaction;
+        None
+    }
+
     /// Waits, or lets workers run. A host that holds a lock which other threads of the process need
     /// lets go of it meanwhile.
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {

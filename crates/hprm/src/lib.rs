@@ -14,6 +14,7 @@ mod doorbell;
 mod federate_loop;
 mod host;
 mod inbox;
+mod lag;
 mod link;
 mod local_loop;
 mod pickling;

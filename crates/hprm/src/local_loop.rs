@@ -82,14 +82,15 @@ where
         }
         let tag = scheduler.next_tag();
         let due = tag.due(scheduler.start_time());
-        let ready = fast && tag != Tag::FOREVER || due <= Clock::now();
-        if !ready {
+        let now = if fast && tag != Tag::FOREVER { due } else { Clock::now() };
+        if due > now {
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
             let rings = inbox.may_sleep() && host.idle(|| wait_for(fd, until));
             inbox.waited(rings);
             continue;
         }
+        workers.watch_lag(scheduler, host, tag, now);
         scheduler.begin(tag);
         workers.run_tag(scheduler, host)?;
         if scheduler.end(Clock::now) {

@@ -11,9 +11,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-use hprm_core::{Body, Effects, Program, ReactionId, Scheduler, Scope, Tag, Turn};
+use hprm_core::{
+    Body, Effects, Nanos, PhysicalTime, Program, ReactionId, Scheduler, Scope, Tag, Turn,
+};
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
+use crate::lag::{LagWatch, Overload};
 use crate::trace::line::Read;
 use crate::trace::{Trace, reads};
 use crate::{Clock, Failure, Host};
@@ -24,6 +27,9 @@ pub(crate) struct Workers<V> {
     team: Option<Team<V>>,
     /// Where what they do is written down, if it is.
     trace: Option<Trace>,
+    /// Whose reactions run here.
+    scope: Scope,
+    lag: LagWatch,
 }
 
 /// The loop's thread and others.
@@ -44,6 +50,8 @@ struct Ran<V> {
     outcome: Option<thread::Result<Result<(), Failure>>>,
     /// What it found when it began, for the trace.
     found: Vec<Read>,
+    /// How long it took, if that was asked for.
+    took: Nanos,
 }
 
 impl<V: Clone> Workers<V> {
@@ -62,8 +70,9 @@ impl<V: Clone> Workers<V> {
             Some(0) => thread::available_parallelism().map_or(1, usize::from),
             Some(workers) => workers as usize,
         };
+        let lag = LagWatch::new(program.properties.fast, program.reactions.len());
         if workers <= 1 {
-            return Ok(Self { team: None, trace });
+            return Ok(Self { team: None, trace, scope, lag });
         }
         let others = workers - 1;
         let threads = ThreadPoolBuilder::new()
@@ -75,7 +84,22 @@ impl<V: Clone> Workers<V> {
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team), trace })
+        Ok(Self { team: Some(team), trace, scope, lag })
+    }
+
+    /// Notes that a tag begins now, and warns once if the program has fallen behind for good.
+    #[inline]
+    pub(crate) fn watch_lag<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &Scheduler<V>,
+        host: &mut H,
+        tag: Tag,
+        now: PhysicalTime,
+    ) {
+        let due = tag.due(scheduler.start_time());
+        if let Some(overload) = self.lag.begins(tag, due, now) {
+            warn_of_overload(scheduler.program(), self.scope, host, &overload);
+        }
     }
 
     /// Runs the reactions of the current tag.
@@ -91,7 +115,7 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        if self.team.is_none() && self.trace.is_none() {
+        if self.team.is_none() && self.trace.is_none() && !self.lag.is_timing() {
             // Most programs: nobody asks after each reaction whether there is anything else to do.
             while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
                 run_alone(scheduler, host, reaction, body)?;
@@ -129,10 +153,10 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        let Self { team, trace } = self;
+        let Self { team, trace, lag, .. } = self;
         let ran = match team {
             Some(team) if host.shared_bodies().is_some() => {
-                team.run_next(scheduler, host, trace.as_mut())?
+                team.run_next(scheduler, host, trace.as_mut(), lag)?
             }
             _ => match scheduler.next_reaction(Clock::now) {
                 Some((reaction, body)) => {
@@ -140,7 +164,7 @@ impl<V: Clone> Workers<V> {
                         let found = reads(scheduler, reaction, |value| host.describe(value));
                         trace.begin(reaction, found);
                     }
-                    run_alone(scheduler, host, reaction, body)?;
+                    timed(lag, reaction, || run_alone(scheduler, host, reaction, body))?;
                     true
                 }
                 None => false,
@@ -191,6 +215,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         scheduler: &mut Scheduler<V>,
         host: &mut H,
         trace: Option<&mut Trace>,
+        lag: &mut LagWatch,
     ) -> Result<bool, Failure> {
         scheduler.next_turns(Clock::now, &mut self.turns);
         for turn in &self.turns {
@@ -207,11 +232,15 @@ impl<V: Clone + Send + Sync> Team<V> {
                     let found = reads(scheduler, turn.reaction, |value| host.describe(value));
                     trace.begin(turn.reaction, found);
                 }
-                host.react(scheduler, turn.reaction, turn.body)?;
+                timed(lag, turn.reaction, || host.react(scheduler, turn.reaction, turn.body))?;
                 scheduler.finish(turn.reaction);
             }
             _ => {
-                self.run_turns(scheduler, host, trace.is_some());
+                self.run_turns(scheduler, host, trace.is_some(), lag.is_timing());
+                for (turn, ran) in self.turns.iter().zip(&mut self.results) {
+                    let ran = ran.get_mut().unwrap_or_else(PoisonError::into_inner);
+                    lag.ran(turn.reaction, ran.took);
+                }
                 if let Some(trace) = trace {
                     for (turn, ran) in self.turns.iter().zip(&mut self.results) {
                         let ran = ran.get_mut().unwrap_or_else(PoisonError::into_inner);
@@ -224,12 +253,14 @@ impl<V: Clone + Send + Sync> Team<V> {
         Ok(true)
     }
 
-    /// Runs the bodies of all turns, and for a trace notes what each finds.
+    /// Runs the bodies of all turns. Notes for a trace what each finds, and for the lag watch how long it
+    /// takes.
     fn run_turns<H: Host<Value = V>>(
         &mut self,
         scheduler: &mut Scheduler<V>,
         host: &H,
         traced: bool,
+        timed: bool,
     ) {
         let Some(bodies) = host.shared_bodies() else {
             unreachable!("a host that has shared bodies keeps them")
@@ -246,12 +277,14 @@ impl<V: Clone + Send + Sync> Team<V> {
                     return;
                 };
                 let mut ran = result.lock().unwrap_or_else(PoisonError::into_inner);
-                let Ran { effects, outcome, found } = &mut *ran;
+                let Ran { effects, outcome, found, took } = &mut *ran;
                 if traced {
                     *found = reads(shared, turn.reaction, |value| bodies.describe(value));
                 }
+                let began = timed.then(Clock::local);
                 let body = AssertUnwindSafe(|| bodies.react(shared, turn, effects));
                 *outcome = Some(catch_unwind(body));
+                *took = began.map_or(0, |began| Clock::local().since(began));
             }
         };
         let helpers = (*others).min(turns.len() - 1);
@@ -291,8 +324,30 @@ impl<V: Clone + Send + Sync> Team<V> {
 
 impl<V: Clone> Default for Ran<V> {
     fn default() -> Self {
-        Self { effects: Effects::default(), outcome: None, found: Vec::new() }
+        Self { effects: Effects::default(), outcome: None, found: Vec::new(), took: 0 }
     }
+}
+
+/// Runs a reaction, and notes how long that takes while the program lags.
+#[inline]
+fn timed(
+    lag: &mut LagWatch,
+    reaction: ReactionId,
+    run: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    if !lag.is_timing() {
+        return run();
+    }
+    let began = Clock::local();
+    run()?;
+    lag.ran(reaction, Clock::local().since(began));
+    Ok(())
+}
+
+#[cold]
+fn warn_of_overload<H: Host>(program: &Program, scope: Scope, host: &mut H, overload: &Overload) {
+    let message = overload.message(program, scope, |reaction| host.place(reaction));
+    host.warn(&message);
 }
 
 #[cold]

@@ -309,7 +309,9 @@ pub(crate) fn run_rounds(
 pub(crate) fn well(federation: Federation) -> Federation {
     assert_eq!(federation.rti, Ok(()));
     assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
-    assert_eq!(federation.warnings, [""; 0]);
+    // A busy machine may keep no federation in time.
+    let warnings = federation.warnings.iter().filter(|warning| !warning.contains(" lags "));
+    assert_eq!(warnings.collect::<Vec<_>>(), [""; 0]);
     federation
 }
 

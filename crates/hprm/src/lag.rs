@@ -1,0 +1,336 @@
+//! The lag watch: whether a program falls behind its clock for good, and which reaction costs most then.
+//!
+//! A program lags by the time between the moment at which a tag is due and the one at which it begins.
+//! The watch is told of each tag that begins; only while the lag is large does it want to know how long
+//! reactions take. It reads no clock and says nothing itself: see [`Workers`](crate::workers).
+
+use hprm_core::{Nanos, PhysicalTime, Program, ReactionId, Scope, Table, Tag, show_time};
+
+const SECOND: Nanos = 1_000_000_000;
+
+/// With a larger lag, reactions are timed.
+const NOTICED: Nanos = SECOND / 10;
+/// A larger lag is an overload, if it lasts.
+const BOUND: Nanos = SECOND;
+/// How long it has to last.
+const LASTS: Nanos = SECOND;
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(crate) struct LagWatch {
+    /// Whether there is nothing to watch any more: it has been told, or the program follows no clock.
+    is_over: bool,
+    /// The latest tag that was in time.
+    in_time: Option<Tag>,
+    behind: Option<Behind>,
+    /// What reactions have taken since the lag was worth noticing; there from the start, so that a program
+    /// that lags allocates nothing either.
+    costs: Table<ReactionId, Cost>,
+}
+
+/// A lag that is worth noticing.
+#[derive(Debug)]
+struct Behind {
+    first: Tag,
+    /// When that began, and how late it was.
+    at: PhysicalTime,
+    jump: Nanos,
+    /// Since when the lag has been over the bound.
+    over: Option<PhysicalTime>,
+}
+
+/// How long a reaction has run.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Cost {
+    pub(crate) total: Nanos,
+    pub(crate) longest: Nanos,
+    pub(crate) runs: u64,
+}
+
+/// A lag that has lasted.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Overload {
+    pub(crate) lag: Nanos,
+    /// The first tag that was late.
+    pub(crate) since: Tag,
+    /// If most of the lag came at once: how much, and the tag before.
+    pub(crate) jump: Option<(Nanos, Tag)>,
+    /// For how long reactions have been timed, and how much of that they took.
+    pub(crate) elapsed: Nanos,
+    pub(crate) busy: Nanos,
+    /// The reaction that took most of it.
+    pub(crate) slowest: Option<(ReactionId, Cost)>,
+}
+
+impl LagWatch {
+    /// For so many reactions. A program that runs as `fast` as it can has nothing to lag behind.
+    pub(crate) fn new(fast: bool, reactions: usize) -> Self {
+        let reactions = if fast { 0 } else { reactions };
+        Self { is_over: fast, costs: Table::filled(reactions, Cost::default()), ..Self::default() }
+    }
+
+    /// Whether to say how long each reaction takes.
+    #[inline]
+    pub(crate) fn is_timing(&self) -> bool {
+        self.behind.is_some()
+    }
+
+    /// Notes that `tag`, which was `due`, begins. Returns an overload once.
+    #[inline]
+    pub(crate) fn begins(
+        &mut self,
+        tag: Tag,
+        due: PhysicalTime,
+        now: PhysicalTime,
+    ) -> Option<Overload> {
+        let lag = now.since(due);
+        if lag <= NOTICED {
+            self.in_time = Some(tag);
+            if self.behind.is_some() {
+                self.behind = None;
+            }
+            return None;
+        }
+        self.begins_late(tag, lag, now)
+    }
+
+    #[cold]
+    fn begins_late(&mut self, tag: Tag, lag: Nanos, now: PhysicalTime) -> Option<Overload> {
+        if self.is_over {
+            return None;
+        }
+        let behind = self.behind.get_or_insert_with(|| {
+            self.costs.ids().for_each(|reaction| self.costs[reaction] = Cost::default());
+            Behind { first: tag, at: now, jump: lag, over: None }
+        });
+        if lag <= BOUND {
+            behind.over = None;
+            return None;
+        }
+        if now.since(*behind.over.get_or_insert(now)) < LASTS {
+            return None;
+        }
+        self.is_over = true;
+        let behind = self.behind.take()?;
+        Some(behind.overload(lag, now, self.in_time, &self.costs))
+    }
+
+    /// Notes how long a run of a reaction took.
+    pub(crate) fn ran(&mut self, reaction: ReactionId, took: Nanos) {
+        if self.behind.is_some() {
+            let cost = &mut self.costs[reaction];
+            cost.total = cost.total.saturating_add(took);
+            cost.longest = cost.longest.max(took);
+            cost.runs += 1;
+        }
+    }
+}
+
+impl Behind {
+    fn overload(
+        &self,
+        lag: Nanos,
+        now: PhysicalTime,
+        in_time: Option<Tag>,
+        costs: &Table<ReactionId, Cost>,
+    ) -> Overload {
+        let ran = costs.iter().filter(|(_, cost)| cost.runs > 0);
+        let slowest = ran.max_by_key(|(_, cost)| cost.total);
+        Overload {
+            lag,
+            since: self.first,
+            jump: in_time.filter(|_| self.jump > lag / 2).map(|before| (self.jump, before)),
+            elapsed: now.since(self.at),
+            busy: costs.values().map(|cost| cost.total).sum(),
+            slowest: slowest.map(|(reaction, cost)| (reaction, *cost)),
+        }
+    }
+}
+
+impl Overload {
+    /// What to tell a person. `place` says where a reaction is written, if that is known.
+    pub(crate) fn message(
+        &self,
+        program: &Program,
+        scope: Scope,
+        place: impl Fn(ReactionId) -> Option<String>,
+    ) -> String {
+        let (who, alone) = match scope {
+            Scope::Whole => ("the program".to_owned(), true),
+            Scope::Federate(id) => (format!("federate {}", program.federates[id].name), false),
+        };
+        let (lag, since) = (seconds(self.lag), show_tag(self.since));
+        let mut text = format!("{who} lags {lag} behind its clock, since tag {since}");
+        if let Some((jump, before)) = self.jump {
+            text +=
+                &format!(", before which {} went by at tag {}", seconds(jump), show_tag(before));
+        }
+        if let Some((reaction, cost)) = self.slowest {
+            let place = place(reaction).map_or_else(String::new, |place| format!(" ({place})"));
+            let name = program.reaction_name(reaction);
+            let Cost { total, longest, runs } = cost;
+            let times = if runs == 1 { "once".to_owned() } else { format!("{runs} times") };
+            let (total, longest) = (seconds(total), seconds(longest));
+            text += &format!(
+                "; reaction {name}{place} took longest: it ran {times}, {total} in all, {longest} at most"
+            );
+        }
+        let is_busy = self.busy >= self.elapsed / 2;
+        text += "\n  hint: ";
+        text += match (is_busy, alone) {
+            (true, true) => {
+                "let it run less often, make it quicker, give it a deadline, or move it into a \
+                 federate of its own"
+            }
+            (true, false) => "let it run less often, make it quicker, or give it a deadline",
+            (false, true) => {
+                "its reactions took less than half of that time: is the machine busy with something \
+                 else?"
+            }
+            (false, false) => {
+                "its reactions took less than half of that time: it waits for other federates, or \
+                 the machine is busy with something else"
+            }
+        };
+        text
+    }
+}
+
+/// A time that was measured, as a person wants to read it: `2.35 s`, `8.2 ms`.
+pub(crate) fn seconds(nanos: Nanos) -> String {
+    match nanos {
+        10_000_000_000.. => format!("{} s", nanos / SECOND),
+        100_000_000.. => format!("{}.{:02} s", nanos / SECOND, nanos % SECOND / 10_000_000),
+        _ => format!("{}.{} ms", nanos / 1_000_000, nanos % 1_000_000 / 100_000),
+    }
+}
+
+/// A tag with the unit in which a program states times: `(20 ms, 1)`.
+pub(crate) fn show_tag(tag: Tag) -> String {
+    format!("({}, {})", show_time(tag.time), tag.microstep)
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_core::{ProgramBuilder, Properties, ReactionSpec};
+
+    use super::*;
+
+    const MS: Nanos = 1_000_000;
+    const SLOW: ReactionId = ReactionId(7);
+    const QUICK: ReactionId = ReactionId(3);
+
+    /// Runs a timer of 10 ms for so many tags, each of which takes as long as `cost` says.
+    fn run(tags: i64, cost: impl Fn(i64) -> Nanos) -> (LagWatch, Vec<Overload>, u64) {
+        let (mut watch, mut told, mut timed) = (LagWatch::new(false, 8), Vec::new(), 0);
+        let mut now = PhysicalTime(0);
+        for index in 0..tags {
+            let due = PhysicalTime(10 * MS * index);
+            now = now.max(due);
+            told.extend(watch.begins(Tag::new(due.0, 0), due, now));
+            if watch.is_timing() {
+                timed += 1;
+                watch.ran(SLOW, cost(index));
+                watch.ran(QUICK, MS / 10);
+            }
+            now = now.plus(cost(index) + MS / 10);
+        }
+        (watch, told, timed)
+    }
+
+    #[test]
+    fn who_keeps_up_is_not_timed_and_hears_nothing() {
+        // Now and then a tag takes 90 ms, and the ones after it catch up.
+        let (_, told, timed) = run(10_000, |index| if index % 100 == 0 { 90 * MS } else { MS });
+        assert_eq!((told, timed), (Vec::new(), 0));
+    }
+
+    #[test]
+    fn a_lag_that_is_made_good_is_no_overload() {
+        // Three seconds are lost, and found again within one.
+        let (watch, told, timed) = run(10_000, |index| if index == 50 { 3_000 * MS } else { MS });
+        assert_eq!(told, Vec::new());
+        assert!(timed > 0 && !watch.is_timing());
+    }
+
+    #[test]
+    fn an_overload_is_told_once_with_the_slowest_reaction() {
+        let (watch, told, _) = run(10_000, |index| if index < 100 { MS } else { 20 * MS });
+        let [overload] = told.as_slice() else { panic!("{told:?}") };
+        // 10.1 ms are lost with each tag, from one second on.
+        assert_eq!(overload.since, Tag::new(1_100 * MS, 0));
+        assert!((1_500 * MS..1_520 * MS).contains(&overload.lag), "{overload:?}");
+        let (reaction, cost) = overload.slowest.unwrap();
+        assert_eq!((reaction, cost.longest), (SLOW, 20 * MS));
+        assert_eq!(cost.total, 20 * MS * i64::try_from(cost.runs).unwrap());
+        assert_eq!(overload.jump, None);
+        assert!(overload.busy > overload.elapsed / 10 * 9, "{overload:?}");
+        assert!(!watch.is_timing(), "nothing is measured any more");
+    }
+
+    #[test]
+    fn a_lag_that_came_at_once_is_told_as_such() {
+        let cost = |index| if index == 50 { 5_000 * MS } else { 11 * MS };
+        let (_, told, _) = run(1_000, cost);
+        let before = Tag::new(500 * MS, 0);
+        assert_eq!(told.len(), 1);
+        let (jump, after) = told[0].jump.unwrap();
+        assert_eq!(after, before);
+        assert!((4_900 * MS..5_100 * MS).contains(&jump), "{jump}");
+    }
+
+    #[test]
+    fn a_lag_must_last() {
+        let mut watch = LagWatch::new(false, 8);
+        let mut begins = |at: Nanos, lag: Nanos| {
+            watch.begins(Tag::new(at, 0), PhysicalTime(at), PhysicalTime(at + lag))
+        };
+        assert_eq!(begins(0, 1_100 * MS), None);
+        // Over the bound for less than a second, then just under it, then over it again.
+        assert_eq!(begins(900 * MS, 1_100 * MS), None);
+        assert_eq!(begins(950 * MS, 1_000 * MS), None);
+        assert_eq!(begins(1_000 * MS, 1_100 * MS), None);
+        assert_eq!(begins(1_999 * MS, 1_100 * MS), None);
+        assert!(begins(2_000 * MS, 1_100 * MS).is_some());
+    }
+
+    #[test]
+    fn a_message_names_the_reaction_its_place_and_its_cost() {
+        let mut b = ProgramBuilder::new("Main", Properties::default());
+        let worker = b.reactor(b.main(), "worker");
+        let slow = b.reaction(worker, ReactionSpec::default());
+        let program = b.build().unwrap();
+        let cost = Cost { total: 2_350 * MS, longest: 61 * MS, runs: 39 };
+        let mut overload = Overload {
+            lag: 1_520 * MS,
+            since: Tag::new(1_100 * MS, 2),
+            jump: None,
+            elapsed: 2_400 * MS,
+            busy: 2_360 * MS,
+            slowest: Some((slow, cost)),
+        };
+        let place = |_| Some("Main.lf:12".to_owned());
+        assert_eq!(
+            overload.message(&program, Scope::Whole, place),
+            "the program lags 1.52 s behind its clock, since tag (1100 ms, 2); reaction \
+             Main.worker.1 (Main.lf:12) took longest: it ran 39 times, 2.35 s in all, 61.0 ms at \
+             most\n  hint: let it run less often, make it quicker, give it a deadline, or move it \
+             into a federate of its own"
+        );
+        overload.busy = MS;
+        overload.jump = Some((12_000 * MS, Tag::START));
+        let text = overload.message(&program, Scope::Whole, |_| None);
+        assert!(text.contains("(1100 ms, 2), before which 12 s went by at tag (0, 0); "), "{text}");
+        assert!(text.contains("is the machine busy with something else?"), "{text}");
+    }
+
+    #[test]
+    fn without_a_clock_to_follow_there_is_no_lag() {
+        let mut watch = LagWatch::new(true, 8);
+        for second in 0..10 {
+            let now = PhysicalTime(3_600 * SECOND + second * SECOND);
+            assert_eq!(watch.begins(Tag::new(second, 0), PhysicalTime(0), now), None);
+            assert!(!watch.is_timing());
+        }
+    }
+}

@@ -1,0 +1,64 @@
+"""A program that falls behind its clock for good says so once, and which reaction costs most."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from conftest import Run
+from processes import Bench, finish
+
+SLOW = """\
+reactor Slow {
+  timer t(0, 20 ms)
+  reaction(t) {= pass =}
+  reaction(t) {=
+    # Longer than the period.
+    time.sleep(0.3)
+  =}
+}
+"""
+MAIN = "main reactor { slow = new Slow() }\n"
+PREAMBLE = "preamble {= import time =}\n"
+# Of its second reaction, below the line of the target.
+LINE = 1 + (PREAMBLE + SLOW).splitlines().index("  reaction(t) {=") + 1
+TOLD = re.compile(
+    r"lags (\d+\.\d+) s behind its clock, since tag \((\d+ ms|\d+ s), 0\); reaction (\S+) "
+    r"\((\S+)\) took longest: it ran (\d+) times, (\d+\.\d+) s in all, 0\.\d+ s at most\n"
+)
+
+
+@pytest.mark.parametrize("options", [[], ["--workers", "2"], ["--logical-trace", "trace.jsonl"]])
+def test_a_program_that_cannot_keep_up_says_so_once(run: Run, options: list[str]) -> None:
+    outcome = run(f"target Python {{ timeout: 220 ms }}\n{PREAMBLE}{SLOW}{MAIN}", *options)
+    assert outcome.code == 0
+    told = TOLD.search(outcome.err)
+    assert told is not None, outcome.err
+    assert outcome.err.startswith("warning: the program lags ")
+    assert outcome.err.count("warning") == 1
+    assert told[3] == "Program.slow.2"
+    assert told[4] == f"Program.lf:{LINE}"
+    assert float(told[1]) > 1
+    assert float(told[6]) >= 0.3 * int(told[5])
+    assert "hint: let it run less often" in outcome.err
+
+
+@pytest.mark.parametrize("options", [[], ["--in-process"]])
+def test_a_federate_that_cannot_keep_up_is_named(bench: Bench, options: list[str]) -> None:
+    text = (
+        f"target Python {{ coordination: decentralized, timeout: 220 ms }}\n{PREAMBLE}{SLOW}"
+        "reactor Quick { timer t(0, 20 ms)  reaction(t) {= pass =} }\n"
+        "federated reactor { slow = new Slow()  quick = new Quick() }\n"
+    )
+    outcome = finish(bench.start(text, *options))
+    assert outcome.code == 0
+    assert outcome.err.startswith("[slow] warning: federate slow lags "), outcome.err
+    told = TOLD.search(outcome.err)
+    assert told is not None, outcome.err
+    assert told[3].endswith("slow.2")
+    assert outcome.err.count("warning") == 1
+
+
+def test_a_program_that_follows_no_clock_lags_behind_none(run: Run) -> None:
+    outcome = run(f"target Python {{ fast: true, timeout: 220 ms }}\n{PREAMBLE}{SLOW}{MAIN}")
+    assert (outcome.code, outcome.err) == (0, "")
