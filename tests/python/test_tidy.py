@@ -15,11 +15,20 @@ GENERATED = {"target", "out", "__pycache__", "corpus"}
 LONGEST_FILE = 800
 UNSAFE_ROOMS = {
     "crates/hprm-store/src/at_fork.rs",
-    "crates/hprm-store/src/shm.rs",
+    "crates/hprm-store/src/shm/cow.rs",
+    "crates/hprm-store/src/shm/locks.rs",
+    "crates/hprm-store/src/shm/mapping.rs",
+    "crates/hprm-store/src/shm/segment.rs",
+    "crates/hprm-store/src/shm/view.rs",
     "crates/hprm-store/src/shm/words.rs",
     "crates/hprm-python/src/buffer.rs",
     "crates/hprm-python/src/numpy_memory.rs",
 }
+
+# Where the words of the glossary are used and retired ones are gone; in the end, everywhere.
+CLEANED_UP = ("crates/hprm-store/",)
+# Public names that have a retired word and stay.
+PUBLIC_NAMES = re.compile(r"objects_passed_on")
 
 # Put together from halves, so that this file does not find itself.
 UNFINISHED = re.compile("|".join(["to" + "do!", "unimple" + "mented!", "FIX" + "ME", "XX" + "X:"]))
@@ -56,6 +65,18 @@ def headings(text: str) -> list[str]:
     """The first-level headings of a Markdown text, outside of code fences."""
     parts = re.split(r"^```.*$", text, flags=re.MULTILINE)
     return re.findall(r"^# .+$", "\n".join(parts[::2]), flags=re.MULTILINE)
+
+
+def retired_words() -> dict[str, str]:
+    """The words that the glossary retires, each with the standard term."""
+    text = (ROOT / "docs" / "glossary.md").read_text().partition("## Retired words")[2]
+    rows = re.findall(r"^\| (`.+`) \| (.+) \|$", text, flags=re.MULTILINE)
+    return {word: term for words, term in rows for word in re.findall(r"`([^`]+)`", words)}
+
+
+def retired(word: str) -> re.Pattern[str]:
+    """Finds a word or its plural in sentences and in names: `yard`, `two_yards`, `YardKey`."""
+    return re.compile(rf"(?<![A-Za-z]){word.replace(' ', '[ _]')}s?(?![a-z])", re.IGNORECASE)
 
 
 def test_every_rust_source_says_what_it_owns() -> None:
@@ -130,10 +151,26 @@ def test_unsafe_code_keeps_to_its_rooms() -> None:
     assert rooms <= UNSAFE_ROOMS
 
 
+def test_retired_words_stay_away() -> None:
+    words = {word: (retired(word), term) for word, term in retired_words().items()}
+    found = [
+        f"{path}:{number}: {word!r}; the glossary has: {term}"
+        for path, text in sources(".rs", ".py", ".pyi", ".lf", ".md")
+        if path.startswith(CLEANED_UP) and path != "docs/glossary.md"
+        for number, line in enumerate(text.splitlines(), start=1)
+        for word, (pattern, term) in words.items()
+        if pattern.search(PUBLIC_NAMES.sub("", line))
+    ]
+    assert len(words) > 30
+    assert found == []
+
+
 def test_the_checks_find_what_they_look_for() -> None:
     assert UNFINISHED.search("    to" + "do!()")
     assert UNSAFE.search(without_rust_comments("let x = un" + "safe { y };"))
     assert not UNSAFE.search(without_rust_comments("#![forbid(un" + "safe_code)] // unsafe"))
+    assert all(retired("yard").search(text) for text in ("a yard", "two_yards", "Yard::new"))
+    assert not any(retired("who").search(text) for text in ("the whole", "whose"))
     assert headings("# One\n```sh\n# a comment\n```\n# Two\n") == ["# One", "# Two"]
 
 

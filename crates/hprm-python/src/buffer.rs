@@ -11,7 +11,7 @@ use std::ffi::{CString, c_int};
 use std::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use hprm_store::{Object, OwnObject, WritableLoan};
+use hprm_store::{CowObject, Object, WritableLoan};
 use pyo3::buffer::PyBuffer;
 use pyo3::exceptions::{PyBufferError, PyRuntimeError, PyValueError};
 use pyo3::ffi;
@@ -68,7 +68,7 @@ impl Memory {
 
 /// Bytes that have arrived, and that Python may write to: nobody else sees it.
 #[pyclass(frozen, module = "hprm._hprm")]
-pub(crate) struct OwnMemory(pub(crate) Arc<OwnObject>);
+pub(crate) struct OwnMemory(pub(crate) Arc<CowObject>);
 
 #[pymethods]
 impl OwnMemory {

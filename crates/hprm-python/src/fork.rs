@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use hprm::Failure;
-use hprm_store::Yard;
+use hprm_store::StoreAllocator;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -25,8 +25,8 @@ pub(crate) fn is_child() -> bool {
 /// # Errors
 ///
 /// If the system does not tell of forks.
-pub(crate) fn watch(yard: &Arc<Yard>) -> std::io::Result<()> {
-    yard.watch_forks(|| {
+pub(crate) fn watch(allocator: &Arc<StoreAllocator>) -> std::io::Result<()> {
+    allocator.watch_forks(|| {
         crate::console::say(&format!(
             "error: {WHAT} ends, because it could change what others receive: the system gives it \
              no memory of its own; free memory on this host",

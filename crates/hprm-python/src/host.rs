@@ -10,7 +10,7 @@ use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
 };
-use hprm_store::{Object, Store, Yard};
+use hprm_store::{Object, Store, StoreAllocator};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -198,13 +198,13 @@ impl Host for PyHost {
         Some(self)
     }
 
-    fn furnish(&mut self, yard: &Arc<Yard>) {
+    fn furnish(&mut self, allocator: &Arc<StoreAllocator>) {
         let mut channels = self.runtime.program().channels.values();
         // Who sends nothing needs no memory that others can read.
         if channels.any(|channel| channel.from == self.federate) {
-            numpy_memory::furnish(yard);
+            numpy_memory::furnish(allocator);
         }
-        if let Err(error) = fork::watch(yard) {
+        if let Err(error) = fork::watch(allocator) {
             self.warn(&format!("processes that bodies fork may see arrays change: {error}"));
         }
     }

@@ -26,7 +26,7 @@ use std::sync::{Arc, OnceLock};
 
 use hprm_core::FederateId;
 use hprm_core::limits::INLINE_LIMIT;
-use hprm_store::{Object, OwnObject, Store, Yard};
+use hprm_store::{CowObject, Object, Store, StoreAllocator};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::ffi;
 use pyo3::intern;
@@ -102,7 +102,7 @@ struct Room {
     handler: Handler,
     /// The allocator that NumPy has by default.
     heap: Allocator,
-    yard: Arc<Yard>,
+    yard: Arc<StoreAllocator>,
     /// The capsules of this handler and of the default one.
     ours: *mut ffi::PyObject,
     default: *mut ffi::PyObject,
@@ -116,13 +116,13 @@ unsafe impl Send for Room {}
 // SAFETY: as for `Send`.
 unsafe impl Sync for Room {}
 
-static YARD: OnceLock<Arc<Yard>> = OnceLock::new();
+static YARD: OnceLock<Arc<StoreAllocator>> = OnceLock::new();
 /// `sys.modules`.
 static MODULES: PyOnceLock<Py<PyDict>> = PyOnceLock::new();
 static ROOM: PyOnceLock<Option<&'static Room>> = PyOnceLock::new();
 
 /// From now on, arrays may live in that yard. Only the first call of a process counts.
-pub(crate) fn furnish(yard: &Arc<Yard>) {
+pub(crate) fn furnish(yard: &Arc<StoreAllocator>) {
     let _ = YARD.set(Arc::clone(yard));
 }
 
@@ -352,9 +352,9 @@ pub(crate) fn counts_tell(py: Python<'_>) -> PyResult<bool> {
 
 /// An object that Python may write to without anybody else seeing it, not copied before that. None if
 /// there is no store, or if it cannot be done.
-pub(crate) fn own(py: Python<'_>, object: &Object) -> Option<Arc<OwnObject>> {
+pub(crate) fn own(py: Python<'_>, object: &Object) -> Option<Arc<CowObject>> {
     // Who has a room has it told of forks.
-    room(py)?.yard.own(object)
+    room(py)?.yard.map_copy_on_write(object)
 }
 
 /// How many references there are to an object.
@@ -383,7 +383,7 @@ fn room(py: Python<'_>) -> Option<&'static Room> {
 
 impl Room {
     /// Makes the room, if this NumPy is one that is known.
-    fn make(py: Python<'_>, yard: &Arc<Yard>) -> PyResult<Option<&'static Self>> {
+    fn make(py: Python<'_>, yard: &Arc<StoreAllocator>) -> PyResult<Option<&'static Self>> {
         if !counts_tell(py)? {
             return Ok(None);
         }
@@ -401,7 +401,7 @@ impl Room {
     /// `table` is that of NumPy's functions, and we are attached to the interpreter.
     unsafe fn from_table(
         table: *const *mut c_void,
-        yard: &Arc<Yard>,
+        yard: &Arc<StoreAllocator>,
     ) -> PyResult<Option<&'static Self>> {
         // SAFETY: by the contract.
         if !unsafe { is_known(table) } {

@@ -49,7 +49,7 @@ impl Encoded {
         let part = |part: &Part| match part {
             Part::Inline(bytes) => copy_of(bytes).ok().map(hprm_core::Part::Inline),
             Part::Object(came) => {
-                let object = store.pass_on(came)?;
+                let object = store.forward(came)?;
                 let part = hprm_core::Part::Object(object.object_ref());
                 holds.push(object);
                 Some(part)

@@ -1,13 +1,13 @@
-//! Free space: which bytes of the segments belong to no one.
+//! Free space: which bytes of the segments are in no block.
 //!
 //! Plain data. It knows lengths and offsets, not memory, owners or readers; a segment is a number and
-//! a length. Deciding how long a [`Block`] stays taken is the ledger's business.
+//! a length. The ledger decides how long a [`Block`] stays taken.
 
 #![forbid(unsafe_code)]
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Alignment of every block, in bytes: a cache line, and what vector instructions want.
+/// Alignment of every block, in bytes: a cache line, and enough for vector instructions.
 const LINE: u64 = 64;
 /// Alignment of a large block, in bytes, so that it starts where its pages start.
 pub(crate) const PAGE: u64 = 4096;
@@ -40,7 +40,7 @@ impl Block {
 /// The free bytes of several segments.
 ///
 /// A block is chosen among the recently freed ones of the same length first, the newest before the
-/// others: its pages are there and its lines may still be in the cache. Otherwise the smallest free
+/// others: its pages are present and its lines may still be in the cache. Otherwise the smallest free
 /// range that fits is cut. So a program that sends arrays of one shape writes the same one or two
 /// blocks for ever, whatever the size of the arena.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
@@ -68,7 +68,7 @@ impl Arena {
         Self::default()
     }
 
-    /// Adds a segment of `len` bytes, all free. Its number was never used before.
+    /// Adds a segment of `len` bytes, all free. Its number is new.
     ///
     /// # Panics
     ///
@@ -115,7 +115,7 @@ impl Arena {
         Some(block)
     }
 
-    /// Gives a block back.
+    /// Frees a block.
     ///
     /// # Panics
     ///
@@ -277,7 +277,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any series of takes and gives: nothing overlaps, nothing is lost, and free ranges that
+        /// Any series of `alloc` and `free`: nothing overlaps, nothing is lost, and free ranges that
         /// touch are one.
         #[test]
         fn blocks_never_overlap_and_bytes_are_conserved(

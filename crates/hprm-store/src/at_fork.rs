@@ -1,11 +1,11 @@
-//! Hearing of forks, however the process forks: Python's `os.fork`, a library in C, any thread.
+//! Functions that the C library calls at each fork, however the process forks: by Python's `os.fork`, by
+//! a library in C, on any thread.
 //!
-//! The C library calls what is registered here around each `fork`. What starts another program at
-//! once (`posix_spawn`, `vfork`) needs nothing and is not told. What is done at a fork is decided
-//! elsewhere.
+//! Calls that start another program at once (`posix_spawn`, `vfork`) need nothing, and the C library
+//! calls nothing for them. What the functions do is decided by the modules that register them.
 //!
 //! A forked process has one thread, and a copy of the memory of all others as they were. A lock that
-//! one of them held stays locked for ever. So code that may run in a forked process asks
+//! another thread held stays locked for ever. So code that may run in a forked process asks
 //! [`is_forked`] before it takes a lock that other threads of the parent may have held.
 
 #![allow(unsafe_code)]
@@ -20,12 +20,12 @@ use rustix::fs::{self, Mode, OFlags};
 static FORKED: AtomicBool = AtomicBool::new(false);
 static WATCHING: Once = Once::new();
 
-/// What the C library calls at a fork.
-type Call = extern "C" fn();
+/// A function that the C library calls at a fork.
+type ForkHook = extern "C" fn();
 
 extern "C" fn nothing() {}
 
-extern "C" fn note() {
+extern "C" fn note_fork() {
     FORKED.store(true, Ordering::Release);
 }
 
@@ -35,27 +35,27 @@ pub fn is_forked() -> bool {
     FORKED.load(Ordering::Acquire)
 }
 
-/// From now on, a process that is forked from this one knows that it is one.
+/// From now on, [`is_forked`] is true in processes that this one forks.
 pub fn watch_forks() {
     WATCHING.call_once(|| {
         // Fails only if there is no memory for three pointers.
-        let _ = register(nothing, nothing, note);
+        let _ = register(nothing, nothing, note_fork);
     });
 }
 
-/// Has `prepare` called before each fork, and afterwards one of the others, all three on the thread
-/// that forks. They must not panic.
+/// Registers `prepare`, which the C library calls before each fork, and the two functions of which it
+/// calls one after the fork, all three on the thread that forks. They must not panic.
 ///
 /// # Errors
 ///
 /// If the system has no memory.
-pub fn at_fork(prepare: Call, in_parent: Call, in_child: Call) -> io::Result<()> {
-    // First: the others may ask.
+pub fn at_fork(prepare: ForkHook, in_parent: ForkHook, in_child: ForkHook) -> io::Result<()> {
+    // First: the functions may call `is_forked`.
     watch_forks();
     register(prepare, in_parent, in_child)
 }
 
-fn register(prepare: Call, in_parent: Call, in_child: Call) -> io::Result<()> {
+fn register(prepare: ForkHook, in_parent: ForkHook, in_child: ForkHook) -> io::Result<()> {
     // SAFETY: the functions are safe to call at any time and on any thread, and are there as long as
     // the process: neither a program nor an extension module of Python is ever unloaded. In the child
     // the C library has made its own locks usable again before it calls them, that of its allocator
@@ -66,19 +66,19 @@ fn register(prepare: Call, in_parent: Call, in_child: Call) -> io::Result<()> {
     }
 }
 
-/// In a forked process: has it let go of what lies behind a descriptor. The number stays taken, so no
-/// file that the program opens later gets it.
+/// In a forked process: closes the file of a descriptor and puts `/dev/null` in its place. The number
+/// stays in use, so no file that the program opens later gets it.
 ///
 /// # Errors
 ///
-/// If there is nothing to put in its place.
-pub fn let_go(descriptor: RawFd) -> io::Result<()> {
+/// If `/dev/null` cannot be opened.
+pub fn replace_with_null(descriptor: RawFd) -> io::Result<()> {
     if !is_forked() {
         return Ok(());
     }
     let null = fs::open("/dev/null", OFlags::RDWR | OFlags::CLOEXEC, Mode::empty())?;
-    // SAFETY: whatever owns the number in this process still owns an open descriptor afterwards. What
-    // was behind it stays open in the parent, for which this changes nothing.
+    // SAFETY: the owner of the descriptor in this process still owns an open descriptor afterwards. The
+    // file stays open in the parent, for which this changes nothing.
     match unsafe { libc::dup3(null.as_raw_fd(), descriptor, libc::O_CLOEXEC) } {
         -1 => Err(io::Error::last_os_error()),
         _ => Ok(()),

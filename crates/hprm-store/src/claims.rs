@@ -1,7 +1,7 @@
 //! Which bytes of a mapped segment are borrowed in this process, and how.
 //!
-//! Plain data: the borrow checker of a segment at run time. `shm.rs` relies on it for the soundness of
-//! its slices, so that no mistake in the ledger or the store can make two of them overlap.
+//! Plain data: the borrow checker of a segment at run time. `shm/segment.rs` relies on it for the
+//! soundness of its slices, so that no mistake in the ledger or the store can make two of them overlap.
 
 #![forbid(unsafe_code)]
 
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-enum Kind {
+enum ClaimKind {
     Exclusive,
     /// The number of readers of exactly this range.
     Shared(usize),
@@ -18,7 +18,7 @@ enum Kind {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Claim {
     end: usize,
-    kind: Kind,
+    kind: ClaimKind,
 }
 
 /// The claims on one segment, by their first byte. No two of them overlap.
@@ -30,7 +30,7 @@ impl Claims {
     pub(crate) fn claim_exclusive(&mut self, range: &Range<usize>) -> bool {
         let free = !self.overlaps(range);
         if free {
-            self.0.insert(range.start, Claim { end: range.end, kind: Kind::Exclusive });
+            self.0.insert(range.start, Claim { end: range.end, kind: ClaimKind::Exclusive });
         }
         free
     }
@@ -38,7 +38,7 @@ impl Claims {
     /// Claims `range` for one more reader; false, and nothing has changed, if any of it is claimed
     /// otherwise than for readers of exactly this range.
     pub(crate) fn claim_shared(&mut self, range: &Range<usize>) -> bool {
-        if let Some(Claim { end, kind: Kind::Shared(readers) }) = self.0.get_mut(&range.start)
+        if let Some(Claim { end, kind: ClaimKind::Shared(readers) }) = self.0.get_mut(&range.start)
             && *end == range.end
         {
             *readers += 1;
@@ -46,7 +46,7 @@ impl Claims {
         }
         let free = !self.overlaps(range);
         if free {
-            self.0.insert(range.start, Claim { end: range.end, kind: Kind::Shared(1) });
+            self.0.insert(range.start, Claim { end: range.end, kind: ClaimKind::Shared(1) });
         }
         free
     }
@@ -59,8 +59,8 @@ impl Claims {
     pub(crate) fn end(&mut self, start: usize) {
         let claim = self.0.get_mut(&start).expect("a claim ends once");
         match &mut claim.kind {
-            Kind::Shared(readers) if *readers > 1 => *readers -= 1,
-            Kind::Shared(_) | Kind::Exclusive => {
+            ClaimKind::Shared(readers) if *readers > 1 => *readers -= 1,
+            ClaimKind::Shared(_) | ClaimKind::Exclusive => {
                 self.0.remove(&start);
             }
         }

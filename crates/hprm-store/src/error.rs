@@ -1,4 +1,4 @@
-//! What can go wrong in a store, in words for the person who runs the program.
+//! What can go wrong in a store, in words for the user of the program.
 
 use hprm_core::{FederateId, ObjectRef};
 use rustix::io::Errno;
@@ -9,17 +9,17 @@ use crate::HoldError;
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SegmentError {
-    /// The system does not give the memory.
+    /// The system has no memory for it.
     #[error(
         "cannot create {len} bytes of shared memory ({step}: {cause}); free memory on this host, \
-         raise its limits, or lower the limit of the object store, --store-limit"
+         raise its limits, or lower the limit of the object store (--store-limit)"
     )]
     Create {
         /// The length in bytes.
         len: u64,
-        /// What was being done.
+        /// The system call that failed.
         step: &'static str,
-        /// What the system says.
+        /// The error of the system call.
         cause: Errno,
     },
     /// The system does not map the memory of another federate.
@@ -30,12 +30,12 @@ pub enum SegmentError {
     Map {
         /// The length in bytes.
         len: u64,
-        /// What was being done.
+        /// The system call that failed.
         step: &'static str,
-        /// What the system says.
+        /// The error of the system call.
         cause: Errno,
     },
-    /// The memory could shrink, or be written by others than its owner.
+    /// The memory could shrink, or be written by other processes than its owner's.
     #[error(
         "another federate offers shared memory that is not sealed against shrinking and against \
          foreign writes; refused, because reading it could end this process"
@@ -44,9 +44,9 @@ pub enum SegmentError {
     /// The memory is shorter than its owner says.
     #[error("another federate announces {announced} bytes of shared memory and offers {actual}")]
     TooShort {
-        /// What the owner says, in bytes.
+        /// The length that the owner announced, in bytes.
         announced: u64,
-        /// What there is, in bytes.
+        /// The length of the file, in bytes.
         actual: u64,
     },
 }
@@ -58,7 +58,7 @@ pub enum StoreError {
     /// The capacity is reached.
     #[error(
         "the federate's object store is full: {asked} bytes were asked for and {in_use} bytes of \
-         at most {capacity} are in use; receivers keep them until they drop the values, so drop \
+         at most {capacity} are in use; receivers hold them until they drop the values, so drop \
          values sooner or raise --store-limit"
     )]
     Full {
@@ -74,14 +74,14 @@ pub enum StoreError {
     /// Values need an alignment that no block has.
     #[error("values that start at multiples of {align} bytes cannot lie in an object store")]
     Alignment {
-        /// What they need, in bytes.
+        /// The alignment, in bytes.
         align: usize,
     },
     /// Memory cannot be created or mapped.
     #[error(transparent)]
     Segment(#[from] SegmentError),
     /// A segment was announced twice, or by the store itself.
-    #[error("segment {segment} of federate {} is known already", owner.0)]
+    #[error("segment {segment} of federate {} was announced already", owner.0)]
     KnownSegment {
         /// The federate that owns the segment.
         owner: FederateId,
@@ -104,7 +104,7 @@ pub enum StoreError {
         object.segment
     )]
     OutOfBounds {
-        /// What the reference says.
+        /// The reference.
         object: ObjectRef,
     },
     /// A hold does not exist.

@@ -1,11 +1,11 @@
 //! Processes that this one has forked: what was open here is open there too.
 //!
-//! A forked process reads the same memory, but nothing tells when it drops what it reads. So what was
-//! open at a fork counts as open until the new process has ended, and all that it has forked. What the
-//! new process may write to is not known here.
+//! A forked process reads the same memory, but does not tell its parent when it drops what it reads. So
+//! an object that was open at a fork counts as open until the forked process has ended, and all
+//! processes that it has forked. Memory that the forked process may write is not known here.
 //!
-//! Each fork has a number, and marks the byte of that number in a file, by a mapping that the new
-//! process inherits. The kernel keeps the mark as long as a process has the mapping: until the last one
+//! Each fork has a number, and locks the byte of that number in a file, by a mapping that the forked
+//! process inherits. The kernel keeps the lock as long as a process has the mapping: until the last one
 //! has ended or has started another program. Programs close descriptors that they do not know, as
 //! daemons do, but not mappings.
 
@@ -14,19 +14,19 @@
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::shm::{Tether, is_marked, marks};
+use crate::shm::{ForkLock, is_locked, lock_file};
 
 /// The forks of a process, which count from one.
 #[derive(Debug)]
 pub(crate) struct Forks {
     count: AtomicU64,
     /// The number of the last fork whose process may still run, or zero: most of the time there is
-    /// none, and the system is not asked.
+    /// none, and no system call is made.
     last: AtomicU64,
-    /// The number of the last fork of which the system tells nothing: its process is taken to run for
+    /// The number of the last fork for which the system gave no lock: its process is assumed to run for
     /// ever.
     unknown: AtomicU64,
-    marks: Option<OwnedFd>,
+    file: Option<OwnedFd>,
 }
 
 impl Default for Forks {
@@ -35,7 +35,7 @@ impl Default for Forks {
             count: AtomicU64::new(0),
             last: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
-            marks: marks().ok(),
+            file: lock_file().ok(),
         }
     }
 }
@@ -46,19 +46,19 @@ impl Forks {
         self.count.load(Ordering::Acquire)
     }
 
-    /// There is about to be one more. The new process should keep what this returns, and this process
-    /// drop it as soon as that has it, or there is none after all.
-    pub(crate) fn begin(&self) -> Option<Tether> {
+    /// Counts a fork that is about to happen. The forked process keeps the lock that this returns. This
+    /// process drops it as soon as the forked process has it, or if the fork fails.
+    pub(crate) fn begin(&self) -> Option<ForkLock> {
         let number = self.count.fetch_add(1, Ordering::AcqRel) + 1;
-        let tether = self.marks.as_ref().and_then(|file| Tether::to(file.as_fd(), number).ok());
-        if tether.is_none() {
+        let lock = self.file.as_ref().and_then(|file| ForkLock::new(file.as_fd(), number).ok());
+        if lock.is_none() {
             self.unknown.fetch_max(number, Ordering::AcqRel);
         }
         self.last.fetch_max(number, Ordering::AcqRel);
-        tether
+        lock
     }
 
-    /// Whether a process runs that was forked when there had been only `count` of them.
+    /// Whether a process may run that was forked after the first `count` forks.
     pub(crate) fn may_read_since(&self, count: u64) -> bool {
         let last = self.last.load(Ordering::Acquire);
         if last <= count {
@@ -68,9 +68,9 @@ impl Forks {
             return true;
         }
         let runs =
-            self.marks.as_ref().is_none_or(|file| is_marked(file.as_fd(), count + 1, last - count));
+            self.file.as_ref().is_none_or(|file| is_locked(file.as_fd(), count + 1, last - count));
         if !runs {
-            // Unless there is a new one.
+            // Fails if there was another fork meanwhile, which counts.
             let _ = self.last.compare_exchange(last, count, Ordering::AcqRel, Ordering::Relaxed);
         }
         runs
@@ -102,17 +102,17 @@ mod tests {
         let open = || std::fs::read_dir("/proc/self/fd").unwrap().count();
         let forks = Forks::default();
         let before = open();
-        let tethers: Vec<_> = (0..200).map(|_| forks.begin()).collect();
-        // Other tests of this process open some.
+        let locks: Vec<_> = (0..200).map(|_| forks.begin()).collect();
+        // Other tests of this process open some descriptors.
         assert!(open() < before + 100);
         assert!(forks.may_read_since(199));
-        drop(tethers);
+        drop(locks);
         assert!(!forks.may_read_since(0));
     }
 
     #[test]
-    fn of_a_fork_without_a_mark_the_end_is_never_known() {
-        let forks = Forks { marks: None, ..Forks::default() };
+    fn a_fork_without_a_lock_is_assumed_to_run_for_ever() {
+        let forks = Forks { file: None, ..Forks::default() };
         assert!(!forks.may_read_since(0));
         assert!(forks.begin().is_none());
         assert!(forks.may_read_since(0) && !forks.may_read_since(1));

@@ -1,7 +1,8 @@
-//! Who holds what: loans that are being written, and objects that readers hold.
+//! The record of a store: loans that are being written, and objects that readers hold.
 //!
-//! Plain data, and the only copy of it: the owner alone decides, readers ask by message. It touches
-//! no memory; when it needs a segment it says so, and the store maps one.
+//! Plain data, and the only copy of it: the owner alone changes it, and readers send their releases as
+//! messages. It touches no memory; when it needs a segment it returns an error that says so, and the
+//! store maps one.
 
 #![forbid(unsafe_code)]
 
@@ -21,7 +22,7 @@ pub struct StoreLimits {
     pub capacity_bytes: u64,
     /// The least bytes of a segment, unless the capacity leaves fewer.
     pub segment_min_bytes: u64,
-    /// What becomes of a value for which there is no room.
+    /// What happens to a value for which there is no room.
     pub when_full: WhenFull,
 }
 
@@ -36,7 +37,7 @@ impl Default for StoreLimits {
 pub struct StoreStats {
     /// Objects sealed since the start.
     pub objects_sealed: u64,
-    /// Objects of other federates that were passed on since the start.
+    /// Objects of other federates that were forwarded since the start.
     pub objects_passed_on: u64,
     /// Bytes copied into objects since the start; what is computed in place is not counted.
     pub bytes_copied: u64,
@@ -48,10 +49,10 @@ pub struct StoreStats {
     pub segments: u32,
     /// Payloads that travelled inline because the store was full.
     pub inline_fallbacks: u64,
-    /// Requests for memory to make values in that were refused, because what is kept and never
-    /// published takes its share (see [`Yard`](crate::Yard)); of an allocator, not of the ledger.
+    /// Requests to the [`StoreAllocator`](crate::StoreAllocator) that were refused, because values that
+    /// are not published use its share of the store. The allocator counts them, not the ledger.
     pub heap_fallbacks: u64,
-    /// Holds that readers gave back.
+    /// Holds that readers released.
     pub releases: u64,
 }
 
@@ -79,8 +80,8 @@ pub enum LoanError {
 /// Why a hold cannot be changed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum HoldError {
-    /// Nobody holds such an object: it was released by all, or never existed.
-    #[error("object {serial} of this store is not held by anyone")]
+    /// No reader holds such an object: all have released it, or it never existed.
+    #[error("no federate holds object {serial} of this store")]
     UnknownObject {
         /// The number of the object.
         serial: u64,
@@ -95,7 +96,7 @@ pub enum HoldError {
     },
 }
 
-/// A block that is being written. It ends as an object or is abandoned; there is no second of it.
+/// A block that is being written. It is sealed as an object, or abandoned; it cannot be cloned.
 #[derive(PartialEq, Eq, Hash, Debug)]
 #[must_use = "a loan keeps its block until it is sealed or abandoned"]
 pub struct Loan {
@@ -130,11 +131,11 @@ impl Loan {
 struct Sealed {
     block: Block,
     len: u64,
-    /// Holds of each reader: it has one for each time that the object is sent to it.
+    /// Holds of each reader: one for each time that the object is sent to it.
     readers: BTreeMap<FederateId, u32>,
     /// Holds of the owner that have become views in its process.
     views: u32,
-    /// Whether the bytes are another federate's, and this store passes them on.
+    /// Whether the bytes are another federate's, and this store forwards them.
     foreign: bool,
 }
 
@@ -148,8 +149,8 @@ impl Sealed {
         ObjectRef { owner, serial, segment, offset, len: self.len }
     }
 
-    /// Takes one hold away from `reader`; false if it has none.
-    fn take(&mut self, reader: FederateId) -> bool {
+    /// Ends one hold of `reader`; false if it has none.
+    fn end_hold(&mut self, reader: FederateId) -> bool {
         let Some(holds) = self.readers.get_mut(&reader) else { return false };
         *holds -= 1;
         if *holds == 0 {
@@ -159,7 +160,7 @@ impl Sealed {
     }
 }
 
-/// The books of one federate's store.
+/// The record of all loans, objects and holds of one federate's store.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Ledger {
     owner: FederateId,
@@ -169,13 +170,13 @@ pub struct Ledger {
     sealed: BTreeMap<u64, Sealed>,
     next_serial: u64,
     retired: Vec<u32>,
-    /// Foreign objects that nobody holds any more.
+    /// Foreign objects that no reader holds any more.
     returned: Vec<u64>,
     stats: StoreStats,
 }
 
 impl Ledger {
-    /// The books of `owner`'s store, without segments.
+    /// The ledger of `owner`'s store, without segments.
     #[must_use]
     pub fn new(owner: FederateId, limits: StoreLimits) -> Self {
         Self {
@@ -241,8 +242,8 @@ impl Ledger {
         self.arena.add_segment(len)
     }
 
-    /// The segments that were given up for others since the last call. Nothing in them is loaned or
-    /// held, and their numbers are never used again.
+    /// The segments that were retired since the last call, to make room for others. Nothing in them is
+    /// loaned or held, and their numbers are never used again.
     pub fn take_retired(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.retired)
     }
@@ -278,9 +279,10 @@ impl Ledger {
         self.free(block);
     }
 
-    /// Enters an object whose bytes are another federate's, in what this owner calls `segment`, with
-    /// one view of its own. When nobody holds it any more, [`Self::take_returned`] says so.
-    pub fn pass_on(&mut self, segment: u32, offset: u64, len: u64) -> ObjectRef {
+    /// Enters an object whose bytes are another federate's, in a segment that has the number `segment`
+    /// here, with one view of this federate. When no reader holds it any more,
+    /// [`Self::take_returned`] returns it.
+    pub fn forward(&mut self, segment: u32, offset: u64, len: u64) -> ObjectRef {
         let serial = self.next_serial;
         self.next_serial += 1;
         let block = Block { segment, offset, len };
@@ -291,16 +293,16 @@ impl Ledger {
         object
     }
 
-    /// The foreign objects that nobody holds any more since the last call.
+    /// The foreign objects whose last hold has ended since the last call.
     pub fn take_returned(&mut self) -> Vec<u64> {
         std::mem::take(&mut self.returned)
     }
 
-    /// Adds a view of the owner to an object that someone holds.
+    /// Adds a view of the owner to an object that is held.
     ///
     /// # Errors
     ///
-    /// [`HoldError::UnknownObject`] if nobody holds it any more.
+    /// [`HoldError::UnknownObject`] if it is not held any more.
     pub fn add_view(&mut self, serial: u64) -> Result<(), HoldError> {
         let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
         sealed.views += 1;
@@ -320,26 +322,25 @@ impl Ledger {
         held.map(|(serial, sealed)| sealed.object(self.owner, *serial))
     }
 
-    /// Adds a hold of `reader` to an object that someone holds, and returns where it lies.
+    /// Adds a hold of `reader` to an object that is held, and returns its reference.
     ///
     /// # Errors
     ///
-    /// [`HoldError::UnknownObject`] if nobody holds it any more.
+    /// [`HoldError::UnknownObject`] if it is not held any more.
     pub fn add_reader(&mut self, serial: u64, reader: FederateId) -> Result<ObjectRef, HoldError> {
         let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
         *sealed.readers.entry(reader).or_default() += 1;
         Ok(sealed.object(self.owner, serial))
     }
 
-    /// Ends one hold of `reader`. The owner's views are not its to end here; see
-    /// [`Self::end_view`].
+    /// Ends one hold of `reader`. A view of the owner ends by [`Self::end_view`] instead.
     ///
     /// # Errors
     ///
-    /// If nobody holds the object, or `reader` does not; nothing has changed then.
+    /// If the object is not held, or not by `reader`; nothing has changed then.
     pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
         let sealed = self.sealed.get_mut(&serial).ok_or(HoldError::UnknownObject { serial })?;
-        if !sealed.take(reader) {
+        if !sealed.end_hold(reader) {
             return Err(HoldError::NotHolding { serial, reader });
         }
         self.stats.releases += 1;
@@ -351,14 +352,14 @@ impl Ledger {
     ///
     /// # Errors
     ///
-    /// If nobody holds an object as it is described, or the owner has no hold left; nothing has
-    /// changed then.
+    /// If no object that is held has this reference, or the owner has no hold left; nothing has changed
+    /// then.
     pub fn view(&mut self, object: &ObjectRef) -> Result<(), HoldError> {
         let (owner, serial) = (self.owner, object.serial);
         let sealed = self.sealed.get_mut(&serial);
         let sealed = sealed.filter(|sealed| sealed.object(owner, serial) == *object);
         let sealed = sealed.ok_or(HoldError::UnknownObject { serial })?;
-        if !sealed.take(owner) {
+        if !sealed.end_hold(owner) {
             return Err(HoldError::NotHolding { serial, reader: owner });
         }
         sealed.views += 1;
@@ -377,7 +378,7 @@ impl Ledger {
         self.free_if_unheld(serial);
     }
 
-    /// Drops all holds of a reader that is gone.
+    /// Ends all holds of a reader whose link has closed.
     pub fn reader_lost(&mut self, reader: FederateId) {
         let held = |(serial, sealed): (&u64, &mut Sealed)| {
             sealed.readers.remove(&reader).is_some().then_some(*serial)
@@ -388,9 +389,9 @@ impl Ledger {
         }
     }
 
-    /// What has to happen before `len` bytes can be loaned. Segments that hold nothing are given up
-    /// if that makes enough room: else a program whose arrays grow would fill its capacity with free
-    /// blocks that are all too short.
+    /// What has to happen before `len` bytes can be loaned. Segments without any block in use are retired
+    /// if that makes enough room: otherwise a program whose arrays grow would fill its capacity with
+    /// free blocks that are all too short.
     fn make_room(&mut self, len: u64) -> LoanError {
         let capacity = self.limits.capacity_bytes;
         let full = LoanError::Full { asked: len, capacity, in_use: self.stats.bytes_in_use };
@@ -410,17 +411,18 @@ impl Ledger {
             self.stats.segments -= 1;
         }
         let room = (capacity - self.stats.bytes_mapped) / PAGE * PAGE;
-        // Room for the next object of its size as well, because readers still hold this one when it
-        // is made: what is mapped now, at the first message, is not mapped in the middle of a run.
+        // Room for the next object of this size as well, because readers still hold this one when the
+        // next one is made: memory that is mapped now, at the first message, need not be mapped in the
+        // middle of a run.
         let spare = needed.saturating_mul(2).max(self.limits.segment_min_bytes);
         let wanted = spare.checked_next_multiple_of(STEP);
         LoanError::NeedsSegment { len: wanted.unwrap_or(room).min(room) }
     }
 
     fn end_loan(&mut self, loan: Loan) -> Block {
-        assert_eq!(loan.owner, self.owner, "a loan ends in the ledger that gave it");
+        assert_eq!(loan.owner, self.owner, "a loan ends in the ledger that made it");
         let block = self.loaned.remove(&loan.serial);
-        block.expect("a loan ends in the ledger that gave it, once")
+        block.expect("a loan ends in the ledger that made it, once")
     }
 
     fn free_if_unheld(&mut self, serial: u64) {

@@ -1,7 +1,7 @@
 //! A block on loan, as bytes to write.
 //!
-//! It lives on any thread, as long as it likes, and never needs the store: sealing takes it apart, and
-//! a drop leaves the block where the store will find it.
+//! It may live on any thread and for any time, and never needs the store: the store takes it apart when
+//! it seals it, and a drop adds its ledger entry to a queue that the store drains.
 
 #![forbid(unsafe_code)]
 
@@ -12,41 +12,41 @@ use std::sync::Arc;
 use bytemuck::Pod;
 
 use crate::Loan;
-use crate::returns::Returns;
-use crate::shm::{Segment, Writing};
+use crate::drop_queue::DropQueue;
+use crate::shm::{Segment, WriteBorrow};
 
 /// Bytes of the store that only the holder of this value can see and write.
 ///
-/// They are not zero at first: they hold what an earlier object left. Dropped without being sealed,
-/// the loan gives its block back; the store takes notice at its next loan.
+/// They are not zero at first, but have the content of an earlier object. A loan that is dropped without
+/// being sealed releases its block; the store processes that at its next loan.
 #[derive(Debug)]
-#[must_use = "dropping a loan gives its block back"]
+#[must_use = "dropping a loan releases its block"]
 pub struct WritableLoan {
     // Dropped in this order: the block is free only when its bytes are not borrowed any more.
-    bytes: Writing,
-    ticket: Ticket,
+    bytes: WriteBorrow,
+    entry: LedgerEntry,
 }
 
 impl WritableLoan {
-    pub(crate) fn new(bytes: Writing, loan: Loan, abandoned: Arc<Returns<Loan>>) -> Self {
-        Self { bytes, ticket: Ticket { loan: Some(loan), abandoned } }
+    pub(crate) fn new(bytes: WriteBorrow, loan: Loan, abandoned: Arc<DropQueue<Loan>>) -> Self {
+        Self { bytes, entry: LedgerEntry { loan: Some(loan), abandoned } }
     }
 
-    /// Where the bytes are.
+    /// The segment in which the bytes are.
     pub(crate) fn segment(&self) -> &Arc<Segment> {
         self.bytes.segment()
     }
 
-    /// Whether the loan, if it is dropped, goes back to whoever drains that queue.
-    pub(crate) fn returns_to(&self, abandoned: &Arc<Returns<Loan>>) -> bool {
-        Arc::ptr_eq(&self.ticket.abandoned, abandoned)
+    /// Whether a drop of the loan adds its entry to that queue.
+    pub(crate) fn is_dropped_to(&self, abandoned: &Arc<DropQueue<Loan>>) -> bool {
+        Arc::ptr_eq(&self.entry.abandoned, abandoned)
     }
 
-    /// Gives up the bytes and keeps the entry in the books.
+    /// Ends the borrow of the bytes and returns the loan as the ledger knows it.
     pub(crate) fn into_loan(self) -> Loan {
-        let Self { bytes, mut ticket } = self;
+        let Self { bytes, mut entry } = self;
         drop(bytes);
-        ticket.loan.take().expect("only this function takes it, and it consumes the ticket")
+        entry.loan.take().expect("only this function takes it, and it consumes the entry")
     }
 }
 
@@ -68,14 +68,14 @@ impl DerefMut for WritableLoan {
 /// They are of a type of which any bytes are a value, so what they are at first is arbitrary and
 /// harmless. See [`Store::loan_of`](crate::Store::loan_of).
 #[derive(Debug)]
-#[must_use = "dropping a loan gives its block back"]
+#[must_use = "dropping a loan releases its block"]
 pub struct LoanOf<T> {
     bytes: WritableLoan,
     values: PhantomData<T>,
 }
 
 impl<T: Pod> LoanOf<T> {
-    /// The loan as values; none if the memory does not lie as they must.
+    /// The loan as values; none if the memory does not have their alignment.
     pub(crate) fn new(bytes: WritableLoan) -> Option<Self> {
         bytemuck::try_cast_slice::<u8, T>(&bytes).ok()?;
         Some(Self { bytes, values: PhantomData })
@@ -101,14 +101,14 @@ impl<T> From<LoanOf<T>> for WritableLoan {
     }
 }
 
-/// The entry in the books, on its way back if it is still there.
+/// The loan as the ledger knows it. If it was not taken, a drop adds it to the queue of abandoned loans.
 #[derive(Debug)]
-struct Ticket {
+struct LedgerEntry {
     loan: Option<Loan>,
-    abandoned: Arc<Returns<Loan>>,
+    abandoned: Arc<DropQueue<Loan>>,
 }
 
-impl Drop for Ticket {
+impl Drop for LedgerEntry {
     fn drop(&mut self) {
         if let Some(loan) = self.loan.take() {
             self.abandoned.push(loan);

@@ -1,10 +1,13 @@
 //! A reader's hold on a sealed object.
 //!
-//! Bytes to read, shared by as many clones as one likes; when the last of them is dropped, the hold is
-//! owed back to the owner. Sending that release is the business of who drains the store.
+//! Bytes to read, shared by any number of clones. When the last clone is dropped, this process owes the
+//! owner a release; the driver that drains the store sends it.
 
 #![forbid(unsafe_code)]
-#![allow(clippy::disallowed_types, reason = "one thread drains; nothing waits under it")]
+#![allow(
+    clippy::disallowed_types,
+    reason = "one thread drains; no thread waits while it holds this lock"
+)]
 
 use std::fmt;
 use std::ops::Range;
@@ -12,9 +15,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::ObjectRef;
 
+use crate::drop_queue::{DropQueue, Wake};
 use crate::forks::Forks;
-use crate::returns::{Returns, Wake};
-use crate::shm::{Reading, SegmentView};
+use crate::shm::{ReadBorrow, SegmentView};
 
 /// A sealed object that this process reads in place.
 #[derive(Clone)]
@@ -23,50 +26,50 @@ pub struct Object(Arc<Hold>);
 struct Hold {
     // Dropped in this order: the release is owed only when the bytes are not borrowed any more.
     bytes: Bytes,
-    owed: Owed,
+    owed: OwedRelease,
 }
 
 /// Where the bytes are.
 pub(crate) enum Bytes {
     /// In a segment of this store.
-    Own(Reading),
+    Own(ReadBorrow),
     /// In a segment of another federate.
     Foreign(Arc<SegmentView>, Range<usize>),
 }
 
-/// The release that is due at the end.
-struct Owed {
+/// The release that is due when the object is dropped.
+struct OwedRelease {
     object: ObjectRef,
-    /// How many forks there had been when it was opened.
+    /// How many forks there had been when the object was opened.
     forks: u64,
-    releases: Arc<Releases>,
+    queue: Arc<ReleaseQueue>,
 }
 
-/// Where releases are owed.
+/// Releases that this process owes.
 #[derive(Debug)]
-pub(crate) struct Releases {
-    due: Returns<Release>,
+pub(crate) struct ReleaseQueue {
+    due: DropQueue<EndedHold>,
     forks: Arc<Forks>,
-    /// Of objects that forked processes may still read.
-    withheld: Mutex<Vec<Release>>,
+    /// Holds on objects that forked processes may still read.
+    withheld: Mutex<Vec<EndedHold>>,
 }
 
 /// A hold that has ended in this process.
 #[derive(Debug)]
-struct Release {
+struct EndedHold {
     object: ObjectRef,
-    /// How many forks there had been when it began.
+    /// How many forks there had been when the hold began.
     forks: u64,
 }
 
-impl Releases {
+impl ReleaseQueue {
     pub(crate) fn new(forks: &Arc<Forks>, wake: Option<Wake>) -> Self {
-        Self { due: Returns::new(wake), forks: Arc::clone(forks), withheld: Mutex::default() }
+        Self { due: DropQueue::new(wake), forks: Arc::clone(forks), withheld: Mutex::default() }
     }
 
-    /// Owes the release of an object that nobody has opened.
+    /// Adds the release of an object that was never opened.
     pub(crate) fn push(&self, object: ObjectRef) {
-        self.due.push(Release { object, forks: self.forks.count() });
+        self.due.push(EndedHold { object, forks: self.forks.count() });
     }
 
     /// Takes all that are due.
@@ -74,29 +77,29 @@ impl Releases {
         let mut withheld = self.withheld.lock().unwrap_or_else(PoisonError::into_inner);
         withheld.extend(self.due.drain());
         withheld
-            .extract_if(.., |release| !self.forks.may_read_since(release.forks))
-            .map(|release| release.object)
+            .extract_if(.., |hold| !self.forks.may_read_since(hold.forks))
+            .map(|hold| hold.object)
             .collect()
     }
 }
 
-impl Drop for Owed {
+impl Drop for OwedRelease {
     fn drop(&mut self) {
-        self.releases.due.push(Release { object: self.object, forks: self.forks });
+        self.queue.due.push(EndedHold { object: self.object, forks: self.forks });
     }
 }
 
 impl Object {
-    pub(crate) fn new(object: ObjectRef, bytes: Bytes, releases: Arc<Releases>) -> Self {
-        let forks = releases.forks.count();
-        Self(Arc::new(Hold { bytes, owed: Owed { object, forks, releases } }))
+    pub(crate) fn new(object: ObjectRef, bytes: Bytes, queue: Arc<ReleaseQueue>) -> Self {
+        let forks = queue.forks.count();
+        Self(Arc::new(Hold { bytes, owed: OwedRelease { object, forks, queue } }))
     }
 
     /// The bytes. They do not change as long as this value or a clone of it lives.
     #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
         match &self.0.bytes {
-            Bytes::Own(reading) => reading.bytes(),
+            Bytes::Own(borrow) => borrow.bytes(),
             Bytes::Foreign(view, range) => {
                 view.bytes(range).expect("the range was checked when the object was opened")
             }
@@ -111,7 +114,7 @@ impl Object {
         }
     }
 
-    /// The reference that was opened: what to send to pass the object on.
+    /// The reference that was opened: what a message carries to forward the object.
     #[must_use]
     pub fn object_ref(&self) -> ObjectRef {
         self.0.owed.object

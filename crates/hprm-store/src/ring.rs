@@ -1,15 +1,15 @@
-//! Rings: bytes from one process to another through memory, and who has to be woken for them.
+//! Ring buffers: streams of bytes from one process to another through shared memory.
 //!
-//! A [pair](ring_pair) of rings joins two processes, one ring for each direction. A ring carries a
-//! stream of bytes, as a socket does; what they mean, and how a side is woken, is its user's business.
-//! Each side has the number of bytes that it has written or read in its own memory, and tells the
-//! other by a word of the ring. The other side is not trusted: what it tells is compared with what can
-//! be, and bytes are copied out before anybody looks at them.
+//! A [pair](ring_pair) of ring buffers joins two processes, one for each direction. Each carries a stream
+//! of bytes, as a socket does. The link that uses it knows what the bytes mean, and wakes up the other
+//! side. Each side counts the bytes that it has written or read in its own memory, and tells the other
+//! side by a word of the ring. The other side is not trusted: what it tells is checked against what is
+//! possible, and bytes are copied out before they are used.
 //!
-//! **Who sleeps says so.** A reader that is about to sleep says so in the ring and then looks at it once
-//! more; a writer writes and then looks whether the reader sleeps. Between the two steps each has a
-//! barrier, so one of them sees the other, and no byte waits for a reader that sleeps. A writer for
-//! whom the ring is full waits in the same way.
+//! **A side announces that it will sleep.** A reader that is about to sleep announces it in the ring and
+//! then looks for bytes once more; a writer writes and then looks whether the reader sleeps. Each has a
+//! barrier between the two steps, so at least one of them sees the other, and no byte waits for a reader
+//! that sleeps. A writer that finds the ring full waits in the same way.
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
@@ -18,15 +18,15 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 use crate::SegmentError;
 use crate::shm::SharedWords;
 
-/// How many bytes a ring holds: more than the largest frame that is usual, so that nobody waits in
-/// the middle of one.
+/// How many bytes a ring holds: more than a usual frame has, so that a writer seldom waits in the middle
+/// of one.
 pub const RING_CAPACITY: usize = 1 << 17;
 
-/// How many words a line of the cache has, and the one that is fetched with it: words that
-/// different sides write lie so far apart.
+/// How many words two cache lines have: processors fetch lines in pairs, so words that different sides
+/// write lie this far apart.
 const LINE: usize = 16;
 
-/// Where in a ring the words are by which its sides talk.
+/// The positions of the words by which the sides of a ring tell each other their state.
 const WRITTEN: usize = 0;
 const READ: usize = LINE;
 const READER_SLEEPS: usize = 2 * LINE;
@@ -37,7 +37,7 @@ const DATA: usize = 5 * LINE;
 const WORD: usize = size_of::<u64>();
 const RING_WORDS: usize = DATA + RING_CAPACITY / WORD;
 
-/// The other side says something that cannot be.
+/// The other side tells something that is not possible.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
     "the other process has written more into a ring than it holds, or read more than was written"
@@ -61,27 +61,27 @@ impl<M: AsRef<[AtomicU64]>> Ring<M> {
         &(*self.memory).as_ref()[self.start + DATA..self.start + RING_WORDS]
     }
 
-    /// What the other side has told, after which everything it did before is to be seen.
-    fn heard(&self, at: usize) -> u64 {
+    /// Loads a word of the other side; everything that it did before is visible afterwards.
+    fn load(&self, at: usize) -> u64 {
         self.word(at).load(Ordering::Acquire)
     }
 
-    /// Tells the other side, which then sees everything done before.
-    fn tell(&self, at: usize, value: u64) {
+    /// Stores a word for the other side, which then sees everything done before.
+    fn store(&self, at: usize, value: u64) {
         self.word(at).store(value, Ordering::Release);
     }
 
-    /// Says that this side is about to sleep. It must look once more after that.
-    fn announce(&self, at: usize) {
-        self.tell(at, 1);
+    /// Announces that this side is about to sleep. It must look once more after that.
+    fn announce_sleep(&self, at: usize) {
+        self.store(at, 1);
         fence(Ordering::SeqCst);
     }
 
-    /// Whether the other side sleeps and is to be woken, which is said once. Comes after what it is to
-    /// be woken for.
-    fn take_sleeper(&self, at: usize) -> bool {
+    /// Whether the other side sleeps and has to be woken up, which is true once for each sleep. To be called
+    /// after the change for which it has to wake up.
+    fn take_sleeping(&self, at: usize) -> bool {
         fence(Ordering::SeqCst);
-        self.heard(at) != 0 && self.word(at).swap(0, Ordering::AcqRel) != 0
+        self.load(at) != 0 && self.word(at).swap(0, Ordering::AcqRel) != 0
     }
 }
 
@@ -93,25 +93,25 @@ pub struct RingWriter(Writer<SharedWords>);
 #[derive(Debug)]
 pub struct RingReader(Reader<SharedWords>);
 
-/// Creates two rings, and what the other side needs to [map](map_ring_pair) them.
+/// Creates two rings, and the descriptor by which the other side [maps](map_ring_pair) them.
 ///
 /// # Errors
 ///
 /// If the system does not give the memory.
 pub fn ring_pair() -> Result<(RingWriter, RingReader, OwnedFd), SegmentError> {
     let (memory, file) = SharedWords::create(2 * RING_WORDS)?;
-    let (there, back) = ends(memory);
-    Ok((RingWriter(Writer::new(there)), RingReader(Reader::new(back)), file))
+    let (outbound, inbound) = ends(memory);
+    Ok((RingWriter(Writer::new(outbound)), RingReader(Reader::new(inbound)), file))
 }
 
-/// The other end of what [`ring_pair`] has created.
+/// Maps the rings that [`ring_pair`] has created in the other process.
 ///
 /// # Errors
 ///
 /// If the file is something else, or the system does not map it.
 pub fn map_ring_pair(file: &OwnedFd) -> Result<(RingWriter, RingReader), SegmentError> {
-    let (there, back) = ends(SharedWords::map(file, 2 * RING_WORDS)?);
-    Ok((RingWriter(Writer::new(back)), RingReader(Reader::new(there))))
+    let (inbound, outbound) = ends(SharedWords::map(file, 2 * RING_WORDS)?);
+    Ok((RingWriter(Writer::new(outbound)), RingReader(Reader::new(inbound))))
 }
 
 fn ends<M>(memory: M) -> (Ring<M>, Ring<M>) {
@@ -120,70 +120,70 @@ fn ends<M>(memory: M) -> (Ring<M>, Ring<M>) {
 }
 
 impl RingWriter {
-    /// Says that from now on bytes come by this ring, after `position` bytes that have gone another
-    /// way.
+    /// Tells the reader that all bytes come through this ring from now on, after `position` bytes that were
+    /// sent by another transport.
     pub fn open(&mut self, position: u64) {
-        self.0.ring.tell(OPENED, position.wrapping_add(1));
+        self.0.ring.store(OPENED, position.wrapping_add(1));
     }
 
     /// Writes as many of the bytes as there is room for.
     ///
     /// # Errors
     ///
-    /// If the reader lies.
+    /// If the reader tells something that is not possible.
     pub fn write(&mut self, bytes: &[u8]) -> Result<usize, RingError> {
         self.0.write(bytes)
     }
 
-    /// Whether there is room. If not, the reader will be asked to wake this side once it has read.
+    /// Whether there is room. If not, the ring asks the reader to wake up this side once it has read.
     ///
     /// # Errors
     ///
-    /// If the reader lies.
+    /// If the reader tells something that is not possible.
     pub fn has_room_or_waits(&mut self) -> Result<bool, RingError> {
         self.0.has_room_or_waits()
     }
 
-    /// Whether the reader is to be woken for what has been written. It is said once for each sleep.
-    pub fn take_sleeper(&mut self) -> bool {
-        self.0.ring.take_sleeper(READER_SLEEPS)
+    /// Whether the reader sleeps and has to be woken up for what was written. True once for each sleep.
+    pub fn take_sleeping_reader(&mut self) -> bool {
+        self.0.ring.take_sleeping(READER_SLEEPS)
     }
 }
 
 impl RingReader {
-    /// After how many bytes that go another way the first one comes by this ring, if the writer has
-    /// said so by now.
+    /// After how many bytes of the other transport the first one comes through this ring, if the writer has
+    /// told so by now.
     pub fn opened(&self) -> Option<u64> {
-        self.0.ring.heard(OPENED).checked_sub(1)
+        self.0.ring.load(OPENED).checked_sub(1)
     }
 
-    /// Whether nothing is in it.
+    /// Whether there is nothing to read.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Copies as many bytes out as are there and fit.
+    /// Copies out as many bytes as were written and fit into the buffer.
     ///
     /// # Errors
     ///
-    /// If the writer lies.
+    /// If the writer tells something that is not possible.
     pub fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {
         self.0.read(buffer)
     }
 
-    /// Whether the writer is to be woken for what has been read. It is said once for each wait.
-    pub fn take_waiter(&mut self) -> bool {
-        self.0.ring.take_sleeper(WRITER_WAITS)
+    /// Whether the writer waits and has to be woken up because bytes were read. True once for each wait.
+    pub fn take_waiting_writer(&mut self) -> bool {
+        self.0.ring.take_sleeping(WRITER_WAITS)
     }
 
-    /// Says that this side is about to sleep. It must look once more after that.
-    pub fn fall_asleep(&mut self) {
-        self.0.ring.announce(READER_SLEEPS);
+    /// Announces that this side is about to sleep. It must look once more after that.
+    pub fn announce_sleep(&mut self) {
+        self.0.ring.announce_sleep(READER_SLEEPS);
     }
 
-    /// Says that this side does not sleep any more.
-    pub fn wake_up(&mut self) {
-        self.0.ring.tell(READER_SLEEPS, 0);
+    /// Withdraws the announcement: this side does not sleep any more.
+    pub fn end_sleep(&mut self) {
+        self.0.ring.store(READER_SLEEPS, 0);
     }
 }
 
@@ -193,7 +193,7 @@ struct Writer<M> {
     ring: Ring<M>,
     /// How many bytes have been written.
     written: u64,
-    /// How many of them had been read when this side last looked.
+    /// How many of them had been read when this side last loaded that.
     read: u64,
 }
 
@@ -204,20 +204,20 @@ impl<M: AsRef<[AtomicU64]>> Writer<M> {
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, RingError> {
         if self.room() < bytes.len() {
-            self.look()?;
+            self.load_read()?;
         }
         let count = bytes.len().min(self.room());
         self.put(&bytes[..count]);
         self.written += count as u64;
-        self.ring.tell(WRITTEN, self.written);
+        self.ring.store(WRITTEN, self.written);
         Ok(count)
     }
 
     fn has_room_or_waits(&mut self) -> Result<bool, RingError> {
-        self.look()?;
+        self.load_read()?;
         if self.room() == 0 {
-            self.ring.announce(WRITER_WAITS);
-            self.look()?;
+            self.ring.announce_sleep(WRITER_WAITS);
+            self.load_read()?;
         }
         Ok(self.room() > 0)
     }
@@ -226,9 +226,9 @@ impl<M: AsRef<[AtomicU64]>> Writer<M> {
         RING_CAPACITY - (self.written - self.read) as usize
     }
 
-    /// Learns how much the reader has read.
-    fn look(&mut self) -> Result<(), RingError> {
-        let read = self.ring.heard(READ);
+    /// Loads how many bytes the reader has read.
+    fn load_read(&mut self) -> Result<(), RingError> {
+        let read = self.ring.load(READ);
         if read < self.read || read > self.written {
             return Err(RingError);
         }
@@ -259,25 +259,25 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
     }
 
     fn is_empty(&self) -> bool {
-        self.ring.heard(WRITTEN) == self.read
+        self.ring.load(WRITTEN) == self.read
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {
-        let there = self.ring.heard(WRITTEN).checked_sub(self.read).ok_or(RingError)?;
-        let there = usize::try_from(there).map_err(|_| RingError)?;
-        if there > RING_CAPACITY {
+        let available = self.ring.load(WRITTEN).checked_sub(self.read).ok_or(RingError)?;
+        let available = usize::try_from(available).map_err(|_| RingError)?;
+        if available > RING_CAPACITY {
             return Err(RingError);
         }
-        let count = there.min(buffer.len());
+        let count = available.min(buffer.len());
         if count > 0 {
             self.take(&mut buffer[..count]);
             self.read += count as u64;
-            self.ring.tell(READ, self.read);
+            self.ring.store(READ, self.read);
         }
         Ok(count)
     }
 
-    /// Copies bytes that are there.
+    /// Copies out bytes that were written.
     fn take(&self, buffer: &mut [u8]) {
         let at = position(self.read);
         let (now, later) = buffer.split_at_mut(buffer.len().min(RING_CAPACITY - at));
@@ -300,7 +300,7 @@ fn put(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
     put_part(memory, at + rest.len() - tail.len(), tail);
 }
 
-/// Copies a part of one word. What else is in it may not be read yet.
+/// Copies a part of one word. The rest of it may not have been read yet, and stays.
 fn put_part(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
     if bytes.is_empty() {
         return;
@@ -332,12 +332,12 @@ fn take_part(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
     }
 }
 
-/// How many bytes a word has left from byte `at` on; none if a whole one begins there.
+/// How many bytes a word has left from byte `at` on; zero if a word begins there.
 fn up_to_word(at: usize) -> usize {
     at.next_multiple_of(WORD) - at
 }
 
-/// Where in a ring the byte of this number lies.
+/// The position in the ring of a byte, by its number in the stream.
 fn position(number: u64) -> usize {
     (number % RING_CAPACITY as u64) as usize
 }

@@ -1,8 +1,8 @@
 //! The store of one federate: its own segments, and its views of other federates' segments.
 //!
-//! It ties the ledger to memory and never blocks. Frames, links and the passing of descriptors are
-//! someone else's business: it says which segments a reader has to be told of, and which releases this
-//! process owes, and is told the same by its peers.
+//! It ties the ledger to memory and never blocks. The driver sends and receives frames and descriptors:
+//! the store returns the segments that have to be announced to a reader and the releases that this
+//! process owes, and the driver passes it those of its peers.
 
 #![forbid(unsafe_code)]
 
@@ -13,19 +13,19 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use hprm_core::{FederateId, ObjectRef, WhenFull};
 
-use crate::announce::Announcements;
+use crate::announcements::Announcements;
+use crate::drop_queue::{DropQueue, Wake};
 use crate::forks::Forks;
+use crate::forwarding::{Forwarding, SegmentAccess, locks_of_later_hops};
 use crate::ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 use crate::loan::{LoanOf, WritableLoan};
-use crate::object::{Bytes, Object, Releases};
-use crate::passing::{Passing, Way, marks_behind};
-use crate::returns::{Returns, Wake};
-use crate::shm::{Segment, SegmentView, is_marked};
+use crate::object::{Bytes, Object, ReleaseQueue};
+use crate::shm::{Segment, SegmentView, is_locked};
 use crate::{SegmentError, StoreError};
 
-/// How many descriptors of other federates' segments a store keeps, to pass their objects on. What
-/// lies in further ones is copied: a process may have only so many descriptors.
-const DESCRIPTORS: usize = 32;
+/// How many descriptors of other federates' segments a store keeps, to forward their objects. Objects in
+/// further segments are copied: the number of descriptors of a process is limited.
+const MAX_DESCRIPTORS: usize = 32;
 
 /// A segment that a reader has to map: send its number, its length and its descriptor.
 #[derive(Clone, Debug)]
@@ -34,30 +34,30 @@ pub struct Announcement {
     pub segment: u32,
     /// Its length in bytes.
     pub len: u64,
-    memory: Announced,
+    memory: AnnouncedMemory,
 }
 
 #[derive(Clone, Debug)]
-enum Announced {
+enum AnnouncedMemory {
     Own(Arc<Segment>),
-    PassedOn(Way),
+    Forwarded(SegmentAccess),
 }
 
 impl AsFd for Announcement {
-    /// The descriptor to pass on; the memory stays as long as this value.
+    /// The descriptor to send; the memory stays as long as this value.
     fn as_fd(&self) -> BorrowedFd<'_> {
         match &self.memory {
-            Announced::Own(segment) => segment.fd(),
-            Announced::PassedOn(way) => way.fd(),
+            AnnouncedMemory::Own(segment) => segment.fd(),
+            AnnouncedMemory::Forwarded(access) => access.fd(),
         }
     }
 }
 
 /// The object store of one federate.
 ///
-/// As a sender: [`loan`](Self::loan), write, [`seal`](Self::seal) for the readers, tell each of them
-/// of [`unannounced`](Self::unannounced) segments before the message that carries the reference, and
-/// take their [`release`](Self::release)s. As a reader: [`attach`](Self::attach) what is announced,
+/// As a sender: [`loan`](Self::loan), write, [`seal`](Self::seal) for the readers, send each of them
+/// the [`unannounced`](Self::unannounced) segments before the message that carries the reference, and
+/// enter their [`release`](Self::release)s. As a reader: [`attach`](Self::attach) what is announced,
 /// [`open`](Self::open) each reference once for each time it arrives, drop the object, and send what
 /// [`drain_releases`](Self::drain_releases) returns to the owners.
 #[derive(Debug)]
@@ -67,15 +67,15 @@ pub struct Store {
     announcements: Announcements,
     segments: BTreeMap<u32, Arc<Segment>>,
     attached: BTreeMap<(FederateId, u32), Arc<SegmentView>>,
-    passing: Passing,
-    /// Objects that a reader had when it was lost, and that others may have from it.
+    forwarding: Forwarding,
+    /// Objects that a lost reader held and may have forwarded to other federates.
     lingering: Vec<ObjectRef>,
-    /// Releases that other federates wait for.
-    owed: Arc<Releases>,
+    /// Releases that this process owes to other federates.
+    owed: Arc<ReleaseQueue>,
     /// Views of own objects that have ended.
-    ended: Arc<Releases>,
+    ended: Arc<ReleaseQueue>,
     /// Loans that were dropped.
-    abandoned: Arc<Returns<Loan>>,
+    abandoned: Arc<DropQueue<Loan>>,
     /// The processes that this one has forked.
     forks: Arc<Forks>,
 }
@@ -101,17 +101,17 @@ impl Store {
             announcements: Announcements::default(),
             segments: BTreeMap::new(),
             attached: BTreeMap::new(),
-            passing: Passing::default(),
+            forwarding: Forwarding::default(),
             lingering: Vec::new(),
-            owed: Arc::new(Releases::new(&forks, wake)),
-            ended: Arc::new(Releases::new(&forks, None)),
-            abandoned: Arc::new(Returns::new(None)),
+            owed: Arc::new(ReleaseQueue::new(&forks, wake)),
+            ended: Arc::new(ReleaseQueue::new(&forks, None)),
+            abandoned: Arc::new(DropQueue::new(None)),
             forks,
         }
     }
 
-    /// `len` bytes to write; what they hold at first is arbitrary. A loan that is dropped at once
-    /// maps the memory for the next of its size, which a program can so pay for at its start.
+    /// `len` bytes to write, with arbitrary content at first. A program that loans and drops at its start
+    /// has the memory for later loans of that size mapped then.
     ///
     /// # Errors
     ///
@@ -133,13 +133,13 @@ impl Store {
         })?;
         let segment = &self.segments[&loan.block().segment];
         let bytes = segment
-            .writing(loan.block().offset, loan.len())
-            .expect("the ledger loans no block that anyone in this process holds");
+            .borrow_mut(loan.block().offset, loan.len())
+            .expect("the ledger loans no block that is borrowed in this process");
         Ok(WritableLoan::new(bytes, loan, Arc::clone(&self.abandoned)))
     }
 
-    /// `count` values to write, of a type of which any bytes are a value; what they are at first is
-    /// arbitrary.
+    /// `count` values to write, of a type of which any bytes are a value, with arbitrary content at
+    /// first.
     ///
     /// ```
     /// # use hprm_core::FederateId;
@@ -160,15 +160,15 @@ impl Store {
     ///
     /// As for [`Self::loan`]; and [`StoreError::Alignment`] if the values need more than 64 bytes.
     pub fn loan_of<T: Pod>(&mut self, count: usize) -> Result<LoanOf<T>, StoreError> {
-        // More bytes than there are addresses fit in no store.
+        // A length that is too large for an address space is refused as too large for the store.
         let loan = self.loan(count.saturating_mul(size_of::<T>()))?;
         LoanOf::new(loan).ok_or(StoreError::Alignment { align: align_of::<T>() })
     }
 
     /// Whether the loan is of this store.
     #[must_use]
-    pub fn has_lent(&self, loan: &WritableLoan) -> bool {
-        loan.returns_to(&self.abandoned)
+    pub fn owns_loan(&self, loan: &WritableLoan) -> bool {
+        loan.is_dropped_to(&self.abandoned)
     }
 
     /// The most bytes that the store maps at a time.
@@ -177,8 +177,8 @@ impl Store {
         self.ledger.capacity()
     }
 
-    /// Ends a loan: nobody can write the bytes any more, and each of `readers` holds them; one that
-    /// gets the object twice stands there twice. Put the owner among them if it keeps a view.
+    /// Ends a loan: the bytes cannot be written any more, and each of `readers` holds them. A reader that
+    /// gets the object twice is listed twice, and the owner is listed if it keeps a view.
     ///
     /// # Panics
     ///
@@ -208,12 +208,12 @@ impl Store {
         self.ledger.count_copy(bytes as u64);
     }
 
-    /// What to do about a loan that was refused. To go on is to send the bytes inside the message, and
-    /// is counted; the error comes back when that happens for the first time, to be told once.
+    /// Decides what happens after a loan was refused. If it returns no error, the bytes travel inside the
+    /// message, which is counted. The first time, it returns the error in `Ok`, to be reported once.
     ///
     /// # Errors
     ///
-    /// The one that was given, if the limits say so, or if it does not speak of a lack of memory.
+    /// `error`, if the limits say so, or if its cause is not a lack of memory.
     pub fn fall_back(&mut self, error: StoreError) -> Result<Option<StoreError>, StoreError> {
         let lack = matches!(
             error,
@@ -227,23 +227,29 @@ impl Store {
         Ok(first.then_some(error))
     }
 
-    /// The segments that `reader` must be told of before its next message; it counts as told.
+    /// The segments that must be announced to `reader` before its next message; from now on they count as
+    /// announced.
     pub fn unannounced(&mut self, reader: FederateId) -> Vec<Announcement> {
         let due = self.announcements.take_due(reader).into_iter();
         due.map(|segment| {
             if let Some(memory) = self.segments.get(&segment) {
                 let memory = Arc::clone(memory);
-                return Announcement { segment, len: memory.len(), memory: Announced::Own(memory) };
+                return Announcement {
+                    segment,
+                    len: memory.len(),
+                    memory: AnnouncedMemory::Own(memory),
+                };
             }
-            let way = self.passing.way(reader, segment);
-            let way = way.expect("what is announced is a segment that exists");
-            Announcement { segment, len: way.view.len(), memory: Announced::PassedOn(way) }
+            let access = self.forwarding.access(reader, segment);
+            let access = access.expect("what is announced is a segment that exists");
+            let len = access.view.len();
+            Announcement { segment, len, memory: AnnouncedMemory::Forwarded(access) }
         })
         .collect()
     }
 
-    /// The segments that `reader` was told of and that are given up since the last call; it should
-    /// [`detach`](Self::detach) them, else their memory is not free.
+    /// The segments that were announced to `reader` and retired since the last call; it should
+    /// [`detach`](Self::detach) them, otherwise their memory is not freed.
     pub fn retired(&mut self, reader: FederateId) -> Vec<u32> {
         self.announcements.take_retired(reader)
     }
@@ -265,17 +271,17 @@ impl Store {
             return Err(StoreError::KnownSegment { owner, segment });
         }
         let mut view = SegmentView::map(fd, len)?;
-        if self.attached.values().filter(|view| view.fd().is_some()).count() >= DESCRIPTORS {
+        if self.attached.values().filter(|view| view.fd().is_some()).count() >= MAX_DESCRIPTORS {
             view.close();
         }
         self.attached.insert((owner, segment), Arc::new(view));
         Ok(())
     }
 
-    /// Forgets a segment that its owner has given up; objects that are open keep it mapped.
+    /// Forgets a segment that its owner has retired; objects that are open keep it mapped.
     pub fn detach(&mut self, owner: FederateId, segment: u32) {
         self.attached.remove(&(owner, segment));
-        self.retire_passed_on();
+        self.retire_forwarded();
     }
 
     /// Opens an object that was sealed for this federate, its own included. Each call stands for one
@@ -299,17 +305,17 @@ impl Store {
 
     fn open_own(&mut self, object: ObjectRef) -> Result<Object, StoreError> {
         self.ledger.view(&object)?;
-        if let Some((view, range)) = self.passing.bytes(object.serial) {
+        if let Some((view, range)) = self.forwarding.bytes(object.serial) {
             return Ok(Object::new(object, Bytes::Foreign(view, range), Arc::clone(&self.ended)));
         }
         let segment = &self.segments[&object.segment];
-        let reading = segment
-            .reading(object.offset, object.len)
-            .expect("nobody in this process writes an object that is held");
-        Ok(Object::new(object, Bytes::Own(reading), Arc::clone(&self.ended)))
+        let borrow = segment
+            .borrow(object.offset, object.len)
+            .expect("an object that is held is not borrowed for writing");
+        Ok(Object::new(object, Bytes::Own(borrow), Arc::clone(&self.ended)))
     }
 
-    /// Owes back a hold on an object that arrived and will not be opened.
+    /// Releases an object that was received and will not be opened.
     ///
     /// # Errors
     ///
@@ -322,80 +328,80 @@ impl Store {
         Ok(())
     }
 
-    /// The object as one of this store, for readers to be added, whoever's it is: its bytes stay where
-    /// they are, and its owner is owed nothing until all readers here have released it. None if the
-    /// system does not allow that; then copy.
+    /// The object as one of this store, to which readers can be added. Its bytes stay where they are, and
+    /// it is released to its owner when all readers here have released it. None if the system does not
+    /// allow that; then copy.
     #[must_use]
-    pub fn pass_on(&mut self, came: &Object) -> Option<Object> {
+    pub fn forward(&mut self, received: &Object) -> Option<Object> {
         self.settle();
-        if came.object_ref().owner == self.owner {
-            return Some(came.clone());
+        let of = received.object_ref();
+        if of.owner == self.owner {
+            return Some(received.clone());
         }
-        let (view, range) = came.foreign()?;
-        let of = came.object_ref();
-        if let Some(serial) = self.passing.number_of(view, range) {
+        let (view, range) = received.foreign()?;
+        if let Some(serial) = self.forwarding.serial_of(view, range) {
             self.ledger.add_view(serial).ok()?;
-            let (view, range) = self.passing.bytes(serial)?;
-            let segment = self.passing.segment_of(serial)?;
+            let (view, range) = self.forwarding.bytes(serial)?;
+            let segment = self.forwarding.segment_of(serial)?;
             let object = ObjectRef { owner: self.owner, serial, segment, ..of };
             let bytes = Bytes::Foreign(view, range);
             return Some(Object::new(object, bytes, Arc::clone(&self.ended)));
         }
-        let segment = self.passing.export(view, of.segment)?;
-        let object = self.ledger.pass_on(segment, of.offset, of.len);
-        self.passing.keep(object.serial, came.clone(), view, range.clone());
+        let segment = self.forwarding.add_segment(view, of.segment)?;
+        let object = self.ledger.forward(segment, of.offset, of.len);
+        self.forwarding.add_object(object.serial, received.clone(), view, range.clone());
         let bytes = Bytes::Foreign(Arc::clone(view), range.clone());
         Some(Object::new(object, bytes, Arc::clone(&self.ended)))
     }
 
-    /// Gives `reader` a hold on an own object that someone holds: it was passed on to it.
+    /// Adds a hold of `reader` to an own object that is held, because it is sent to that reader too.
     ///
     /// # Errors
     ///
-    /// If nobody holds the object any more.
+    /// If the object is not held any more.
     pub fn add_reader(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
         let object = self.ledger.add_reader(serial, reader)?;
         if reader != self.owner {
             self.announcements.need(reader, object.segment);
-            self.passing.mark(&object, reader);
+            self.forwarding.lock(&object, reader);
         }
         Ok(())
     }
 
-    /// Takes the release that `reader` sent.
+    /// Enters a release that `reader` sent.
     ///
     /// # Errors
     ///
-    /// If it holds no such object; nothing has changed then.
+    /// If the reader holds no such object; nothing has changed then.
     pub fn release(&mut self, serial: u64, reader: FederateId) -> Result<(), HoldError> {
         let held = self.ledger.held(serial, reader);
         self.ledger.release(serial, reader)?;
         if let Some(object) = held.filter(|_| self.ledger.held(serial, reader).is_none()) {
-            self.passing.unmark(&object, reader);
+            self.forwarding.unlock(&object, reader);
         }
-        self.return_passed_on();
+        self.return_forwarded();
         Ok(())
     }
 
-    /// Drops all holds of a reader whose link has closed, and what it was told. What it has passed on
-    /// to others stays until they have given it up.
+    /// Ends all holds of a reader whose link has closed, and forgets which segments it knows. Objects that
+    /// it has forwarded stay until the federates behind it have dropped them.
     pub fn reader_lost(&mut self, reader: FederateId) {
-        self.passing.reader_lost(reader);
+        self.forwarding.reader_lost(reader);
         let held: Vec<ObjectRef> = self.ledger.held_by(reader).collect();
         for object in held {
-            if self.is_marked(&object) && self.ledger.add_view(object.serial).is_ok() {
+            if self.is_locked(&object) && self.ledger.add_view(object.serial).is_ok() {
                 self.lingering.push(object);
             }
         }
         self.ledger.reader_lost(reader);
         self.announcements.forget(reader);
-        self.return_passed_on();
+        self.return_forwarded();
     }
 
     /// Forgets all segments of an owner whose link has closed; objects that are open stay readable.
     pub fn owner_lost(&mut self, owner: FederateId) {
         self.attached.retain(|(of, _), _| *of != owner);
-        self.retire_passed_on();
+        self.retire_forwarded();
     }
 
     /// The releases that this process owes to other federates, each to its `owner`.
@@ -404,7 +410,7 @@ impl Store {
         self.owed.drain()
     }
 
-    /// The processes that this one has forked: tell it before there is one more.
+    /// The processes that this one has forked; it must be told before each further fork.
     pub(crate) fn forks(&self) -> &Arc<Forks> {
         &self.forks
     }
@@ -415,7 +421,7 @@ impl Store {
         self.ledger.stats()
     }
 
-    /// Enters into the books what was dropped since the last time.
+    /// Enters into the ledger what was dropped since the last call.
     fn settle(&mut self) {
         for loan in self.abandoned.drain() {
             self.ledger.abandon(loan);
@@ -424,45 +430,45 @@ impl Store {
             self.ledger.end_view(object.serial);
         }
         for object in std::mem::take(&mut self.lingering) {
-            if self.is_marked(&object) {
+            if self.is_locked(&object) {
                 self.lingering.push(object);
             } else {
                 self.ledger.end_view(object.serial);
             }
         }
-        self.return_passed_on();
+        self.return_forwarded();
     }
 
-    /// Whether somebody reads an object who has it from one of its readers.
-    fn is_marked(&self, object: &ObjectRef) -> bool {
+    /// Whether a federate reads the object to which one of its readers has forwarded it.
+    fn is_locked(&self, object: &ObjectRef) -> bool {
         let own = self.segments.get(&object.segment).map(|segment| segment.fd());
-        let file = self.passing.file(object.serial).or(own);
-        let (from, len) = marks_behind(object);
-        file.is_some_and(|file| is_marked(file, from, len))
+        let file = self.forwarding.file(object.serial).or(own);
+        let (from, len) = locks_of_later_hops(object);
+        file.is_some_and(|file| is_locked(file, from, len))
     }
 
-    /// Owes back what was passed on and is not held any more.
-    fn return_passed_on(&mut self) {
+    /// Releases forwarded objects that are not held here any more.
+    fn return_forwarded(&mut self) {
         let returned = self.ledger.take_returned();
         if returned.is_empty() {
             return;
         }
         for serial in returned {
-            drop(self.passing.end(serial));
+            drop(self.forwarding.remove_object(serial));
         }
-        self.retire_passed_on();
+        self.retire_forwarded();
     }
 
-    fn retire_passed_on(&mut self) {
+    fn retire_forwarded(&mut self) {
         let attached = &self.attached;
         let is_attached =
             |view: &Arc<SegmentView>| attached.values().any(|other| Arc::ptr_eq(view, other));
-        for segment in self.passing.retire(is_attached) {
+        for segment in self.forwarding.retire(is_attached) {
             self.announcements.retire(segment);
         }
     }
 
-    /// Gives up what the ledger has retired, then maps `len` bytes more.
+    /// Removes the segments that the ledger has retired, then maps `len` bytes more.
     fn map_segment(&mut self, len: u64) -> Result<(), SegmentError> {
         for segment in self.ledger.take_retired() {
             self.segments.remove(&segment);

@@ -1,7 +1,7 @@
-//! Loans and holds in any order: no byte has two owners, and what was taken is free at the end.
+//! Loans and holds in any order: no byte is in two blocks, and all are free at the end.
 //!
-//! First in the books alone, then with memory: what a reader holds keeps its bytes, whatever else is
-//! written.
+//! First with the ledger alone, then with memory: an object that a reader holds keeps its bytes, whatever
+//! else is written.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::fd::AsFd;
@@ -35,7 +35,7 @@ enum Step {
 fn steps() -> impl Strategy<Value = Vec<Step>> {
     let reader = || 0..READERS;
     let which = any::<Index>;
-    // Small ones, large ones, and those that no segment is left for.
+    // Small ones, large ones, and those that fit in no segment.
     let len = prop_oneof![4 => 0_u64..100_000, 3 => 100_000_u64..2_000_000, 1 => any::<u64>()];
     let step = prop_oneof![
         4 => len.prop_map(|len| Step::Loan { len }),
@@ -53,15 +53,15 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     prop::collection::vec(step, 1..120)
 }
 
-/// What must be true, by the simplest means.
+/// A simple model of what the ledger must do.
 #[derive(Default)]
 struct Model {
     ledger: Option<Ledger>,
-    /// By segment, its length; a number is never there again once it is retired.
+    /// The lengths of the segments; the number of a retired segment is never used again.
     segments: BTreeMap<u32, u64>,
     retired: BTreeSet<u32>,
     loans: Vec<Loan>,
-    /// By serial number: where it lies and who holds it, once for each hold.
+    /// By serial number: the reference, the block, the holders (once for each hold), and the views.
     objects: BTreeMap<u64, (ObjectRef, Block, Vec<FederateId>, usize)>,
 }
 
@@ -71,20 +71,20 @@ impl Model {
     }
 
     fn ledger(&mut self) -> &mut Ledger {
-        self.ledger.as_mut().expect("it is there from the start")
+        self.ledger.as_mut().expect("it is set from the start")
     }
 
-    /// Asks as the store does. Returns whether there was room.
+    /// Requests a loan as the store does. Returns whether there was room.
     fn loan(&mut self, len: u64) -> bool {
         let mut loan = self.ledger().loan(len);
         if let Err(LoanError::NeedsSegment { len: needed }) = loan {
             for segment in self.ledger().take_retired() {
                 assert!(self.owners().iter().all(|block| block.segment != segment), "{segment}");
-                assert!(self.segments.remove(&segment).is_some(), "{segment} was never there");
+                assert!(self.segments.remove(&segment).is_some(), "{segment} never existed");
                 self.retired.insert(segment);
             }
             let segment = self.ledger().add_segment(needed);
-            assert!(!self.retired.contains(&segment), "{segment} is there again");
+            assert!(!self.retired.contains(&segment), "{segment} is used again");
             self.segments.insert(segment, needed);
             loan = self.ledger().loan(len);
         }
@@ -217,12 +217,12 @@ proptest! {
         }
         model.check();
         prop_assert_eq!(model.ledger().stats().bytes_in_use, 0);
-        // All that may be had can be had in one piece again.
+        // The whole capacity can be loaned in one piece again.
         prop_assert!(model.loan(CAPACITY));
     }
 }
 
-/// Whoever reads, and what is open there: each object with the byte that fills it.
+/// A reader, and its open objects, each with the byte that fills it.
 struct Reader {
     store: Store,
     open: Vec<(Object, u8)>,
@@ -245,57 +245,57 @@ fn is_filled(bytes: &[u8], fill: u8) -> bool {
 }
 
 #[derive(Clone, Debug)]
-enum Deed {
+enum ReaderStep {
     Write { len: usize },
     Publish { which: Index, to: Vec<u16> },
-    Forget { which: Index },
+    DropLoan { which: Index },
     Drop { reader: u16, which: Index },
-    Die { reader: u16 },
+    End { reader: u16 },
 }
 
-fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+fn reader_steps() -> impl Strategy<Value = Vec<ReaderStep>> {
     let len = prop_oneof![0_usize..5_000, 100_000_usize..900_000];
     let to = prop::collection::vec(0..2_u16, 1..4);
-    let deed = prop_oneof![
-        3 => len.prop_map(|len| Deed::Write { len }),
-        3 => (any::<Index>(), to).prop_map(|(which, to)| Deed::Publish { which, to }),
-        1 => any::<Index>().prop_map(|which| Deed::Forget { which }),
-        4 => (0..2_u16, any::<Index>()).prop_map(|(reader, which)| Deed::Drop { reader, which }),
-        1 => (0..2_u16).prop_map(|reader| Deed::Die { reader }),
+    let step = prop_oneof![
+        3 => len.prop_map(|len| ReaderStep::Write { len }),
+        3 => (any::<Index>(), to).prop_map(|(which, to)| ReaderStep::Publish { which, to }),
+        1 => any::<Index>().prop_map(|which| ReaderStep::DropLoan { which }),
+        4 => (0..2_u16, any::<Index>()).prop_map(|(reader, which)| ReaderStep::Drop { reader, which }),
+        1 => (0..2_u16).prop_map(|reader| ReaderStep::End { reader }),
     ];
-    prop::collection::vec(deed, 1..60)
+    prop::collection::vec(step, 1..60)
 }
 
 /// An owner of memory, and two readers.
-struct Scene {
+struct Stores {
     owner: Store,
-    drafts: Vec<(WritableLoan, u8)>,
+    loans: Vec<(WritableLoan, u8)>,
     readers: [Reader; 2],
     written: u8,
 }
 
-impl Scene {
-    fn act(&mut self, deed: Deed) {
-        match deed {
-            Deed::Write { len } => {
+impl Stores {
+    fn apply(&mut self, step: ReaderStep) {
+        match step {
+            ReaderStep::Write { len } => {
                 if let Ok(mut loan) = self.owner.loan(len) {
                     self.written = self.written.wrapping_add(1);
                     loan.fill(self.written);
-                    self.drafts.push((loan, self.written));
+                    self.loans.push((loan, self.written));
                 }
             }
-            Deed::Publish { which, to } if !self.drafts.is_empty() => {
-                let (loan, fill) = self.drafts.swap_remove(which.index(self.drafts.len()));
+            ReaderStep::Publish { which, to } if !self.loans.is_empty() => {
+                let (loan, fill) = self.loans.swap_remove(which.index(self.loans.len()));
                 let ids: Vec<_> = to.iter().map(|reader| FederateId(reader + 1)).collect();
                 let object = self.owner.seal(loan, &ids);
                 for reader in to {
-                    self.hand(object, fill, usize::from(reader));
+                    self.send(object, fill, usize::from(reader));
                 }
             }
-            Deed::Forget { which } if !self.drafts.is_empty() => {
-                drop(self.drafts.swap_remove(which.index(self.drafts.len())));
+            ReaderStep::DropLoan { which } if !self.loans.is_empty() => {
+                drop(self.loans.swap_remove(which.index(self.loans.len())));
             }
-            Deed::Drop { reader, which } => {
+            ReaderStep::Drop { reader, which } => {
                 let Reader { store, open } = &mut self.readers[usize::from(reader)];
                 if !open.is_empty() {
                     open.swap_remove(which.index(open.len()));
@@ -304,16 +304,16 @@ impl Scene {
                     self.owner.release(object.serial, FederateId(reader + 1)).unwrap();
                 }
             }
-            Deed::Die { reader } => {
+            ReaderStep::End { reader } => {
                 let id = FederateId(reader + 1);
                 self.readers[usize::from(reader)] = Reader::new(id);
                 self.owner.reader_lost(id);
             }
-            Deed::Publish { .. } | Deed::Forget { .. } => {}
+            ReaderStep::Publish { .. } | ReaderStep::DropLoan { .. } => {}
         }
     }
 
-    fn hand(&mut self, object: ObjectRef, fill: u8, reader: usize) {
+    fn send(&mut self, object: ObjectRef, fill: u8, reader: usize) {
         let id = FederateId(u16::try_from(reader + 1).unwrap_or(0));
         let Reader { store, open } = &mut self.readers[reader];
         for segment in self.owner.retired(id) {
@@ -331,19 +331,19 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn what_a_reader_holds_keeps_its_bytes(deeds in deeds()) {
+    fn an_object_that_a_reader_holds_keeps_its_bytes(reader_steps in reader_steps()) {
         let readers = [1, 2].map(|id| Reader::new(FederateId(id)));
         let owner = Store::new(OWNER, limits());
-        let mut scene = Scene { owner, drafts: Vec::new(), readers, written: 0 };
-        for deed in deeds {
-            scene.act(deed);
-            prop_assert!(scene.readers.iter().all(Reader::is_intact));
-            prop_assert!(scene.drafts.iter().all(|(loan, fill)| is_filled(loan, *fill)));
+        let mut stores = Stores { owner, loans: Vec::new(), readers, written: 0 };
+        for step in reader_steps {
+            stores.apply(step);
+            prop_assert!(stores.readers.iter().all(Reader::is_intact));
+            prop_assert!(stores.loans.iter().all(|(loan, fill)| is_filled(loan, *fill)));
         }
-        scene.drafts.clear();
+        stores.loans.clear();
         for reader in 0..2 {
-            scene.act(Deed::Die { reader });
+            stores.apply(ReaderStep::End { reader });
         }
-        prop_assert_eq!(scene.owner.stats().bytes_in_use, 0);
+        prop_assert_eq!(stores.owner.stats().bytes_in_use, 0);
     }
 }

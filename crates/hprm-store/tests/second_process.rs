@@ -23,11 +23,11 @@ fn main() {
         read(&args[2..]);
     } else {
         a_reader_sees_the_bytes_and_its_death_leaves_nothing();
-        say("a_reader_sees_the_bytes_and_its_death_leaves_nothing ... ok");
+        print("a_reader_sees_the_bytes_and_its_death_leaves_nothing ... ok");
     }
 }
 
-fn say(line: impl Display) {
+fn print(line: impl Display) {
     writeln!(io::stdout(), "{line}").expect("the standard output is open");
 }
 
@@ -42,7 +42,7 @@ fn read(args: &[String]) {
     let object =
         store.open(ObjectRef { owner: A, serial, segment, offset, len }).expect("an object");
     let sum: u64 = object.as_bytes().iter().map(|byte| u64::from(*byte)).sum();
-    say(sum);
+    print(sum);
     loop {
         std::thread::park();
     }
@@ -65,7 +65,7 @@ fn a_reader_sees_the_bytes_and_its_death_leaves_nothing() {
 
     let sum: u64 = image.iter().map(|byte| u64::from(*byte)).sum();
     assert_eq!(seen, sum.to_string());
-    assert_eq!(store.stats().bytes_in_use, 5_001_216, "the reader had the object to its end");
+    assert_eq!(store.stats().bytes_in_use, 5_001_216, "the reader held the object until its end");
     store.reader_lost(B);
     assert_eq!(store.stats().bytes_in_use, 0);
 }
@@ -88,7 +88,7 @@ fn first_line(reader: &mut Child) -> String {
     line.expect("the reader reports what it saw").expect("the pipe is read")
 }
 
-/// What lies in /dev/shm, of this store; other programs of the host may come and go.
+/// The names of this store in /dev/shm; other programs of the host may add and remove theirs.
 fn shared_memory_names() -> Vec<String> {
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());

@@ -119,7 +119,7 @@ where
         spin: spin::time(&options.program),
     };
     if federate.room.is_none() {
-        federate.host.furnish(federate.federation.objects.yard());
+        federate.host.furnish(federate.federation.objects.allocator());
     }
     if options.trace.is_some() {
         federate.scheduler.start_recording();

@@ -9,7 +9,7 @@ use hprm_core::{
     Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
     Turn,
 };
-use hprm_store::{Object, Store, Yard};
+use hprm_store::{Object, Store, StoreAllocator};
 
 use crate::trace::Described;
 
@@ -77,8 +77,8 @@ pub trait Host {
     /// Hands over the federate's store, for a host that makes values in its memory: those can be
     /// sealed in [`Self::encode`] without a copy. Called once, before any body runs, and not where
     /// federates share a process.
-    fn furnish(&mut self, yard: &Arc<Yard>) {
-        let _ = yard;
+    fn furnish(&mut self, allocator: &Arc<StoreAllocator>) {
+        let _ = allocator;
     }
 
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until

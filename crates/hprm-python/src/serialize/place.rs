@@ -91,7 +91,7 @@ impl<'s> Place<'s> {
     ) -> PyResult<Option<Part>> {
         let Some((store, owner)) = self.store.as_mut() else { return Ok(None) };
         let object = if let Some(object) = array::object_under(array, layout)? {
-            store.pass_on(&object)
+            store.forward(&object)
         } else if let Some(references) = self.sole.get(&(array.as_ptr() as usize)) {
             numpy_memory::publish(array, *references, layout.len, (store, *owner))?
         } else {

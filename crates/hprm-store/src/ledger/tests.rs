@@ -96,7 +96,7 @@ fn a_lost_reader_holds_nothing() {
 }
 
 #[test]
-fn a_reader_can_be_added_while_someone_holds_the_object() {
+fn a_reader_can_be_added_while_the_object_is_held() {
     let mut ledger = ledger();
     let loan = loan(&mut ledger, 100).unwrap();
     let object = ledger.seal(loan, &[B]);

@@ -1,4 +1,4 @@
-//! Bytes come as they were written, whatever the other side does, and nobody sleeps on.
+//! Bytes arrive as they were written, whatever the other side does, and no side sleeps on.
 
 use std::collections::VecDeque;
 
@@ -60,47 +60,47 @@ proptest! {
     }
 
     #[test]
-    fn a_side_that_lies_is_an_error_or_costs_bytes_and_never_more(
+    fn a_side_that_tells_impossible_things_causes_an_error_or_wrong_bytes_and_never_more(
         written in any::<u64>(), read in any::<u64>(), len in 1_usize..200,
     ) {
         let (mut writer, mut reader, ring) = ring();
         writer.write(&[7; 100]).unwrap();
-        ring.tell(WRITTEN, written);
+        ring.store(WRITTEN, written);
         let mut buffer = vec![0; len];
         match reader.read(&mut buffer) {
             Ok(count) => prop_assert!(count <= len && written <= RING_CAPACITY as u64),
             Err(RingError) => prop_assert!(written > RING_CAPACITY as u64),
         }
-        ring.tell(READ, read);
+        ring.store(READ, read);
         prop_assert_eq!(writer.has_room_or_waits().is_err(), read > 100);
     }
 }
 
 #[test]
-fn a_reader_who_takes_back_what_he_has_read_lies() {
+fn a_reader_that_has_read_fewer_bytes_than_before_is_an_error() {
     let (mut writer, mut reader, ring) = ring();
     assert_eq!(writer.write(&[1; RING_CAPACITY + 5]), Ok(RING_CAPACITY));
     assert_eq!(reader.read(&mut [0; 10]), Ok(10));
     assert_eq!(writer.write(&[2; 20]), Ok(10));
-    ring.tell(READ, 9);
+    ring.store(READ, 9);
     assert_eq!(writer.write(&[3; 20]), Err(RingError));
 }
 
 #[test]
-fn a_writer_who_takes_back_what_he_has_written_lies() {
+fn a_writer_that_has_written_fewer_bytes_than_before_is_an_error() {
     let (mut writer, mut reader, ring) = ring();
     writer.write(&[1; 10]).unwrap();
     assert_eq!(reader.read(&mut [0; 10]), Ok(10));
-    ring.tell(WRITTEN, 9);
+    ring.store(WRITTEN, 9);
     assert_eq!(reader.read(&mut [0; 10]), Err(RingError));
 }
 
-/// One side that sleeps when it has nothing to do, as the other one sees it between two steps.
+/// The state of one side, which sleeps when it has nothing to do, between two of its steps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Mind {
+enum SideState {
     Busy,
-    /// It has said that it is about to sleep, and has not looked once more.
-    Drowsy,
+    /// It has announced that it is about to sleep, and has not looked once more.
+    Announced,
     Asleep,
     Done,
 }
@@ -113,83 +113,85 @@ const GOAL: u32 = 2;
 
 /// Two sides, one step at a time.
 #[derive(Clone)]
-struct Scene {
+struct Sides {
     writer: Writer<Heap>,
     reader: Reader<Heap>,
-    minds: [Mind; 2],
+    states: [SideState; 2],
     done: [u32; 2],
     /// Whether a side has done something and not yet looked whether the other one sleeps.
-    owes: [bool; 2],
-    /// Whose bell has been rung since it last woke up.
-    bells: [bool; 2],
+    must_look: [bool; 2],
+    /// Whether a side has been notified since it last woke up.
+    notified: [bool; 2],
 }
 
-impl Scene {
-    /// With so many bytes in the ring.
+impl Sides {
+    /// Two sides with `filled` bytes in the ring.
     fn new(filled: u64) -> Self {
         let (mut writer, reader, ring) = ring();
         writer.written = filled;
-        ring.tell(WRITTEN, filled);
+        ring.store(WRITTEN, filled);
         Self {
             writer,
             reader,
-            minds: [Mind::Busy; 2],
+            states: [SideState::Busy; 2],
             done: [0; 2],
-            owes: [false; 2],
-            bells: [false; 2],
+            must_look: [false; 2],
+            notified: [false; 2],
         }
     }
 
-    fn may_go_on(&self, who: usize) -> bool {
-        matches!(self.minds[who], Mind::Busy | Mind::Drowsy)
+    fn may_go_on(&self, side: usize) -> bool {
+        matches!(self.states[side], SideState::Busy | SideState::Announced)
     }
 
-    fn step(&mut self, who: usize) {
-        if std::mem::take(&mut self.owes[who]) {
-            let other = 1 - who;
-            self.bells[other] |= self.writer.ring.take_sleeper([READER_SLEEPS, WRITER_WAITS][who]);
-            if self.minds[other] == Mind::Asleep && std::mem::take(&mut self.bells[other]) {
-                self.minds[other] = Mind::Busy;
+    fn step(&mut self, side: usize) {
+        if std::mem::take(&mut self.must_look[side]) {
+            let other = 1 - side;
+            self.notified[other] |=
+                self.writer.ring.take_sleeping([READER_SLEEPS, WRITER_WAITS][side]);
+            if self.states[other] == SideState::Asleep && std::mem::take(&mut self.notified[other])
+            {
+                self.states[other] = SideState::Busy;
             }
             return;
         }
-        if self.done[who] == GOAL {
-            self.minds[who] = Mind::Done;
+        if self.done[side] == GOAL {
+            self.states[side] = SideState::Done;
             return;
         }
-        let count = match who {
+        let count = match side {
             WRITER => self.writer.write(&[1]).unwrap(),
             _ => self.reader.read(&mut [0]).unwrap(),
         };
         if count > 0 {
-            self.done[who] += 1;
-            self.owes[who] = true;
-            self.minds[who] = Mind::Busy;
-        } else if self.minds[who] == Mind::Drowsy {
-            let rings = std::mem::take(&mut self.bells[who]);
-            self.minds[who] = if rings { Mind::Busy } else { Mind::Asleep };
+            self.done[side] += 1;
+            self.must_look[side] = true;
+            self.states[side] = SideState::Busy;
+        } else if self.states[side] == SideState::Announced {
+            let notified = std::mem::take(&mut self.notified[side]);
+            self.states[side] = if notified { SideState::Busy } else { SideState::Asleep };
         } else {
-            self.writer.ring.announce([WRITER_WAITS, READER_SLEEPS][who]);
-            self.minds[who] = Mind::Drowsy;
+            self.writer.ring.announce_sleep([WRITER_WAITS, READER_SLEEPS][side]);
+            self.states[side] = SideState::Announced;
         }
     }
 
-    /// Goes every way from here, and counts their ends.
-    fn explore(&self, way: &mut Vec<usize>) -> usize {
+    /// Explores every order of steps from here, and counts their ends.
+    fn explore(&self, path: &mut Vec<usize>) -> usize {
         const SHARED: [usize; 4] = [WRITTEN, READ, READER_SLEEPS, WRITER_WAITS];
         let ring = &self.writer.ring;
-        let before = SHARED.map(|at| ring.heard(at));
+        let before = SHARED.map(|at| ring.load(at));
         let mut ends = 0;
-        for who in [WRITER, READER].into_iter().filter(|who| self.may_go_on(*who)) {
+        for side in [WRITER, READER].into_iter().filter(|side| self.may_go_on(*side)) {
             let mut next = self.clone();
-            way.push(who);
-            next.step(who);
-            ends += next.explore(way);
-            way.pop();
-            SHARED.into_iter().zip(before).for_each(|(at, value)| ring.tell(at, value));
+            path.push(side);
+            next.step(side);
+            ends += next.explore(path);
+            path.pop();
+            SHARED.into_iter().zip(before).for_each(|(at, value)| ring.store(at, value));
         }
         if ends == 0 {
-            assert_eq!(self.minds, [Mind::Done; 2], "somebody sleeps on: {way:?}");
+            assert_eq!(self.states, [SideState::Done; 2], "a side sleeps on: {path:?}");
             return 1;
         }
         ends
@@ -197,13 +199,13 @@ impl Scene {
 }
 
 #[test]
-fn no_reader_sleeps_on_whoever_takes_the_next_step() {
-    let ends = Scene::new(0).explore(&mut Vec::new());
-    assert!(ends > 100, "only {ends} ways were gone");
+fn no_reader_sleeps_on_whichever_side_takes_the_next_step() {
+    let ends = Sides::new(0).explore(&mut Vec::new());
+    assert!(ends > 100, "only {ends} orders were explored");
 }
 
 #[test]
-fn no_writer_sleeps_on_whoever_takes_the_next_step() {
-    let ends = Scene::new(RING_CAPACITY as u64).explore(&mut Vec::new());
-    assert!(ends > 100, "only {ends} ways were gone");
+fn no_writer_sleeps_on_whichever_side_takes_the_next_step() {
+    let ends = Sides::new(RING_CAPACITY as u64).explore(&mut Vec::new());
+    assert!(ends > 100, "only {ends} orders were explored");
 }

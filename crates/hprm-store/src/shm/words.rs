@@ -1,8 +1,9 @@
 //! Words of memory that two processes write: what a pair of [rings](crate::ring) lies in.
 //!
-//! Other than a segment, this memory has no owner: both sides may write all of it at any time. So
-//! there is no slice of plain bytes here, only of atomic words, and nothing is believed that is read
-//! from them; that is the ring's business.
+//! Unlike a segment, this memory has no owner: both sides may write all of it at any time. So there is
+//! no slice of plain bytes here, only of atomic words. The ring checks what it reads from them.
+
+#![allow(unsafe_code)]
 
 use std::os::fd::OwnedFd;
 use std::slice;
@@ -12,13 +13,14 @@ use rustix::fs::{self, MemfdFlags, SealFlags};
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 
-use super::{Mapping, map_present};
+use super::mapping::Mapping;
 use crate::SegmentError;
 
 /// Against which changes the file is sealed: of its length, and of its seals.
 const SEALS: SealFlags = SealFlags::SHRINK.union(SealFlags::GROW).union(SealFlags::SEAL);
 
-/// Memory that this process shares with another one. It has no name, and ends with the last of them.
+/// Memory that this process shares with another one. It has no name, and is freed when the last of them
+/// unmaps it or ends.
 #[derive(Debug)]
 pub(crate) struct SharedWords {
     mapping: Mapping,
@@ -26,15 +28,15 @@ pub(crate) struct SharedWords {
 }
 
 impl SharedWords {
-    /// Creates so many words, all of them zero and present, and what the other side needs to map
-    /// them.
+    /// Creates `count` words, all of them zero and present, and the descriptor by which the other side
+    /// maps them.
     pub(crate) fn create(count: usize) -> Result<(Self, OwnedFd), SegmentError> {
         let (size, len) = size_of(count);
         let error = |step| move |cause| SegmentError::Create { len, step, cause };
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = fs::memfd_create("hprm-ring", flags).map_err(error("memfd_create"))?;
         fs::ftruncate(&file, len).map_err(error("ftruncate"))?;
-        let mapping = map_present(&file, size).map_err(error("mmap"))?;
+        let mapping = Mapping::present(&file, size).map_err(error("mmap"))?;
         fs::fcntl_add_seals(&file, SEALS).map_err(error("seal"))?;
         Ok((Self { mapping, count }, file))
     }
@@ -70,7 +72,7 @@ impl AsRef<[AtomicU64]> for SharedWords {
     }
 }
 
-/// How many bytes so many words have.
+/// How many bytes `count` words have.
 fn size_of(count: usize) -> (usize, u64) {
     let size = count * std::mem::size_of::<AtomicU64>();
     (size, size as u64)

@@ -30,7 +30,7 @@ fn announce(from: &mut Store, to: &mut Store) -> usize {
 }
 
 /// What a link does after a message: the releases.
-fn return_releases(from: &mut Store, to: &mut Store) {
+fn send_releases(from: &mut Store, to: &mut Store) {
     for object in from.drain_releases() {
         assert_eq!(object.owner, to.owner);
         to.release(object.serial, from.owner).unwrap();
@@ -38,7 +38,7 @@ fn return_releases(from: &mut Store, to: &mut Store) {
 }
 
 #[test]
-fn an_object_is_read_where_it_was_written_and_comes_back() {
+fn an_object_is_read_where_it_was_written_and_released() {
     let [mut a, mut b] = stores();
     let object = a.put(b"point cloud", &[B]).unwrap();
     assert_eq!(announce(&mut a, &mut b), 1);
@@ -48,7 +48,7 @@ fn an_object_is_read_where_it_was_written_and_comes_back() {
     drop(opened);
     assert!(b.drain_releases().is_empty());
     drop(clone);
-    return_releases(&mut b, &mut a);
+    send_releases(&mut b, &mut a);
     assert_eq!((a.stats().bytes_in_use, a.stats().releases), (0, 1));
 }
 
@@ -63,7 +63,7 @@ fn four_readers_of_50_mb_cost_one_copy() {
     for reader in &mut readers {
         announce(&mut a, reader);
         assert!(reader.open(object).unwrap().as_bytes() == image);
-        return_releases(reader, &mut a);
+        send_releases(reader, &mut a);
         assert_eq!(reader.stats().bytes_copied, 0);
     }
     let stats = a.stats();
@@ -79,9 +79,9 @@ fn a_steady_program_maps_nothing_after_its_first_rounds() {
     for _ in 0..100 {
         let object = a.put(&frame, &[B]).unwrap();
         announced += announce(&mut a, &mut b);
-        // The reader keeps each frame until it has the next.
+        // The reader holds each frame until it has the next.
         last = Some(b.open(object).unwrap());
-        return_releases(&mut b, &mut a);
+        send_releases(&mut b, &mut a);
     }
     assert!(announced <= 2);
     assert_eq!(a.stats().segments as usize, announced);
@@ -121,7 +121,7 @@ fn the_owner_opens_what_it_holds_and_nothing_else() {
 }
 
 #[test]
-fn a_dropped_loan_gives_its_block_back_from_any_thread() {
+fn a_loan_that_is_dropped_on_any_thread_releases_its_block() {
     let mut a = Store::new(A, LIMITS);
     let loans: Vec<WritableLoan> = (0..7).map(|_| a.loan(1 << 20).unwrap()).collect();
     let mapped = a.stats().bytes_mapped;
@@ -159,7 +159,7 @@ fn a_store_that_may_not_fall_back_refuses() {
 }
 
 #[test]
-fn only_a_lack_of_memory_is_made_good_by_falling_back() {
+fn only_a_lack_of_memory_leads_to_an_inline_payload() {
     let mut a = Store::new(A, LIMITS);
     let cause = rustix::io::Errno::NOMEM;
     let none = StoreError::Segment(SegmentError::Create { len: 1, step: "mmap", cause });
@@ -169,7 +169,7 @@ fn only_a_lack_of_memory_is_made_good_by_falling_back() {
 }
 
 #[test]
-fn segments_that_are_too_short_are_given_up_and_readers_told() {
+fn segments_that_are_too_short_are_retired_and_readers_are_told() {
     let [mut a, mut b] = stores();
     for megabytes in 1..=7 {
         let object = a.put(&vec![1; megabytes << 20], &[B]).unwrap();
@@ -178,7 +178,7 @@ fn segments_that_are_too_short_are_given_up_and_readers_told() {
         }
         announce(&mut a, &mut b);
         assert_eq!(b.open(object).unwrap().as_bytes().len(), megabytes << 20);
-        return_releases(&mut b, &mut a);
+        send_releases(&mut b, &mut a);
     }
     assert_eq!(b.attached.len(), a.segments.len());
     assert!(a.stats().bytes_mapped <= LIMITS.capacity_bytes);
@@ -217,7 +217,7 @@ fn a_segment_is_attached_once_and_never_by_its_owner() {
 }
 
 #[test]
-fn an_object_that_was_passed_on_is_held_by_the_next_reader() {
+fn an_object_that_is_sent_again_is_held_by_the_next_reader() {
     let [mut a, mut b] = stores();
     let mut c = Store::new(FederateId(2), LIMITS);
     let object = a.put(b"map", &[B]).unwrap();
@@ -225,15 +225,15 @@ fn an_object_that_was_passed_on_is_held_by_the_next_reader() {
     let at_b = b.open(object).unwrap();
     a.add_reader(at_b.object_ref().serial, c.owner).unwrap();
     drop(at_b);
-    return_releases(&mut b, &mut a);
+    send_releases(&mut b, &mut a);
     announce(&mut a, &mut c);
     assert_eq!(c.open(object).unwrap().as_bytes(), b"map");
-    return_releases(&mut c, &mut a);
+    send_releases(&mut c, &mut a);
     assert_eq!(a.stats().bytes_in_use, 0);
 }
 
 #[test]
-fn a_lost_reader_holds_nothing_and_is_told_again_when_it_returns() {
+fn a_lost_reader_holds_nothing_and_gets_announcements_again_when_it_returns() {
     let [mut a, mut b] = stores();
     a.put(&[0; 100], &[B]).unwrap();
     announce(&mut a, &mut b);
@@ -248,16 +248,16 @@ fn a_lost_reader_holds_nothing_and_is_told_again_when_it_returns() {
 #[test]
 fn an_open_object_outlives_its_owner_and_both_stores() {
     let [mut a, mut b] = stores();
-    let object = a.put(b"last words", &[B]).unwrap();
+    let object = a.put(b"last value", &[B]).unwrap();
     announce(&mut a, &mut b);
     let opened = b.open(object).unwrap();
     b.owner_lost(A);
     drop((a, b));
-    assert_eq!(opened.as_bytes(), b"last words");
+    assert_eq!(opened.as_bytes(), b"last value");
 }
 
 #[test]
-fn a_release_that_falls_due_wakes_whoever_sends_it() {
+fn the_first_release_that_is_due_calls_the_wake_function() {
     let mut a = Store::new(A, LIMITS);
     let calls = Arc::new(AtomicUsize::new(0));
     let counter = Arc::clone(&calls);
@@ -279,7 +279,7 @@ fn a_declined_object_is_released_unopened() {
     let [mut a, mut b] = stores();
     let object = a.put(b"x", &[A, B]).unwrap();
     b.decline(object).unwrap();
-    return_releases(&mut b, &mut a);
+    send_releases(&mut b, &mut a);
     a.decline(object).unwrap();
     assert_eq!(a.stats().bytes_in_use, 0);
 }
@@ -304,59 +304,59 @@ fn an_empty_object_is_an_object() {
 
 const C: FederateId = FederateId(2);
 
-/// Sends what `object` is in `from` to `to`, and opens it there.
+/// Sends an object from one store to another, and opens it there.
 fn send(from: &mut Store, object: ObjectRef, to: &mut Store) -> Object {
     from.add_reader(object.serial, to.owner).unwrap();
     announce(from, to);
     to.open(object).unwrap()
 }
 
-/// A, whose object B has passed on to C; B has nothing else of it.
-fn passed_on() -> ([Store; 3], Object) {
+/// A, whose object B has forwarded to C; B itself has dropped it.
+fn forwarded_object() -> ([Store; 3], Object) {
     let [mut a, mut b] = stores();
     let mut c = Store::new(C, LIMITS);
     let object = a.put(b"point cloud", &[B]).unwrap();
     announce(&mut a, &mut b);
-    let came = b.open(object).unwrap();
-    let passed = b.pass_on(&came).unwrap();
-    let read = send(&mut b, passed.object_ref(), &mut c);
-    drop((came, passed));
-    return_releases(&mut b, &mut a);
+    let received = b.open(object).unwrap();
+    let forwarded = b.forward(&received).unwrap();
+    let read = send(&mut b, forwarded.object_ref(), &mut c);
+    drop((received, forwarded));
+    send_releases(&mut b, &mut a);
     ([a, b, c], read)
 }
 
 #[test]
-fn what_is_passed_on_is_not_copied_and_goes_back_the_same_way() {
-    let ([mut a, mut b, mut c], read) = passed_on();
+fn a_forwarded_object_is_not_copied_and_is_released_hop_by_hop() {
+    let ([mut a, mut b, mut c], read) = forwarded_object();
     assert_eq!((read.as_bytes(), read.object_ref().owner), (&b"point cloud"[..], B));
     let stats = b.stats();
     assert_eq!((stats.bytes_copied, stats.bytes_mapped, stats.objects_passed_on), (0, 0, 1));
     assert_eq!(a.stats().bytes_in_use, 64);
     drop(read);
-    return_releases(&mut c, &mut b);
-    return_releases(&mut b, &mut a);
+    send_releases(&mut c, &mut b);
+    send_releases(&mut b, &mut a);
     assert_eq!(a.stats().bytes_in_use, 0);
 }
 
 #[test]
-fn an_object_that_comes_back_is_read_by_its_owner_like_any_other() {
+fn an_object_that_is_forwarded_to_its_owner_is_read_like_any_other() {
     let [mut a, mut b] = stores();
     let object = a.put(b"point cloud", &[B]).unwrap();
     announce(&mut a, &mut b);
-    let came = b.open(object).unwrap();
-    let passed = b.pass_on(&came).unwrap();
-    let back = send(&mut b, passed.object_ref(), &mut a);
+    let received = b.open(object).unwrap();
+    let forwarded = b.forward(&received).unwrap();
+    let back = send(&mut b, forwarded.object_ref(), &mut a);
     assert_eq!(back.as_bytes(), b"point cloud");
-    assert_eq!(b.pass_on(&came).unwrap().object_ref(), passed.object_ref());
-    drop((came, passed, back));
-    return_releases(&mut a, &mut b);
-    return_releases(&mut b, &mut a);
+    assert_eq!(b.forward(&received).unwrap().object_ref(), forwarded.object_ref());
+    drop((received, forwarded, back));
+    send_releases(&mut a, &mut b);
+    send_releases(&mut b, &mut a);
     assert_eq!(a.stats().bytes_in_use, 0);
 }
 
 #[test]
-fn what_the_forwarder_had_stays_when_it_ends_until_its_readers_have_released_it() {
-    let ([mut a, b, mut c], read) = passed_on();
+fn a_forwarded_object_stays_after_the_forwarder_has_ended_until_its_readers_drop_it() {
+    let ([mut a, b, mut c], read) = forwarded_object();
     drop(b);
     a.reader_lost(B);
     c.owner_lost(B);
@@ -367,12 +367,12 @@ fn what_the_forwarder_had_stays_when_it_ends_until_its_readers_have_released_it(
 }
 
 #[test]
-fn what_was_passed_on_twice_stays_when_both_forwarders_end() {
-    let ([mut a, b, mut c], read) = passed_on();
+fn an_object_that_was_forwarded_twice_stays_after_both_forwarders_have_ended() {
+    let ([mut a, b, mut c], read) = forwarded_object();
     let mut d = Store::new(FederateId(3), LIMITS);
-    let passed = c.pass_on(&read).unwrap();
-    let last = send(&mut c, passed.object_ref(), &mut d);
-    drop((b, passed, read));
+    let forwarded = c.forward(&read).unwrap();
+    let last = send(&mut c, forwarded.object_ref(), &mut d);
+    drop((b, forwarded, read));
     a.reader_lost(B);
     c.owner_lost(B);
     assert_eq!(a.stats().bytes_in_use, 64);
@@ -384,60 +384,60 @@ fn what_was_passed_on_twice_stays_when_both_forwarders_end() {
 }
 
 #[test]
-fn what_the_forwarder_had_is_free_when_its_readers_are_gone_too() {
-    let ([mut a, mut b, c], read) = passed_on();
+fn a_forwarded_object_is_released_when_its_readers_have_ended() {
+    let ([mut a, mut b, c], read) = forwarded_object();
     drop((c, read));
     b.reader_lost(C);
-    return_releases(&mut b, &mut a);
+    send_releases(&mut b, &mut a);
     assert_eq!(a.stats().bytes_in_use, 0);
 }
 
 #[test]
-fn what_was_passed_on_is_read_when_its_owner_is_gone() {
-    let ([a, mut b, mut c], read) = passed_on();
+fn a_forwarded_object_can_be_read_after_its_owner_has_ended() {
+    let ([a, mut b, mut c], read) = forwarded_object();
     drop(a);
     b.owner_lost(A);
     let mut d = Store::new(FederateId(3), LIMITS);
-    let again = c.pass_on(&read).unwrap();
+    let again = c.forward(&read).unwrap();
     let last = send(&mut c, again.object_ref(), &mut d);
     assert_eq!(last.as_bytes(), b"point cloud");
     drop((read, again, last));
-    return_releases(&mut d, &mut c);
-    return_releases(&mut c, &mut b);
-    // Nothing in the segment is passed on any more, and nothing will be.
+    send_releases(&mut d, &mut c);
+    send_releases(&mut c, &mut b);
+    // No object of the segment is forwarded any more, and none will be.
     assert_eq!(b.retired(C), [1 << 26]);
 }
 
 #[test]
-fn what_was_passed_on_can_be_sent_inline() {
-    let ([_a, mut b, _c], read) = passed_on();
+fn the_bytes_of_a_forwarded_object_can_be_sent_inline() {
+    let ([_a, mut b, _c], read) = forwarded_object();
     let object = read.object_ref();
     b.add_reader(object.serial, B).unwrap();
     assert_eq!(b.open(object).unwrap().as_bytes(), b"point cloud");
 }
 
 #[test]
-fn who_has_many_segments_keeps_few_descriptors() {
+fn a_store_with_many_segments_keeps_few_descriptors() {
     let [mut a, mut b] = stores();
     let object = a.put(b"point cloud", &[B]).unwrap();
     let [announcement] = &a.unannounced(B)[..] else { panic!("one segment") };
     let owner = |number: usize| FederateId(u16::try_from(number).unwrap() + 10);
-    for number in 0..DESCRIPTORS + 20 {
+    for number in 0..MAX_DESCRIPTORS + 20 {
         let fd = announcement.as_fd().try_clone_to_owned().unwrap();
         b.attach(owner(number), 0, announcement.len, fd).unwrap();
     }
-    assert_eq!(b.attached.values().filter(|view| view.fd().is_some()).count(), DESCRIPTORS);
-    let came = |number| ObjectRef { owner: owner(number), segment: 0, ..object };
-    let [first, last] = [0, DESCRIPTORS + 19].map(|number| b.open(came(number)).unwrap());
+    assert_eq!(b.attached.values().filter(|view| view.fd().is_some()).count(), MAX_DESCRIPTORS);
+    let sent = |number| ObjectRef { owner: owner(number), segment: 0, ..object };
+    let [first, last] = [0, MAX_DESCRIPTORS + 19].map(|number| b.open(sent(number)).unwrap());
     assert_eq!(last.as_bytes(), first.as_bytes());
-    assert!(b.pass_on(&first).is_some());
-    assert!(b.pass_on(&last).is_none());
+    assert!(b.forward(&first).is_some());
+    assert!(b.forward(&last).is_none());
 }
 
-/// Federates that send, pass on, drop and end as they like.
-struct Yards {
+/// Federates that send, forward, drop and end in any order.
+struct Federates {
     stores: Vec<Option<Store>>,
-    /// What is open: where, what its bytes are, and the object.
+    /// The open objects: the federate, the value of all bytes, and the object.
     open: Vec<(usize, u8, Object)>,
     sent: u8,
 }
@@ -445,14 +445,14 @@ struct Yards {
 #[derive(Clone, Debug)]
 enum Step {
     Send { from: usize, to: usize, len: usize },
-    Pass { which: prop::sample::Index, to: usize },
+    Forward { which: prop::sample::Index, to: usize },
     Drop { which: prop::sample::Index },
-    End { who: usize },
+    End { federate: usize },
 }
 
 const FEDERATES: usize = 6;
 
-impl Yards {
+impl Federates {
     fn new() -> Self {
         let id = |it: usize| FederateId(u16::try_from(it).unwrap());
         let stores = (0..FEDERATES).map(|it| Some(Store::new(id(it), LIMITS))).collect();
@@ -470,16 +470,16 @@ impl Yards {
                     self.deliver(from, to, self.sent, &own);
                 }
             }
-            Step::Pass { which, to } if !self.open.is_empty() => {
-                let (from, content, came) = self.open[which.index(self.open.len())].clone();
-                let passed = self.stores[from].as_mut().unwrap().pass_on(&came).unwrap();
-                self.deliver(from, to, content, &passed);
+            Step::Forward { which, to } if !self.open.is_empty() => {
+                let (from, content, received) = self.open[which.index(self.open.len())].clone();
+                let forwarded = self.stores[from].as_mut().unwrap().forward(&received).unwrap();
+                self.deliver(from, to, content, &forwarded);
             }
             Step::Drop { which } if !self.open.is_empty() => {
                 self.open.swap_remove(which.index(self.open.len()));
             }
-            Step::End { who } => self.end(who),
-            Step::Pass { .. } | Step::Drop { .. } => {}
+            Step::End { federate } => self.end(federate),
+            Step::Forward { .. } | Step::Drop { .. } => {}
         }
         self.exchange();
     }
@@ -494,10 +494,10 @@ impl Yards {
         self.open.push((to, content, opened));
     }
 
-    fn end(&mut self, who: usize) {
-        let Some(store) = self.stores[who].take() else { return };
+    fn end(&mut self, federate: usize) {
+        let Some(store) = self.stores[federate].take() else { return };
         let id = store.owner;
-        self.open.retain(|(at, ..)| *at != who);
+        self.open.retain(|(at, ..)| *at != federate);
         drop(store);
         for store in self.stores.iter_mut().flatten() {
             store.reader_lost(id);
@@ -505,38 +505,38 @@ impl Yards {
         }
     }
 
-    /// Brings the releases home, however many hands they go through.
+    /// Delivers all releases, over any number of hops.
     fn exchange(&mut self) {
-        // Several times: a store notices only by looking that others have let go of what a dead one
-        // had passed on.
-        let mut quiet = 0;
-        while quiet < FEDERATES {
-            let mut came = 0;
+        // Several rounds: a store finds out only by looking that readers have dropped an object which a
+        // federate that has ended had forwarded to them.
+        let mut idle_rounds = 0;
+        while idle_rounds < FEDERATES {
+            let mut releases = 0;
             for at in 0..FEDERATES {
                 let Some(store) = self.stores[at].as_mut() else { continue };
                 let me = store.owner;
                 for object in store.drain_releases() {
-                    came += 1;
+                    releases += 1;
                     if let Some(owner) = self.stores[usize::from(object.owner.0)].as_mut() {
                         owner.release(object.serial, me).unwrap();
                     }
                 }
             }
-            quiet = if came == 0 { quiet + 1 } else { 0 };
+            idle_rounds = if releases == 0 { idle_rounds + 1 } else { 0 };
         }
     }
 }
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
-    let who = || 0..FEDERATES;
+    let federate = || 0..FEDERATES;
     let which = any::<prop::sample::Index>;
     prop::collection::vec(
         prop_oneof![
-            6 => (who(), who(), prop::sample::select(vec![64_usize, 4096, 300_000]))
+            6 => (federate(), federate(), prop::sample::select(vec![64_usize, 4096, 300_000]))
                 .prop_map(|(from, to, len)| Step::Send { from, to, len }),
-            6 => (which(), who()).prop_map(|(which, to)| Step::Pass { which, to }),
+            6 => (which(), federate()).prop_map(|(which, to)| Step::Forward { which, to }),
             6 => which().prop_map(|which| Step::Drop { which }),
-            1 => who().prop_map(|who| Step::End { who }),
+            1 => federate().prop_map(|federate| Step::End { federate }),
         ],
         1..60,
     )
@@ -546,25 +546,25 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
 
     #[test]
-    fn what_somebody_reads_never_changes_and_nothing_stays(steps in steps()) {
-        let mut yards = Yards::new();
+    fn bytes_that_a_federate_reads_never_change_and_no_block_stays_in_use(steps in steps()) {
+        let mut federates = Federates::new();
         for step in steps {
-            yards.apply(step);
-            for (_, content, object) in &yards.open {
+            federates.apply(step);
+            for (_, content, object) in &federates.open {
                 let bytes = object.as_bytes();
                 prop_assert!(bytes == vec![*content; bytes.len()]);
             }
         }
-        yards.open.clear();
-        yards.exchange();
-        for store in yards.stores.iter_mut().flatten() {
+        federates.open.clear();
+        federates.exchange();
+        for store in federates.stores.iter_mut().flatten() {
             prop_assert_eq!(store.stats().bytes_in_use, 0);
         }
     }
 }
 
 #[test]
-fn what_a_forked_process_may_read_is_given_back_when_that_has_ended() {
+fn an_object_that_a_forked_process_may_read_is_released_when_that_process_has_ended() {
     let (mut a, mut b) = (Store::new(A, LIMITS), Store::new(B, LIMITS));
     let mut send = |b: &mut Store| {
         let object = a.put(&[7; 100_000], &[B]).unwrap();

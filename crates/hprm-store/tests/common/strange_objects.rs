@@ -1,6 +1,5 @@
-//! The promise about any reference to an object, and any memory that is offered: what is read lies
-//! within memory that the owner has sealed; everything else is an error. Shared with the fuzz target in
-//! `fuzz/`.
+//! Any reference to an object, and any descriptor, may come from a peer: a reader reads only memory that
+//! the owner has sealed, and everything else is an error. Shared with the fuzz target in `fuzz/`.
 
 use std::os::fd::AsFd;
 
@@ -10,13 +9,13 @@ use hprm_store::{Store, StoreLimits};
 const A: FederateId = FederateId(0);
 const B: FederateId = FederateId(1);
 
-/// The length of the owner's one segment: little, so that there may be many owners.
+/// The length of the owner's one segment: small, so that there may be many owners.
 const CAPACITY: u64 = 64 << 10;
 
-/// What the owner's memory holds, where it was written.
+/// The value of each byte that the owner has written.
 const MARK: u8 = 0xa5;
 
-/// Reads a description of what a reader is told, and tells it.
+/// Bytes that are read as numbers and references.
 struct Script<'a>(&'a [u8]);
 
 impl Script<'_> {
@@ -27,7 +26,7 @@ impl Script<'_> {
     }
 
     fn number(&mut self) -> u64 {
-        // Numbers near those that mean something are worth more than others.
+        // Numbers near limits find more than others.
         let near = [0, 1, 64, 4096, CAPACITY, CAPACITY - 64, 1 << 32, u64::MAX];
         let Some(kind) = self.byte() else { return 0 };
         let offset = u64::from(self.byte().filter(|byte| *byte < 64).unwrap_or(0));
@@ -48,7 +47,7 @@ impl Script<'_> {
     }
 }
 
-/// Does to a reader's and an owner's store what `bytes` say. Returns how many objects were opened.
+/// Calls the stores of a reader and an owner as `bytes` say. Returns how many objects were opened.
 pub(crate) fn strange_objects(bytes: &[u8]) -> usize {
     let limits = StoreLimits { capacity_bytes: CAPACITY, ..StoreLimits::default() };
     let [mut a, mut b] = [A, B].map(|me| Store::new(me, limits));
@@ -60,7 +59,7 @@ pub(crate) fn strange_objects(bytes: &[u8]) -> usize {
             0 => {
                 for segment in a.unannounced(B) {
                     let fd = segment.as_fd().try_clone_to_owned().expect("a descriptor is left");
-                    // It may have come before, or another length have been said.
+                    // It may be attached already, also with another length.
                     let _ = b.attach(A, segment.segment, segment.len, fd);
                 }
             }
@@ -78,7 +77,7 @@ pub(crate) fn strange_objects(bytes: &[u8]) -> usize {
             }
         }
     }
-    // Whatever a reader has said, the books balance: what is not held is free.
+    // Whatever a reader has sent, the ledger is right: blocks that are not held are free.
     a.reader_lost(B);
     while a.release(genuine.serial, A).is_ok() {}
     assert_eq!(a.stats().bytes_in_use, 0);
@@ -98,11 +97,11 @@ fn attach_anything(a: &mut Store, b: &mut Store, script: &mut Script<'_>) {
     a.reader_lost(FederateId(2));
     let Ok(fd) = fd else { return };
     if b.attach(A, segment, len, fd).is_ok() {
-        assert!(len <= CAPACITY, "memory that is not there is mapped, for {object:?}");
+        assert!(len <= CAPACITY, "memory that does not exist is mapped, for {object:?}");
     }
 }
 
-/// Opens an object that may not be one, and returns whether it is. All of what is read is mapped.
+/// Opens an object that may not exist, and returns whether it does. All of its bytes are mapped.
 fn open(store: &mut Store, object: ObjectRef) -> bool {
     let Ok(opened) = store.open(object) else { return false };
     let bytes = opened.as_bytes();

@@ -8,14 +8,14 @@ use std::sync::{Arc, MutexGuard};
 
 use hprm_core::{FederateId, Part, Payload, copy_of};
 use hprm_federated::Frame;
-use hprm_store::{Announcement, Object, Store, Yard};
+use hprm_store::{Announcement, Object, Store, StoreAllocator};
 
 use super::wires::no_memory;
 use crate::Failure;
 
 /// The store, and the descriptors of its segments that are about to leave.
 pub(super) struct Objects {
-    yard: Arc<Yard>,
+    allocator: Arc<StoreAllocator>,
     leaving: BTreeMap<(FederateId, u32), Announcement>,
 }
 
@@ -30,16 +30,16 @@ pub(super) struct Changes {
 
 impl Objects {
     pub(super) fn new(store: Store) -> Self {
-        Self { yard: Arc::new(Yard::new(store)), leaving: BTreeMap::new() }
+        Self { allocator: Arc::new(StoreAllocator::new(store)), leaving: BTreeMap::new() }
     }
 
     /// The store, and memory in it for values that are being made.
-    pub(super) fn yard(&self) -> &Arc<Yard> {
-        &self.yard
+    pub(super) fn allocator(&self) -> &Arc<StoreAllocator> {
+        &self.allocator
     }
 
     pub(super) fn store(&self) -> MutexGuard<'_, Store> {
-        self.yard.store()
+        self.allocator.store()
     }
 
     /// Makes `reader` a holder of the payload's objects.
@@ -51,7 +51,7 @@ impl Objects {
         if payload.objects().next().is_none() {
             return Ok(Changes::default());
         }
-        let mut store = self.yard.store();
+        let mut store = self.allocator.store();
         for object in payload.objects() {
             store.add_reader(object.serial, reader).map_err(|error| failure(&error))?;
         }

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::os::fd::{AsRawFd, RawFd};
 use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 
-use hprm_store::{at_fork, is_forked, let_go};
+use hprm_store::{at_fork, is_forked, replace_with_null};
 
 /// The descriptors of all sockets of links, connected or listening.
 static ENDS: Mutex<BTreeSet<RawFd>> = Mutex::new(BTreeSet::new());
@@ -31,7 +31,7 @@ extern "C" fn in_child() {
     let Some(ends) = HELD.try_with(RefCell::take).ok().flatten() else { return };
     for descriptor in ends.iter() {
         // Without a descriptor to put there, the link stays open as long as this process runs.
-        let _ = let_go(*descriptor);
+        let _ = replace_with_null(*descriptor);
     }
 }
 

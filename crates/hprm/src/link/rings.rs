@@ -124,13 +124,13 @@ impl Rings {
     /// Says that this process is about to sleep. It must look once more after that.
     pub(super) fn fall_asleep(&mut self) {
         if let Some((_, reader)) = &mut self.ends {
-            reader.fall_asleep();
+            reader.announce_sleep();
         }
     }
 
     pub(super) fn wake_up(&mut self) {
         if let Some((_, reader)) = &mut self.ends {
-            reader.wake_up();
+            reader.end_sleep();
         }
     }
 
@@ -191,7 +191,7 @@ impl Rings {
             }
             count = writer.write(bytes).map_err(lie)?;
         }
-        if writer.take_sleeper() {
+        if writer.take_sleeping_reader() {
             rope.ring();
         }
         Ok(count)
@@ -272,7 +272,7 @@ impl Rings {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let Some((_, reader)) = &mut self.ends else { return Ok(0) };
         let count = reader.read(buffer).map_err(lie)?;
-        if count > 0 && reader.take_waiter() {
+        if count > 0 && reader.take_waiting_writer() {
             self.rope.iter().for_each(Rope::ring);
         }
         Ok(count)
