@@ -26,6 +26,8 @@ def main() -> NoReturn:
 
         _syntax.report(options.files)
         leave(0)
+    if options.json:
+        _hprm.tell_programs()
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     _threads.let_bodies_start_threads()
@@ -121,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
             metavar="PID",
             help="never outlive the caller, which is PID",
         )
+        command.add_argument("--json", action="store_true", help="tell of failures as JSON")
         command.add_argument(
             "--property", action="append", default=[], help="a target property: KEY=VALUE"
         )

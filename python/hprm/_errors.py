@@ -1,9 +1,13 @@
-"""Exceptions as the end of a program: an exit code, and what to tell the person who ran it."""
+"""Exceptions as the end of a program: which end it is, and what is known of its cause.
+
+How that is told is the extension module's business, which makes a failure of it.
+"""
 
 import os
 import sys
 import threading
 import traceback
+from dataclasses import dataclass
 
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
@@ -15,53 +19,92 @@ _MEMORY = (
 )
 
 
-def describe(error: BaseException, what: str, place: str = "") -> tuple[int, str]:
-    """Return the exit code and the message, which is empty if there is nothing to say.
+@dataclass(frozen=True)
+class Description:
+    """What an exception means for the program."""
+
+    #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted`` or ``raised``.
+    end: str
+    code: int = 1
+    #: What has happened, in a sentence.
+    message: str = ""
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+    #: The lines around the place.
+    excerpt: str | None = None
+    #: The way to the place.
+    details: str | None = None
+    #: What to do about it.
+    hint: str | None = None
+
+
+def describe(error: BaseException, what: str, place: str = "") -> Description:
+    """Return what an exception means that ends ``what``.
 
     It is about ``place`` if none of the program's lines is on the way to the error.
     """
     match error:
-        case SystemExit(code=None):
-            return 0, ""
+        case SystemExit(code=None | 0):
+            return Description("left", 0)
         case SystemExit(code=int(code)):
             # As the process ends, which keeps eight bits: a failure must not become a zero.
-            return code if 0 <= code <= 255 else 1, ""
+            return Description("exited", code if 0 <= code <= 255 else 1)
         case SystemExit(code=reason):
-            return 1, _text(reason)
+            return Description("quit", message=_text(reason))
         case KeyboardInterrupt():
-            return 130, ""
-        case SyntaxError(filename=str()):
-            return 1, _syntax_error(error)
+            return Description("interrupted")
+    return raised(error, what, place)
+
+
+def raised(error: BaseException, what: str, place: str = "") -> Description:
+    """Return what is known of an exception by which ``what`` has failed, whatever it is."""
+    if isinstance(error, SyntaxError) and error.filename is not None:
+        return _syntax_error(error)
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
     reason = _text(error).partition("\n")[0]
-    title = f"error: {what} raised {name}" + (f": {reason}" if reason else "")
+    file, line = _place(trace, place)
+    text = "".join(trace.format()).rstrip()
+    return Description(
+        "raised",
+        message=f"{what} raised {name}" + (f": {reason}" if reason else ""),
+        file=file,
+        line=line,
+        # Without a frame, it is often only what the message has said.
+        details=None if text in (name, f"{name}: {reason}") else text,
+        hint=_hint(error, text),
+    )
+
+
+def _place(trace: traceback.TracebackException, place: str) -> tuple[str | None, int | None]:
+    """Where the program's own code is on the way to an error; or ``place``, if there is none."""
     frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")]
     frames = frames or ([] if place else list(trace.stack))
     if frames:
-        place = f"{frames[-1].filename}:{frames[-1].lineno}"
-    lines = [title] + ([f"  --> {place}"] if place else [])
+        return frames[-1].filename, frames[-1].lineno
+    file, _, line = place.rpartition(":")
+    return (file, int(line)) if file else (None, None)
+
+
+def _hint(error: BaseException, text: str) -> str | None:
     if isinstance(error, ModuleNotFoundError) and error.name:
         package = error.name.partition(".")[0]
-        lines.append(
-            f"  hint: the program runs with {sys.executable}; install {package} there, or name "
+        return (
+            f"the program runs with {sys.executable}; install {package} there, or name "
             "another interpreter with --python"
         )
     if isinstance(error, MemoryError):
-        lines.append(f"  hint: {_MEMORY}")
-    text = "".join(trace.format()).rstrip()
-    # Without a frame, it is often only what the title has said.
-    if text not in (name, f"{name}: {reason}"):
-        lines.append(text)
+        return _MEMORY
     # Only programs that fail pay for it.
     from hprm import _hints
 
     hint = _hints.of(error)
     # Python's own is in the text, from version 3.12 on.
-    if hint is not None and not (hint.startswith("did you mean") and "Did you mean" in text):
-        lines.append(f"  hint: {hint}")
-    return 1, "\n".join(lines)
+    if hint is not None and hint.startswith("did you mean") and "Did you mean" in text:
+        return None
+    return hint
 
 
 def _text(thing: object) -> str:
@@ -84,19 +127,24 @@ def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> Non
             _drop_own_frames(other, seen)
 
 
-def _syntax_error(error: SyntaxError) -> str:
+def _syntax_error(error: SyntaxError) -> Description:
     line = error.lineno or 1
     column = error.offset or 1
-    place = f"{error.filename}:{line}:{column}"
     text = (error.text or "").rstrip("\n")
     margin = " " * len(str(line))
     marker = "".join("\t" if c == "\t" else " " for c in text[: column - 1]) + "^"
     lines = [
-        f"error: {error.msg}",
-        f"{margin}--> {place}",
+        f"{margin}--> {error.filename}:{line}:{column}",
         f"{margin} |",
         f"{line} | {text}",
         f"{margin} | {marker}",
     ]
-    hint = getattr(error, "hint", None)
-    return "\n".join(lines if hint is None else [*lines, f"  hint: {hint}"])
+    return Description(
+        "raised",
+        message=error.msg,
+        file=error.filename,
+        line=line,
+        column=column,
+        excerpt="\n".join(lines),
+        hint=getattr(error, "hint", None),
+    )

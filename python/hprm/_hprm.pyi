@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload
 
+from hprm._errors import Description
 from hprm._source import ProgramSource
 
 T = TypeVar("T")
@@ -65,7 +66,7 @@ class Api:
     """The runtime of one program, for its module ``lf``."""
 
     def tag(self) -> Tag: ...
-    def fail(self, message: str) -> bool: ...
+    def fail(self, thread: str, described: Description) -> bool: ...
     def logical(self) -> int: ...
     def logical_elapsed(self) -> int: ...
     def physical(self) -> int: ...
@@ -107,6 +108,9 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
 
     If it was launched, then the one who did that reports warnings and failures.
     """
+
+def tell_programs() -> None:
+    """Have failures told as JSON from now on: one object a line, on the standard error."""
 
 def describe_program(path: str, *, all: bool = False) -> ProgramSource:
     """Describe a program without its instances, to use some of its Python outside of a run.

@@ -6,7 +6,6 @@ decides itself what such an exception means.
 """
 
 import os
-import sys
 import threading
 
 from hprm import _errors, _hprm
@@ -42,8 +41,6 @@ def _end_program(args: threading.ExceptHookArgs) -> None:
         threading.__excepthook__(args)
         return
     name = args.thread.name if args.thread is not None else "of native code"
-    _code, message = _errors.describe(error, f"thread {name}")
-    if not api.fail(message or f"error: thread {name} raised {type(error).__name__}"):
+    if not api.fail(name, _errors.raised(error, f"thread {name}")):
         global _failed_at_the_end
         _failed_at_the_end = True
-        print(message, file=sys.stderr, flush=True)

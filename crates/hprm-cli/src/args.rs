@@ -228,6 +228,8 @@ pub(crate) struct Run {
     pub(crate) debug: Option<String>,
     #[command(flatten)]
     pub(crate) hang: Hang,
+    #[command(flatten)]
+    pub(crate) failures: Failures,
     /// Write down what every reaction read and did, in a form that does not depend on how the program was run.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
@@ -237,6 +239,14 @@ pub(crate) struct Run {
     pub(crate) interpreter: Interpreter,
     #[command(flatten)]
     pub(crate) arguments: ProgramArguments,
+}
+
+/// How failures are told.
+#[derive(Args, Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Failures {
+    /// Tell of failures as JSON: one object a line, on the standard error.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// What a federate that does not answer means.
@@ -423,6 +433,8 @@ pub(crate) struct Rti {
     #[command(flatten)]
     pub(crate) hang: Hang,
     #[command(flatten)]
+    pub(crate) failures: Failures,
+    #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]
     pub(crate) secret: Secret,
@@ -460,6 +472,8 @@ pub(crate) struct Federate {
     /// Write down what the reactions of this federate read and did: its share of the logical trace.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) failures: Failures,
     #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]

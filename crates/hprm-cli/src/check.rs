@@ -23,7 +23,12 @@ pub(crate) fn checked(path: &Path, properties: &Properties) -> Result<Option<Com
     match source::compile(path, &properties.stated())? {
         Ok(compiled) => Ok(Some(compiled)),
         Err(failure) => {
-            show(&failure.diagnostics, &failure.sources);
+            if message::speaks_json() {
+                let reports = hprm::Failure::mistakes(&failure, false).reports();
+                reports.into_iter().for_each(|report| Error::from(report).show());
+            } else {
+                show(&failure.diagnostics, &failure.sources);
+            }
             Ok(None)
         }
     }
@@ -96,11 +101,15 @@ impl Output {
                 let file = file.map(|path| json!({ "file": path.display().to_string() }));
                 let (code, severity) =
                     if file.is_some() { ("LF0101", "error") } else { ("LF1002", "warning") };
-                let mut line = error.as_json();
-                line["code"] = json!(code);
-                line["severity"] = json!(severity);
-                line["at"] = json!(file);
-                line["labels"] = json!([]);
+                let report = error.report();
+                let line = json!({
+                    "code": code,
+                    "severity": severity,
+                    "message": report.message,
+                    "at": file,
+                    "hint": report.hint,
+                    "labels": [],
+                });
                 message::print_line(&line.to_string());
             }
             Some(_) => error.show(),

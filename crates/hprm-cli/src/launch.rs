@@ -168,7 +168,7 @@ fn start_rti(
         security: plan.security.clone(),
         patience: plan.patience,
     };
-    let rti = Rti::bind(&options).map_err(|failure| Error::of(&failure))?;
+    let rti = Rti::bind(&options).map_err(|failure| Error::from(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());
     let (entered, is_entered) = sync_channel(1);
     let program = Arc::clone(&compiled.program);
@@ -187,7 +187,7 @@ fn start_rti(
         .map_err(|error| Error::new(format!("cannot start the RTI: {error}")))?;
     // Before any federate is started, which would be refused the same.
     let allowed = is_entered.recv().expect("the thread says so first of all");
-    allowed.map_err(|failure| Error::of(&failure))?;
+    allowed.map_err(|failure| Error::from(&failure))?;
     Ok((handle, address))
 }
 

@@ -59,6 +59,12 @@ fn main() -> ExitCode {
 #[inline(never)]
 fn command() -> ExitCode {
     let arguments = variables::parse().unwrap_or_else(|error| error.exit());
+    message::speak_json(match &arguments.command {
+        Command::Run(run) => run.failures.json,
+        Command::Rti(rti) => rti.failures.json,
+        Command::Federate(federate) => federate.failures.json,
+        _ => false,
+    });
     let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),

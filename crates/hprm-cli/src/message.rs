@@ -1,4 +1,5 @@
-//! How the command speaks: `error: ...`, an indented `hint: ...`, and colour where it is wanted.
+//! How the command speaks: `error: ...`, an indented `hint: ...`, and colour where it is wanted; or JSON
+//! for programs that start it. What a failure says is in its [`Report`].
 //!
 //! Diagnostics of programs look different; they come from the renderer of the front end.
 
@@ -6,59 +7,94 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use hprm::Failure;
+use hprm::{Failure, Kind, Label, Report};
 use serde_json::{Value, json};
 
 /// What went wrong, and what to do about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Error {
-    message: String,
-    hint: Option<String>,
-}
+pub(crate) struct Error(Report);
 
 impl Error {
-    /// An error. The first line of `message` is a sentence without a period; more may follow.
+    /// That the command cannot do what it was asked for. The first line of `message` is a sentence
+    /// without a period; more may follow.
     pub(crate) fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), hint: None }
+        Self::of(Kind::Command, message)
     }
 
-    /// What a library says, which may already say that it is an error.
-    pub(crate) fn of(failure: &Failure) -> Self {
-        Self::new(plain(&failure.message))
+    /// A failure of some kind.
+    pub(crate) fn of(kind: Kind, message: impl Into<String>) -> Self {
+        Self(Report::new(kind, message))
     }
 
     /// Adds what to do about it.
     pub(crate) fn hint(self, hint: impl Into<String>) -> Self {
-        Self { hint: Some(hint.into()), ..self }
+        Self(self.0.hint(hint))
+    }
+
+    /// Says which federate it is about.
+    pub(crate) fn federate(self, name: impl Into<String>) -> Self {
+        Self(self.0.of(name))
+    }
+
+    /// Says what the command ends with.
+    pub(crate) fn code(self, code: i32) -> Self {
+        Self(Report { code, ..self.0 })
+    }
+
+    /// What is told.
+    pub(crate) fn report(&self) -> &Report {
+        &self.0
     }
 
     /// Writes it to the standard error, in one piece.
     pub(crate) fn show(&self) {
-        let text = self.text("error", "\x1b[1;31m", color(&io::stderr()));
-        print_error(text.as_bytes());
+        let text = match TO_PROGRAMS.load(Ordering::Relaxed) {
+            true => self.0.json(),
+            false => self.0.text(Label::Error, color(&io::stderr())),
+        };
+        print_error(format!("{text}\n").as_bytes());
     }
 
     /// Writes it to the standard error as something that does not stop anybody.
     pub(crate) fn show_as_warning(&self) {
-        let text = self.text("warning", "\x1b[1;33m", color(&io::stderr()));
-        print_error(text.as_bytes());
+        let text = self.0.text(Label::Warning, color(&io::stderr()));
+        print_error(format!("{text}\n").as_bytes());
     }
 
-    /// For programs: `message`, and `hint` if there is one.
+    /// For programs.
     pub(crate) fn as_json(&self) -> Value {
-        json!({ "message": self.message.trim_end(), "hint": self.hint })
+        json!(self.0)
     }
+}
 
-    fn text(&self, label: &str, paint: &str, color: bool) -> String {
-        let painted = |label: &str, paint: &str| {
-            if color { format!("{paint}{label}:\x1b[0m") } else { format!("{label}:") }
-        };
-        let mut text = format!("{} {}\n", painted(label, paint), self.message.trim_end());
-        if let Some(hint) = &self.hint {
-            text.push_str(&format!("  {} {hint}\n", painted("hint", "\x1b[1;36m")));
-        }
-        text
+impl From<Report> for Error {
+    fn from(report: Report) -> Self {
+        Self(report)
     }
+}
+
+impl From<&Failure> for Error {
+    fn from(failure: &Failure) -> Self {
+        Self(failure.report())
+    }
+}
+
+/// Whether failures are told as JSON.
+static TO_PROGRAMS: AtomicBool = AtomicBool::new(false);
+
+/// Has failures told as JSON from now on, one object a line, if that is wanted.
+pub(crate) fn speak_json(json: bool) {
+    TO_PROGRAMS.store(json, Ordering::Relaxed);
+}
+
+/// Whether failures are told as JSON.
+pub(crate) fn speaks_json() -> bool {
+    TO_PROGRAMS.load(Ordering::Relaxed)
+}
+
+/// Has a process that this one becomes, or starts, tell of failures in the same way.
+pub(crate) fn json_option() -> Option<&'static str> {
+    speaks_json().then_some("--json")
 }
 
 /// For commands that print one JSON object: it has the key `error` if there is nothing else to print.
@@ -74,11 +110,6 @@ pub(crate) fn or_json(json: bool, outcome: Result<ExitCode, Error>) -> Result<Ex
         }
         outcome => outcome,
     }
-}
-
-/// A message without a label of its own.
-pub(crate) fn plain(message: &str) -> &str {
-    message.strip_prefix("error: ").unwrap_or(message).trim()
 }
 
 /// Whether a stream is for eyes that want colour (<https://no-color.org>).
@@ -127,34 +158,4 @@ pub(crate) fn unwritable(error: &io::Error) -> Error {
 /// Writes to the standard error, where there is nobody left to tell if that fails.
 pub(crate) fn print_error(bytes: &[u8]) {
     let _ = io::stderr().lock().write_all(bytes);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Error;
-
-    #[test]
-    fn an_error_is_a_sentence_and_a_hint() {
-        let error = Error::new("there is no python3").hint("install it");
-        assert_eq!(
-            error.text("error", "", false),
-            "error: there is no python3\n  hint: install it\n"
-        );
-    }
-
-    #[test]
-    fn colour_is_on_the_labels_only() {
-        let error = Error::new("no").hint("yes");
-        let text = error.text("error", "\x1b[1;31m", true);
-        assert_eq!(text, "\x1b[1;31merror:\x1b[0m no\n  \x1b[1;36mhint:\x1b[0m yes\n");
-    }
-
-    #[test]
-    fn a_message_of_several_lines_stays_one() {
-        let error = Error::new("reaction Main.a.1 raised ValueError\n  --> A.lf:3\n");
-        assert_eq!(
-            error.text("error", "", false),
-            "error: reaction Main.a.1 raised ValueError\n  --> A.lf:3\n"
-        );
-    }
 }

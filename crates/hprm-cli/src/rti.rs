@@ -9,14 +9,14 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use hprm::{Address, RtiEvent, RtiHandle, RtiOptions, Security};
+use hprm::{Address, Kind, RtiEvent, RtiHandle, RtiOptions, Security};
 use hprm_core::{FederateId, Program};
 
 use crate::args::Rti;
 use crate::message::{self, Error};
 use crate::roster::Roster;
 use crate::signals::Signal;
-use crate::verdict::{LastWords, Verdict};
+use crate::verdict::Verdict;
 use crate::{check, secret, signals, verdict};
 
 /// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
@@ -53,7 +53,7 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
         },
         patience: arguments.hang.patience(),
     })
-    .map_err(|failure| Error::of(&failure))?;
+    .map_err(|failure| Error::from(&failure))?;
     let interruption = Arc::new(Interruption::default());
     interruption.watch(rti.handle())?;
     for address in rti.addresses() {
@@ -64,7 +64,7 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
     }
 
     hprm::enter_realtime(&compiled.program.properties, None)
-        .map_err(|failure| Error::of(&failure))?;
+        .map_err(|failure| Error::from(&failure))?;
     let mut failure = None;
     let roster = Roster::new(&compiled.program);
     let outcome = rti.run(|event| {
@@ -116,11 +116,13 @@ pub(crate) fn require_federation(program: &Program, file: &Path) -> Result<(), E
 /// That the federation has not stopped in order.
 fn unfinished(signal: Signal) -> Error {
     let limit = ORDERLY.as_secs();
-    Error::new(format!(
+    let said = format!(
         "the federation has not stopped in order within {limit} s after signal {}: the RTI ends now",
         signal.description()
-    ))
-    .hint("a federate does not answer, or a reaction takes longer; the federates lose their RTI")
+    );
+    Error::of(Kind::Unfinished, said).code(signal.exit_code()).hint(
+        "a federate does not answer, or a reaction takes longer; the federates lose their RTI",
+    )
 }
 
 /// Ctrl-C: whether and how it came.
@@ -172,10 +174,8 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
         RtiEvent::Silent { federate, silence } => Ok(verdict::on_silent(name(federate), silence)),
         RtiEvent::Answers { federate, silence } => Ok(verdict::on_answer(name(federate), silence)),
-        RtiEvent::Dropped { federate, message, code }
-        | RtiEvent::Failed { federate, message, code } => {
-            let words = LastWords { message, code };
-            Err(Verdict::on_federate(name(federate), true, Some(&words), None))
+        RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
+            Err(Verdict::on_federate(name(federate), true, Some(&report), None))
         }
     }
 }

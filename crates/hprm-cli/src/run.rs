@@ -11,7 +11,7 @@ use hprm_core::{FederateId, Program};
 
 use crate::args::{Federate, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
-use crate::message::Error;
+use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::{check, hosts, join, python, rti, secret, threads};
 
@@ -28,6 +28,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     if !compiled.program.is_federated() {
         // The one process that runs it shows the warnings.
         let mut command = python::module(&python, "run");
+        command.args(message::json_option());
         if let Some(path) = &arguments.logical_trace {
             command.arg("--logical-trace").arg(path);
         }
@@ -105,6 +106,7 @@ pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
     }
     let python = python::find(&interpreter)?;
     let mut command = python::module(&python, "federate");
+    command.args(message::json_option());
     command.arg("--rti").arg(rti.to_string());
     command.arg("--connect-timeout").arg(patience.as_secs_f64().to_string());
     if let Some(advertise) = &arguments.advertise {

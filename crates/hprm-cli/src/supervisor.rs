@@ -10,12 +10,12 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use hprm::federated::Refusal;
-use hprm::{Failure, RtiEvent};
+use hprm::{Failure, Report, RtiEvent};
 use hprm_core::{FederateId, Program, Table};
 
 use crate::message::Error;
 use crate::signals::Signal;
-use crate::verdict::{self, Ending, LastWords, Verdict};
+use crate::verdict::{self, Ending, Verdict};
 
 /// How long to wait for the second witness of a failure.
 const GRACE: Duration = Duration::from_millis(500);
@@ -63,7 +63,7 @@ struct Federate {
     /// Whether the others go on without it.
     transient: bool,
     /// Of a transient one that could not go on: what the RTI said, and when.
-    dropped: Option<(LastWords, Duration)>,
+    dropped: Option<(Report, Duration)>,
     /// Whether the failure of its process has been reported.
     told: bool,
     joined: bool,
@@ -101,7 +101,7 @@ pub(crate) struct Supervisor {
     started: bool,
     rti_ended: bool,
     /// What the RTI said of the first failure, and when.
-    accused: Option<(FederateId, LastWords, Duration)>,
+    accused: Option<(FederateId, Report, Duration)>,
     /// What the RTI said of its own failure, and when.
     rti_failure: Option<(Failure, Duration)>,
     phase: Phase,
@@ -258,11 +258,11 @@ impl Supervisor {
                 let warning = Error::new(verdict::on_answer(name, silence));
                 self.orders.push_back(Order::Warn(warning));
             }
-            RtiEvent::Dropped { federate, message, code } => {
-                self.federates[federate].dropped = Some((LastWords { message, code }, now));
+            RtiEvent::Dropped { federate, report } => {
+                self.federates[federate].dropped = Some((report, now));
             }
-            RtiEvent::Failed { federate, message, code } => {
-                self.accused.get_or_insert((federate, LastWords { message, code }, now));
+            RtiEvent::Failed { federate, report } => {
+                self.accused.get_or_insert((federate, report, now));
             }
         }
     }
@@ -285,9 +285,9 @@ impl Supervisor {
                 continue;
             }
             federate.told |= failed.is_some();
-            let words = federate.dropped.take().map(|(words, _)| words);
+            let heard = federate.dropped.take().map(|(report, _)| report);
             let ending = failed.map(|(how, _)| how);
-            let verdict = Verdict::on_federate(&federate.name, true, words.as_ref(), ending);
+            let verdict = Verdict::on_federate(&federate.name, true, heard.as_ref(), ending);
             self.dropped.get_or_insert(verdict.code);
             if self.exit_code.is_none() {
                 self.orders.push_back(Order::Report(verdict.error));
@@ -383,9 +383,9 @@ impl Supervisor {
     fn blame(&self, id: FederateId) -> Verdict {
         let federate = &self.federates[id];
         let accused = self.accused.as_ref().filter(|(accused, _, _)| *accused == id);
-        let words = accused.map(|(_, words, _)| words);
+        let heard = accused.map(|(_, report, _)| report);
         let ending = federate.ending.map(|(how, _)| how);
-        Verdict::on_federate(&federate.name, federate.joined, words, ending)
+        Verdict::on_federate(&federate.name, federate.joined, heard, ending)
     }
 
     fn absent(&self) -> Verdict {

@@ -12,7 +12,7 @@ use hprm_core::Program;
 use rustix::process::{Pid, kill_process};
 
 use crate::args::Run;
-use crate::message::Error;
+use crate::message::{self, Error};
 use crate::run::replace;
 use crate::signals::{self, Signal};
 use crate::trace::Parts;
@@ -25,7 +25,7 @@ use crate::trace::Parts;
 pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
-    command.arg("--in-process").stdin(Stdio::null());
+    command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());
     command.args(arguments.properties.options());
     let Some(path) = &arguments.logical_trace else {
         command.arg("--").arg(&arguments.file).args(arguments.arguments.all());

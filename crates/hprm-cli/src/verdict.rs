@@ -1,13 +1,13 @@
 //! Why a federation failed, in words and as an exit code.
 //!
-//! Two witnesses tell of a federate's end: the RTI, which has its last words or has lost its link,
-//! and the system, which has its exit status. They make one message. Which federate is to blame,
-//! and when enough has been heard, is decided by the [`supervisor`](crate::supervisor).
+//! Two witnesses tell of a federate's end: the RTI, which has its report or has lost its link, and the
+//! system, which has its exit status. They make one report. Which federate is to blame, and when enough
+//! has been heard, is decided by the [`supervisor`](crate::supervisor).
 
-use hprm::Failure;
+use hprm::{Failure, Kind, Report, exit_code};
 use hprm_core::Nanos;
 
-use crate::message::{self, Error};
+use crate::message::Error;
 use crate::signals::Signal;
 
 const SECOND: Nanos = 1_000_000_000;
@@ -21,13 +21,6 @@ pub(crate) enum Ending {
     Signal(Signal),
 }
 
-/// What the RTI heard of a federate that cannot go on.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct LastWords {
-    pub(crate) message: String,
-    pub(crate) code: i32,
-}
-
 /// What to say about a failure, and the exit code that it leads to: never zero.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Verdict {
@@ -36,28 +29,28 @@ pub(crate) struct Verdict {
 }
 
 impl Verdict {
-    /// A federate was the first to fail.
+    /// A federate was the first to fail. `heard` is what the RTI knows of it.
     pub(crate) fn on_federate(
         name: &str,
         joined: bool,
-        words: Option<&LastWords>,
+        heard: Option<&Report>,
         ending: Option<Ending>,
     ) -> Self {
-        let said = words.map_or("", |words| message::plain(&words.message));
-        let announced = words.map(|words| words.code);
+        let announced = heard.map(|report| report.code);
         let code = match ending {
-            Some(Ending::Code(code)) if code != 0 => code,
+            Some(Ending::Code(code)) if code != 0 => exit_code(code),
             Some(Ending::Signal(_)) => 1,
             _ => announced.unwrap_or(1),
         };
-        let error = match ending {
-            Some(Ending::Signal(signal)) => killed(name, signal),
-            Some(Ending::Code(code)) if announced != Some(code) => exited(name, joined, code, said),
-            _ if said.is_empty() => exited(name, joined, code, said),
-            _ if said.contains(&format!("federate {name}")) => Error::new(said),
-            _ => Error::new(format!("federate {name}: {said}")),
+        let error = match (ending, heard) {
+            (Some(Ending::Signal(signal)), _) => killed(name, signal),
+            (Some(Ending::Code(ended)), _) if announced != Some(ended) => {
+                exited(name, joined, ended, heard)
+            }
+            (_, Some(report)) => Error::from(report.clone().named()),
+            (_, None) => exited(name, joined, code, None),
         };
-        Self { error, code: exit_code(code) }
+        Self { error: error.federate(name).code(code), code }
     }
 
     /// Some federates did not join in time.
@@ -66,18 +59,15 @@ impl Verdict {
             [name] => ("federate", (*name).to_owned()),
             _ => ("federates", names.join(", ")),
         };
-        let error = Error::new(format!("{noun} {names} did not join within {seconds} s"))
+        let said = format!("{noun} {names} did not join within {seconds} s");
+        let error = Error::of(Kind::Absent, said)
             .hint("programs that take long to load need a longer --join-timeout");
         Self { error, code: 1 }
     }
 
     /// The RTI itself could not go on.
     pub(crate) fn on_rti(failure: &Failure) -> Self {
-        let error = match message::plain(&failure.message) {
-            "" => Error::new("the RTI failed and gave no reason"),
-            message => Error::new(message),
-        };
-        Self { error, code: exit_code(failure.code) }
+        Self { error: Error::from(failure), code: exit_code(failure.exit_code()) }
     }
 }
 
@@ -93,31 +83,30 @@ pub(crate) fn on_answer(name: &str, silence: Nanos) -> String {
     format!("federate {name} answers again, after {}.{} s", tenths / 10, tenths % 10)
 }
 
-/// What of a failure's code the system can carry, and nobody takes for success.
-fn exit_code(code: i32) -> i32 {
-    if (1..=255).contains(&code) { code } else { 1 }
-}
-
 fn killed(name: &str, signal: Signal) -> Error {
-    let error =
-        Error::new(format!("federate {name} was killed by signal {}", signal.description()));
+    let said = format!("federate {name} was killed by signal {}", signal.description());
+    let error = Error::of(Kind::Killed, said);
     match signal {
         Signal::KILL => error.hint("if nobody did that, the memory may have run out: see dmesg"),
         _ => error,
     }
 }
 
-/// `said` adds what the exit code does not tell; that the process has ended, it does tell.
-fn exited(name: &str, joined: bool, code: i32, said: &str) -> Error {
-    let said = if said.contains(&format!("federate {name}")) { "" } else { said };
+/// What is `heard` adds what the exit code does not tell; that the process has ended, it does tell.
+fn exited(name: &str, joined: bool, code: i32, heard: Option<&Report>) -> Error {
+    let heard = heard.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
     let when = match (joined, code) {
         (false, _) => " before it joined",
         (true, 0) => " before its last tag",
         (true, _) => "",
     };
-    let colon = if said.is_empty() { "" } else { ": " };
-    let error = Error::new(format!("federate {name} exited with code {code}{when}{colon}{said}"));
-    if joined || !said.is_empty() {
+    let exited = format!("federate {name} exited with code {code}{when}");
+    if let Some(report) = heard {
+        let message = format!("{exited}: {}", report.message);
+        return Error::from(Report { message, rendered: None, ..report.clone() });
+    }
+    let error = Error::of(Kind::Exit, exited);
+    if joined {
         return error;
     }
     error.hint("if its own output does not say why, see what hprm doctor says")
@@ -127,83 +116,93 @@ fn exited(name: &str, joined: bool, code: i32, said: &str) -> Error {
 mod tests {
     use super::*;
 
-    fn words(message: &str, code: i32) -> LastWords {
-        LastWords { message: message.to_owned(), code }
+    fn raised(message: &str) -> Report {
+        Report { line: Some(3), ..Report::new(Kind::Reaction, message) }.of("b")
     }
 
-    fn verdict(words: Option<LastWords>, ending: Option<Ending>) -> (Error, i32) {
-        let Verdict { error, code } = Verdict::on_federate("b", true, words.as_ref(), ending);
-        (error, code)
+    fn lost() -> Report {
+        Report::new(Kind::Lost, "the process of federate b ended before its last tag").of("b")
+    }
+
+    fn exit(code: i32) -> Report {
+        Report { code, ..Failure::Exited { code }.report() }.of("b")
+    }
+
+    /// What is said, and with which exit code.
+    fn verdict(heard: Option<&Report>, ending: Option<Ending>) -> (String, i32) {
+        let Verdict { error, code } = Verdict::on_federate("b", true, heard, ending);
+        assert_eq!(error.report().code, code);
+        assert_eq!(error.report().federate.as_deref(), Some("b"));
+        (error.report().message.clone(), code)
     }
 
     #[test]
     fn a_federate_speaks_for_itself() {
-        let said = words("error: reaction Main.b.1 raised ValueError: no\n  --> A.lf:3", 1);
-        let expected =
-            Error::new("federate b: reaction Main.b.1 raised ValueError: no\n  --> A.lf:3");
+        let said = raised("reaction Main.b.1 raised ValueError: no");
+        let expected = "federate b: reaction Main.b.1 raised ValueError: no";
         for ending in [None, Some(Ending::Code(1))] {
-            assert_eq!(verdict(Some(said.clone()), ending), (expected.clone(), 1));
+            assert_eq!(verdict(Some(&said), ending), (expected.to_owned(), 1));
+            let error = Verdict::on_federate("b", true, Some(&said), ending).error;
+            assert_eq!((error.report().kind, error.report().line), (Kind::Reaction, Some(3)));
         }
     }
 
     #[test]
     fn an_exit_without_words_is_told_by_its_code() {
-        let expected = Error::new("federate b exited with code 3");
-        assert_eq!(verdict(Some(words("", 3)), Some(Ending::Code(3))), (expected.clone(), 3));
-        assert_eq!(verdict(Some(words("", 3)), None), (expected.clone(), 3));
-        assert_eq!(verdict(None, Some(Ending::Code(3))), (expected, 3));
+        let expected = ("federate b exited with code 3".to_owned(), 3);
+        assert_eq!(verdict(Some(&exit(3)), Some(Ending::Code(3))), expected);
+        assert_eq!(verdict(Some(&exit(3)), None), expected);
+        assert_eq!(verdict(None, Some(Ending::Code(3))), expected);
+        // It has said another code than the one that it ended with.
+        assert_eq!(verdict(Some(&exit(4)), Some(Ending::Code(3))), expected);
     }
 
     #[test]
     fn a_signal_explains_a_lost_link() {
-        let lost = words("the process of federate b ended before its last tag", 1);
-        let (error, code) = verdict(Some(lost.clone()), Some(Ending::Signal(Signal(11))));
-        assert_eq!(error, Error::new("federate b was killed by signal 11 (SIGSEGV)"));
-        assert_eq!(code, 1);
+        let (said, code) = verdict(Some(&lost()), Some(Ending::Signal(Signal(11))));
+        assert_eq!((said.as_str(), code), ("federate b was killed by signal 11 (SIGSEGV)", 1));
         // Without a status there is only what the RTI saw, and it names the federate already.
-        let (error, _) = verdict(Some(lost), None);
-        assert_eq!(error, Error::new("the process of federate b ended before its last tag"));
+        let (said, _) = verdict(Some(&lost()), None);
+        assert_eq!(said, "the process of federate b ended before its last tag");
     }
 
     #[test]
     fn witnesses_that_differ_are_both_heard() {
-        let lost = words("its link is lost", 1);
-        let (error, code) = verdict(Some(lost.clone()), Some(Ending::Code(3)));
-        assert_eq!(error, Error::new("federate b exited with code 3: its link is lost"));
-        assert_eq!(code, 3);
-        let (error, code) = verdict(Some(lost), Some(Ending::Code(0)));
-        let told = "federate b exited with code 0 before its last tag: its link is lost";
-        assert_eq!(error, Error::new(told));
-        assert_eq!(code, 1);
+        let said = Report::new(Kind::Link, "its link is broken").of("b");
+        let (told, code) = verdict(Some(&said), Some(Ending::Code(3)));
+        assert_eq!((told.as_str(), code), ("federate b exited with code 3: its link is broken", 3));
+        let (told, code) = verdict(Some(&said), Some(Ending::Code(0)));
+        let expected = "federate b exited with code 0 before its last tag: its link is broken";
+        assert_eq!((told.as_str(), code), (expected, 1));
     }
 
     #[test]
     fn what_the_exit_code_tells_is_not_told_twice() {
-        let lost = words("the process of federate b ended before its last tag", 1);
-        let (error, _) = verdict(Some(lost), Some(Ending::Code(4)));
-        assert_eq!(error, Error::new("federate b exited with code 4"));
+        let (said, _) = verdict(Some(&lost()), Some(Ending::Code(4)));
+        assert_eq!(said, "federate b exited with code 4");
     }
 
     #[test]
     fn no_failure_has_exit_code_zero() {
         for code in [0, -1, 256, i32::MIN] {
-            assert_eq!(verdict(Some(words("bad", code)), None).1, 1);
-            assert_eq!(Verdict::on_rti(&Failure { message: "bad".to_owned(), code }).code, 1);
+            assert_eq!(verdict(None, Some(Ending::Code(code))).1, 1);
+            let heard = Report { code, ..lost() };
+            let failure = Failure::Federate(Box::new(heard));
+            assert_eq!(Verdict::on_rti(&failure).code, 1);
         }
     }
 
     #[test]
     fn the_missing_are_named() {
-        let absent = |names: &[&str]| format!("{:?}", Verdict::on_absent(names, 0.5).error);
-        assert!(absent(&["a"]).contains("federate a did not join within 0.5 s"));
-        assert!(absent(&["a", "b"]).contains("federates a, b did not join within 0.5 s"));
+        let absent = |names: &[&str]| Verdict::on_absent(names, 0.5).error.report().message.clone();
+        assert_eq!(absent(&["a"]), "federate a did not join within 0.5 s");
+        assert_eq!(absent(&["a", "b"]), "federates a, b did not join within 0.5 s");
     }
 
     #[test]
     fn before_joining_the_output_tells_more() {
         let error = Verdict::on_federate("b", false, None, Some(Ending::Code(3))).error;
-        let text = format!("{error:?}");
-        assert!(text.contains("federate b exited with code 3 before it joined"), "{text}");
-        assert!(text.contains("hprm doctor"), "{text}");
+        assert_eq!(error.report().message, "federate b exited with code 3 before it joined");
+        assert!(error.report().hint.as_ref().is_some_and(|hint| hint.contains("hprm doctor")));
     }
 }

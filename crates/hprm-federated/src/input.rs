@@ -104,7 +104,6 @@ pub enum Input {
 
 /// What is to be done.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-#[non_exhaustive]
 pub enum Output {
     /// Send a frame to the RTI. The descriptor of a segment goes with its frame.
     ToRti(Frame),
@@ -197,7 +196,6 @@ pub enum Output {
 
 /// Why a federate must end before its last tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum End {
     /// It may not join.
     #[error("the federation refused this federate: {0}")]

@@ -72,7 +72,6 @@ pub enum RtiInput {
 
 /// What the RTI wants done.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-#[non_exhaustive]
 pub enum RtiOutput {
     /// Send a frame. The descriptor of a segment goes with its frame.
     Send {

@@ -17,7 +17,9 @@ use rustix::pipe::{PipeFlags, pipe_with};
 use rustix::process::{Signal, getpid, kill_process};
 use signal_hook::low_level::emulate_default_handler;
 
-use crate::console::say;
+use hprm::{Kind, Report};
+
+use crate::console::show;
 use crate::interrupt::Progress;
 use crate::value::Value;
 
@@ -76,10 +78,9 @@ fn lose_patience(federate: &str, number: i32, progress: &Progress) {
         true => "the RTI, another federate or a reaction takes too long, or does not answer at all",
     };
     let limit = ORDERLY.as_secs();
-    say(&format!(
-        "error: federate {federate} has not stopped in order within {limit} s: it ends now\n  \
-         hint: {reason}"
-    ));
+    let message =
+        format!("federate {federate} has not stopped in order within {limit} s: it ends now");
+    show(&Report::new(Kind::Unfinished, message).of(federate).hint(reason));
     // To the process, so that the main thread gets it, whatever that waits for.
     let signal = Signal::from_named_raw(number);
     let _ = signal.map(|signal| kill_process(getpid(), signal));

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use hprm::Clock;
+use hprm::{Clock, Source};
 use hprm_core::{Coordination, Nanos, Scope};
 use hprm_store::StoreStats;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -12,6 +12,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::action::nanos;
+use crate::console::tell;
+use crate::failure::Described;
 use crate::numpy_memory;
 use crate::runtime::{Late, Runtime};
 use crate::tag::Tag;
@@ -60,9 +62,15 @@ impl Api {
         self.0.request_stop()
     }
 
-    /// Ends the program with a failure. Returns false if it has ended already.
-    fn fail(&self, message: String) -> bool {
-        self.0.fail(message)
+    /// Ends the program because a thread of it has raised what is `described`. If the program has ended
+    /// already, tells of it here, and returns false.
+    fn fail(&self, thread: String, described: Described) -> bool {
+        let failure = described.failure(Source::Thread { name: thread });
+        let ends = self.0.fail(failure.clone());
+        if !ends {
+            tell(&failure);
+        }
+        ends
     }
 
     /// Ends the federate at its next tag, while the others go on. A program without federates ends.

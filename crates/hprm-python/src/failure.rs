@@ -1,15 +1,51 @@
 //! Turning what Python raised into the end of a program.
 
-use hprm::Failure;
+use hprm::{Failure, Raised, Source};
 use hprm_core::NoMemory;
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
-/// The failure that `error` means, where `what` was going on: `reaction Main.a.1`.
+/// What `hprm._errors` makes of an exception.
+#[derive(FromPyObject)]
+pub(crate) struct Described {
+    /// Which end of the program it is.
+    end: String,
+    code: i32,
+    message: String,
+    file: Option<String>,
+    line: Option<u32>,
+    column: Option<u32>,
+    excerpt: Option<String>,
+    details: Option<String>,
+    hint: Option<String>,
+}
+
+impl Described {
+    pub(crate) fn failure(self, source: Source) -> Failure {
+        let Self { end, code, message, file, line, column, excerpt, details, hint } = self;
+        match end.as_str() {
+            "left" => Failure::Left,
+            "exited" => Failure::Exited { code },
+            "quit" => Failure::Quit { said: message },
+            "interrupted" => Failure::interrupted(),
+            _ => {
+                let raised = Raised { source, message, file, line, column, excerpt, details, hint };
+                Failure::Raised(Box::new(raised))
+            }
+        }
+    }
+}
+
+/// The failure that `error` means, in this part of the program.
 ///
 /// `sys.exit` is a choice and has nothing to say; Ctrl-C neither.
-pub(crate) fn failure(py: Python<'_>, error: PyErr, what: &str) -> Failure {
-    failure_at(py, error, what, "")
+pub(crate) fn failure(py: Python<'_>, error: PyErr, source: Source) -> Failure {
+    failure_at(py, error, source, "")
+}
+
+/// The same, while something went on that is no reaction.
+pub(crate) fn failure_in(py: Python<'_>, error: PyErr, what: &str) -> Failure {
+    failure(py, error, Source::Other(what.to_owned()))
 }
 
 /// The exception that says so.
@@ -17,15 +53,18 @@ pub(crate) fn no_memory(error: NoMemory) -> PyErr {
     PyMemoryError::new_err(error.to_string())
 }
 
-/// As [`failure`], about the `place` of the program `what` stems from, if the error names no other.
-pub(crate) fn failure_at(py: Python<'_>, error: PyErr, what: &str, place: &str) -> Failure {
+/// As [`failure`], about the `place` of the program that this stems from, if the error names no other.
+pub(crate) fn failure_at(py: Python<'_>, error: PyErr, source: Source, place: &str) -> Failure {
     let error = error.into_value(py).into_bound(py);
     let described = py
         .import("hprm._errors")
-        .and_then(|errors| errors.call_method1("describe", (&error, what, place)))
-        .and_then(|described| described.extract::<(i32, String)>());
+        .and_then(|errors| errors.call_method1("describe", (&error, source.to_string(), place)))
+        .and_then(|described| described.extract::<Described>());
     match described {
-        Ok((code, message)) => Failure { message, code },
-        Err(second) => Failure::new(format!("error: {what} raised {error}; and then {second}")),
+        Ok(described) => described.failure(source),
+        Err(second) => {
+            let message = format!("{source} raised {error}; and then {second}");
+            Failure::raised(source, message)
+        }
     }
 }

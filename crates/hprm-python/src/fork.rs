@@ -5,12 +5,12 @@
 
 use std::sync::Arc;
 
-use hprm::Failure;
+use hprm::{Failure, Kind, Report};
 use hprm_store::StoreAllocator;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-use crate::failure::failure;
+use crate::failure::failure_in;
 
 /// What of itself a forked process calls.
 const WHAT: &str = "a process that a body has forked";
@@ -27,10 +27,11 @@ pub(crate) fn is_child() -> bool {
 /// If the system does not tell of forks.
 pub(crate) fn watch(allocator: &Arc<StoreAllocator>) -> std::io::Result<()> {
     allocator.watch_forks(|| {
-        crate::console::say(&format!(
-            "error: {WHAT} ends, because it could change what others receive: the system gives it \
-             no memory of its own; free memory on this host",
-        ));
+        let message = format!(
+            "{WHAT} ends, because it could change what others receive: the system gives it no \
+             memory of its own"
+        );
+        crate::console::show(&Report::new(Kind::Memory, message).hint("free memory on this host"));
     })
 }
 
@@ -60,15 +61,11 @@ pub(crate) fn leave_if_child<T>(py: Python<'_>, outcome: Result<T, Failure>) -> 
     if !is_child() {
         return outcome;
     }
-    let code = outcome.err().map_or(0, |Failure { message, code }| {
-        if !message.is_empty() {
-            crate::console::say(&message);
-        }
-        code
+    let code = outcome.err().map_or(0, |failure| {
+        crate::console::tell(&failure);
+        failure.exit_code()
     });
     let left = py.import("hprm._ending").and_then(|ending| ending.call_method1("leave", (code,)));
     // That does not return, unless the package is broken.
-    Err(left
-        .err()
-        .map_or(Failure { message: String::new(), code }, |error| failure(py, error, WHAT)))
+    Err(left.err().map_or(Failure::Exited { code }, |error| failure_in(py, error, WHAT)))
 }

@@ -5,7 +5,7 @@ use std::mem;
 use std::sync::Arc;
 
 use hprm::trace::Described;
-use hprm::{Failure, Host, Pickling, SharedBodies};
+use hprm::{Failure, Host, Kind, Pickling, Report, SharedBodies, Source};
 use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
@@ -17,7 +17,7 @@ use pyo3::types::PyTuple;
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
 use crate::fork;
-use crate::interrupt::{INTERRUPTED, Interrupt};
+use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::places::Places;
 use crate::runtime::{Late, Runtime};
@@ -106,7 +106,7 @@ impl PyHost {
             }
             let outcome = self.call(py, scheduler, turn, effects).map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
-                failure(py, error, &format!("reaction {name}"))
+                failure(py, error, Source::Reaction { name, tag: scheduler.tag() })
             });
             fork::leave_if_child(py, outcome)
         })
@@ -125,9 +125,8 @@ impl PyHost {
         let program = self.runtime.program();
         let connection = &program.connections[program.channels[channel].connection];
         let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
-        let what = format!("sending a value on connection {from} -> {to}");
         let origin = self.origins.get(&connection.from).map_or("", String::as_str);
-        failure_at(py, error, &what, origin)
+        failure_at(py, error, Source::Connection { from, to }, origin)
     }
 }
 
@@ -280,8 +279,8 @@ impl Host for PyHost {
             })
     }
 
-    fn exit_code_interrupted(&self) -> i32 {
-        self.interrupt.get().exit_code().unwrap_or(INTERRUPTED)
+    fn signal(&self) -> i32 {
+        self.interrupt.get().signal()
     }
 
     fn take_maxwait(&mut self) -> Option<Nanos> {
@@ -292,18 +291,22 @@ impl Host for PyHost {
         self.runtime.take_departure()
     }
 
-    fn abandoned(&mut self, federate: &str, message: &str, code: i32) {
+    fn abandoned(&mut self, report: &Report) {
         if self.launched {
             return;
         }
-        let reason = message.lines().next().unwrap_or_default().trim_start_matches("error: ");
-        crate::console::say(&match reason {
-            "" => format!("error: federate {federate} has left with exit code {code}, so all end"),
-            _ if reason.contains(&format!("federate {federate}")) => {
-                format!("error: {reason}, so all end")
+        let federate = report.federate.as_deref().unwrap_or_default();
+        let reason = report.message.lines().next().unwrap_or_default();
+        let message = match report.kind {
+            Kind::Lost => format!("{reason}, so all end"),
+            _ if report.is_only_code() => {
+                let code = report.code;
+                format!("federate {federate} has left with exit code {code}, so all end")
             }
-            _ => format!("error: federate {federate} has failed, so all end: {reason}"),
-        });
+            _ => format!("federate {federate} has failed, so all end: {reason}"),
+        };
+        // Its place and what to do about it are told where it runs.
+        crate::console::show(&Report { code: 1, ..Report::new(report.kind, message).of(federate) });
     }
 
     fn warn(&mut self, message: &str) {

@@ -23,8 +23,6 @@ const SIGTERM: i32 = 15;
 const SIGHUP: i32 = 1;
 /// The exit code of a process that a signal has ended is higher than its number by this.
 const SIGNALLED: i32 = 128;
-/// That of a program that was stopped by Ctrl-C.
-pub(crate) const INTERRUPTED: i32 = SIGNALLED + SIGINT;
 
 /// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
 const TOGETHER: Duration = Duration::from_millis(100);
@@ -172,8 +170,11 @@ impl Interrupt {
     }
 
     /// The exit code of a program that a signal has stopped, if one has.
-    pub(crate) fn exit_code(&self) -> Option<i32> {
-        Some(self.asked.load(Ordering::Relaxed)).filter(|it| *it != 0).map(|it| SIGNALLED + it)
+    pub(crate) fn signal(&self) -> i32 {
+        match self.asked.load(Ordering::Relaxed) {
+            0 => SIGINT,
+            number => number,
+        }
     }
 }
 

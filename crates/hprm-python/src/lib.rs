@@ -52,6 +52,8 @@ mod _hprm {
     #[pymodule_export]
     use crate::buffer::{Frozen, Memory, shaped};
     #[pymodule_export]
+    use crate::console::tell_programs;
+    #[pymodule_export]
     use crate::interrupt::Interrupt;
     #[pymodule_export]
     use crate::measuring::{ArrivedValue, describe_value};

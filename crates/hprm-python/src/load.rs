@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use hprm::{Failure, Inbox, Pickling};
+use hprm::{Failure, Inbox, Pickling, Source};
 use hprm_core::{
     ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
 };
@@ -16,7 +16,7 @@ use crate::action::Action;
 use crate::api::Api;
 use crate::backlog::Backlog;
 use crate::codec::Codec;
-use crate::failure::{failure, failure_at};
+use crate::failure::{failure_at, failure_in};
 use crate::host::{self, Bodies, PyHost};
 use crate::interrupt::Interrupt;
 use crate::mode::Mode;
@@ -38,11 +38,11 @@ pub(crate) fn load(
     scope: Scope,
     inbox: &Inbox<Value>,
 ) -> Result<PyHost, Failure> {
-    let wrong = |reason| Failure::new(format!("error: {reason}"));
+    let wrong = |reason: String| Failure::option(reason);
     let backlog = Backlog::from_environment().map_err(wrong)?;
     let program = Arc::clone(&compiled.program);
     let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
-    let loading = |error| failure(py, error, &format!("loading {}", compiled.program.name));
+    let loading = |error| failure_in(py, error, &format!("loading {}", compiled.program.name));
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
@@ -219,9 +219,8 @@ fn codecs(
                     let name = name.unwrap_or("native");
                     let what = format!("loading the serializer \"{name}\" of {from} -> {to}");
                     let place = connection_place(compiled, channel.connection);
-                    let mut failure = failure_at(py, error, &what, &place);
-                    failure.message.push_str(SERIALIZERS);
-                    failure
+                    let failure = failure_at(py, error, Source::Other(what), &place);
+                    failure.with_hint(SERIALIZERS)
                 })?;
                 Arc::clone(known.entry(name).or_insert(Arc::new(codec)))
             }
@@ -232,8 +231,8 @@ fn codecs(
 }
 
 /// What a serializer is, for whoever names one that is not there.
-const SERIALIZERS: &str = "\n  hint: a serializer is a Python module with a class `Serializer`, beside \
-                           the program or installed";
+const SERIALIZERS: &str = "a serializer is a Python module with a class `Serializer`, beside the \
+                           program or installed";
 
 /// Where a connection is written.
 fn connection_place(compiled: &Compiled, connection: ConnectionId) -> String {

@@ -15,8 +15,8 @@ use hprm_lf::Compiled;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::console::say;
-use crate::failure::failure;
+use crate::console::{say, tell};
+use crate::failure::failure_in;
 use crate::interrupt::Interrupt;
 use crate::load::load;
 use crate::program;
@@ -33,7 +33,7 @@ pub(crate) fn run_program(
     properties: Vec<String>,
     logical_trace: Option<PathBuf>,
 ) -> i32 {
-    exit_code(compile(path, &properties, true).and_then(|compiled| {
+    exit_code(&compile(path, &properties, true).and_then(|compiled| {
         let inbox = inbox()?;
         let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
         let trace =
@@ -43,11 +43,11 @@ pub(crate) fn run_program(
     }))
 }
 
-/// A failure with the exit code that tells which signal it was, if it was one.
+/// A failure that tells which signal it was, if it was one: Python's exception does not.
 fn by_signal(failure: Failure, interrupt: &Interrupt) -> Failure {
-    match interrupt.exit_code() {
-        Some(code) if failure.is_interrupted() => Failure { code, ..failure },
-        _ => failure,
+    match failure {
+        Failure::Interrupted { .. } => Failure::Interrupted { signal: interrupt.signal() },
+        failure => failure,
     }
 }
 
@@ -100,7 +100,7 @@ pub(crate) fn run_federate(
             if !launched {
                 let interrupt = host.interrupt.bind(py);
                 let handled = Interrupt::handle_alone(interrupt, federate, &inbox);
-                handled.map_err(|error| failure(py, error, "handling signals"))?;
+                handled.map_err(|error| failure_in(py, error, "handling signals"))?;
             }
             interrupt = Some(host.interrupt.clone_ref(py));
             Ok(host)
@@ -110,8 +110,11 @@ pub(crate) fn run_federate(
         outcome.map_err(|failure| by_signal(failure, interrupt.get()))
     });
     match outcome {
-        Err(failure) if launched && joined => failure.code,
-        outcome => exit_code(outcome),
+        // The launcher hears of it, or has ended the RTI itself.
+        Err(failure) if launched && (joined || matches!(failure, Failure::NoRti { .. })) => {
+            failure.exit_code()
+        }
+        outcome => exit_code(&outcome),
     }
 }
 
@@ -157,27 +160,19 @@ fn options(
     federate: &str,
     membership: Membership,
 ) -> Result<FederateOptions, Failure> {
-    let Membership {
-        rti,
-        federation,
-        launched,
-        logical_trace,
-        connect_timeout,
-        advertise,
-        tls,
-        ..
-    } = membership;
+    let Membership { rti, federation, logical_trace, connect_timeout, advertise, tls, .. } =
+        membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
         let name = &program.name;
-        return Err(Failure::new(if names.is_empty() {
-            format!("error: {name} is not federated, so it has no federate {federate}")
+        return Err(Failure::option(if names.is_empty() {
+            format!("{name} is not federated, so it has no federate {federate}")
         } else {
-            format!("error: {name} has no federate {federate}; it has: {}", names.join(", "))
+            format!("{name} has no federate {federate}; it has: {}", names.join(", "))
         }));
     };
-    let wrong = |option, error: &dyn Display| Failure::new(format!("error: {option}: {error}"));
+    let wrong = |option, error: &dyn Display| Failure::option(format!("{option}: {error}"));
     Ok(FederateOptions {
         program: Arc::clone(program),
         fingerprint: Arc::new(compiled.fingerprint()),
@@ -194,7 +189,6 @@ fn options(
                 .map_err(|error| wrong("--connect-timeout", &error))?,
             advertise,
             notice: Some(say),
-            launched,
             // The handlers of signals that have come; that of Ctrl-C raises.
             interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
         },
@@ -212,25 +206,18 @@ pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<C
             }
             Ok(compiled)
         }
-        Err(failure) => {
-            let message = hprm_lf::render_all(&failure.diagnostics, &failure.sources, color);
-            Err(Failure::new(message))
-        }
+        Err(failure) => Err(Failure::mistakes(&failure, color)),
     }
 }
 
 pub(crate) fn inbox() -> Result<Inbox<Value>, Failure> {
-    Inbox::new().map_err(|error| Failure::new(format!("error: no descriptor is left: {error}")))
+    Inbox::new().map_err(|error| Failure::system("no descriptor is left", &error))
 }
 
-pub(crate) fn exit_code(outcome: Result<(), Failure>) -> i32 {
-    match outcome {
-        Ok(()) => 0,
-        Err(Failure { message, code }) => {
-            if !message.is_empty() {
-                say(&message);
-            }
-            code
-        }
-    }
+/// What the process ends with, after a failure has been told.
+pub(crate) fn exit_code(outcome: &Result<(), Failure>) -> i32 {
+    outcome.as_ref().err().map_or(0, |failure| {
+        tell(failure);
+        failure.exit_code()
+    })
 }

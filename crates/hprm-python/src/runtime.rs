@@ -250,8 +250,8 @@ impl Runtime {
     }
 
     /// Ends the program with a failure: a thread of it cannot go on. Returns false if it has ended.
-    pub(crate) fn fail(&self, message: String) -> bool {
-        self.inbox.fail(Failure::new(message))
+    pub(crate) fn fail(&self, failure: Failure) -> bool {
+        self.inbox.fail(failure)
     }
 
     /// Ends this federate at its next tag; the others go on.

@@ -12,15 +12,16 @@ use std::thread;
 
 use hprm::federated::{FederationId, Patience};
 use hprm::{
-    Address, Clock, Failure, FederateOptions, Inbox, Reach, Room, RtiEvent, RtiHandle, RtiOptions,
-    Security,
+    Address, Clock, Failure, FederateOptions, Inbox, Kind, Reach, Report, Room, RtiEvent,
+    RtiHandle, RtiOptions, Security,
 };
 use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
 use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
-use crate::console::say;
-use crate::interrupt::{INTERRUPTED, Interrupt};
+use crate::console::{say, show};
+use crate::failure::failure_in;
+use crate::interrupt::Interrupt;
 use crate::load::load;
 use crate::run::{compile, exit_code, inbox};
 use crate::thread::belong_to;
@@ -51,7 +52,7 @@ pub(crate) fn run_in_process(
 ) -> i32 {
     let outcome = compile(path, &properties, true).and_then(|compiled| {
         let (compiled, bell) = (Arc::new(compiled), inbox()?);
-        let raised = |error| crate::failure::failure(py, error, "starting the federates");
+        let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
         let interrupt = Interrupt::install(py, Scope::Whole, bell.wakeup()).map_err(raised)?;
         let code = start(&compiled, &bell, logical_traces.as_deref())
@@ -60,7 +61,7 @@ pub(crate) fn run_in_process(
         interrupt.get().release(py);
         code
     });
-    outcome.unwrap_or_else(|failure| exit_code(Err(failure)))
+    outcome.unwrap_or_else(|failure| exit_code(&Err(failure)))
 }
 
 /// Has what a federate prints start with its name.
@@ -101,16 +102,18 @@ fn start(
 ) -> Result<Watch, Failure> {
     let program = &compiled.program;
     if !program.is_federated() {
-        let message = format!("error: {} is not federated, so it has no federates", program.name);
-        return Err(Failure::new(message));
+        let message = format!("{} is not federated, so it has no federates", program.name);
+        return Err(Failure::option(message));
     }
     if let Some(federate) = program.federates.values().find(|federate| federate.transient) {
         let message = format!(
-            "error: federate {} is transient, and needs a process of its own to come and go\n  \
-             hint: run the program without --in-process",
+            "federate {} is transient, and needs a process of its own to come and go",
             federate.name
         );
-        return Err(Failure::new(message));
+        return Err(Failure::Option {
+            message,
+            hint: Some("run the program without --in-process"),
+        });
     }
     let (events, arrivals) = channel();
     let reporter = Reporter { events, bell: bell.clone() };
@@ -161,7 +164,7 @@ fn start(
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure> {
     let builder = thread::Builder::new().name(name.to_owned()).stack_size(STACK);
     let spawned = builder.spawn(run);
-    spawned.map_err(|error| Failure::new(format!("error: cannot start a thread: {error}")))?;
+    spawned.map_err(|error| Failure::system("cannot start a thread", &error))?;
     Ok(())
 }
 
@@ -232,7 +235,7 @@ impl Watch {
                 self.hear(event);
             }
             if interrupt.take(py) {
-                let code = interrupt.exit_code().unwrap_or(INTERRUPTED);
+                let code = Failure::Interrupted { signal: interrupt.signal() }.exit_code();
                 if self.code.is_some() || !self.started {
                     return code;
                 }
@@ -268,16 +271,15 @@ impl Watch {
                 say(&format!("warning: federate {} answers again", self.name(federate)));
             }
             // None is transient.
-            Event::Rti(RtiEvent::Dropped { federate, message, code })
-            | Event::Rti(RtiEvent::Failed { federate, message, code }) => {
-                self.blame(federate, &message, code);
+            Event::Rti(RtiEvent::Dropped { report, .. } | RtiEvent::Failed { report, .. }) => {
+                self.fail(report.named());
             }
             // Nobody joins from elsewhere.
             Event::Rti(RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Refused { .. }) => {}
             Event::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 if let Err(failure) = outcome {
-                    self.fail(&failure.message, failure.code);
+                    self.fail(failure.report());
                 }
             }
             Event::Ended(federate, outcome) => {
@@ -289,7 +291,16 @@ impl Watch {
                         self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
                         self.suspect.get_or_insert((federate, failure));
                     }
-                    Err(_) => self.blame(federate, "its thread panicked, which is a bug", 1),
+                    Err(_) => {
+                        let report = Report::new(
+                            Kind::Lost,
+                            format!(
+                                "federate {}: its thread panicked, which is a bug",
+                                self.name(federate)
+                            ),
+                        );
+                        self.fail(report.of(self.name(federate)));
+                    }
                 }
             }
         }
@@ -298,29 +309,23 @@ impl Watch {
     /// A federate that has failed is to blame if nobody else is.
     fn accuse(&mut self) {
         if let Some((federate, failure)) = self.suspect.take().filter(|_| self.code.is_none()) {
-            self.blame(federate, &failure.message, failure.code);
+            let report = failure.report();
+            let report = match failure {
+                // It names the one that has failed.
+                Failure::Abandoned(_) => report,
+                _ => report.of(self.name(federate)),
+            };
+            self.fail(report.named());
         }
     }
 
-    fn blame(&mut self, federate: FederateId, message: &str, code: i32) {
-        let federate = format!("federate {}", self.name(federate));
-        let said = message.strip_prefix("error: ").unwrap_or(message);
-        let message = match said {
-            "" => format!("error: {federate} exited with code {code}"),
-            said if said.contains(&federate) => format!("error: {said}"),
-            said => format!("error: {federate}: {said}"),
-        };
-        self.fail(&message, code);
-    }
-
     /// The first failure decides; what it leads to is not told.
-    fn fail(&mut self, message: &str, code: i32) {
+    fn fail(&mut self, report: Report) {
         self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
-        // What the system can carry, and nobody takes for success.
-        self.code.get_or_insert(if (1..=255).contains(&code) { code } else { 1 });
-        if !self.reported && !message.is_empty() {
+        self.code.get_or_insert(hprm::exit_code(report.code));
+        if !self.reported {
             self.reported = true;
-            say(message);
+            show(&report);
         }
     }
 

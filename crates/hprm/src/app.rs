@@ -172,8 +172,9 @@ impl<V: Clone + Send + Sync + 'static> Runnable<V> {
     pub fn run(mut self) -> Result<(), Failure> {
         let inbox = match self.inbox {
             Some(inbox) => inbox,
-            None => Inbox::new()
-                .map_err(|error| Failure::new(format!("error: no descriptor is left: {error}")))?,
+            None => {
+                Inbox::new().map_err(|error| Failure::system("no descriptor is left", &error))?
+            }
         };
         run_whole(&self.program, &mut self.bodies, &inbox)
     }

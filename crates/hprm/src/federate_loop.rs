@@ -30,7 +30,7 @@ use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
 use crate::workers::Workers;
-use crate::{Clock, Failure, Host, Inbox, Room, enter_realtime};
+use crate::{Clock, Failure, Host, Inbox, Report, Room, enter_realtime};
 pub use membership::FederateOptions;
 pub use reach::Reach;
 
@@ -204,20 +204,20 @@ where
             Ok(()) => {
                 self.federation.say_goodbye();
                 match self.interrupted {
-                    true => Err(Failure::interrupted()),
+                    true => Err(self.interruption()),
                     false => Ok(()),
                 }
             }
-            Err(failure) if failure.code == 0 => {
+            Err(Failure::Left) => {
                 // The program chose to leave: for the others that is an ordinary end.
                 let ended = self.handle(Input::Leave);
                 self.federation.say_goodbye();
                 ended
             }
-            Err(failure) if failure.is_interrupted() => {
-                let code = self.host.exit_code_interrupted();
-                self.federation.fail(Failure { code, ..failure.clone() });
-                Err(failure)
+            // Python's exception does not tell which signal it was.
+            Err(Failure::Interrupted { .. }) => {
+                let interruption = self.interruption();
+                Err(self.federation.fail(interruption))
             }
             Err(failure) => Err(self.federation.fail(failure)),
         }
@@ -225,9 +225,14 @@ where
 
     fn end_trace(&mut self, outcome: &Result<(), Failure>) -> Result<(), Failure> {
         if outcome.is_ok() && self.interrupted {
-            return self.workers.end_trace(&self.scheduler, &Err(Failure::interrupted()));
+            let outcome = Err(self.interruption());
+            return self.workers.end_trace(&self.scheduler, &outcome);
         }
         self.workers.end_trace(&self.scheduler, outcome)
+    }
+
+    fn interruption(&self) -> Failure {
+        Failure::Interrupted { signal: self.host.signal() }
     }
 
     fn read_links(&mut self) -> Result<(), Failure> {
@@ -273,7 +278,7 @@ where
         if self.host.interrupted() {
             // To stop in order needs the others; who insists does not want to wait for them.
             if self.interrupted || self.phase == Phase::Joining {
-                return Err(Failure::interrupted());
+                return Err(self.interruption());
             }
             self.interrupted = true;
             stop = true;
@@ -443,7 +448,7 @@ where
         while let Some(output) = self.federation.machine.poll() {
             self.apply(output)?;
         }
-        handled.map_err(|fault| Failure::new(format!("error: the federation's protocol: {fault}")))
+        handled.map_err(Failure::from)
     }
 
     fn apply(&mut self, output: Output) -> Result<(), Failure> {
@@ -451,7 +456,7 @@ where
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.tell_rti(frame, descriptor);
+                wires.tell_rti(Report::in_frame(frame), descriptor);
             }
             Output::ToPeer { to, frame } => {
                 let descriptor = objects.descriptor_for(&frame)?;
@@ -491,20 +496,13 @@ where
             Output::ReaderGone(federate) => objects.store().reader_lost(federate),
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
             Output::Ended { reason } => {
-                let me = self.federation.me();
-                if let End::Failed { federate, message, code } = &reason
-                    && *federate != me
-                {
-                    let name = &self.scheduler.program().federates[*federate].name;
-                    self.host.abandoned(name, message, *code);
+                let failure = ended(self.scheduler.program(), self.federation.me(), reason);
+                if let Failure::Abandoned(report) = &failure {
+                    self.host.abandoned(report);
                 }
-                if self.interrupted {
-                    // It was to end anyway, and the others could not wait for it, nor it for them.
-                    return Err(Failure::interrupted());
-                }
-                return Err(ended(self.scheduler.program(), me, &reason));
+                // It was to end anyway, and the others could not wait for it, nor it for them.
+                return Err(if self.interrupted { self.interruption() } else { failure });
             }
-            _ => unreachable!("an output that this loop does not know"),
         }
         Ok(())
     }
@@ -561,13 +559,14 @@ where
     }
 }
 
-fn ended(program: &Program, me: FederateId, reason: &End) -> Failure {
-    let message = match reason {
-        End::Failed { federate, message, .. } if *federate == me => format!("error: {message}"),
-        // The host has heard of it, and whoever failed may have said so too.
-        End::Failed { .. } => String::new(),
-        End::Refused(refusal) => format!("error: the RTI refuses this federate: {refusal}"),
-        _ => format!("error: federation {}: {reason}", program.name),
-    };
-    Failure { message, code: 1 }
+fn ended(program: &Program, me: FederateId, reason: End) -> Failure {
+    match reason {
+        End::Failed { federate, message, .. } if federate == me => Failure::Link(message),
+        End::Failed { federate, message, code } => {
+            let name = &program.federates[federate].name;
+            Failure::Abandoned(Box::new(Report::heard(name, &message, code)))
+        }
+        End::Refused(refusal) => Failure::Refused(refusal),
+        End::RtiLost => Failure::RtiLost { program: program.name.clone() },
+    }
 }

@@ -6,50 +6,13 @@
 use std::sync::Arc;
 
 use hprm_core::{
-    Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ProgramError, ReactionId, Scheduler,
-    Turn,
+    Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ReactionId, Scheduler, Turn,
 };
 use hprm_store::{Object, Store, StoreAllocator};
 
+use crate::failure::SIGINT;
 use crate::trace::Described;
-
-/// The exit code of a program that the user has stopped.
-const INTERRUPTED: i32 = 130;
-
-/// Why a program cannot go on, or must not.
-#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-#[error("{message}")]
-pub struct Failure {
-    /// For people: what, where, and what to do. Empty if there is nothing to say.
-    pub message: String,
-    /// The exit code of the process. Zero if the program chose to leave and all is well.
-    pub code: i32,
-}
-
-impl Failure {
-    /// A failure with exit code 1.
-    #[must_use]
-    pub fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), code: 1 }
-    }
-
-    /// The user has stopped the program, which has ended in order.
-    pub(crate) const fn interrupted() -> Self {
-        Self { message: String::new(), code: INTERRUPTED }
-    }
-
-    /// Whether the user has stopped the program, which has ended in order.
-    #[must_use]
-    pub fn is_interrupted(&self) -> bool {
-        self.code == INTERRUPTED && self.message.is_empty()
-    }
-}
-
-impl From<ProgramError> for Failure {
-    fn from(error: ProgramError) -> Self {
-        Self::new(format!("error: {error}"))
-    }
-}
+use crate::{Failure, Report};
 
 /// Runs bodies, and carries values across the network.
 pub trait Host {
@@ -160,10 +123,9 @@ pub trait Host {
         false
     }
 
-    /// The exit code of the process if the user has asked it to stop, by another signal than Ctrl-C
-    /// perhaps.
-    fn exit_code_interrupted(&self) -> i32 {
-        INTERRUPTED
+    /// The signal by which the user has asked the process to stop.
+    fn signal(&self) -> i32 {
+        SIGINT
     }
 
     /// How long this federate is to wait for its inputs, if a body has changed that since this was
@@ -178,9 +140,9 @@ pub trait Host {
         false
     }
 
-    /// Another federate has failed, and so this one ends too. Its `message` is empty if it has chosen
-    /// to leave with that exit code. Whoever has launched both may tell the user already.
-    fn abandoned(&mut self, _federate: &str, _message: &str, _code: i32) {}
+    /// Another federate has failed, and so this one ends too. A launcher of both may tell the user
+    /// already.
+    fn abandoned(&mut self, _report: &Report) {}
 
     /// Reports something that the user should know and that does not end the program: a tardy
     /// input that its reaction does not handle.

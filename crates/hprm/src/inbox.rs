@@ -242,11 +242,12 @@ mod tests {
     #[test]
     fn the_first_failure_of_a_thread_counts() {
         let inbox = Inbox::<()>::new().unwrap();
-        assert!(inbox.fail(Failure::new("first")) && inbox.fail(Failure::new("second")));
+        let failure = |message: &str| Failure::Quit { said: message.to_owned() };
+        assert!(inbox.fail(failure("first")) && inbox.fail(failure("second")));
         inbox.request_stop();
-        assert_eq!(inbox.take_stop(), Err(Failure::new("first")));
+        assert_eq!(inbox.take_stop(), Err(failure("first")));
         inbox.close();
-        assert!(!inbox.fail(Failure::new("third")), "nothing is left to end");
+        assert!(!inbox.fail(failure("third")), "nothing is left to end");
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod bell;
 mod clock;
 mod disk;
 mod doorbell;
+mod failure;
 mod federate_loop;
 mod host;
 mod inbox;
@@ -35,8 +36,9 @@ pub use app::{
 };
 pub use clock::Clock;
 pub use disk::Disk;
+pub use failure::{Failure, Kind, Label, Raised, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
-pub use host::{Failure, Host, SharedBodies};
+pub use host::{Host, SharedBodies};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};

@@ -94,7 +94,8 @@ where
         scheduler.begin(tag);
         workers.run_tag(scheduler, host)?;
         if scheduler.end(Clock::now) {
-            return if interrupted { Err(Failure::interrupted()) } else { Ok(()) };
+            let signal = host.signal();
+            return if interrupted { Err(Failure::Interrupted { signal }) } else { Ok(()) };
         }
     }
 }

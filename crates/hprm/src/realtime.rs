@@ -101,7 +101,7 @@ fn schedule(priority: u8) -> Result<(), Failure> {
 }
 
 fn refused(what: &str, hint: &str) -> Failure {
-    Failure::new(format!("error: {what}\n  hint: {hint}"))
+    Failure::System { message: what.to_owned(), hint: Some(hint.to_owned()) }
 }
 
 #[cfg(test)]
@@ -117,7 +117,8 @@ mod tests {
     fn a_processor_that_is_not_there_is_found_by_whoever_asks_first() {
         let properties = Properties { cpus: vec![0, 4_000_000], ..Properties::default() };
         let failure = enter_realtime(&properties, None).unwrap_err();
-        assert!(failure.message.contains("processor 4000000"), "{failure}");
-        assert!(failure.message.contains("hint: change --cpus; it may run on "), "{failure}");
+        assert!(failure.to_string().contains("processor 4000000"), "{failure}");
+        let hint = failure.report().hint.unwrap_or_default();
+        assert!(hint.contains("change --cpus; it may run on "), "{hint}");
     }
 }

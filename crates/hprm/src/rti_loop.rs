@@ -21,7 +21,7 @@ use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::spin;
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
-use crate::{Address, Clock, Failure, Security};
+use crate::{Address, Clock, Failure, Report, Security};
 
 /// Time between the last federate's being ready and the start of the program: enough for the start
 /// time to reach everybody on one machine.
@@ -84,25 +84,22 @@ pub enum RtiEvent {
     Dropped {
         /// Who.
         federate: FederateId,
-        /// For people.
-        message: String,
-        /// Exit code of that federate.
-        code: i32,
+        /// What has become of it.
+        report: Report,
     },
     /// The first failure of a federate. The others are being told to end.
     Failed {
         /// Who failed.
         federate: FederateId,
-        /// For people.
-        message: String,
-        /// Exit code of that federate.
-        code: i32,
+        /// What has become of it.
+        report: Report,
     },
 }
 
 /// Coordinates a federation.
 #[derive(Debug)]
 pub struct Rti {
+    program: Arc<Program>,
     machine: hprm_federated::Rti,
     lobby: Lobby,
     /// The first address that the lobby listens at.
@@ -164,10 +161,7 @@ impl Rti {
 
     pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
         let topology = Topology::new(&options.program);
-        let failed = |address: &Address, error: io::Error| {
-            let advice = advice(&error);
-            Failure::new(format!("error: the RTI cannot listen at {address}: {error}{advice}"))
-        };
+        let failed = |address: &Address, error: io::Error| Failure::listen(true, address, &error);
         let keys = Keys::new(options.federation, options.security.clone())?;
         let fingerprint = Arc::clone(&options.fingerprint);
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
@@ -182,6 +176,7 @@ impl Rti {
             })
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
+            program: Arc::clone(&options.program),
             machine,
             address: gates[0].address().clone(),
             lobby: Lobby::new(gates, Purpose::Coordination, keys, options.program.federates.len()),
@@ -254,7 +249,7 @@ impl Rti {
     }
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
-        let failed = |error| Failure::new(format!("error: the RTI cannot accept links: {error}"));
+        let failed = |error| Failure::system("the RTI cannot accept links", &error);
         let admitted = self.lobby.admit(Clock::local()).map_err(failed)?;
         if !admitted.is_empty() {
             // Who had ended before they came is to be known to have ended.
@@ -280,7 +275,9 @@ impl Rti {
             let Some(link) = self.links.get_mut(&id) else { return };
             let arrival = match link.read() {
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory || is_shortage(&error) => {
-                    self.break_off(id, format!("{error}{}", advice(&error)));
+                    let advice =
+                        advice(&error).map_or_else(String::new, |hint| format!("\n  hint: {hint}"));
+                    self.break_off(id, format!("{error}{advice}"));
                     return;
                 }
                 arrival => arrival.unwrap_or(Arrival::Closed),
@@ -367,18 +364,25 @@ impl Rti {
                     report(RtiEvent::Answers { federate, silence });
                 }
                 RtiOutput::Dropped { federate, message, code } => {
-                    report(RtiEvent::Dropped { federate, message, code });
+                    report(RtiEvent::Dropped {
+                        federate,
+                        report: self.heard(federate, &message, code),
+                    });
                 }
                 RtiOutput::Failed { federate, message, code } => {
-                    self.failure = Some(Failure { message: message.clone(), code });
-                    report(RtiEvent::Failed { federate, message, code });
+                    let heard = self.heard(federate, &message, code);
+                    self.failure = Some(Failure::Federate(Box::new(heard.clone())));
+                    report(RtiEvent::Failed { federate, report: heard });
                 }
                 RtiOutput::Finished => self.finished = true,
-                _ => unreachable!("an output that this loop does not know"),
             }
         }
         // What is left was for federates that have ended.
         self.descriptors.clear();
+    }
+
+    fn heard(&self, federate: FederateId, message: &str, code: i32) -> Report {
+        Report::heard(&self.program.federates[federate].name, message, code)
     }
 
     fn send(&mut self, link: LinkId, frame: Frame) {

@@ -80,7 +80,8 @@ impl<V: Clone> Workers<V> {
             .thread_name(|index| format!("worker-{}", index + 1))
             .build()
             .map_err(|error| {
-                Failure::new(format!("error: cannot start {others} threads: {error}"))
+                let error = std::io::Error::other(error);
+                Failure::system(format!("cannot start {others} threads"), &error)
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hprm::{App, Context, Failure, Properties, Trigger};
+use hprm::{App, Context, Kind, Properties, Trigger};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -106,8 +106,11 @@ fn an_error_ends_the_program_and_names_the_reaction() {
         a.reaction().on(Trigger::Startup).run(|(), _| "x".parse::<u8>().map(|_| ()));
     });
     let failure = app.run().unwrap_err();
-    assert_eq!(failure.message, "error: reaction Main.a.1 failed: invalid digit found in string");
-    assert_eq!(failure.code, 1);
+    let message = "reaction Main.a.1 failed: invalid digit found in string";
+    let report = failure.report();
+    assert_eq!((failure.to_string(), failure.exit_code()), (message.to_owned(), 1));
+    assert_eq!((report.kind, report.tag), (Kind::Reaction, Some((0, 0))));
+    assert_eq!(report.reaction.as_deref(), Some("Main.a.1"));
 }
 
 #[test]
@@ -122,8 +125,8 @@ fn a_graph_that_is_no_program_is_refused() {
     });
     app.connect(a_out, b_in);
     app.connect(b_out, a_in);
-    let Failure { message, .. } = app.run().unwrap_err();
-    assert!(message.starts_with("error: reactions depend on one another"), "{message}");
+    let message = app.run().unwrap_err().to_string();
+    assert!(message.starts_with("reactions depend on one another"), "{message}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::thread;
 
 use hprm::{Address, Failure, RtiEvent, Security};
-use hprm_core::{Body, Coordination, ReactionId, Scheduler};
+use hprm_core::{Body, Coordination, FederateId, ReactionId, Scheduler};
 
 use common::{BOTH, Bytes, Gather, bind, federation, gather, run_rounds};
 
@@ -40,7 +40,7 @@ fn a_reaction_that_fails_ends_the_federation_and_is_reported_once() {
         let react = move |scheduler: &mut Scheduler<Bytes>, id: ReactionId, _: Body| {
             let hello = Bytes::Own(Arc::new(b"hello".to_vec()));
             if id == round {
-                return Err(Failure { message: "error: no more".to_owned(), code: 3 });
+                return Err(Failure::Exited { code: 3 });
             }
             if id == start {
                 scheduler.set(out, hello);
@@ -50,12 +50,16 @@ fn a_reaction_that_fails_ends_the_federation_and_is_reported_once() {
             }
             Ok(())
         };
+        let name = program.federates[FederateId(0)].name.clone();
         let federation = federation(program, "unix:@hprm-test-UNIQUE", Arc::new(react));
-        let failure = Failure { message: "error: no more".to_owned(), code: 3 };
-        assert_eq!(federation.rti, Err(failure.clone()));
-        assert_eq!(federation.outcomes[0], Err(failure));
+        assert_eq!(federation.outcomes[0], Err(Failure::Exited { code: 3 }));
+        let report = Failure::Exited { code: 3 }.report().of(name);
+        let outcome = federation.rti.unwrap_err();
+        assert_eq!((outcome.exit_code(), outcome.report()), (3, report.clone()));
         for outcome in &federation.outcomes[1..] {
-            assert_eq!(outcome, &Err(Failure { message: String::new(), code: 1 }));
+            let outcome = outcome.clone().unwrap_err();
+            assert_eq!(outcome, Failure::Abandoned(Box::new(report.clone())));
+            assert!(outcome.is_quiet() && outcome.exit_code() == 1);
         }
         let failed = federation.events.iter().filter(|e| matches!(e, RtiEvent::Failed { .. }));
         assert_eq!(failed.count(), 1);

@@ -90,7 +90,7 @@ fn a_wrong_secret_names_itself() {
     let (address, handle) = alone(&program, &Security::default());
     let options = options(&program, FederateId(0), &address, &Security::default());
     let failure = join(&FederateOptions { federation: FederationId(8), ..options });
-    assert!(failure.message.contains("check the federation id"), "{}", failure.message);
+    assert!(failure.to_string().contains("check the federation id"), "{failure}");
     handle.abort();
 }
 
@@ -181,7 +181,7 @@ fn a_false_rti_that_sends_everything_back_is_not_believed() {
         all_that_comes(&mut victim)
     });
     let failure = join(&options(&program, FederateId(0), &address, &Security::default()));
-    assert!(failure.message.contains("does not know the secret"), "{}", failure.message);
+    assert!(failure.to_string().contains("does not know the secret"), "{failure}");
     assert_eq!(echo.join().unwrap(), [0; 0], "no frame leaves for somebody who is not believed");
 }
 
@@ -199,7 +199,7 @@ fn a_unix_socket_asks_for_proofs_too_if_the_program_says_so() {
     let rti = thread::spawn(move || rti.run(|_| {}));
     // It sends frames where a proof is wanted.
     let failure = join(&options(&program, FederateId(0), &listen, &Security::default()));
-    assert!(!failure.message.is_empty());
+    assert!(!failure.to_string().is_empty());
     handle.abort();
     assert_eq!(rti.join().unwrap(), Ok(()));
 }
@@ -319,7 +319,7 @@ fn an_rti_that_is_stopped_before_the_start_sends_everybody_home() {
             })
         });
         let failure = join(&options(&program, FederateId(0), &address, &Security::default()));
-        assert!(failure.message.contains("the RTI has been stopped"), "{}", failure.message);
+        assert!(failure.to_string().contains("the RTI has been stopped"), "{failure}");
         assert_eq!(rti.join().unwrap(), Ok(()));
     }
 }
@@ -331,11 +331,7 @@ fn patience_ends_with_a_message() {
     let address = Address::Tcp(address.to_string());
     let options = options(&program, FederateId(0), &address, &Security::default());
     let reach = Reach { patience: std::time::Duration::ZERO, ..Reach::default() };
-    let mut options = FederateOptions { reach, ..options };
-    let failure = join(&options);
-    assert!(failure.message.starts_with(&format!("error: no RTI at {address}: ")));
-    assert!(failure.message.contains("hint: "), "{}", failure.message);
-    // Who has launched it tells why there is no RTI any more.
-    options.reach.launched = true;
-    assert_eq!(join(&options).message, "");
+    let failure = join(&FederateOptions { reach, ..options });
+    assert!(failure.to_string().starts_with(&format!("no RTI at {address}: ")));
+    assert!(matches!(&failure, Failure::NoRti { .. }) && failure.report().hint.is_some());
 }

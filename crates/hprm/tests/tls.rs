@@ -57,7 +57,7 @@ impl Authority {
 
 fn in_vain(options: &FederateOptions) -> String {
     let react: Arc<React> = Arc::new(|_, _, _| panic!("it must not join"));
-    federate_with(options, react, Arc::new(Mutex::new(Vec::new()))).unwrap_err().message
+    federate_with(options, react, Arc::new(Mutex::new(Vec::new()))).unwrap_err().to_string()
 }
 
 fn alone(program: &Arc<Program>, security: &Security) -> (Address, hprm::RtiHandle) {
@@ -194,11 +194,11 @@ fn a_program_that_wants_tls_does_not_run_without() {
         security: security.clone(),
         patience: hprm::federated::Patience::default(),
     });
-    let message = rti.unwrap_err().message;
+    let message = rti.unwrap_err().report().hint.unwrap_or_default();
     assert!(message.contains("--tls-cert"), "{message}");
     let rti: Address = "127.0.0.1:1".parse().unwrap();
     let message = in_vain(&options(&program, FederateId(0), &rti, &security));
-    assert!(message.contains("--tls-cert"), "{message}");
+    assert!(message.contains("comm-type: TLS"), "{message}");
     // Within a machine nothing travels that could be read.
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
     well(federation_beside(program, "unix:@hprm-tls-UNIQUE", &security, react, |_| ()));

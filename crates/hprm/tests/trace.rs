@@ -37,7 +37,7 @@ impl Host for Numbers {
             }
         }
         if scheduler.tag().time >= self.fails_at {
-            return Err(Failure::new("error: it went wrong\nand this is why"));
+            return Err(Failure::Quit { said: "it went wrong\nand this is why".to_owned() });
         }
         Ok(())
     }
@@ -130,7 +130,7 @@ fn a_trace_has_a_header_an_entry_for_each_reaction_and_an_end() {
 fn the_trace_of_a_run_that_fails_is_kept_and_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.trace");
-    assert!(run(&path, 10).unwrap_err().message.contains("it went wrong"));
+    assert!(run(&path, 10).unwrap_err().to_string().contains("it went wrong"));
     let end = r#"{"end":[10,0],"outcome":"failed","message":"it went wrong"}"#;
     assert_eq!(lines(&path), [&[HEADER], &FIRST[..], &[end]].concat());
 }
@@ -139,7 +139,7 @@ fn the_trace_of_a_run_that_fails_is_kept_and_says_so() {
 fn a_trace_that_cannot_be_written_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let failure = run(&folder.path().join("no/such/folder.trace"), i64::MAX).unwrap_err();
-    assert!(failure.message.contains("cannot write the trace"), "{}", failure.message);
+    assert!(failure.to_string().contains("cannot write the trace"), "{failure}");
 }
 
 #[test]
@@ -170,6 +170,6 @@ fn a_folder_is_refused_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
     let failure = Trace::create(folder.path(), &program()).unwrap_err();
     let name = folder.path().display();
-    assert_eq!(failure.message, format!("error: cannot write the trace {name}: is a directory"));
+    assert_eq!(failure.to_string(), format!("cannot write the trace {name}: is a directory"));
     assert!(!folder.path().with_extension("partial").exists());
 }

@@ -196,7 +196,7 @@ fn of_two_failures_the_first_in_the_program_counts() {
         }),
     ];
     let failure = side_by_side(2, bodies).run().unwrap_err();
-    assert_eq!(failure.message, "error: reaction Main.r[0].1 failed: first");
+    assert_eq!(failure.to_string(), "reaction Main.r[0].1 failed: first");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The supervisor under a script: events at times, and the orders that follow.
 
+use hprm::Kind;
 use hprm_core::{Nanos, PhysicalTime, ProgramBuilder, Properties};
 
 use super::*;
@@ -65,7 +66,8 @@ impl Stage {
     }
 
     fn fails(&mut self, federate: FederateId, message: &str, code: i32) {
-        self.rti(RtiEvent::Failed { federate, message: message.to_owned(), code });
+        let name = if federate == A { "a" } else { "b" };
+        self.rti(RtiEvent::Failed { federate, report: said(message, code).of(name) });
     }
 
     /// Lets time pass, as the loop does: from one wake-up to the next.
@@ -100,6 +102,12 @@ impl Stage {
         assert_eq!(self.reports.len(), 1, "{:?}", self.reports);
         assert!(self.reports[0].contains(text), "{:?}", self.reports);
     }
+}
+
+/// What a federate says of itself: that it ends with this code if there is no message.
+fn said(message: &str, code: i32) -> Report {
+    let kind = if message.is_empty() { Kind::Exit } else { Kind::Reaction };
+    Report { code, ..Report::new(kind, message) }
 }
 
 const TERM: i32 = Signal::TERMINATE.0;
@@ -157,12 +165,12 @@ fn a_killed_federate_is_told_from_a_lost_link() {
     for rti_first in [false, true] {
         let mut stage = Stage::running();
         if rti_first {
-            stage.fails(B, "the process ended before its last tag", 1);
+            stage.fails(B, "its process ended before its last tag", 1);
             stage.pass(10);
         }
         stage.exits(B, Ending::Signal(Signal::KILL));
         if !rti_first {
-            stage.fails(B, "the process ended before its last tag", 1);
+            stage.fails(B, "its process ended before its last tag", 1);
         }
         stage.exits(A, Ending::Code(1));
         stage.reported_once("federate b was killed by signal 9 (SIGKILL)");
@@ -400,7 +408,7 @@ fn output_that_cannot_be_written_is_one_failure() {
 #[test]
 fn the_end_of_the_rti_explains_the_end_of_the_others() {
     let mut stage = Stage::running();
-    let failure = Failure { message: "error: no descriptor left".to_owned(), code: 1 };
+    let failure = Failure::System { message: "no descriptor left".to_owned(), hint: None };
     stage.event(Event::RtiEnded(Err(failure)));
     stage.exits(A, Ending::Code(1));
     stage.exits(B, Ending::Code(1));
@@ -418,7 +426,7 @@ fn without_the_transient() -> Stage {
 }
 
 fn dropped(message: &str, code: i32) -> RtiEvent {
-    RtiEvent::Dropped { federate: B, message: message.to_owned(), code }
+    RtiEvent::Dropped { federate: B, report: said(message, code).of("b") }
 }
 
 #[test]
@@ -436,14 +444,14 @@ fn a_transient_federate_need_not_join() {
 #[test]
 fn a_transient_federate_fails_alone() {
     let mut stage = without_the_transient();
-    stage.rti(dropped("error: no", 7));
+    stage.rti(dropped("no", 7));
     assert!(stage.reports.is_empty());
     stage.exits(B, Ending::Code(7));
     stage.reported_once("federate b: no");
     stage.pass(10_000);
     assert!(stage.sent.is_empty() && stage.stops == 0);
     // Somebody else starts it again, and it fails again.
-    stage.rti(dropped("error: no again", 1));
+    stage.rti(dropped("no again", 1));
     stage.pass(500);
     assert_eq!(stage.reports.len(), 2);
     stage.exits(A, Ending::Code(0));

@@ -12,7 +12,7 @@ use hprm_store::{Object, Store};
 
 use super::context::{Access, Context};
 use super::handle::{Key, Readable};
-use crate::{Failure, Host, SharedBodies};
+use crate::{Failure, Host, SharedBodies, Source};
 
 /// What a body returns: nothing, or a result whose error ends the program.
 pub trait Outcome {
@@ -163,7 +163,7 @@ impl<V: Clone + Send + Sync> Host for Bodies<V> {
         let mut context = Context { access: Access::Alone(scheduler), reaction, site };
         match code.body(body)(&mut **state, &mut context) {
             Ok(()) => Ok(()),
-            Err(error) => Err(failed(scheduler.program(), reaction, &error)),
+            Err(error) => Err(failed(scheduler, reaction, &error)),
         }
     }
 
@@ -198,12 +198,13 @@ impl<V: Clone + Send + Sync> SharedBodies<V> for Bodies<V> {
         let mut code = self.codes[reaction].lock().unwrap_or_else(PoisonError::into_inner);
         let mut context = Context { access: Access::Shared(scheduler, effects), reaction, site };
         let outcome = code.body(body)(&mut **state, &mut context);
-        outcome.map_err(|error| failed(scheduler.program(), reaction, &error))
+        outcome.map_err(|error| failed(scheduler, reaction, &error))
     }
 }
 
 #[cold]
-fn failed(program: &Program, reaction: ReactionId, error: &str) -> Failure {
-    let name = program.reaction_name(reaction);
-    Failure::new(format!("error: reaction {name} failed: {error}"))
+fn failed<V: Clone>(scheduler: &Scheduler<V>, reaction: ReactionId, error: &str) -> Failure {
+    let name = scheduler.program().reaction_name(reaction);
+    let message = format!("reaction {name} failed: {error}");
+    Failure::raised(Source::Reaction { name, tag: scheduler.tag() }, message)
 }

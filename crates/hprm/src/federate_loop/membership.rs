@@ -92,7 +92,8 @@ impl Membership {
 
     /// Tells the others why this federate ends, and returns it.
     pub(super) fn fail(&mut self, failure: Failure) -> Failure {
-        let Failure { message, code } = failure.clone();
+        let report = failure.report();
+        let (message, code) = (report.encoded(), report.code);
         // The machine may have ended already; then there is nobody left to tell.
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
         self.tell_rti();

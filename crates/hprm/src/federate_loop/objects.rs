@@ -53,7 +53,7 @@ impl Objects {
         }
         let mut store = self.allocator.store();
         for object in payload.objects() {
-            store.add_reader(object.serial, reader).map_err(|error| failure(&error))?;
+            store.add_reader(object.serial, reader).map_err(|error| Failure::store(&error))?;
         }
         let mut mapped = Vec::new();
         for announcement in store.unannounced(reader) {
@@ -70,8 +70,8 @@ impl Objects {
             if let Part::Object(object) = part {
                 // A hold of its own, for opening ends one.
                 let owner = object.owner;
-                store.add_reader(object.serial, owner).map_err(|error| failure(&error))?;
-                let bytes = store.open(*object).map_err(|error| failure(&error))?;
+                store.add_reader(object.serial, owner).map_err(|error| Failure::store(&error))?;
+                let bytes = store.open(*object).map_err(|error| Failure::store(&error))?;
                 let copy = copy_of(bytes.as_bytes()).map_err(|error| no_memory(&error))?;
                 *part = Part::Inline(copy);
             }
@@ -86,7 +86,7 @@ impl Objects {
             .remove(&(*reader, *segment))
             .map(|announcement| announcement.as_fd().try_clone_to_owned())
             .transpose()
-            .map_err(|error| failure(&error))
+            .map_err(|error| Failure::store(&error))
     }
 
     pub(super) fn attach(
@@ -96,10 +96,9 @@ impl Objects {
         len: u64,
         descriptor: Option<OwnedFd>,
     ) -> Result<(), Failure> {
-        let descriptor = descriptor.ok_or_else(|| {
-            Failure::new("error: a segment of the object store came without its descriptor")
-        })?;
-        self.store().attach(owner, segment, len, descriptor).map_err(|error| failure(&error))
+        let descriptor =
+            descriptor.ok_or_else(|| Failure::store(&"a segment came without its descriptor"))?;
+        self.store().attach(owner, segment, len, descriptor).map_err(|error| Failure::store(&error))
     }
 
     /// Views of the objects that a payload refers to.
@@ -107,7 +106,7 @@ impl Objects {
         let mut store = self.store();
         payload
             .objects()
-            .map(|object| store.open(object).map_err(|error| failure(&error)))
+            .map(|object| store.open(object).map_err(|error| Failure::store(&error)))
             .collect()
     }
 
@@ -133,8 +132,4 @@ impl Objects {
         }
         serials
     }
-}
-
-fn failure(error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(format!("error: the object store: {error}"))
 }

@@ -11,7 +11,6 @@ use hprm_core::Nanos;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
-use crate::link::descriptors::advice;
 use crate::link::{Keys, Purpose};
 use crate::wait::Deadline;
 use crate::wire::{Gate, Network, Wire};
@@ -30,22 +29,13 @@ pub struct Reach {
     pub advertise: Option<String>,
     /// Hears that the RTI is not there yet, once.
     pub notice: Option<fn(&str)>,
-    /// Whether who has started this process has started the RTI before, and tells why it has ended: then
-    /// that is the only reason why there is none.
-    pub launched: bool,
     /// Whether the user wants no more of it.
     pub interrupted: Option<fn() -> bool>,
 }
 
 impl Default for Reach {
     fn default() -> Self {
-        Self {
-            patience: Duration::from_secs(60),
-            advertise: None,
-            notice: None,
-            launched: false,
-            interrupted: None,
-        }
+        Self { patience: Duration::from_secs(60), advertise: None, notice: None, interrupted: None }
     }
 }
 
@@ -121,7 +111,7 @@ fn bind(network: &Network, address: &Address) -> Result<Gate, Failure> {
 }
 
 fn cannot_listen(address: &Address, error: &io::Error) -> Failure {
-    Failure::new(format!("error: cannot listen at {address}: {error}{}", advice(error)))
+    Failure::listen(false, address, error)
 }
 
 /// `HOST`, `HOST:PORT`, or an address of IPv6 with or without brackets.
@@ -137,8 +127,8 @@ fn host_and_port(advertise: &str) -> Result<(String, u16), Failure> {
         Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => {
             Ok((host.to_owned(), port.parse().unwrap_or_default()))
         }
-        _ => Err(Failure::new(format!(
-            "error: cannot be reached at '{advertise}': write HOST or HOST:PORT"
+        _ => Err(Failure::option(format!(
+            "cannot be reached at '{advertise}': write HOST or HOST:PORT"
         ))),
     }
 }

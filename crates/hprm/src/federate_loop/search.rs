@@ -6,7 +6,7 @@ use std::io;
 use hprm_core::{Nanos, PhysicalTime};
 
 use super::{FederateOptions, Reach};
-use crate::link::descriptors::{advice, is_shortage};
+use crate::link::descriptors::is_shortage;
 use crate::link::{Keys, Purpose};
 use crate::wait::{Deadline, wait};
 use crate::wire::{Network, Wire};
@@ -105,10 +105,7 @@ impl Search {
         let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
         let now = Clock::now();
         if in_vain || now >= self.give_up || !passes(error) {
-            return Err(match self.reach.launched && passes(error) && advice(error).is_empty() {
-                true => Failure { message: String::new(), code: 1 },
-                false => self.no_rti(error),
-            });
+            return Err(self.no_rti(error));
         }
         if self.breaks == BREAKS {
             self.tell(&format!("the RTI at {} still {CLOSES}", self.rti));
@@ -131,28 +128,25 @@ impl Search {
     }
 
     fn no_rti(&self, error: &io::Error) -> Failure {
-        let rti = &self.rti;
+        let (address, reason) = (self.rti.clone(), error.to_string());
         let hint = match error.kind() {
             io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidData => {
-                return Failure::new(format!("error: the RTI at {rti}: {error}"));
+                return Failure::Stranger { address, reason };
             }
-            _ if is_break(error) => {
-                return Failure::new(format!(
-                    "error: no RTI at {rti}: {error}\n  hint: it {CLOSES}"
-                ));
-            }
+            _ if is_break(error) => format!("it {CLOSES}"),
             _ if is_shortage(error) => {
-                return Failure::new(format!(
-                    "error: cannot open a link to the RTI at {rti}: {error}{}",
-                    advice(error)
-                ));
+                return Failure::system(
+                    format!("cannot open a link to the RTI at {address}"),
+                    error,
+                );
             }
-            _ if rti.is_open() => {
+            _ if address.is_open() => {
                 "start the RTI with `hprm rti`, and see whether a firewall is between the machines"
+                    .to_owned()
             }
-            _ => "start the federation with `hprm run`, or the RTI with `hprm rti`",
+            _ => "start the federation with `hprm run`, or the RTI with `hprm rti`".to_owned(),
         };
-        Failure::new(format!("error: no RTI at {rti}: {error}\n  hint: {hint}"))
+        Failure::NoRti { address, reason, hint }
     }
 }
 

@@ -15,7 +15,7 @@ use hprm_federated::{FederationId, Frame, HostId};
 use super::FederateOptions;
 use super::reach;
 use super::search::Search;
-use crate::link::descriptors::{advice, is_shortage};
+use crate::link::descriptors::is_shortage;
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
@@ -426,9 +426,9 @@ impl Wires {
         if !std::mem::take(&mut self.lobby_is_ready) {
             return Ok(());
         }
-        let admitted = lobby.admit(Clock::local()).map_err(|error| {
-            Failure::new(format!("error: cannot accept a connection of a peer: {error}"))
-        })?;
+        let admitted = lobby
+            .admit(Clock::local())
+            .map_err(|error| Failure::system("cannot accept a connection of a peer", &error))?;
         for (mut link, hello) in admitted {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
@@ -482,9 +482,10 @@ impl Line {
         if self.wire.is_established() {
             return Ok(());
         }
-        self.wire.read().map(drop).map_err(|error| {
-            Failure::new(format!("error: the link to federate {}: {error}", peer.0))
-        })
+        self.wire
+            .read()
+            .map(drop)
+            .map_err(|error| Failure::Link(format!("the link to federate {}: {error}", peer.0)))
     }
 
     /// Reads a link of a peer, if it is ready. Returns whether it is still open. Only what is the fault
@@ -543,11 +544,7 @@ fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd
 
 /// A message is too much for this process, which sends or receives it.
 pub(super) fn no_memory(error: &dyn Display) -> Failure {
-    Failure::new(format!(
-        "error: {error}\n  hint: drop values sooner, or let this process have more memory (ulimit -v, \
-         the limit of its container); what fits into the object store of its sender needs none in its \
-         receivers"
-    ))
+    Failure::Memory(error.to_string())
 }
 
 /// Why a link is not read any further.
@@ -561,10 +558,9 @@ impl Broken {
     fn reading(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::OutOfMemory => Self::memory(&error),
-            _ if is_shortage(&error) => Self::Memory(Failure::new(format!(
-                "error: cannot receive from another federate: {error}{}",
-                advice(&error)
-            ))),
+            _ if is_shortage(&error) => {
+                Self::Memory(Failure::system("cannot receive from another federate", &error))
+            }
             _ => Self::link(&error),
         }
     }
@@ -577,7 +573,7 @@ impl Broken {
     }
 
     fn link(error: &dyn Display) -> Self {
-        Self::Link(Failure::new(format!("error: a link is broken: {error}")))
+        Self::Link(Failure::Link(format!("a link is broken: {error}")))
     }
 
     fn memory(error: &dyn Display) -> Self {

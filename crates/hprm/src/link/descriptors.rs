@@ -32,22 +32,19 @@ pub(crate) fn is_shortage(error: &io::Error) -> bool {
 
 /// Without a doorbell a process can join no federation.
 pub(crate) fn no_doorbell(error: &io::Error) -> Failure {
-    Failure::new(format!("error: cannot make a doorbell: {error}{}", advice(error)))
+    Failure::system("cannot make a doorbell", error)
 }
 
-/// What to do about an error, if a limit of this process or of the system is behind it: a hint, on a
-/// line of its own.
-pub(crate) fn advice(error: &io::Error) -> &'static str {
-    match Errno::from_io_error(error) {
-        Some(Errno::MFILE) => "\n  hint: let a process open more files: ulimit -n 1024",
-        Some(Errno::NFILE) => {
-            "\n  hint: too many files are open on this machine: fs.file-max limits them"
-        }
-        Some(Errno::NOBUFS | Errno::NOMEM) => {
-            "\n  hint: free memory on this machine, or let this process have more (ulimit -v, the \
-             limit of its container)"
-        }
-        _ => "",
+/// What to do about an error, if a limit of this process or of the system is behind it.
+pub(crate) fn advice(error: &io::Error) -> Option<&'static str> {
+    match Errno::from_io_error(error)? {
+        Errno::MFILE => Some("let a process open more files: ulimit -n 1024"),
+        Errno::NFILE => Some("too many files are open on this machine: fs.file-max limits them"),
+        Errno::NOBUFS | Errno::NOMEM => Some(
+            "free memory on this machine, or let this process have more (ulimit -v, the limit of its \
+             container)",
+        ),
+        _ => None,
     }
 }
 

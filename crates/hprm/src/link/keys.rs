@@ -51,10 +51,12 @@ impl Keys {
         if address.is_unix() || !self.security.encrypt || self.configs.is_some() {
             return Ok(());
         }
-        Err(Failure::new(format!(
-            "error: the program says `comm-type: TLS`, and there is no certificate for {address}\n  \
-             hint: name the files: --tls-cert, --tls-key and --tls-ca"
-        )))
+        Err(Failure::Option {
+            message: format!(
+                "the program says `comm-type: TLS`, and there is no certificate for {address}"
+            ),
+            hint: Some("name the files: --tls-cert, --tls-key and --tls-ca"),
+        })
     }
 
     /// A new connection, encrypted if it should be, and with memory if both ends can share it.

@@ -105,11 +105,10 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Failure> {
 }
 
 fn unreadable(path: &Path, error: &dyn fmt::Display) -> Failure {
-    Failure::new(format!(
-        "error: TLS cannot use {}: {error}\n  hint: certificates and keys are files in PEM, see \
-         docs/deployment.md",
-        path.display()
-    ))
+    Failure::Option {
+        message: format!("TLS cannot use {}: {error}", path.display()),
+        hint: Some("certificates and keys are files in PEM, see docs/deployment.md"),
+    }
 }
 
 /// Verifies everything about a certificate but whose name is in it.

@@ -39,7 +39,8 @@ impl Trace {
             federated: program.is_federated(),
         };
         let unwritten = |error: io::Error| {
-            Failure::new(format!("error: cannot write the trace {}: {error}", path.display()))
+            let file = format!("trace {}", path.display());
+            Failure::Trace { file, reason: error.to_string() }
         };
         let mut draft = Draft::create(path).map_err(unwritten)?;
         draft.write(&Line::Header(header)).map_err(unwritten)?;
@@ -92,16 +93,15 @@ impl Trace {
         outcome: &Result<(), Failure>,
     ) -> Result<(), Failure> {
         let (ending, message) = match outcome {
-            Ok(()) => (Ending::Done, ""),
-            Err(Failure { code: 0, .. }) => (Ending::Left, ""),
-            Err(failure) if failure.is_interrupted() => (Ending::Interrupted, ""),
-            Err(Failure { message, .. }) => (Ending::Failed, message.as_str()),
+            Ok(()) => (Ending::Done, None),
+            Err(Failure::Left) => (Ending::Left, None),
+            Err(Failure::Interrupted { .. }) => (Ending::Interrupted, None),
+            Err(failure) => (Ending::Failed, Some(failure.to_string())),
         };
-        let message = message.lines().next().map(|line| line.trim_start_matches("error: "));
         let end = End {
             end: at(scheduler.tag().max(Tag::START)),
             outcome: ending,
-            message: message.map(str::to_owned),
+            message: message.and_then(|message| message.lines().next().map(str::to_owned)),
             physical: scheduler.stops_physically(),
             tardy: self.tardy,
             early: scheduler.leaves_early(),
@@ -179,5 +179,5 @@ fn action_name(program: &Program, action: ActionId) -> String {
 }
 
 fn unwritten(error: io::Error) -> Failure {
-    Failure::new(format!("error: cannot write the logical trace: {error}"))
+    Failure::Trace { file: "logical trace".to_owned(), reason: error.to_string() }
 }

@@ -82,8 +82,8 @@ impl Host for Closures {
         if let Some((payload, _)) = self.encoded.get(&key) {
             return Ok(payload.clone());
         }
-        let object = store.put(bytes, &[self.me]).map_err(|e| Failure::new(e.to_string()))?;
-        let hold = store.open(object).map_err(|e| Failure::new(e.to_string()))?;
+        let object = store.put(bytes, &[self.me]).map_err(|e| Failure::Store(e.to_string()))?;
+        let hold = store.open(object).map_err(|e| Failure::Store(e.to_string()))?;
         let payload = Payload { parts: vec![Part::Object(object)], ..Payload::default() };
         self.encoded.insert(key, (payload.clone(), hold));
         Ok(payload)

@@ -1,0 +1,385 @@
+//! What can go wrong with a running program, as values.
+//!
+//! A [`Failure`] says why a loop ends before its program does, in fields. How that is shown is up to its
+//! [`Report`], and what the process ends with is decided here, by [`Failure::exit_code`].
+
+mod report;
+
+use std::fmt::{self, Display};
+use std::io;
+
+use hprm_core::{ProgramError, Tag};
+use hprm_federated::{Fault, Refusal};
+use hprm_lf::{Severity, render};
+
+use crate::Address;
+use crate::link::descriptors::advice;
+pub use report::{Kind, Label, Report};
+
+/// The number of the signal that Ctrl-C sends.
+pub(crate) const SIGINT: i32 = 2;
+
+/// The exit code of a process that a signal has ended is higher than its number by this.
+const SIGNALLED: i32 = 128;
+
+/// Why a program ends before its last tag.
+///
+/// A new kind of failure is a new variant, with its kind in [`Self::kind`] and, if people can do
+/// something about it, its hint in [`Self::hint`].
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+pub enum Failure {
+    /// The program has chosen to leave, and all is well.
+    #[error("the program has left")]
+    Left,
+    /// A signal has asked the program to stop.
+    #[error("stopped by signal {signal}")]
+    Interrupted {
+        /// Its number.
+        signal: i32,
+    },
+    /// The program has chosen an exit code.
+    #[error("exited with code {code}")]
+    Exited {
+        /// As the program has named it.
+        code: i32,
+    },
+    /// The program has chosen its last words.
+    #[error("{said}")]
+    Quit {
+        /// These.
+        said: String,
+    },
+    /// Code of the program cannot go on.
+    #[error("{}", .0.message)]
+    Raised(Box<Raised>),
+    /// What the program is made of does not fit together.
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+    /// The text of the program has mistakes.
+    #[error("{}", mistakes(.0))]
+    Mistakes(Vec<Report>),
+    /// An option, a property or a variable cannot be obeyed.
+    #[error("{message}")]
+    Option {
+        /// What is wrong.
+        message: String,
+        /// What to do about it.
+        hint: Option<&'static str>,
+    },
+    /// The system refuses something.
+    #[error("{message}")]
+    System {
+        /// What cannot be done, and why.
+        message: String,
+        /// What to do about it.
+        hint: Option<String>,
+    },
+    /// Nothing can listen at an address.
+    #[error("{}cannot listen at {address}: {reason}", if *.rti { "the RTI " } else { "" })]
+    Listen {
+        /// Whether it is the RTI that would.
+        rti: bool,
+        /// Where.
+        address: Address,
+        /// Why not.
+        reason: String,
+        /// What to do about it.
+        hint: Option<&'static str>,
+    },
+    /// The logical trace cannot be written.
+    #[error("cannot write the {file}: {reason}")]
+    Trace {
+        /// Which file it is.
+        file: String,
+        /// Why.
+        reason: String,
+    },
+    /// There is no RTI to join.
+    #[error("no RTI at {address}: {reason}")]
+    NoRti {
+        /// Where it should be.
+        address: Address,
+        /// How that was noticed.
+        reason: String,
+        /// What to do about it.
+        hint: String,
+    },
+    /// There is an RTI, and this process cannot speak to it.
+    #[error("the RTI at {address}: {reason}")]
+    Stranger {
+        /// Where it is.
+        address: Address,
+        /// Why.
+        reason: String,
+    },
+    /// The RTI does not let this federate join.
+    #[error("the RTI refuses this federate: {0}")]
+    Refused(Refusal),
+    /// The link to the RTI has ended.
+    #[error("federation {program}: the link to the RTI is lost")]
+    RtiLost {
+        /// The program of the federation.
+        program: String,
+    },
+    /// A link cannot be used any more.
+    #[error("{0}")]
+    Link(String),
+    /// The other end does not follow the protocol.
+    #[error("the federation's protocol: {0}")]
+    Protocol(#[from] Fault),
+    /// The object store cannot do what it should.
+    #[error("the object store: {0}")]
+    Store(String),
+    /// There is no memory for a message.
+    #[error("{0}")]
+    Memory(String),
+    /// Another federate has failed, and so this one ends too. Its host has been told.
+    #[error("{}", .0.message)]
+    Abandoned(Box<Report>),
+    /// A federate of the federation has failed: the outcome of its RTI.
+    #[error("{}", .0.message)]
+    Federate(Box<Report>),
+}
+
+/// Code of a program that cannot go on: what it is, what happened, and where.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Raised {
+    /// Which code.
+    pub source: Source,
+    /// What happened, in a sentence.
+    pub message: String,
+    /// The file where it happened.
+    pub file: Option<String>,
+    /// The line of it, from 1.
+    pub line: Option<u32>,
+    /// The column of it, from 1.
+    pub column: Option<u32>,
+    /// The lines around the place, if they are to be shown.
+    pub excerpt: Option<String>,
+    /// More for people, on lines of its own: the way to the place, such as a traceback.
+    pub details: Option<String>,
+    /// What to do about it.
+    pub hint: Option<String>,
+}
+
+/// Code of a program.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Source {
+    /// A body of a reaction.
+    Reaction {
+        /// Its full name.
+        name: String,
+        /// When it ran.
+        tag: Tag,
+    },
+    /// A thread of the program's own.
+    Thread {
+        /// Its name.
+        name: String,
+    },
+    /// What makes bytes of the values of a connection.
+    Connection {
+        /// The output.
+        from: String,
+        /// The input.
+        to: String,
+    },
+    /// Something else: loading, perhaps.
+    Other(String),
+}
+
+impl Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reaction { name, .. } => write!(f, "reaction {name}"),
+            Self::Thread { name } => write!(f, "thread {name}"),
+            Self::Connection { from, to } => {
+                write!(f, "sending a value on connection {from} -> {to}")
+            }
+            Self::Other(what) => f.write_str(what),
+        }
+    }
+}
+
+impl Failure {
+    /// Ctrl-C has stopped the program.
+    #[must_use]
+    pub const fn interrupted() -> Self {
+        Self::Interrupted { signal: SIGINT }
+    }
+
+    /// The system does not do `what`.
+    #[must_use]
+    pub fn system(what: impl Display, error: &io::Error) -> Self {
+        let hint = advice(error).map(str::to_owned);
+        Self::System { message: format!("{what}: {error}"), hint }
+    }
+
+    /// Nothing can listen there: the RTI, or else a federate.
+    pub(crate) fn listen(rti: bool, address: &Address, error: &io::Error) -> Self {
+        let (address, reason) = (address.clone(), error.to_string());
+        Self::Listen { rti, address, reason, hint: advice(error) }
+    }
+
+    /// Code of the program cannot go on, and the message says all.
+    #[must_use]
+    pub fn raised(source: Source, message: impl Into<String>) -> Self {
+        let message = message.into();
+        let (file, line, column, excerpt, details, hint) = (None, None, None, None, None, None);
+        let raised = Raised { source, message, file, line, column, excerpt, details, hint };
+        Self::Raised(Box::new(raised))
+    }
+
+    /// An option or a property is wrong, and the message says all.
+    #[must_use]
+    pub fn option(message: impl Into<String>) -> Self {
+        Self::Option { message: message.into(), hint: None }
+    }
+
+    /// The object store is wrong.
+    #[must_use]
+    pub(crate) fn store(reason: &dyn Display) -> Self {
+        Self::Store(reason.to_string())
+    }
+
+    /// The mistakes that the front end has found, with `color` in what people see of them.
+    #[must_use]
+    pub fn mistakes(found: &hprm_lf::Failure, color: bool) -> Self {
+        let hprm_lf::Failure { diagnostics, sources } = found;
+        let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error);
+        let report = |found: &hprm_lf::Diagnostic| {
+            let position = sources.position(found.span);
+            Report {
+                diagnostic: Some(found.code.to_string()),
+                file: Some(sources.path(found.span.file).to_string()),
+                line: Some(position.line),
+                column: Some(position.column),
+                hint: found.hint.clone(),
+                rendered: Some(render(found, sources, color).trim_end().to_owned()),
+                ..Report::new(Kind::Program, found.message.clone())
+            }
+        };
+        Self::Mistakes(errors.map(report).collect())
+    }
+
+    /// Adds what to do about code that cannot go on.
+    #[must_use]
+    pub fn with_hint(mut self, hint: &str) -> Self {
+        if let Self::Raised(raised) = &mut self {
+            raised.hint = Some(match raised.hint.take() {
+                Some(other) => format!("{hint}; {other}"),
+                None => hint.to_owned(),
+            });
+        }
+        self
+    }
+
+    /// What kind of thing has happened.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Left => Kind::Left,
+            Self::Interrupted { .. } => Kind::Interrupted,
+            Self::Exited { .. } => Kind::Exit,
+            Self::Quit { .. } => Kind::Quit,
+            Self::Raised(raised) => match raised.source {
+                Source::Reaction { .. } => Kind::Reaction,
+                Source::Thread { .. } => Kind::Thread,
+                Source::Connection { .. } => Kind::Connection,
+                Source::Other(_) => Kind::Code,
+            },
+            Self::Program(_) | Self::Mistakes(_) => Kind::Program,
+            Self::Option { .. } => Kind::Option,
+            Self::System { .. } | Self::Listen { .. } => Kind::System,
+            Self::Trace { .. } => Kind::Trace,
+            Self::NoRti { .. } | Self::Stranger { .. } | Self::RtiLost { .. } => Kind::Rti,
+            Self::Refused(_) => Kind::Refused,
+            Self::Link(_) => Kind::Link,
+            Self::Protocol(_) => Kind::Protocol,
+            Self::Store(_) => Kind::Store,
+            Self::Memory(_) => Kind::Memory,
+            Self::Abandoned(report) | Self::Federate(report) => report.kind,
+        }
+    }
+
+    /// What a process ends with that has failed so.
+    #[must_use]
+    pub fn exit_code(&self) -> i32 {
+        match self {
+            Self::Left => 0,
+            Self::Interrupted { signal } => exit_code(SIGNALLED + signal),
+            Self::Exited { code } => exit_code(*code),
+            Self::Federate(report) => exit_code(report.code),
+            _ => 1,
+        }
+    }
+
+    /// Whether a person has nothing to be told: the end is as it was asked for, or somebody else tells.
+    #[must_use]
+    pub fn is_quiet(&self) -> bool {
+        matches!(
+            self,
+            Self::Left | Self::Interrupted { .. } | Self::Exited { .. } | Self::Abandoned(_)
+        )
+    }
+
+    /// What is told to those who ask for it in one piece, such as other processes.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let plain = Report { code: self.exit_code(), ..Report::new(self.kind(), self.to_string()) };
+        match self {
+            Self::Raised(raised) => raised.report(plain),
+            Self::Abandoned(report) | Self::Federate(report) => {
+                Report { code: plain.code, ..(**report).clone() }
+            }
+            Self::Quit { said } => Report { rendered: Some(said.clone()), ..plain },
+            _ => Report { hint: self.hint().map(str::to_owned), ..plain },
+        }
+    }
+
+    /// What is told one by one to people and to programs that watch; empty if there is nothing.
+    #[must_use]
+    pub fn reports(&self) -> Vec<Report> {
+        match self {
+            Self::Mistakes(reports) => reports.clone(),
+            failure if failure.is_quiet() => Vec::new(),
+            failure => vec![failure.report()],
+        }
+    }
+
+    /// What to do about it.
+    fn hint(&self) -> Option<&str> {
+        match self {
+            Self::Option { hint, .. } | Self::Listen { hint, .. } => *hint,
+            Self::System { hint, .. } => hint.as_deref(),
+            Self::NoRti { hint, .. } => Some(hint),
+            Self::Memory(_) => Some(
+                "drop values sooner, or let this process have more memory (ulimit -v, the limit of its \
+                 container); what fits into the object store of its sender needs none in its receivers",
+            ),
+            _ => None,
+        }
+    }
+}
+
+impl Raised {
+    fn report(&self, plain: Report) -> Report {
+        let Self { source, file, line, column, excerpt, details, hint, .. } = self.clone();
+        let (reaction, tag) = match source {
+            Source::Reaction { name, tag } => (Some(name), Some((tag.time, tag.microstep))),
+            _ => (None, None),
+        };
+        Report { reaction, tag, file, line, column, excerpt, details, hint, ..plain }
+    }
+}
+
+/// What of a failure's code the system can carry, and nothing takes for success.
+#[must_use]
+pub fn exit_code(code: i32) -> i32 {
+    if (1..=255).contains(&code) { code } else { 1 }
+}
+
+fn mistakes(reports: &[Report]) -> String {
+    let messages: Vec<_> = reports.iter().map(|report| report.message.as_str()).collect();
+    messages.join("\n")
+}
