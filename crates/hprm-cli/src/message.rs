@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 /// What went wrong, and what to do about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Error(Report);
+pub(crate) struct Error(Box<Report>);
 
 impl Error {
     /// That the command cannot do what it was asked for. The first line of `message` is a sentence
@@ -23,22 +23,22 @@ impl Error {
 
     /// A failure of some kind.
     pub(crate) fn of(kind: Kind, message: impl Into<String>) -> Self {
-        Self(Report::new(kind, message))
+        Self::from(Report::new(kind, message))
     }
 
     /// Adds what to do about it.
     pub(crate) fn hint(self, hint: impl Into<String>) -> Self {
-        Self(self.0.hint(hint))
+        Self::from(self.0.hint(hint))
     }
 
     /// Says which federate it is about.
     pub(crate) fn federate(self, name: impl Into<String>) -> Self {
-        Self(self.0.of(name))
+        Self::from(self.0.of(name))
     }
 
     /// Says what the command ends with.
     pub(crate) fn code(self, code: i32) -> Self {
-        Self(Report { code, ..self.0 })
+        Self::from(Report { code, ..*self.0 })
     }
 
     /// What is told.
@@ -69,13 +69,13 @@ impl Error {
 
 impl From<Report> for Error {
     fn from(report: Report) -> Self {
-        Self(report)
+        Self(Box::new(report))
     }
 }
 
 impl From<&Failure> for Error {
     fn from(failure: &Failure) -> Self {
-        Self(failure.report())
+        Self::from(failure.report())
     }
 }
 
