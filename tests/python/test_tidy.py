@@ -26,7 +26,7 @@ UNSAFE_ROOMS = {
 }
 
 # Where the words of the glossary are used and retired ones are gone; in the end, everywhere.
-CLEANED_UP = ("crates/hprm-store/",)
+CLEANED_UP = ("crates/hprm-core/", "crates/hprm-store/")
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")
 

@@ -1,26 +1,26 @@
 //! Building a [`Program`]: the one place that validates the instance graph.
 //!
 //! The builder checks what the runtime relies on: one source per port, no causality loop, federates
-//! at the top level. What a source language forbids beyond that is for its front end to say.
+//! at the top level. A front end reports what its source language forbids beyond that.
 
 use std::collections::BTreeSet;
 
-use crate::level::{self, Loop, Precedence};
+use crate::level::{self, CausalityLoop, Precedence};
 use crate::reach;
 use crate::{
-    Action, ActionId, Channel, Confined, Connection, ConnectionId, Delay, Direction, Effect,
-    Federate, FederateId, Mode, ModeId, Nanos, Origin, Port, PortId, Program, Properties, Reaction,
-    ReactionId, Reactor, ReactorId, Spacing, Table, Timer, TimerId, Trigger,
+    Action, ActionId, Channel, Connection, ConnectionId, Delay, Direction, Effect, Federate,
+    FederateId, ModalElement, Mode, ModeId, Nanos, Origin, Port, PortId, Program, Properties,
+    Reaction, ReactionId, Reactor, ReactorId, Spacing, Table, Timer, TimerId, Trigger,
 };
 
 /// Why a graph is not a program.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProgramError {
-    /// Reactions that each must run before the next at the same tag, in a circle.
-    #[error("reactions depend on one another in a circle, without a delay: {names}")]
+    /// Reactions that each must run before the next at the same tag, in a cycle.
+    #[error("reactions depend on one another in a cycle without a delay: {names}")]
     CausalityLoop {
-        /// The circle; the last precedes the first.
+        /// The cycle; the last precedes the first.
         reactions: Vec<ReactionId>,
         /// Their names, with arrows.
         names: String,
@@ -35,10 +35,10 @@ pub enum ProgramError {
         /// The connections that set it; one, if the other source is a reaction.
         connections: Vec<ConnectionId>,
     },
-    /// Connections that lead in a circle, with no reaction among them.
+    /// Connections that form a cycle, with no reaction among them.
     #[error("port {name} is connected to itself, through other ports")]
     ConnectionLoop {
-        /// A port of the circle.
+        /// A port of the cycle.
         port: PortId,
         /// Its full name.
         name: String,
@@ -245,15 +245,15 @@ impl ProgramBuilder {
         self.program.modes.push(Mode { name: name.to_owned(), reactor, initial })
     }
 
-    /// Puts something into a mode of the reactor that declares it.
-    pub fn confine(&mut self, what: Confined, mode: ModeId) {
+    /// Puts an element into a mode of the reactor that declares it.
+    pub fn put_in_mode(&mut self, element: ModalElement, mode: ModeId) {
         let program = &mut self.program;
-        let place = match what {
-            Confined::Reactor(id) => &mut program.reactors[id].mode,
-            Confined::Action(id) => &mut program.actions[id].mode,
-            Confined::Timer(id) => &mut program.timers[id].mode,
-            Confined::Reaction(id) => &mut program.reactions[id].mode,
-            Confined::Connection(id) => &mut program.connections[id].mode,
+        let place = match element {
+            ModalElement::Reactor(id) => &mut program.reactors[id].mode,
+            ModalElement::Action(id) => &mut program.actions[id].mode,
+            ModalElement::Timer(id) => &mut program.timers[id].mode,
+            ModalElement::Reaction(id) => &mut program.reactions[id].mode,
+            ModalElement::Connection(id) => &mut program.connections[id].mode,
         };
         *place = Some(mode);
     }
@@ -284,7 +284,7 @@ impl ProgramBuilder {
     pub fn build(mut self) -> Result<Program, ProgramError> {
         self.check_modes()?;
         self.check_sources()?;
-        self.check_circles()?;
+        self.check_cycles()?;
         self.check_federates()?;
         self.find_channels();
         match level::precedence(&self.program) {
@@ -297,7 +297,7 @@ impl ProgramBuilder {
                 self.find_ends();
                 Ok(self.program)
             }
-            Err(Loop(reactions)) => {
+            Err(CausalityLoop(reactions)) => {
                 const SHOWN: usize = 20;
                 let shown = reactions.iter().take(SHOWN).map(|r| self.program.reaction_name(*r));
                 let mut names = shown.collect::<Vec<_>>().join(" -> ");
@@ -356,8 +356,8 @@ impl ProgramBuilder {
         Ok(())
     }
 
-    /// A circle of plain connections holds no value that anything could have set.
-    fn check_circles(&self) -> Result<(), ProgramError> {
+    /// A cycle of plain connections has no value, because no reaction could set one.
+    fn check_cycles(&self) -> Result<(), ProgramError> {
         let program = &self.program;
         let mut followers: Table<PortId, Vec<PortId>> =
             Table::filled(program.ports.len(), Vec::new());
@@ -366,7 +366,7 @@ impl ProgramBuilder {
             followers[connection.from].push(connection.to);
             sources[connection.to] += 1;
         }
-        // Take away, again and again, what has no source left.
+        // Remove, again and again, the connections that have no source left.
         let mut free: Vec<PortId> = sources.ids().filter(|port| sources[*port] == 0).collect();
         while let Some(port) = free.pop() {
             for follower in &followers[port] {

@@ -1,4 +1,4 @@
-//! What a program says of the clocks of its federates. Reading clocks is others' business.
+//! The options of a program for the clocks of its federates. Drivers read the clocks.
 
 use crate::Nanos;
 
@@ -21,7 +21,7 @@ pub struct ClockSyncOptions {
     pub mode: ClockSyncMode,
     /// `local-federates-on`: also on the host of the RTI, whose clock is the same anyway.
     pub local_federates: bool,
-    /// `test-offset`: how wrong a federate's clock is made at first.
+    /// `test-offset`: the error that a federate's clock is given at first.
     pub test_offset: Nanos,
     /// `period`: between two comparisons while the program runs.
     pub period: Nanos,

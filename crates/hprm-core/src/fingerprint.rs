@@ -1,8 +1,8 @@
-//! What the processes of a federation must have alike, and in what two programs differ.
+//! What must be equal in all processes of a federation, and how two programs differ.
 //!
-//! A fingerprint is a list of facts. Its digest tells whether two programs agree; the facts tell a
-//! person in what they do not. Which facts a program has is in `program`; a front end adds its own,
-//! about what only it knows, such as the bodies of reactions.
+//! A fingerprint is a list of facts. Its digest tells whether two programs agree; the facts tell the user
+//! how they differ. Which facts a program has is in `program`; a front end adds its own facts, for
+//! example about the bodies of reactions.
 
 mod program;
 #[cfg(test)]
@@ -22,7 +22,7 @@ const LONGEST_TEXT: usize = 160;
 /// The longest report, in bytes.
 const LONGEST_REPORT: usize = 4 << 20;
 
-/// The most differences that are told one by one.
+/// The most differences that are listed one by one.
 const MOST_DIFFERENCES: usize = 5;
 
 /// One fact about a program.
@@ -30,29 +30,29 @@ const MOST_DIFFERENCES: usize = 5;
 pub struct Fact {
     /// What it is about: `timer camera.t`. No two facts of a program have the same subject.
     pub subject: String,
-    /// Where that is written, for people: `Main.lf:7`. It may differ.
+    /// Where that is written, for the user: `Main.lf:7`. It may differ.
     pub place: String,
     /// Whether a process may lack it, such as a module that only another federate imports: then it is
     /// compared where both have it.
     pub optional: bool,
-    /// What is so.
+    /// The content of the fact.
     pub content: Content,
 }
 
 /// What a fact says of its subject.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub enum Content {
-    /// Something that a person can read: `1 s`.
+    /// A short text: `1 s`.
     Text(String),
     /// The digest of something longer.
     Digest(u64),
-    /// The digest of an order, which differs also if there is more or less to be ordered: it is told
-    /// only if nothing else differs.
+    /// The digest of an order. It differs also if there are more or fewer elements, so the difference is
+    /// reported only if no other fact differs.
     Order(u64),
 }
 
 impl Fact {
-    /// A fact that a person can read. If the text is long, its digest is compared.
+    /// A fact with a text. If the text is long, its digest is compared.
     #[must_use]
     pub fn text(subject: String, text: String) -> Self {
         let content = match text.len() {
@@ -62,13 +62,13 @@ impl Fact {
         Self::new(subject, content)
     }
 
-    /// A fact about something long, which comes in pieces; how it is cut matters.
+    /// A fact with a long content, in pieces; the boundaries between pieces matter.
     #[must_use]
     pub fn digest<'a>(subject: String, pieces: impl IntoIterator<Item = &'a [u8]>) -> Self {
         Self::new(subject, Content::Digest(digest(pieces)))
     }
 
-    /// A fact about the order of things that have names.
+    /// A fact about the order of elements that have names.
     #[must_use]
     pub fn order<'a>(subject: String, names: impl IntoIterator<Item = &'a str>) -> Self {
         let names = names.into_iter().map(str::as_bytes);
@@ -79,7 +79,7 @@ impl Fact {
         Self { subject, place: String::new(), optional: false, content }
     }
 
-    /// The same about something that a process may lack.
+    /// The same fact, marked as one that a process may lack.
     #[must_use]
     pub fn if_present(self) -> Self {
         Self { optional: true, ..self }
@@ -100,8 +100,8 @@ impl Fact {
     }
 }
 
-/// A digest that is the same on every machine and in every version of the compiler. It is no defence
-/// against a process that wants to lie: only members of the federation are compared.
+/// A digest that is the same on every machine and in every version of the compiler. It does not protect
+/// against a process that forges it: only members of the federation are compared.
 fn digest<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> u64 {
     let mut hash = XxHash3_128::new();
     for piece in pieces {
@@ -111,7 +111,7 @@ fn digest<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> u64 {
     (hash.finish_128() >> 64) as u64
 }
 
-/// What a process must have like all others of its federation.
+/// What must be equal in all processes of a federation.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Fingerprint {
     facts: Vec<Fact>,
@@ -125,7 +125,7 @@ impl Hash for Fingerprint {
 }
 
 impl Fingerprint {
-    /// A fingerprint of these facts, in the order in which differences are to be told. Of facts with
+    /// A fingerprint of these facts, in the order in which differences are reported. Of facts with
     /// one subject the later ones are numbered.
     #[must_use]
     pub fn new(mut facts: Vec<Fact>) -> Self {
@@ -157,8 +157,8 @@ impl Fingerprint {
         if is_short(&summary) { summary } else { whole(&self.facts) }
     }
 
-    /// In what the program with these reported facts, which `other` runs, differs from this one, which
-    /// `this` runs: sentences for people, the most telling first. None if they agree.
+    /// How the program with these reported facts, which `other` runs, differs from this one, which `this`
+    /// runs: sentences for the user, the most important first. None if they agree.
     #[must_use]
     pub fn differences(&self, this: &str, reported: &[Fact], other: &str) -> Vec<String> {
         let own = match reported {
@@ -243,7 +243,7 @@ fn difference((own, this): (&Fact, &str), (their, other): (&Fact, &str)) -> Opti
     })
 }
 
-/// What is to be said of a fact that only one of two processes has.
+/// The sentence about a fact that only one of two processes has.
 fn only(fact: &Fact, here: &str, elsewhere: &str) -> Option<String> {
     let tells = !fact.optional && !is_order(fact);
     tells

@@ -1,28 +1,28 @@
 //! Levels: which reactions must run before which at one tag.
 //!
 //! A reaction precedes the next one of its reactor, and every reaction that can read, at the same
-//! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order. What
-//! precedes a reaction with a deadline inherits it. What is never active at one tag, because it lies
-//! in different modes of a reactor, does not order either; but the reactions of one reactor do,
-//! whatever their modes.
+//! tag, what it writes (handbook, "causality"). Delayed and physical connections do not order. A
+//! reaction that precedes one with a deadline inherits it. Reactions that are never active at one tag,
+//! because they are in different modes of a reactor, are not ordered either; but the reactions of one
+//! reactor are, whatever their modes.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use crate::{ModeId, Nanos, PortId, Program, ReactionId, Table, Trigger};
 
-/// A circle of reactions.
-pub(crate) struct Loop(pub(crate) Vec<ReactionId>);
+/// A cycle of reactions.
+pub(crate) struct CausalityLoop(pub(crate) Vec<ReactionId>);
 
-/// What follows from the order of the reactions.
+/// The levels and deadlines that follow from the order of the reactions.
 pub(crate) struct Precedence {
     /// The length of the longest chain of reactions before each one.
     pub(crate) levels: Table<ReactionId, u32>,
-    /// The tightest deadline among each one and all that must run after it.
+    /// The tightest deadline of each one and all that must run after it.
     pub(crate) inferred_deadlines: Table<ReactionId, Nanos>,
 }
 
 /// Orders the reactions.
-pub(crate) fn precedence(program: &Program) -> Result<Precedence, Loop> {
+pub(crate) fn precedence(program: &Program) -> Result<Precedence, CausalityLoop> {
     let successors = successors(program);
     let mut waiting_for: Table<ReactionId, usize> = Table::filled(program.reactions.len(), 0);
     for follower in successors.values().flatten() {
@@ -42,7 +42,7 @@ pub(crate) fn precedence(program: &Program) -> Result<Precedence, Loop> {
         }
     }
     if sorted.len() < program.reactions.len() {
-        return Err(Loop(circle(&successors, &waiting_for)));
+        return Err(CausalityLoop(find_cycle(&successors, &waiting_for)));
     }
     let declared = program.reactions.values().map(|reaction| reaction.deadline);
     let mut inferred: Table<ReactionId, Nanos> =
@@ -70,11 +70,12 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
             successors[earlier].push(id);
         }
         let follows = |reader: &&ReactionId| !program.are_exclusive(modes[id], modes[**reader]);
-        // What a later reaction of this reactor writes too follows that one, and so this one.
+        // If a later reaction of this reactor writes the port too, its readers follow that reaction, and
+        // so this one.
         let is_last = |port: &PortId| last.get(&(*port, modes[id])) == Some(&id);
         let mut pending: Vec<PortId> = program.written_ports(id).filter(is_last).collect();
         while let Some(port) = pending.pop() {
-            // By way of several modes, several paths can lead to one port.
+            // Connections in several modes can make several paths to one port.
             if reached[port].replace(id) == Some(id) {
                 continue;
             }
@@ -87,7 +88,7 @@ fn successors(program: &Program) -> Table<ReactionId, Vec<ReactionId>> {
     successors
 }
 
-/// The last reaction, in each mode, that writes a port; all that do are in one reactor.
+/// The last reaction, in each mode, that writes a port; all reactions that write it are in one reactor.
 fn last_writers(
     program: &Program,
     modes: &Table<ReactionId, Option<ModeId>>,
@@ -113,7 +114,7 @@ fn readers(program: &Program) -> Table<PortId, Vec<ReactionId>> {
     readers
 }
 
-/// Where each port's value appears at the same tag, one connection further.
+/// The ports at which each port's value appears at the same tag, one connection further.
 fn direct_followers(program: &Program) -> Table<PortId, Vec<PortId>> {
     let mut followers: Table<PortId, Vec<PortId>> = Table::filled(program.ports.len(), Vec::new());
     for connection in program.connections.values().filter(|c| c.is_direct()) {
@@ -122,12 +123,13 @@ fn direct_followers(program: &Program) -> Table<PortId, Vec<PortId>> {
     followers
 }
 
-/// One circle among the reactions that still wait for another.
-fn circle(
+/// One cycle among the reactions that still wait for another.
+fn find_cycle(
     successors: &Table<ReactionId, Vec<ReactionId>>,
     waiting_for: &Table<ReactionId, usize>,
 ) -> Vec<ReactionId> {
-    // Everything left waits for something left, so walking back must return to where it has been.
+    // Each reaction that is left waits for another one that is left, so a walk back along predecessors
+    // must reach a reaction for the second time.
     let mut predecessor: Table<ReactionId, Option<ReactionId>> =
         Table::filled(waiting_for.len(), None);
     for (id, next) in successors.iter().filter(|(id, _)| waiting_for[*id] > 0) {

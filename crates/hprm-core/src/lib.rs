@@ -1,8 +1,8 @@
 //! The reactor model: tags, the program graph, levels, the event queue and the scheduler.
 //!
 //! This crate is pure. It never reads a clock, opens a socket, starts a thread or touches a file;
-//! time is an argument and values are a type parameter. What runs a reaction's body, and what
-//! carries a message to another federate, is someone else's business.
+//! time is an argument and values are a type parameter. A driver runs the bodies of reactions and
+//! carries messages to other federates.
 //!
 //! Where to start: [`Tag`] and [`Delay`] are the algebra of time, [`Program`] is the checked
 //! instance graph that [`ProgramBuilder`] builds, [`Scheduler`] executes it.
@@ -10,7 +10,6 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
-mod agenda;
 mod builder;
 mod clock_sync;
 mod fingerprint;
@@ -24,9 +23,11 @@ mod program;
 mod queue;
 mod reach;
 mod scheduler;
+mod scope;
 mod spacing;
 mod store_options;
 mod tag;
+mod tag_map;
 mod wiring;
 
 pub mod limits;
@@ -38,16 +39,17 @@ pub use id::{
     ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, ReactionId, ReactorId, Table,
     TimerId,
 };
-pub use mode::{Confined, Mode, Transition};
+pub use mode::{ModalElement, Mode, Transition};
 pub use object::{NoMemory, ObjectRef, Part, Payload, copy_of, zeroed};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Spin, Timer, Trigger,
 };
 pub use scheduler::{
-    Body, Effects, Found, Input, Record, Request, Scheduled, Scheduler, Send, Turn,
+    Body, Effects, InputId, InputValue, OutboundMessage, ReactionRecord, ScheduleRequest,
+    Scheduled, Scheduler, Turn,
 };
+pub use scope::Scope;
 pub use spacing::{Policy, Spacing};
 pub use store_options::{StoreOptions, WhenFull, read_size};
 pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};
-pub use wiring::Scope;

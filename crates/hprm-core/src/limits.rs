@@ -15,7 +15,7 @@ pub const EAGER_BUFFER: usize = INLINE_LIMIT + 4 * 1024;
 /// parts then, and only what describes it has to be one frame.
 pub const FRAME_LIMIT: usize = 16 << 20;
 
-/// How many bytes of messages a federate may have under way to another one when it begins a tag.
+/// How many bytes of messages to one receiver may be unprocessed when a federate begins a tag.
 pub const FLOW_LIMIT: u64 = 8 << 20;
 
 /// The most federates in one federation.

@@ -1,4 +1,4 @@
-//! Many short lists in one piece of memory, by id: what a scheduler walks through at every tag.
+//! Many short lists in one piece of memory, by id: a scheduler reads them at every tag.
 
 use std::fmt;
 use std::marker::PhantomData;

@@ -1,7 +1,7 @@
 //! Modes: parts of a reactor of which one is active at a time.
 //!
 //! This file owns the static side: which mode encloses what, and what can never be active together.
-//! Changing modes while a program runs is the scheduler's business.
+//! The scheduler changes modes while a program runs.
 
 use crate::{
     ActionId, Connection, ConnectionId, Direction, ModeId, PortId, Program, ReactionId, ReactorId,
@@ -22,15 +22,15 @@ pub struct Mode {
 /// How a mode is entered.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Transition {
-    /// As if for the first time: timers start over, and events that waited are forgotten.
+    /// As if for the first time: timers start again, and suspended events are removed.
     Reset,
-    /// As it was left: what waited goes on waiting for the rest of its time.
+    /// As it was left: suspended events wait for the rest of their time.
     History,
 }
 
-/// What can be declared in a mode.
+/// What can be declared in a mode (handbook, "modal models").
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Confined {
+pub enum ModalElement {
     /// A contained reactor.
     Reactor(ReactorId),
     /// An action.
@@ -62,7 +62,7 @@ impl Program {
         self.enclosing_mode(self.modes[mode].reactor, None)
     }
 
-    /// A mode and those around it, from the inside out.
+    /// A mode and the modes around it, from the inside out.
     pub(crate) fn modes_around(&self, mode: Option<ModeId>) -> impl Iterator<Item = ModeId> {
         std::iter::successors(mode, |mode| self.outer_mode(*mode))
     }
@@ -93,9 +93,10 @@ impl Program {
         self.enclosing_mode(reaction.reactor, reaction.mode)
     }
 
-    /// By connection, whether it is a plain one that must ask, whenever a value comes along, if its
-    /// mode is active. Where its source lies in its mode, nothing comes along otherwise, and if it is
-    /// the only one that feeds its destination, both ends can be one.
+    /// By connection, whether it is a plain one of which the mode must be checked for each value. No
+    /// check is needed if its source is in the same mode, because then there is a value only while the
+    /// mode is active. If such a connection is the only one that feeds its destination, both ends can be
+    /// one.
     pub(crate) fn conditional_connections(&self) -> Table<ConnectionId, bool> {
         let mut feeds: Table<PortId, usize> = Table::filled(self.ports.len(), 0);
         for connection in self.connections.values() {

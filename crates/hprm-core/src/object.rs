@@ -1,19 +1,19 @@
 //! What a message carries: a head, and buffers that are either inline or in an object store.
 //!
-//! Plain data. Who writes the bytes, who maps them and who gives them back is the store's business.
+//! Plain data. The store writes, maps and releases the bytes.
 
 use serde::{Deserialize, Serialize};
 
 use crate::FederateId;
 
-/// Where a sealed object lies: about 40 bytes that stand for any number of them.
+/// A reference to a sealed object: about 40 bytes in place of any number of them.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub struct ObjectRef {
     /// The federate whose store holds the object.
     pub owner: FederateId,
     /// The number that the owner gave the object; never used twice.
     pub serial: u64,
-    /// The owner's segment that holds it.
+    /// The owner's segment in which it is.
     pub segment: u32,
     /// First byte in the segment.
     pub offset: u64,
@@ -30,7 +30,7 @@ pub enum Part {
     Object(ObjectRef),
 }
 
-/// A value on its way from one federate to another (paper, section III-C, adaptive serialization).
+/// A value that one federate sends to another (paper, section III-C, adaptive serialization).
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub struct Payload {
     /// The structure of the value, and the small things in it.
@@ -42,8 +42,8 @@ pub struct Payload {
     pub physical: bool,
 }
 
-/// The system has no memory for so many bytes of a message. Messages are as long as programs make them,
-/// so that is no reason to abort.
+/// The system has no memory for so many bytes of a message. A program decides how long its messages are,
+/// so the process does not abort.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
 #[error("no memory is left for {0} bytes of a message")]
 pub struct NoMemory(pub usize);

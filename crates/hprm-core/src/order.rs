@@ -1,25 +1,24 @@
 //! The order in which reactions take their turns at a tag: a total one, known before the run.
 //!
-//! Reactions of one rank do not depend on one another; whatever precedes a reaction has a lower
+//! Reactions of one rank do not depend on one another; a reaction that precedes another one has a lower
 //! rank. Within a rank the order is that of the program.
 //!
-//! Whatever triggers reactions triggers the same ones each time, so they are kept as [`Batch`]es: a
-//! set of positions that is made of words takes a word of them at once.
+//! A trigger triggers the same reactions each time, so they are kept as [`Batch`]es: a bit set of
+//! positions can add all reactions of one of its words at once.
 
 use std::ops::Range;
 
 use crate::id::Id;
-use crate::wiring::Scope;
-use crate::{Program, Reaction, ReactionId, Table};
+use crate::{Program, Reaction, ReactionId, Scope, Table};
 
-/// A place in the order.
+/// A position in the order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub(crate) struct Position(pub(crate) u32);
 
 /// Positions that share a word of a set of positions.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub(crate) struct Batch {
-    /// Which word that is.
+    /// The index of the word.
     pub(crate) word: u32,
     /// A bit for every position.
     pub(crate) bits: u64,
@@ -31,14 +30,14 @@ impl Position {
         self.0 / u64::BITS
     }
 
-    /// Its bit there.
+    /// Its bit in that word.
     pub(crate) const fn bit(self) -> u64 {
         1 << (self.0 % u64::BITS)
     }
 }
 
 impl Batch {
-    /// The positions that are listed for each id, which come out in batches.
+    /// Groups the positions that are listed for each id into batches.
     pub(crate) fn all<I: Id>(mut listed: Vec<(I, Position)>) -> Vec<(I, Self)> {
         listed.sort_unstable_by_key(|(id, position)| (id.index(), *position));
         let mut batches: Vec<(I, Self)> = Vec::new();
@@ -67,16 +66,16 @@ impl Batch {
 pub(crate) struct Order {
     /// By position.
     reactions: Vec<ReactionId>,
-    /// Of a reaction from elsewhere, it means nothing.
+    /// Meaningless for reactions outside of the scope.
     positions: Table<ReactionId, Position>,
-    /// By position, where its rank begins and ends.
+    /// By position, the range of its rank.
     ranks: Vec<Range<u32>>,
 }
 
 impl Order {
     /// By level, and if deadlines go first, by inferred deadline before that, as in Lingua Franca.
-    /// A reaction's inferred deadline is no later than those of the reactions after it, so either
-    /// way it comes before them.
+    /// A reaction's inferred deadline is no later than those of the reactions after it, so it comes
+    /// before them in both cases.
     pub(crate) fn new(program: &Program, scope: Scope) -> Self {
         let by_deadline = program.properties.deadlines_first;
         let rank = |reaction: &Reaction| {
@@ -132,7 +131,7 @@ mod tests {
     use crate::TimerId;
 
     #[test]
-    fn a_batch_holds_what_shares_a_word_and_an_id() {
+    fn a_batch_has_positions_of_one_word_and_one_id() {
         let listed = [(1, 3), (0, 70), (1, 64), (1, 0), (1, 65), (2, 65)];
         let listed = listed.map(|(id, position)| (TimerId(id), Position(position)));
         let batches = Batch::all(listed.to_vec());

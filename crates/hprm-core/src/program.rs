@@ -1,9 +1,9 @@
 //! The checked, flat instance graph of a program.
 //!
 //! A `Program` is built once, by [`ProgramBuilder`](crate::ProgramBuilder), which is the only
-//! place that validates; whoever holds one may rely on its ids and levels. It is the same in every
-//! federate: a federate runs the whole program's share that lies within its own reactor. It knows
-//! nothing of bodies, source text or Python.
+//! place that validates; code that has one may rely on its ids and levels. It is the same in every
+//! federate: a federate runs the part of the program that is in its own reactor. It has no bodies, no
+//! source text and nothing of Python.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ pub enum Coordination {
     Decentralized,
 }
 
-/// Whether a process looks for news again and again, before it lets the kernel put it to sleep.
+/// How long a process busy-polls, before it lets the kernel put it to sleep.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Spin {
     /// For a short time, and only if every process of the federation has a processor of its own.
@@ -41,23 +41,24 @@ pub struct Properties {
     pub start_time_multiple: Nanos,
     /// Do not wait for physical time.
     pub fast: bool,
-    /// Do not stop when nothing is left to do. A federate alone never does: it cannot know.
+    /// Do not stop when nothing is left to do. A federate alone never stops for that: it does not know
+    /// what others may send.
     pub keepalive: bool,
-    /// Of reactions that do not depend on one another, run first what leads to a tighter deadline.
+    /// Of reactions that do not depend on one another, run those first that lead to a tighter deadline.
     pub deadlines_first: bool,
     /// How many reactions that do not depend on one another may run at the same time, each in a
-    /// thread. Zero is as many as there are processors; without a word of it, one.
+    /// thread. Zero is as many as there are processors; the default is one.
     pub workers: Option<u32>,
     /// How the federates of a federation are coordinated.
     pub coordination: Coordination,
-    /// Whether federates and the RTI look for messages before they sleep.
+    /// Whether federates and the RTI busy-poll before they sleep.
     pub spin: Spin,
-    /// The real-time priority of what runs the program, from 1 to 99, if it has one.
+    /// The real-time priority of the processes that run the program, from 1 to 99, if they have one.
     pub realtime: Option<u8>,
     /// The processors of the federates: the first one of the first, and so on, from the start again if
-    /// there are more federates. If empty, wherever the system puts them.
+    /// there are more federates. If empty, the system chooses.
     pub cpus: Vec<u32>,
-    /// Whether centralized federates report every next event, even if nobody waits for it.
+    /// Whether centralized federates report every next event tag, even if no other federate needs it.
     pub reports_all: bool,
     /// How the federates' clocks are compared.
     pub clock_sync: ClockSyncOptions,
@@ -70,13 +71,13 @@ pub struct Reactor {
     pub name: String,
     /// The reactor that contains it; none for the main reactor.
     pub parent: Option<ReactorId>,
-    /// The mode of `parent` that it lives in, if it does.
+    /// The mode of `parent` in which it is declared, if any.
     pub mode: Option<ModeId>,
     /// The federate that it belongs to; none for the main reactor and in unfederated programs.
     pub federate: Option<FederateId>,
 }
 
-/// Whether a port takes or gives.
+/// Whether a port is an input or an output.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Direction {
     /// An input of its reactor.
@@ -116,7 +117,7 @@ pub struct Action {
     pub origin: Origin,
     /// Added to every delay with which it is scheduled.
     pub min_delay: Nanos,
-    /// How close its events may be; without one, they pile up in superdense time.
+    /// How close its events may be; without one, events for the same tag get later microsteps.
     pub spacing: Option<Spacing>,
     /// The mode of its reactor that it is declared in.
     pub mode: Option<ModeId>,
@@ -230,11 +231,11 @@ pub struct Federate {
     pub maxwait: Nanos,
     /// The host that the program names for it (`at`).
     pub host: Option<String>,
-    /// Whether it may join a federation that runs, leave it, and come back (`@transient`).
+    /// Whether it may join a federation that runs, leave it, and join again (`@transient`).
     pub transient: bool,
 }
 
-/// A connection between two federates, as the network sees it.
+/// A connection between two federates, on which messages are sent.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Channel {
     /// The connection that it carries.
@@ -284,7 +285,7 @@ pub struct Program {
     pub connections: Table<ConnectionId, Connection>,
     /// Federates; empty for an unfederated program.
     pub federates: Table<FederateId, Federate>,
-    /// Connections between federates that somebody reads.
+    /// Connections between federates that a reaction reads.
     pub channels: Table<crate::ChannelId, Channel>,
 }
 

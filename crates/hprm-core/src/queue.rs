@@ -1,14 +1,14 @@
-//! The event queue: what is to happen, by tag.
+//! The event queue: future events, by tag.
 //!
 //! Events of one tag keep the order in which they were inserted, but nothing depends on it: two
 //! events of one trigger never share a tag, and reactions run by level.
 
-use crate::agenda::Agenda;
+use crate::tag_map::TagMap;
 use crate::{ActionId, ConnectionId, Tag, TimerId};
 
-/// What makes something present at a tag.
+/// What makes a port, an action or a timer present at a tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) enum Event<V> {
+pub(crate) enum QueuedEvent<V> {
     Timer(TimerId),
     Action {
         action: ActionId,
@@ -26,7 +26,7 @@ pub(crate) enum Event<V> {
     },
 }
 
-impl<V> Event<V> {
+impl<V> QueuedEvent<V> {
     fn is_of(&self, trigger: ActionId) -> bool {
         matches!(self, Self::Action { action, .. } if *action == trigger)
     }
@@ -43,12 +43,12 @@ impl<V> Event<V> {
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct EventQueue<V> {
-    events: Agenda<Event<V>>,
+    events: TagMap<QueuedEvent<V>>,
 }
 
 impl<V> EventQueue<V> {
     pub(crate) const fn new() -> Self {
-        Self { events: Agenda::new() }
+        Self { events: TagMap::new() }
     }
 
     /// The tag of the earliest event.
@@ -56,15 +56,15 @@ impl<V> EventQueue<V> {
         self.events.first()
     }
 
-    pub(crate) fn insert(&mut self, tag: Tag, event: Event<V>) {
+    pub(crate) fn insert(&mut self, tag: Tag, event: QueuedEvent<V>) {
         self.events.push(tag, event);
     }
 
-    /// Inserts at `tag`, or at the next microstep at which the same trigger has no event yet:
-    /// events pile up in superdense time and never merge. Returns where it ended.
+    /// Inserts at `tag`, or at the first later microstep at which the same trigger has no event yet:
+    /// events are never merged, but follow one another in superdense time. Returns the tag.
     #[inline(always)]
-    pub(crate) fn pile(&mut self, tag: Tag, event: Event<V>) -> Tag {
-        self.events.pile(tag, event, Event::is_same_trigger)
+    pub(crate) fn insert_at_free_microstep(&mut self, tag: Tag, event: QueuedEvent<V>) -> Tag {
+        self.events.push_at_free_microstep(tag, event, QueuedEvent::is_same_trigger)
     }
 
     /// Whether an event of the action waits at `tag`.
@@ -80,11 +80,11 @@ impl<V> EventQueue<V> {
         (new, marked): (Option<V>, bool),
     ) -> Option<V> {
         match self.events.at_mut(tag).iter_mut().find(|event| event.is_of(action))? {
-            Event::Action { value, physical, .. } => {
+            QueuedEvent::Action { value, physical, .. } => {
                 *physical |= marked;
                 std::mem::replace(value, new)
             }
-            Event::Timer(_) | Event::Message { .. } => None,
+            QueuedEvent::Timer(_) | QueuedEvent::Message { .. } => None,
         }
     }
 
@@ -98,31 +98,33 @@ impl<V> EventQueue<V> {
         }
         self.events.recycle(events);
         match removed? {
-            Event::Action { value, .. } => value,
-            Event::Timer(_) | Event::Message { .. } => None,
+            QueuedEvent::Action { value, .. } => value,
+            QueuedEvent::Timer(_) | QueuedEvent::Message { .. } => None,
         }
     }
 
-    /// Exchanges the events of `tag` for an empty vector, whose memory serves tags to come.
+    /// Exchanges the events of `tag` for an empty vector, whose memory is used for future tags.
     #[inline]
-    pub(crate) fn take(&mut self, tag: Tag, events: &mut Vec<Event<V>>) {
+    pub(crate) fn take(&mut self, tag: Tag, events: &mut Vec<QueuedEvent<V>>) {
         self.events.take(tag, events);
     }
 
     /// Whether an event of the timer waits.
     pub(crate) fn holds_timer(&self, timer: TimerId) -> bool {
-        self.events.entries().any(|event| matches!(event, Event::Timer(other) if *other == timer))
+        self.events
+            .entries()
+            .any(|event| matches!(event, QueuedEvent::Timer(other) if *other == timer))
     }
 
     /// Removes all events that satisfy the condition, in their order.
     pub(crate) fn extract(
         &mut self,
-        condition: impl FnMut(&Event<V>) -> bool,
-    ) -> Vec<(Tag, Event<V>)> {
+        condition: impl FnMut(&QueuedEvent<V>) -> bool,
+    ) -> Vec<(Tag, QueuedEvent<V>)> {
         self.events.extract(condition)
     }
 
-    /// Forgets everything after `tag`.
+    /// Removes all events after `tag`.
     pub(crate) fn truncate(&mut self, tag: Tag) {
         self.events.truncate(tag);
     }
@@ -135,7 +137,7 @@ mod tests {
     #[test]
     fn removing_the_only_event_of_a_tag_removes_the_tag() {
         let mut queue = EventQueue::new();
-        let event = Event::Action { action: ActionId(1), value: Some('a'), physical: false };
+        let event = QueuedEvent::Action { action: ActionId(1), value: Some('a'), physical: false };
         queue.insert(Tag::START, event);
         assert_eq!(queue.replace(Tag::START, ActionId(1), (None, true)), Some('a'));
         assert_eq!(queue.replace(Tag::START, ActionId(2), (Some('b'), false)), None);

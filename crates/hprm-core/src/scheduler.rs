@@ -1,14 +1,14 @@
 //! Executing a program: one tag after the other, and within a tag by rank.
 //!
 //! The scheduler decides what runs at which tag, and in which order; it holds the values of ports
-//! and actions while they are present. It does not run bodies, wait for physical time, or ask
-//! anybody whether it may advance: a driver does, in this order:
+//! and actions while they are present. It does not run bodies, wait for physical time, or coordinate
+//! with other federates: a driver does, in this order:
 //!
 //! ```text
 //! start(at);  loop { g = next_tag(); (wait); begin(g);
 //!                    while let Some((reaction, body)) = next_reaction(now) { run it; finish(reaction);
 //!                        (while let Some(record) = poll_record() { … }) }
-//!                    last = end(now);  while let Some(send) = poll_send() { … }
+//!                    last = end(now);  while let Some(message) = poll_outbound() { … }
 //!                    if last { break } }
 //! ```
 //!
@@ -19,19 +19,21 @@ use std::collections::{BTreeMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
+use self::current_tag::CurrentTag;
 use self::departures::Departures;
 pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
 use self::record::Recorder;
 use crate::order::{Batch, Position};
-use crate::queue::{Event, EventQueue};
-use crate::wiring::{Outlet, Scope, Wiring};
+use crate::queue::{EventQueue, QueuedEvent};
+use crate::wiring::{PortRoute, Wiring};
 use crate::{
     ActionId, ChannelId, ConnectionId, Delay, FederateId, Nanos, PhysicalTime, PortId, Program,
-    ReactionId, Reading, Table, Tag, Trigger,
+    ReactionId, Reading, Scope, Table, Tag, Trigger,
 };
 
+mod current_tag;
 mod departures;
 mod effects;
 mod kept;
@@ -42,7 +44,7 @@ mod record;
 mod requests;
 mod steps;
 
-pub use record::{Found, Input, Record, Request};
+pub use record::{InputId, InputValue, ReactionRecord, ScheduleRequest};
 
 /// Which of a reaction's bodies runs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -51,31 +53,31 @@ pub enum Body {
     Main,
     /// Its deadline handler, instead: physical time is too far ahead of the tag.
     Deadline,
-    /// Its tardy handler, instead: an input came too late for its tag.
+    /// Its tardy handler, instead: an input arrived too late for its tag.
     Tardy,
 }
 
-/// A value that leaves for another federate.
+/// A value for another federate.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub struct Send<V> {
-    /// The connection that it takes.
+pub struct OutboundMessage<V> {
+    /// The channel on which it is sent.
     pub channel: ChannelId,
     /// The tag at the receiver; meaningless if the channel is physical.
     pub tag: Tag,
     /// The value.
     pub value: V,
-    /// Whether it stems from the physical world; known only while what reactions do is recorded.
+    /// Whether it depends on the physical world; known only while reactions are recorded.
     pub physical: bool,
 }
 
-/// What became of a request to schedule an action.
+/// The result of a request to schedule an action.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Scheduled {
     /// The action will be present at this tag.
     At(Tag),
     /// It is too close to the latest event, and the action's policy is to drop it.
     Dropped,
-    /// The program ends before.
+    /// The program ends before that.
     AfterStop,
     /// Its mode is not active: the event waits until it is.
     Suspended,
@@ -90,39 +92,33 @@ pub struct Scheduler<V> {
     wiring: Arc<Wiring>,
     scope: Scope,
     start: PhysicalTime,
-    /// The first tag: `START`, unless this is a federate that has joined late.
+    /// The first tag: `START`, unless this federate has joined late.
     first: Tag,
     tag: Tag,
-    /// The last tag that the program declares. What would be later never happens, so it is dropped.
+    /// The last tag that the program declares. Later events never happen, so they are dropped.
     timeout: Tag,
-    /// The last tag here, as far as it is known: perhaps one at which it was agreed to stop. What would be
-    /// later is kept, although it will not happen: so what reactions get to see until then does not
-    /// depend on when this scheduler hears of it.
+    /// The last tag here, as far as it is known: perhaps one on which the federates have agreed. Later
+    /// events are kept, although they will not happen: so what reactions see until then does not depend on
+    /// when this scheduler learns of the last tag.
     stop: Tag,
     /// The last tag of the program; after `stop`, if this federate leaves before the others.
     program_end: Tag,
     stop_requested: bool,
     departures: Departures,
     queue: EventQueue<V>,
-    /// When the last message arrives that no reaction reads, by the federate that sends it.
+    /// When the last message arrives that no reaction reads, for each federate that sends one.
     unread: BTreeMap<Option<FederateId>, Tag>,
-    /// Empty but for a moment; the room for the events of a tag.
-    happening: Vec<Event<V>>,
-    ports: Table<PortId, Option<V>>,
-    present_ports: Vec<PortId>,
-    /// Of those, the ones whose values go on when the tag is done.
-    departing: Vec<PortId>,
-    /// Of the present ports, those whose value came too late, and the tag that it was meant for.
-    tardy_ports: Vec<(PortId, Tag)>,
+    /// Empty, apart from the time in which the events of a tag are taken from the queue.
+    taken_events: Vec<QueuedEvent<V>>,
+    /// What is present at the current tag.
+    current: CurrentTag<V>,
     /// What persistent ports remember.
     kept: BTreeMap<PortId, V>,
-    actions: Table<ActionId, Option<Option<V>>>,
-    present_actions: Vec<ActionId>,
     /// The latest tag given to an event of each action.
     last_scheduled: Table<ActionId, Option<Tag>>,
     /// The deadlines in force: the declared ones, unless they have been changed.
     deadlines: Table<ReactionId, Option<Nanos>>,
-    /// The value that the latest call to `schedule` took out of the queue.
+    /// The value that the latest call to `schedule` removed from the queue.
     displaced: Option<V>,
     /// The latest tag given to a message of each connection.
     last_assigned: Table<ConnectionId, Tag>,
@@ -130,13 +126,9 @@ pub struct Scheduler<V> {
     running: Option<ReactionId>,
     /// The intended tag of a tardy input that the running reaction did not handle.
     tardy: Option<Tag>,
-    sends: VecDeque<Send<V>>,
-    /// Present ports whose values have left on direct channels already.
-    sent: Vec<PortId>,
-    /// While a tag is processed: the lowest level that has not been passed.
-    level: Option<u32>,
+    outbound: VecDeque<OutboundMessage<V>>,
     modes: Modes<V>,
-    /// None while nobody wants to know what reactions do.
+    /// None while recording is off.
     recorder: Option<Box<Recorder<V>>>,
 }
 
@@ -157,14 +149,9 @@ impl<V: Clone> Scheduler<V> {
             departures: Departures::default(),
             queue: EventQueue::new(),
             unread: BTreeMap::new(),
-            happening: Vec::new(),
-            ports: Table::filled(program.ports.len(), None),
-            present_ports: Vec::new(),
-            departing: Vec::new(),
-            tardy_ports: Vec::new(),
+            taken_events: Vec::new(),
+            current: CurrentTag::new(program.ports.len(), program.actions.len()),
             kept: BTreeMap::new(),
-            actions: Table::filled(program.actions.len(), None),
-            present_actions: Vec::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
             deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,
@@ -172,9 +159,7 @@ impl<V: Clone> Scheduler<V> {
             ready: Ready::new(wiring.order.len()),
             running: None,
             tardy: None,
-            sends: VecDeque::new(),
-            sent: Vec::new(),
-            level: None,
+            outbound: VecDeque::new(),
             modes: Modes::new(&program, &wiring),
             recorder: None,
             program,
@@ -219,30 +204,31 @@ impl<V: Clone> Scheduler<V> {
     /// The value at a port, if it is present.
     #[must_use]
     pub fn port(&self, port: PortId) -> Option<&V> {
-        self.ports[self.wiring.root(port)].as_ref()
+        self.current.ports[self.wiring.root(port)].as_ref()
     }
 
-    /// The tag that a message at the port was meant for, if it came too late.
+    /// The tag that a message at the port was meant for, if it is tardy.
     #[must_use]
     pub fn intended_tag(&self, port: PortId) -> Option<Tag> {
         let root = self.wiring.root(port);
-        self.tardy_ports.iter().find(|(port, _)| *port == root).map(|(_, intended)| *intended)
+        let tardy = self.current.tardy_ports.iter().find(|(port, _)| *port == root);
+        tardy.map(|(_, intended)| *intended)
     }
 
     /// Whether an event of the action is present, and its value.
     #[must_use]
     pub fn action(&self, action: ActionId) -> Option<Option<&V>> {
-        self.actions[action].as_ref().map(Option::as_ref)
+        self.current.actions[action].as_ref().map(Option::as_ref)
     }
 
-    /// The earliest tag at which there is something to do. `FOREVER` if only the outside can cause
-    /// anything, which is possible if the program is kept alive.
+    /// The earliest tag at which there is something to do. `FOREVER` if only physical actions and messages
+    /// can cause events, which is possible if the program is kept alive.
     #[must_use]
     pub fn next_tag(&self) -> Tag {
         self.next_event().min(self.stop)
     }
 
-    /// The same, but for the last tag of the program, where nothing may happen but its end.
+    /// The same without regard to the last tag of the program, at which there may be nothing but its end.
     #[must_use]
     pub fn next_event(&self) -> Tag {
         if self.tag == Tag::NEVER {
@@ -292,7 +278,7 @@ impl<V: Clone> Scheduler<V> {
         let starved = self.pending().is_none() && !is_due;
         self.tag = tag;
         self.displaced = None;
-        self.level = Some(0);
+        self.current.level = Some(0);
         if first {
             self.queue_startup();
         }
@@ -301,12 +287,12 @@ impl<V: Clone> Scheduler<V> {
             self.record_starved();
         }
         self.queue_due();
-        let mut events = mem::take(&mut self.happening);
+        let mut events = mem::take(&mut self.taken_events);
         self.queue.take(tag, &mut events);
         for event in events.drain(..) {
-            self.happen(event);
+            self.process_event(event);
         }
-        self.happening = events;
+        self.taken_events = events;
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
             self.queue_shutdown(|_| true);
@@ -322,8 +308,8 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.running.is_none(), "one reaction at a time");
         let position = self.ready.pop()?;
         let reaction = self.wiring.order.reaction(position);
-        // Nearly all: there is no need to make a turn of it, and then to take it apart.
-        if self.tardy_ports.is_empty() && self.deadlines[reaction].is_none() {
+        // True for nearly all reactions: they need no `Turn`.
+        if self.current.tardy_ports.is_empty() && self.deadlines[reaction].is_none() {
             self.running = Some(reaction);
             self.record_start(reaction, Body::Main);
             return Some((reaction, Body::Main));
@@ -359,7 +345,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// The earliest tag that a tardy trigger of the reaction was meant for.
     fn earliest_intended(&self, reaction: ReactionId) -> Option<Tag> {
-        if self.tardy_ports.is_empty() {
+        if self.current.tardy_ports.is_empty() {
             return None;
         }
         let triggers = self.program.reactions[reaction].triggers.iter();
@@ -370,7 +356,7 @@ impl<V: Clone> Scheduler<V> {
         intended.min()
     }
 
-    /// Whether the deadline of a reaction, declared or set, has passed at the current tag. One of
+    /// Whether the deadline of a reaction, declared or set, has passed at the current tag. A deadline of
     /// zero always has.
     #[must_use]
     pub fn misses_deadline(&self, reaction: ReactionId, now: PhysicalTime) -> bool {
@@ -403,13 +389,7 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.running.is_none() && self.ready.is_empty(), "the tag is not complete");
         self.remember();
         self.send_present(now);
-        for action in &self.present_actions {
-            self.actions[*action] = None;
-        }
-        self.present_actions.clear();
-        self.tardy_ports.clear();
-        self.sent.clear();
-        self.level = None;
+        self.current.clear();
         self.record_end();
         self.depart();
         self.change_modes();
@@ -437,93 +417,93 @@ impl<V: Clone> Scheduler<V> {
     #[inline]
     pub fn set(&mut self, port: PortId, value: V) -> Option<V> {
         self.record_port(port);
-        self.make_present(self.wiring.outlets[port], value, self.tardy, self.is_marked())
+        self.make_present(self.wiring.routes[port], value, self.tardy, self.is_marked())
     }
 
-    // What happens inside.
+    // Internals.
 
     #[inline]
-    fn happen(&mut self, event: Event<V>) {
+    fn process_event(&mut self, event: QueuedEvent<V>) {
         match event {
-            Event::Timer(timer) => {
+            QueuedEvent::Timer(timer) => {
                 let period = self.program.timers[timer].period;
                 if let Some(time) = self.tag.time.checked_add(period).filter(|_| period > 0) {
                     let next = Tag::new(time, 0);
                     if next <= self.timeout {
-                        self.queue.insert(next, Event::Timer(timer));
+                        self.queue.insert(next, QueuedEvent::Timer(timer));
                     }
                 }
                 self.queue_all(|wiring| &wiring.triggered_by_timer[timer]);
             }
-            Event::Action { action, value, physical } => {
-                self.actions[action] = Some(value);
-                self.present_actions.push(action);
+            QueuedEvent::Action { action, value, physical } => {
+                self.current.actions[action] = Some(value);
+                self.current.present_actions.push(action);
                 if physical {
                     self.mark_action(action);
                 }
                 self.queue_all(|wiring| &wiring.triggered_by_action[action]);
             }
-            Event::Message { connection, value, intended, physical } => {
-                let outlet = self.wiring.outlets[self.program.connections[connection].to];
-                let earlier = self.make_present(outlet, value, intended, physical);
+            QueuedEvent::Message { connection, value, intended, physical } => {
+                let route = self.wiring.routes[self.program.connections[connection].to];
+                let earlier = self.make_present(route, value, intended, physical);
                 assert!(earlier.is_none(), "two messages at one port and tag");
             }
         }
     }
 
-    // A call would cost as much as what is inside, for most values.
+    // For most values, a call would cost as much as the body.
     #[inline(always)]
     fn make_present(
         &mut self,
-        Outlet { root, triggers, leads_on, leads_away }: Outlet,
+        PortRoute { root, triggers, has_relays, is_sent }: PortRoute,
         value: V,
         intended: Option<Tag>,
         physical: bool,
     ) -> Option<V> {
-        let earlier = self.ports[root].replace(value);
-        if intended.is_some() || !self.tardy_ports.is_empty() {
-            self.intend(root, intended);
+        let earlier = self.current.ports[root].replace(value);
+        if intended.is_some() || !self.current.tardy_ports.is_empty() {
+            self.note_tardy(root, intended);
         }
         self.mark_port(root, physical);
         if earlier.is_none() {
-            self.present_ports.push(root);
-            if leads_away {
-                self.departing.push(root);
+            self.current.present_ports.push(root);
+            if is_sent {
+                self.current.outbound_ports.push(root);
             }
             match triggers {
                 Some(batch) => self.ready.add(batch),
                 None => self.queue_readers(root),
             }
         }
-        if leads_on {
+        if has_relays {
             self.relay(root, intended, physical);
         }
         earlier
     }
 
-    /// Notes the tag that the value at a root was meant for, if it came too late.
+    /// Notes the tag that the value at a root was meant for, if it is tardy.
     #[cold]
-    fn intend(&mut self, root: PortId, intended: Option<Tag>) {
-        self.tardy_ports.retain(|(port, _)| *port != root);
-        self.tardy_ports.extend(intended.map(|tag| (root, tag)));
+    fn note_tardy(&mut self, root: PortId, intended: Option<Tag>) {
+        self.current.tardy_ports.retain(|(port, _)| *port != root);
+        self.current.tardy_ports.extend(intended.map(|tag| (root, tag)));
     }
 
-    /// Carries the value at a root on along the connections of active modes.
+    /// Copies the value at a root along the connections of active modes.
     #[inline(never)]
     fn relay(&mut self, root: PortId, intended: Option<Tag>, physical: bool) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.relays[root] {
             if self.modes.is_active(wiring.modes.of_connection[*connection])
-                && let Some(value) = self.ports[root].clone()
+                && let Some(value) = self.current.ports[root].clone()
             {
-                let to = wiring.outlets[self.program.connections[*connection].to];
+                let to = wiring.routes[self.program.connections[*connection].to];
                 self.make_present(to, value, intended, physical);
             }
         }
     }
 
-    /// The tag of the next event that will happen, unless the outside causes one. A message that no
-    /// reaction reads counts as long as there is nothing else.
+    /// The tag of the next event, unless a physical action or a message comes first. A message that no
+    /// reaction reads counts if there is no other event.
     fn pending(&self) -> Option<Tag> {
         let first = self.queue.first().filter(|first| *first <= self.stop);
         first.or_else(|| {
@@ -532,18 +512,18 @@ impl<V: Clone> Scheduler<V> {
         })
     }
 
-    /// Whether it goes on when its event queue is empty.
+    /// Whether the program goes on when its event queue is empty.
     fn outlives_its_events(&self) -> bool {
         self.program.properties.keepalive || self.scope != Scope::Whole
     }
 
-    /// Queues the reactions that a value at a root triggers, where its outlet does not name them.
+    /// Queues the reactions that a value at a root triggers, where its route does not have them.
     #[inline(never)]
     fn queue_readers(&mut self, root: PortId) {
         self.queue_all(|wiring| &wiring.triggered_by_port[root]);
     }
 
-    /// Queues the reactions that something present triggers, unless their modes are not active.
+    /// Queues the reactions that a present port, action or timer triggers, if their modes are active.
     #[inline]
     fn queue_all(&mut self, triggered: impl Fn(&Wiring) -> &[Batch]) {
         let wiring = &*self.wiring;

@@ -1,4 +1,4 @@
-//! Minimum spacing: how close two events of one action may be, and what becomes of one that is
+//! Minimum spacing: how close two events of one action may be, and what happens to an event that is
 //! closer.
 //!
 //! Distances are between the tags that events were given, not between the calls that scheduled
@@ -8,17 +8,17 @@ use crate::{Nanos, Tag};
 
 /// The least time between two events of an action.
 ///
-/// An action without one is another thing than an action with a spacing of zero: its events pile up
-/// in superdense time, however many there are for one tag.
+/// An action without a spacing differs from one with a spacing of zero: events for the same tag get later
+/// microsteps, however many there are.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Spacing {
     /// The least time.
     pub min: Nanos,
-    /// What becomes of an event that is closer.
+    /// What happens to an event that is closer.
     pub policy: Policy,
 }
 
-/// What becomes of an event that is too close to the latest one of its action.
+/// What happens to an event that is too close to the latest one of its action.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Policy {
     /// It happens later, at the least distance.
@@ -26,9 +26,9 @@ pub enum Policy {
     Defer,
     /// It does not happen.
     Drop,
-    /// Its value takes the place of the latest event's, if that has not happened; else as `Defer`.
+    /// Its value replaces that of the latest event, if that has not happened yet; otherwise as `Defer`.
     Replace,
-    /// It happens when it was meant to, and the latest event does not, if it has not happened.
+    /// It happens at its own tag, and the latest event is removed, if it has not happened yet.
     Update,
 }
 

@@ -1,7 +1,7 @@
-//! What a program, or who runs it, says of the object stores of its federates.
+//! The options of a program, or of its user, for the object stores of its federates.
 //!
-//! Both sides of the command line and the front end read the same words; what they mean is up to the
-//! store and its driver.
+//! The command line, the processes that it starts and the front end read the same words. The store and
+//! its driver obey them.
 
 /// What a federate does with a large value when its object store has no room for it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
@@ -9,7 +9,7 @@ pub enum WhenFull {
     /// The value travels inside its message, which costs copies and loses nothing.
     #[default]
     Inline,
-    /// The federation fails, and says why.
+    /// The federation fails, with an error.
     Error,
 }
 
@@ -34,10 +34,10 @@ impl WhenFull {
     }
 }
 
-/// What has been said of the object stores.
+/// The options for object stores.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct StoreOptions {
-    /// The most bytes of one federate's store, if that has been said.
+    /// The most bytes of one federate's store, if that is given.
     pub limit: Option<u64>,
     /// What happens beyond it.
     pub when_full: WhenFull,

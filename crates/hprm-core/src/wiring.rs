@@ -1,8 +1,8 @@
 //! What a scheduler needs to know of the graph to move values: computed once, then only indexed.
 //!
 //! A value is kept where it is written. A port that a plain connection feeds is an alias of the
-//! port at the other end, its root; so a fan-out to a thousand inputs costs nothing until somebody
-//! reads. Network inputs and the ends of delayed connections are roots of their own, and so is the
+//! port at the other end, its root; so a fan-out to a thousand inputs costs nothing until a
+//! reaction reads. Network inputs and the ends of delayed connections are roots of their own, and so is the
 //! end of a connection that carries something in one mode only: a relay.
 
 mod modal;
@@ -16,23 +16,14 @@ use crate::order::{Batch, Order, Position};
 use crate::reach;
 use crate::{
     ActionId, ChannelId, ConnectionId, FederateId, Port, PortId, Program, ReactionId, ReactorId,
-    Table, TimerId, Trigger,
+    Scope, Table, TimerId, Trigger,
 };
-
-/// Which share of a program a scheduler runs.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Scope {
-    /// All of it, in one process, with no network.
-    Whole,
-    /// The reactors of one federate.
-    Federate(FederateId),
-}
 
 /// Tables derived from a program for one scope.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Wiring {
-    /// What becomes of a value at each port.
-    pub(crate) outlets: Table<PortId, Outlet>,
+    /// Where a value that is set at each port goes.
+    pub(crate) routes: Table<PortId, PortRoute>,
     /// Reactions that a value at a root triggers.
     pub(crate) triggered_by_port: Lists<PortId, Batch>,
     /// Reactions that an action's event triggers.
@@ -62,28 +53,18 @@ pub(crate) struct Wiring {
     pub(crate) modes: ModeWiring,
 }
 
-/// Where a value at a port is kept, and what it does there. For nearly all there is no need to look
-/// further.
+/// Where a value that is set at a port is kept, and what it triggers. For nearly all ports this is all
+/// that has to be looked up.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub(crate) struct Outlet {
+pub(crate) struct PortRoute {
     /// The port that holds the value.
     pub(crate) root: PortId,
     /// All reactions that it triggers, if they fit in one batch and there are no modes.
     pub(crate) triggers: Option<Batch>,
-    /// It may appear elsewhere at the same tag: there are relays.
-    pub(crate) leads_on: bool,
-    /// It goes somewhere when the tag is done: there are delayed connections or channels.
-    pub(crate) leads_away: bool,
-}
-
-impl Scope {
-    /// Whether `reactor` runs in this scope.
-    pub(crate) fn contains(self, program: &Program, reactor: ReactorId) -> bool {
-        match self {
-            Self::Whole => true,
-            Self::Federate(federate) => program.reactors[reactor].federate == Some(federate),
-        }
-    }
+    /// Whether the value may appear at other roots at the same tag.
+    pub(crate) has_relays: bool,
+    /// Whether the value is sent when the tag is complete: there are delayed connections or channels.
+    pub(crate) is_sent: bool,
 }
 
 impl Wiring {
@@ -91,19 +72,19 @@ impl Wiring {
         Self::without(program, scope, &[])
     }
 
-    /// The same without whatever triggers reactions of federates that have left.
+    /// The same without what triggers reactions of federates that have left.
     pub(crate) fn without(program: &Program, scope: Scope, gone: &[FederateId]) -> Self {
         let read = reach::read(program);
         let root = roots(program, scope, &read);
         let order = Order::new(program, scope);
         let triggers = Triggers::new(program, scope, gone, (&root, &order));
-        let leaving = Leaving::new(program, scope, gone, (&root, &read));
+        let outbound = OutboundConnections::new(program, scope, gone, (&root, &read));
         let ports = program.ports.len();
         let timers = program.timers.iter();
         let local = timers.filter(|(_, timer)| scope.contains(program, timer.reactor));
         let triggered_by_port = Lists::new(ports, Batch::all(triggers.by_port));
         Self {
-            outlets: leaving.outlets(&root, |root| match triggered_by_port[root] {
+            routes: outbound.routes(&root, |root| match triggered_by_port[root] {
                 [] => Some(Batch::default()),
                 [batch] if program.modes.is_empty() => Some(batch),
                 _ => None,
@@ -114,10 +95,10 @@ impl Wiring {
             startup: triggers.startup,
             shutdown: triggers.shutdown,
             resets: triggers.resets,
-            relays: Lists::new(ports, leaving.relays),
-            delayed: Lists::new(ports, leaving.delayed),
-            unread: Lists::new(ports, leaving.unread),
-            outgoing: Lists::new(ports, leaving.outgoing),
+            relays: Lists::new(ports, outbound.relays),
+            delayed: Lists::new(ports, outbound.delayed),
+            unread: Lists::new(ports, outbound.unread),
+            outgoing: Lists::new(ports, outbound.outgoing),
             timers: local.map(|(id, _)| id).collect(),
             modes: ModeWiring::new(program, scope),
             order,
@@ -126,7 +107,7 @@ impl Wiring {
 
     /// The port that holds a port's value.
     pub(crate) fn root(&self, port: PortId) -> PortId {
-        self.outlets[port].root
+        self.routes[port].root
     }
 }
 
@@ -172,32 +153,32 @@ impl Triggers {
     }
 }
 
-/// What leads away from roots, otherwise than by being the same.
+/// The connections and channels that start at each root.
 #[derive(Default)]
-struct Leaving {
+struct OutboundConnections {
     relays: Vec<(PortId, ConnectionId)>,
     delayed: Vec<(PortId, ConnectionId)>,
     unread: Vec<(PortId, ConnectionId)>,
     outgoing: Vec<(PortId, ChannelId)>,
 }
 
-impl Leaving {
+impl OutboundConnections {
     fn new(
         program: &Program,
         scope: Scope,
         gone: &[FederateId],
         (root, read): (&Table<PortId, PortId>, &Table<PortId, bool>),
     ) -> Self {
-        let mut leaving = Self::default();
+        let mut outbound = Self::default();
         let conditional = program.conditional_connections();
         let ours = unread_from(program, scope, read);
         for (id, connection) in program.connections.iter() {
             if !read[connection.to] {
-                // In a mode, it is as if it were not there: another federate may be its sender, and
-                // knows nothing of the mode.
+                // One in a mode is ignored: its sender may be another federate, which does not know
+                // the mode.
                 let counts = !connection.is_direct() && program.mode_of_connection(id).is_none();
                 if counts && ours[connection.from] {
-                    leaving.unread.push((root[connection.from], id));
+                    outbound.unread.push((root[connection.from], id));
                 }
                 continue;
             }
@@ -206,44 +187,44 @@ impl Leaving {
                 .iter()
                 .all(|port| scope.contains(program, program.ports[*port].reactor));
             // A connection at the top of a federated program has both ends in federates, so one
-            // that is not local either is a channel or belongs to others.
+            // that is not local either is a channel or concerns other federates.
             if local && conditional[id] {
-                leaving.relays.push((root[connection.from], id));
+                outbound.relays.push((root[connection.from], id));
             } else if local && !connection.is_direct() && !has_left(program, gone, to) {
-                leaving.delayed.push((root[connection.from], id));
+                outbound.delayed.push((root[connection.from], id));
             }
         }
         if let Scope::Federate(federate) = scope {
             for (id, channel) in program.channels.iter().filter(|(_, c)| c.from == federate) {
                 let from = program.connections[channel.connection].from;
-                leaving.outgoing.push((root[from], id));
+                outbound.outgoing.push((root[from], id));
             }
         }
-        leaving
+        outbound
     }
 
-    fn outlets(
+    fn routes(
         &self,
         roots: &Table<PortId, PortId>,
         triggers: impl Fn(PortId) -> Option<Batch>,
-    ) -> Table<PortId, Outlet> {
+    ) -> Table<PortId, PortRoute> {
         let relays: BTreeSet<_> = self.relays.iter().map(|(root, _)| *root).collect();
         let delayed = self.delayed.iter().map(|(root, _)| *root);
         let outgoing = self.outgoing.iter().map(|(root, _)| *root);
         let unread = self.unread.iter().map(|(root, _)| *root);
-        let away: BTreeSet<_> = delayed.chain(outgoing).chain(unread).collect();
-        let outlet = |root: &PortId| Outlet {
+        let sent: BTreeSet<_> = delayed.chain(outgoing).chain(unread).collect();
+        let route = |root: &PortId| PortRoute {
             root: *root,
             triggers: triggers(*root),
-            leads_on: relays.contains(root),
-            leads_away: away.contains(root),
+            has_relays: relays.contains(root),
+            is_sent: sent.contains(root),
         };
-        roots.values().map(outlet).collect()
+        roots.values().map(route).collect()
     }
 }
 
-/// The ports of the scope, and those in other federates to which it leads where no reaction reads. No
-/// channel leads there, so the sender keeps the books.
+/// The ports of the scope, and those in other federates that are connected to them and that no reaction
+/// reads. No channel leads there, so the sender keeps track of their messages.
 fn unread_from(program: &Program, scope: Scope, read: &Table<PortId, bool>) -> Table<PortId, bool> {
     let is_local = |port: &Port| scope.contains(program, port.reactor);
     let mut ours: Table<PortId, bool> = program.ports.values().map(is_local).collect();
@@ -279,12 +260,12 @@ fn roots(program: &Program, scope: Scope, read: &Table<PortId, bool>) -> Table<P
         .ids()
         .map(|port| {
             let mut root = port;
-            // Terminates: a circle of plain connections has no source and was never built.
+            // Terminates: a cycle of plain connections has no source, and the builder refuses it.
             let mut hops = 0;
             while let Some(next) = upstream[root] {
                 root = next;
                 hops += 1;
-                assert!(hops <= program.ports.len(), "a circle of connections without a reaction");
+                assert!(hops <= program.ports.len(), "a cycle of connections without a reaction");
             }
             root
         })

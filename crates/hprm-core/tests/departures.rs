@@ -44,7 +44,7 @@ fn it_stops_at_the_next_microstep_and_what_it_has_sent_arrives() {
         match scheduler.program().reaction_name(reaction).as_str() {
             "Main.a.1" if scheduler.tag().time == 10 => scheduler.leave(),
             "Main.a.3" => _ = scheduler.set(a_out, 1),
-            // It would be there at 15, when the other one has left.
+            // It would arrive at 15, when the other federate has left.
             "Main.b.1" => _ = scheduler.set(b_out, 2),
             _ => {}
         }
@@ -103,7 +103,7 @@ fn nothing_is_scheduled_where_a_federate_ends() {
         let (tag, name) = (scheduler.tag(), scheduler.program().reaction_name(reaction));
         match (name.as_str(), tag.microstep) {
             ("Main.a.1", 0) => {
-                // Before that is known, as where the federate has a scheduler of its own.
+                // Before that is known, as in the scheduler of one federate.
                 scheduler.leave();
                 outcomes.push(scheduler.schedule(actions[0], 0, None, START));
             }
@@ -120,7 +120,7 @@ fn nothing_is_scheduled_where_a_federate_ends() {
 }
 
 #[test]
-fn a_federate_of_its_own_asks_and_sends_beyond_its_end() {
+fn the_scheduler_of_one_federate_asks_to_leave_and_sends_beyond_its_end() {
     let program = std::sync::Arc::new(pair(Some(100)));
     let me = program.federate_named("a").unwrap();
     let out = output(&program, "a");
@@ -138,7 +138,7 @@ fn a_federate_of_its_own_asks_and_sends_beyond_its_end() {
             reactions += 1;
         }
         let last = scheduler.end(START);
-        sent.extend(std::iter::from_fn(|| scheduler.poll_send()).map(|send| send.tag));
+        sent.extend(std::iter::from_fn(|| scheduler.poll_outbound()).map(|message| message.tag));
         if last {
             break;
         }

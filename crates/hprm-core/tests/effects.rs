@@ -52,7 +52,7 @@ fn parts() -> Parts {
     Parts { program, outputs, input: inputs[0], action, other_mode, sources }
 }
 
-/// What a reaction does, alone.
+/// Runs the body of a reaction directly on the scheduler.
 fn alone(parts: &Parts, scheduler: &mut Scheduler<i64>, reaction: ReactionId, seen: &mut Vec<i64>) {
     let time = scheduler.tag().time;
     if reaction == parts.sources[0] {
@@ -76,7 +76,7 @@ fn alone(parts: &Parts, scheduler: &mut Scheduler<i64>, reaction: ReactionId, se
     }
 }
 
-/// The same, beside others.
+/// Runs the body of a reaction on its own effects, as a worker does.
 fn beside(
     parts: &Parts,
     (scheduler, effects): (&Scheduler<i64>, &mut Effects<i64>),

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use common::{START, at, on, run};
 use hprm_core::{
-    ActionId, Confined, Connection, Delay, Direction, Effect, FederateId, Nanos, Origin, Policy,
-    PortId, Program, ProgramBuilder, Properties, ReactionSpec, ReactorId, Scheduled, Scheduler,
-    Scope, Spacing, Tag, Trigger,
+    ActionId, Connection, Delay, Direction, Effect, FederateId, ModalElement, Nanos, Origin,
+    Policy, PortId, Program, ProgramBuilder, Properties, ReactionSpec, ReactorId, Scheduled,
+    Scheduler, Scope, Spacing, Tag, Trigger,
 };
 
 fn effects(triggers: &[Trigger], effects: &[Effect]) -> ReactionSpec {
@@ -134,7 +134,7 @@ fn ends(program: Program, out: PortId) -> (Tag, Tag) {
     federate.set(out, 1_i64);
     federate.finish(reaction);
     federate.end(START);
-    assert_eq!(federate.poll_send(), None, "what is not read is not sent");
+    assert_eq!(federate.poll_outbound(), None, "what is not read is not sent");
     let mut last = Tag::START;
     while federate.next_event() < Tag::FOREVER {
         last = federate.next_event();
@@ -182,7 +182,7 @@ fn in_a_mode_what_no_reaction_reads_counts_for_nothing() {
     b.connect(out, inp, Delay::Time(5));
     let connection = b.connect(inp, last, Delay::Time(3));
     let mode = b.mode(inner, "only", true);
-    b.confine(Confined::Connection(connection), mode);
+    b.put_in_mode(ModalElement::Connection(connection), mode);
     assert_eq!(ends(b.build().unwrap(), out), (Tag::new(5, 1), Tag::new(5, 0)));
 }
 

@@ -4,7 +4,7 @@ mod common;
 
 use common::{at, on, run};
 use hprm_core::{
-    Confined, Delay, Direction, Effect, ModeId, Nanos, Origin, PortId, ProgramBuilder,
+    Delay, Direction, Effect, ModalElement, ModeId, Nanos, Origin, PortId, ProgramBuilder,
     ProgramError, Properties, ReactionId, ReactionSpec, ReactorId, Transition, Trigger,
 };
 
@@ -27,7 +27,7 @@ fn reaction_in(
 ) -> ReactionId {
     let spec = ReactionSpec { triggers: vec![on], ..ReactionSpec::default() };
     let id = b.reaction(reactor, spec);
-    b.confine(Confined::Reaction(id), mode);
+    b.put_in_mode(ModalElement::Reaction(id), mode);
     id
 }
 
@@ -35,7 +35,7 @@ fn reaction_in(
 fn timer_in(b: &mut ProgramBuilder, mode: ModeId, offset: Nanos, period: Nanos) -> ReactionId {
     let main = b.main();
     let timer = b.timer(main, "t", offset, period);
-    b.confine(Confined::Timer(timer), mode);
+    b.put_in_mode(ModalElement::Timer(timer), mode);
     reaction_in(b, mode, main, Trigger::Timer(timer))
 }
 
@@ -150,7 +150,7 @@ fn events_of_actions_wait_with_their_mode_or_are_forgotten() {
         let main = b.main();
         let [first, second] = two_modes(&mut b, main);
         let action = b.action(main, "act", Origin::Logical, 30);
-        b.confine(Confined::Action(action), first);
+        b.put_in_mode(ModalElement::Action(action), first);
         let ask = reaction_in(&mut b, first, main, Trigger::Startup);
         reaction_in(&mut b, first, main, Trigger::Action(action));
         let switch = at_times(&mut b, &[10, 50]);
@@ -175,7 +175,7 @@ fn what_is_scheduled_in_a_mode_that_is_not_active_waits_for_it() {
     let main = b.main();
     let [_, second] = two_modes(&mut b, main);
     let action = b.action(main, "act", Origin::Physical, 7);
-    b.confine(Confined::Action(action), second);
+    b.put_in_mode(ModalElement::Action(action), second);
     reaction_in(&mut b, second, main, Trigger::Action(action));
     let outside = at_times(&mut b, &[10, 50]);
     let log = run(b.build().unwrap(), |scheduler, reaction| {
@@ -218,7 +218,7 @@ fn reset_reactions_run_when_their_mode_is_reset_and_only_then() {
     let [first, second] = two_modes(&mut b, main);
     reaction_in(&mut b, first, main, Trigger::Reset);
     let inner = b.reactor(main, "inner");
-    b.confine(Confined::Reactor(inner), second);
+    b.put_in_mode(ModalElement::Reactor(inner), second);
     b.reaction(inner, on(&[Trigger::Reset]));
     let plan = [
         (10, second, Transition::Reset),
@@ -235,11 +235,11 @@ fn a_reset_sends_nested_reactors_to_their_initial_modes() {
     let main = b.main();
     let [first, second] = two_modes(&mut b, main);
     let inner = b.reactor(main, "inner");
-    b.confine(Confined::Reactor(inner), first);
+    b.put_in_mode(ModalElement::Reactor(inner), first);
     let [inner_first, inner_second] = two_modes(&mut b, inner);
     for (mode, period) in [(inner_first, 10), (inner_second, 15)] {
         let timer = b.timer(inner, "t", period, period);
-        b.confine(Confined::Timer(timer), mode);
+        b.put_in_mode(ModalElement::Timer(timer), mode);
         reaction_in(&mut b, mode, inner, Trigger::Timer(timer));
     }
     let plan = [
@@ -276,7 +276,7 @@ fn two_connections(b: &mut ProgramBuilder, delay: Delay) -> ([ModeId; 2], [PortI
         let (triggers, effects) = (vec![Trigger::Timer(timer)], vec![Effect::Port(output)]);
         b.reaction(source, ReactionSpec { triggers, effects, ..ReactionSpec::default() });
         let connection = b.connect(output, input, delay);
-        b.confine(Confined::Connection(connection), mode);
+        b.put_in_mode(ModalElement::Connection(connection), mode);
         output
     });
     (modes, sources, input)
@@ -286,7 +286,7 @@ fn two_connections(b: &mut ProgramBuilder, delay: Delay) -> ([ModeId; 2], [PortI
 fn a_port_has_one_source_in_each_mode() {
     for (delay, expected) in [
         (Delay::None, vec![(0, 0), (10, 0), (20, 1), (30, 1)]),
-        // What left at 10 was on its way when the mode was left, and waits there for ever.
+        // The message that was sent at 10 had not arrived when the mode was left, and stays suspended.
         (Delay::Time(5), vec![(5, 0), (25, 1), (35, 1)]),
     ] {
         let mut b = builder(35);
@@ -317,7 +317,7 @@ fn sources_of_one_mode_are_refused() {
     let mut b = builder(1);
     let ([first, _], sources, input) = two_connections(&mut b, Delay::None);
     let connection = b.connect(sources[1], input, Delay::None);
-    b.confine(Confined::Connection(connection), first);
+    b.put_in_mode(ModalElement::Connection(connection), first);
     let error = b.build().unwrap_err();
     assert!(matches!(error, ProgramError::TwoSources { port, .. } if port == input), "{error}");
 }

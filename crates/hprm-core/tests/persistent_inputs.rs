@@ -42,7 +42,7 @@ fn a_port_remembers_once_it_was_told_to() {
             seen.push((read(quiet), read(kept), scheduler.port(kept).is_some()));
         }
     });
-    assert_eq!(log[0], at(0, 0, "Main.1"), "the first value comes before anybody reads");
+    assert_eq!(log[0], at(0, 0, "Main.1"), "the first value arrives before a reaction reads");
     assert_eq!(
         seen,
         [

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use hprm_core::{
-    ActionId, Body, ChannelId, Confined, Connection, Delay, Direction, Effect, FederateId, Found,
-    Input, Nanos, Origin, PhysicalTime, PortId, Program, ProgramBuilder, Properties, ReactionId,
-    ReactionSpec, ReactorId, Record, Request, Scheduled, Scheduler, Scope, Tag, Transition,
-    Trigger,
+    ActionId, Body, ChannelId, Connection, Delay, Direction, Effect, FederateId, InputId,
+    InputValue, ModalElement, Nanos, Origin, PhysicalTime, PortId, Program, ProgramBuilder,
+    Properties, ReactionId, ReactionRecord, ReactionSpec, ReactorId, ScheduleRequest, Scheduled,
+    Scheduler, Scope, Tag, Transition, Trigger,
 };
 
 /// The physical time of tag zero.
@@ -26,7 +26,7 @@ fn record(
     program: Program,
     mut before: impl FnMut(&mut Scheduler<i64>),
     mut body: impl FnMut(&mut Scheduler<i64>, &str),
-) -> Vec<Record<i64>> {
+) -> Vec<ReactionRecord<i64>> {
     let mut scheduler = Scheduler::new(Arc::new(program), Scope::Whole);
     scheduler.start_recording();
     scheduler.start(START);
@@ -53,7 +53,7 @@ fn record(
 }
 
 /// Which records are marked, in order.
-fn marks(records: &[Record<i64>]) -> Vec<(i64, u32, bool)> {
+fn marks(records: &[ReactionRecord<i64>]) -> Vec<(i64, u32, bool)> {
     records.iter().map(|r| (r.tag.time, r.reaction.0, r.physical)).collect()
 }
 
@@ -61,7 +61,7 @@ fn with_effects(triggers: &[Trigger], effects: &[Effect]) -> ReactionSpec {
     ReactionSpec { effects: effects.to_vec(), ..on(triggers) }
 }
 
-/// A reactor that passes on what it gets at its input.
+/// A reactor that sets its output to the value of its input.
 fn relay(b: &mut ProgramBuilder, name: &str) -> (ReactorId, PortId, PortId) {
     let reactor = b.reactor(b.main(), name);
     let input = b.port(reactor, "in", Direction::Input);
@@ -71,7 +71,7 @@ fn relay(b: &mut ProgramBuilder, name: &str) -> (ReactorId, PortId, PortId) {
 }
 
 #[test]
-fn a_record_tells_all_that_a_reaction_did() {
+fn a_record_has_all_that_a_reaction_did() {
     let mut b = ProgramBuilder::new("Main", properties(10));
     let source = b.reactor(b.main(), "source");
     let [first, second] = ["a", "b"].map(|name| b.port(source, name, Direction::Output));
@@ -94,7 +94,7 @@ fn a_record_tells_all_that_a_reaction_did() {
             }
         },
     );
-    let empty = Record {
+    let empty = ReactionRecord {
         tag: Tag::START,
         reaction: ReactionId(0),
         body: Body::Main,
@@ -108,11 +108,12 @@ fn a_record_tells_all_that_a_reaction_did() {
     };
     let outcome = Scheduled::At(Tag::new(3, 0));
     let actions = vec![
-        Request { action, value: Some(4), outcome },
-        Request { action, value: None, outcome: Scheduled::AfterStop },
+        ScheduleRequest { action, value: Some(4), outcome },
+        ScheduleRequest { action, value: None, outcome: Scheduled::AfterStop },
     ];
-    let first = Record { ports: vec![(first, 2), (second, 3)], actions, ..empty.clone() };
-    let second = Record { tag: Tag::new(3, 0), reaction: ReactionId(1), stops: true, ..empty };
+    let first = ReactionRecord { ports: vec![(first, 2), (second, 3)], actions, ..empty.clone() };
+    let second =
+        ReactionRecord { tag: Tag::new(3, 0), reaction: ReactionId(1), stops: true, ..empty };
     assert_eq!(records, [first, second]);
 }
 
@@ -141,19 +142,19 @@ fn a_reaction_finds_its_triggers_and_sources_as_they_are_when_it_begins() {
     scheduler.set(two, 2);
     scheduler.schedule(action, 0, None, START);
     scheduler.finish(reaction);
-    let found = |input, value, remembered| Found { input, value, remembered };
-    let kept = found(Input::Port(inputs[0]), Some(&7), true);
-    let present = found(Input::Port(inputs[1]), Some(&2), false);
+    let found = |input, value, remembered| InputValue { input, value, remembered };
+    let kept = found(InputId::Port(inputs[0]), Some(&7), true);
+    let present = found(InputId::Port(inputs[1]), Some(&2), false);
     assert_eq!(scheduler.inputs(reader), [kept, present]);
     let (reaction, _) = scheduler.next_reaction(START).unwrap();
     scheduler.finish(reaction);
     scheduler.end(START);
     scheduler.begin(Tag::new(5, 0));
-    assert_eq!(scheduler.inputs(later), [found(Input::Action(action), None, false)]);
+    assert_eq!(scheduler.inputs(later), [found(InputId::Action(action), None, false)]);
 }
 
 #[test]
-fn nothing_is_recorded_unless_somebody_asks() {
+fn nothing_is_recorded_unless_recording_is_on() {
     let mut b = ProgramBuilder::new("Main", properties(0));
     b.reaction(b.main(), on(&[Trigger::Startup]));
     let mut scheduler = Scheduler::<i64>::new(Arc::new(b.build().unwrap()), Scope::Whole);
@@ -165,7 +166,7 @@ fn nothing_is_recorded_unless_somebody_asks() {
     assert_eq!(scheduler.poll_record(), None);
 }
 
-/// A sensor with a physical action and a timer, and who gets what.
+/// A sensor with a physical action and a timer, and the receivers of both.
 fn sensing() -> (Program, ActionId, [PortId; 2]) {
     let mut b = ProgramBuilder::new("Main", properties(30));
     let sensor = b.reactor(b.main(), "sensor");
@@ -265,14 +266,14 @@ fn a_physical_connection_marks_its_messages() {
 }
 
 #[test]
-fn a_mode_that_was_entered_by_chance_marks_all_inside() {
+fn a_mode_that_a_physical_event_has_entered_marks_all_inside() {
     let mut b = ProgramBuilder::new("Main", properties(20));
     let modal = b.reactor(b.main(), "modal");
     let [first, second] = [b.mode(modal, "first", true), b.mode(modal, "second", false)];
     let action = b.action(modal, "hear", Origin::Physical, 0);
     b.reaction(modal, on(&[Trigger::Action(action)])); // 0
     let inside = b.reactor(modal, "inside");
-    b.confine(Confined::Reactor(inside), second);
+    b.put_in_mode(ModalElement::Reactor(inside), second);
     let timer = b.timer(inside, "t", 0, 10);
     b.reaction(inside, on(&[Trigger::Timer(timer)])); // 1
     let beside = b.reactor(b.main(), "beside");
@@ -319,10 +320,10 @@ fn the_mark_travels_with_a_message_to_another_federate() {
     sender.finish(reaction);
     sender.end(START);
     receiver.end(START);
-    let sent = sender.poll_send().unwrap();
-    assert!(sent.physical);
-    receiver.deliver(ChannelId(0), sent.tag, sent.value, sent.physical);
-    receiver.begin(sent.tag);
+    let message = sender.poll_outbound().unwrap();
+    assert!(message.physical);
+    receiver.deliver(ChannelId(0), message.tag, message.value, message.physical);
+    receiver.begin(message.tag);
     let (reaction, _) = receiver.next_reaction(START).unwrap();
     receiver.finish(reaction);
     assert!(receiver.poll_record().unwrap().physical);

@@ -362,8 +362,8 @@ fn a_federate_sends_and_asks_to_stop_but_does_not_stop_by_itself() {
     scheduler.request_stop();
     scheduler.finish(reaction);
     assert!(!scheduler.end(START));
-    let send = scheduler.poll_send().unwrap();
-    assert_eq!((send.tag, send.value), (Tag::START, 7));
+    let message = scheduler.poll_outbound().unwrap();
+    assert_eq!((message.tag, message.value), (Tag::START, 7));
     assert!(scheduler.take_stop_request() && !scheduler.take_stop_request());
     assert_eq!(scheduler.next_tag(), Tag::new(1_000, 0));
     scheduler.set_stop(Tag::new(0, 1));

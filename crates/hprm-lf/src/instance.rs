@@ -3,7 +3,7 @@
 //! Reactions and connections come later, when all ports exist; see [`lower`](crate::lower).
 
 use hprm_core::{
-    ActionId, Confined, Direction, ModeId, Nanos, Origin, ProgramBuilder, ReactorId, Table,
+    ActionId, Direction, ModalElement, ModeId, Nanos, Origin, ProgramBuilder, ReactorId, Table,
     TimerId, limits,
 };
 
@@ -188,7 +188,7 @@ impl<'a> Growth<'a, '_> {
                 self.tree.builder.space(id, spacing);
             }
             if let Some(mode) = mode {
-                self.tree.builder.confine(Confined::Action(id), node.modes[*mode]);
+                self.tree.builder.put_in_mode(ModalElement::Action(id), node.modes[*mode]);
             }
             node.actions.push(id);
         }
@@ -198,7 +198,7 @@ impl<'a> Growth<'a, '_> {
             let name = &timer.name.text;
             let id = self.tree.builder.timer(node.reactor, name, offset, period);
             if let Some(mode) = mode {
-                self.tree.builder.confine(Confined::Timer(id), node.modes[*mode]);
+                self.tree.builder.put_in_mode(ModalElement::Timer(id), node.modes[*mode]);
             }
             node.timers.push(id);
         }
@@ -247,7 +247,7 @@ impl<'a> Growth<'a, '_> {
         let place = bank_index.map_or_else(|| name.clone(), |index| format!("{name}[{index}]"));
         let reactor = self.tree.builder.reactor(container.reactor, &place);
         if let Some(mode) = mode {
-            self.tree.builder.confine(Confined::Reactor(reactor), container.modes[mode]);
+            self.tree.builder.put_in_mode(ModalElement::Reactor(reactor), container.modes[mode]);
         }
         let full_name = format!("{}.{place}", self.tree.instances[container.reactor].name);
         if self.tree.federated && parent == 0 {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use hprm_core::{
-    Confined, Effect, PortId, Program, ProgramBuilder, ProgramError, Properties, ReactionId,
+    Effect, ModalElement, PortId, Program, ProgramBuilder, ProgramError, Properties, ReactionId,
     ReactorId, Table, Trigger,
 };
 
@@ -114,7 +114,7 @@ fn reactions(
             let place = mode.map(|mode| node.modes[mode]);
             let id = tree.builder.added_reaction(reactor, Trigger::Reset);
             if let Some(mode) = place {
-                tree.builder.confine(Confined::Reaction(id), mode);
+                tree.builder.put_in_mode(ModalElement::Reaction(id), mode);
             }
             origins.reactions.push(model.declared.decl.header);
             bodies.push(ReactionCode { class, runs: Runs::ResetState(states), arguments: vec![] });
@@ -142,7 +142,7 @@ fn reactions(
             let place = reaction.mode.map(|mode| node.modes[mode]);
             let id = tree.builder.reaction(reactor, spec);
             if let Some(mode) = place {
-                tree.builder.confine(Confined::Reaction(id), mode);
+                tree.builder.put_in_mode(ModalElement::Reaction(id), mode);
             }
             bodies.push(ReactionCode { class, runs: Runs::Reaction(number), arguments });
         }

@@ -304,13 +304,14 @@ impl Node {
     }
 
     fn send(&mut self, now: PhysicalTime) -> Result<(), Fault> {
-        while let Some(send) = self.scheduler.poll_send() {
-            let channel = self.scheduler.program().channels[send.channel];
+        while let Some(message) = self.scheduler.poll_outbound() {
+            let channel = self.scheduler.program().channels[message.channel];
             if !channel.physical {
-                *self.sent[channel.to].entry(send.tag).or_default() += 1;
+                *self.sent[channel.to].entry(message.tag).or_default() += 1;
             }
-            let payload = Payload { head: send.value.to_le_bytes().to_vec(), ..Payload::default() };
-            self.input(now, Input::Send { channel: send.channel, tag: send.tag, payload })?;
+            let payload =
+                Payload { head: message.value.to_le_bytes().to_vec(), ..Payload::default() };
+            self.input(now, Input::Send { channel: message.channel, tag: message.tag, payload })?;
         }
         Ok(())
     }

@@ -20,8 +20,8 @@ use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, Nanos, Payload, PhysicalTime, Program, Scheduler, Scope,
-    Send as Departure, Tag,
+    ChannelId, FederateId, Nanos, OutboundMessage, Payload, PhysicalTime, Program, Scheduler,
+    Scope, Tag,
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
@@ -401,16 +401,16 @@ where
     }
 
     fn send_all(&mut self) -> Result<(), Failure> {
-        // First: whoever gets a message from this tag can reuse what it has sent before.
+        // First: a receiver of a message of this tag can then use the memory of earlier ones again.
         self.give_back()?;
-        while let Some(departure) = self.scheduler.poll_send() {
-            self.send(departure)?;
+        while let Some(message) = self.scheduler.poll_outbound() {
+            self.send(message)?;
         }
         self.give_back()
     }
 
-    fn send(&mut self, departure: Departure<H::Value>) -> Result<(), Failure> {
-        let Departure { channel, tag, value, physical } = departure;
+    fn send(&mut self, message: OutboundMessage<H::Value>) -> Result<(), Failure> {
+        let OutboundMessage { channel, tag, value, physical } = message;
         let route = self.scheduler.program().channels[channel];
         let to = route.to;
         let Membership { machine, objects, wires, .. } = &mut self.federation;

@@ -1,8 +1,8 @@
 //! The facts of a program: everything in the instance graph that decides its behaviour.
 //!
-//! What a machine may have of its own is left out: the number of workers, processors, priorities, the
-//! time to spin, hosts. So is what is inside a transient federate: another version of it may take over
-//! while the program runs. Its ports are there.
+//! Properties that may differ between machines are left out: the number of workers, processors,
+//! priorities, the time of busy-polling, hosts. So is the inside of a transient federate: another version
+//! of it may take over while the program runs. Its ports are included.
 
 use std::fmt::Write as _;
 
@@ -15,8 +15,8 @@ use crate::{
 };
 
 impl Program {
-    /// What all processes that run this program must have alike. A front end that knows more of the
-    /// program, such as bodies, adds to [`Self::facts`].
+    /// What must be equal in all processes that run this program. A front end that knows more, such as
+    /// bodies, adds to [`Self::facts`].
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         Fingerprint::new(self.facts())
@@ -54,8 +54,8 @@ impl Program {
         self.reactors[reactor].federate.is_some_and(|federate| self.federates[federate].transient)
     }
 
-    /// The name of a reactor within the main reactor: the main reactor may be called after its file,
-    /// and a file may have another name elsewhere.
+    /// The name of a reactor within the main reactor: the main reactor may have the name of its file, and
+    /// that may differ on another machine.
     #[must_use]
     pub fn name_within(&self, reactor: ReactorId) -> &str {
         let name = self.reactors[reactor].name.as_str();
@@ -93,7 +93,7 @@ impl Program {
         }
         let fact = |(name, text)| {
             let fact = Fact::text(format!("property {name}"), text);
-            // If the coordination differs, that is told.
+            // If the coordination differs, there is a fact for that.
             if name == "clock-sync" { fact.if_present() } else { fact }
         };
         stated.into_iter().map(fact).collect()
@@ -169,8 +169,8 @@ impl Program {
         text + &self.in_mode(connection.mode)
     }
 
-    /// Whether federates send to one another in a circle without delay. They go through a tag level by
-    /// level, so they must agree on levels, too.
+    /// Whether federates send to one another in a cycle without delay. They process a tag level by level,
+    /// so they must agree on levels, too.
     fn has_zero_delay_cycle(&self) -> bool {
         let direct = || self.channels.values().filter(|channel| channel.is_direct());
         let mut open: Table<FederateId, usize> = Table::filled(self.federates.len(), 0);

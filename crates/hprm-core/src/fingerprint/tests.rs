@@ -1,4 +1,4 @@
-//! How fingerprints are compared, and what those of programs in Rust have in them.
+//! How fingerprints are compared, and which facts programs in Rust have.
 
 use super::*;
 use crate::{
@@ -102,8 +102,8 @@ fn a_long_report_is_shortened_and_still_tells_what_differs() {
 struct Sketch {
     /// The second federate is transient.
     transient: bool,
-    /// The way back has no delay, so they go through tags level by level.
-    circle: bool,
+    /// The connection back has no delay, so the federates process tags level by level.
+    cycle: bool,
     /// The period of a timer in the second federate.
     period: Nanos,
     /// A reaction of the second federate before the one that sends.
@@ -133,14 +133,14 @@ fn sketched(sketch: &Sketch) -> Program {
                 b.make_transient(federate);
             }
         }
-        // In a circle, what triggers one end must not be what the other end sets.
+        // In a cycle, the reaction that sends must not be the one that the other federate triggers.
         let (triggers, effects) = (vec![Trigger::Startup], vec![Effect::Port(output)]);
         b.reaction(reactor, ReactionSpec { triggers, effects, ..ReactionSpec::default() });
         let triggers = vec![Trigger::Port(input)];
         b.reaction(reactor, ReactionSpec { triggers, ..ReactionSpec::default() });
         ends.push((input, output));
     }
-    let back = if sketch.circle { Delay::None } else { Delay::Time(10) };
+    let back = if sketch.cycle { Delay::None } else { Delay::Time(10) };
     for (from, to, delay) in [(0, 1, Delay::None), (1, 0, back)] {
         b.connection(Connection {
             from: ends[from].1,
@@ -175,10 +175,7 @@ fn programs_in_rust_have_facts() {
     differs(Sketch { more: true, ..one.clone() }, "reaction 1 of b is (t) at federate b");
     differs(Sketch { physical: true, ..one.clone() }, "action b.act is physical (0) at");
     differs(Sketch { transient: true, ..one.clone() }, "federate b is transient at");
-    differs(
-        Sketch { circle: true, ..one.clone() },
-        "the connection b.out -> a.in is without delay",
-    );
+    differs(Sketch { cycle: true, ..one.clone() }, "the connection b.out -> a.in is without delay");
     let serializer = Some("json".to_owned());
     differs(
         Sketch { serializer, ..one.clone() },
@@ -192,11 +189,11 @@ fn a_transient_federate_may_be_another_one_unless_levels_are_agreed_on() {
     let other = Sketch { period: 5, more: true, physical: true, ..one.clone() };
     assert!(told_of(&one, &other).is_empty());
     assert_eq!(sketched(&one).fingerprint(), sketched(&other).fingerprint());
-    let circle = Sketch { circle: true, ..one };
-    let told = told_of(&circle, &Sketch { more: true, ..circle.clone() });
+    let cycle = Sketch { cycle: true, ..one };
+    let told = told_of(&cycle, &Sketch { more: true, ..cycle.clone() });
     let words = "the connection b.out -> a.in is without delay, from level 1 to 2 at federate b";
     assert!(told.iter().any(|told| told.starts_with(words)), "{told:?}");
-    assert!(told_of(&circle, &Sketch { period: 5, ..circle.clone() }).is_empty());
+    assert!(told_of(&cycle, &Sketch { period: 5, ..cycle.clone() }).is_empty());
 }
 
 #[test]

@@ -1,25 +1,26 @@
 //! Federates that leave: each stops at the next microstep, and the rest of the program goes on.
 //!
-//! Where a federate has a scheduler of its own, that only asks, and its driver answers with
+//! A scheduler that runs one federate only reports the request, and its driver answers with
 //! [`Scheduler::leave_at`]. In the scheduler of a whole program the federate's reactors run their
-//! shutdown reactions and then nothing; what they have sent stays on its way.
+//! shutdown reactions and then nothing; messages that they have sent still arrive.
 
 use std::sync::Arc;
 
 use super::Scheduler;
-use crate::queue::Event;
-use crate::wiring::{Scope, Wiring};
-use crate::{ActionId, FederateId, PortId, ReactionId, ReactorId, Tag};
+use crate::queue::QueuedEvent;
+use crate::wiring::Wiring;
+use crate::{ActionId, FederateId, PortId, ReactionId, ReactorId, Scope, Tag};
 
-/// Which federates leave a whole program, and whether the one that runs here wants to.
+/// Which federates leave a whole program, or whether the one federate that runs here asks to leave.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub(super) struct Departures {
-    /// A reaction has asked, in a federate's own scheduler.
+    /// Whether a reaction has asked, in the scheduler of one federate.
     requested: bool,
-    /// Those whose last tag is the next microstep.
+    /// Federates whose last tag is the next microstep.
     due: Vec<FederateId>,
-    /// Those whose last tag is the current one.
+    /// Federates whose last tag is the current one.
     leaving: Vec<FederateId>,
+    /// Federates that have left.
     gone: Vec<FederateId>,
 }
 
@@ -36,8 +37,8 @@ impl Departures {
 }
 
 impl<V: Clone> Scheduler<V> {
-    /// Ends the federate of the running reaction at the next microstep; the others go on. Where the
-    /// program has no federates, it ends. A federate's own scheduler only asks: see
+    /// Ends the federate of the running reaction at the next microstep; the others go on. If the
+    /// program has no federates, it ends. The scheduler of one federate only reports the request: see
     /// [`Self::take_departure`].
     pub fn leave(&mut self) {
         let reactor = self.running.map(|reaction| self.program.reactions[reaction].reactor);
@@ -74,8 +75,8 @@ impl<V: Clone> Scheduler<V> {
         self.stop < self.program_end
     }
 
-    /// The last tag for which a reactor may schedule something. That an end is near is not for it to
-    /// know; that this tag is its last one is.
+    /// The last tag for which a reactor may schedule an action. It must not see that an end is near, but
+    /// it may see that the current tag is its last one.
     #[inline]
     pub(super) fn last_of(&self, reactor: ReactorId) -> Tag {
         if self.tag >= self.stop {
@@ -92,8 +93,8 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// The current tag is the last one of those that have asked: queues their reactions to the end,
-    /// and forgets what they would do later.
+    /// The current tag is the last one of federates that have asked to leave: queues their shutdown
+    /// reactions, and removes their later events.
     pub(super) fn queue_departures(&mut self) {
         self.departures.leaving = std::mem::take(&mut self.departures.due);
         let program = Arc::clone(&self.program);
@@ -105,8 +106,8 @@ impl<V: Clone> Scheduler<V> {
         self.forget_departing();
     }
 
-    /// The tag is done: whose last one it was does nothing any more. A program that all have left is
-    /// at its end.
+    /// The tag is complete: federates whose last tag it was do nothing any more. A program that all
+    /// federates have left has ended.
     #[inline]
     pub(super) fn depart(&mut self) {
         if !self.departures.leaving.is_empty() {
@@ -126,7 +127,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Forgets the events of those that leave, and what they want of modes.
+    /// Removes the events of federates that leave, and their requests for modes.
     fn forget_departing(&mut self) {
         let Self { program, wiring, queue, unread, modes, departures, .. } = self;
         let leaves = |reactor: ReactorId| {
@@ -135,11 +136,13 @@ impl<V: Clone> Scheduler<V> {
         };
         let of_action = |action: ActionId| program.actions[action].reactor;
         let of_port = |port: PortId| program.ports[port].reactor;
-        let of_event = |event: &Event<V>| {
+        let of_event = |event: &QueuedEvent<V>| {
             leaves(match event {
-                Event::Timer(timer) => program.timers[*timer].reactor,
-                Event::Action { action, .. } => of_action(*action),
-                Event::Message { connection, .. } => of_port(program.connections[*connection].to),
+                QueuedEvent::Timer(timer) => program.timers[*timer].reactor,
+                QueuedEvent::Action { action, .. } => of_action(*action),
+                QueuedEvent::Message { connection, .. } => {
+                    of_port(program.connections[*connection].to)
+                }
             })
         };
         let of_reaction = |reaction: ReactionId| leaves(program.reactions[reaction].reactor);

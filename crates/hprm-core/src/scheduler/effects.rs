@@ -1,9 +1,9 @@
-//! Reactions that run at the same time: which those are, and what each of them has asked for, kept
-//! apart until all are done.
+//! Reactions that run at the same time: which those are, and the effects of each of them, kept apart until
+//! all have returned.
 //!
-//! Whoever runs them lets each read the scheduler, which stays as it is, and write its own
-//! [`Effects`]. Committed in the order of the turns, these leave the scheduler as it would be had
-//! the reactions run one after the other, however many threads there were.
+//! The driver that runs them lets each read the scheduler, which does not change meanwhile, and write its
+//! own [`Effects`]. Committed in the order of the turns, these leave the scheduler in the same state as if
+//! the reactions had run one after the other, however many threads there were.
 
 use super::{Body, Scheduler};
 use crate::{
@@ -21,7 +21,7 @@ pub struct Turn {
     pub unhandled_tardy: Option<Tag>,
 }
 
-/// What a reaction asks for while others run.
+/// The requests of a reaction, while other reactions run.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Effects<V> {
     commands: Vec<Command<V>>,
@@ -128,7 +128,7 @@ impl<V: Clone> Effects<V> {
         deadline.is_some_and(|deadline| scheduler.is_late(deadline, now))
     }
 
-    /// Notes that the reaction has read something of the physical world; see
+    /// Notes that the reaction has read from the physical world; see
     /// [`Scheduler::mark_physical`].
     pub fn mark_physical(&mut self) {
         self.commands.push(Command::MarkPhysical);
@@ -169,14 +169,14 @@ impl<V: Clone> Scheduler<V> {
         self.record_start(turn.reaction, turn.body);
     }
 
-    /// Does what a reaction has asked for, as if it ran now. Empties `effects`.
+    /// Applies the effects of a reaction, as if it ran now. Empties `effects`.
     pub fn commit(&mut self, turn: &Turn, effects: &mut Effects<V>) {
         self.take_turn(turn);
         self.apply(effects);
         self.finish(turn.reaction);
     }
 
-    /// Does what the running reaction has asked for. Empties `effects`.
+    /// Applies effects of the running reaction. Empties `effects`.
     ///
     /// # Panics
     ///

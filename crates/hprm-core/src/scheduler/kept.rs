@@ -1,7 +1,7 @@
 //! Persistent inputs: ports whose last value can be read while they are absent.
 //!
-//! A port becomes one when somebody gives it a first value to remember; nothing is remembered for
-//! the others. Presence, and what it triggers, is the same for both.
+//! A port becomes one when a driver or a reaction gives it a first value to remember; other ports remember
+//! nothing. Presence, and what it triggers, is the same for both.
 
 use super::Scheduler;
 use crate::PortId;

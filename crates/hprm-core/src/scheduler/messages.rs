@@ -2,23 +2,23 @@
 
 use std::sync::Arc;
 
-use super::{Scheduler, Send};
-use crate::queue::Event;
+use super::{OutboundMessage, Scheduler};
+use crate::queue::QueuedEvent;
 use crate::{
     Channel, ChannelId, Connection, ConnectionId, Delay, FederateId, PhysicalTime, PortId, Reading,
     Tag,
 };
 
 impl<V: Clone> Scheduler<V> {
-    /// A value that leaves for another federate, in the order in which they were set.
-    pub fn poll_send(&mut self) -> Option<Send<V>> {
-        self.sends.pop_front()
+    /// The next message to another federate, in the order in which they are to be sent.
+    pub fn poll_outbound(&mut self) -> Option<OutboundMessage<V>> {
+        self.outbound.pop_front()
     }
 
     /// Inserts a message from another federate. Returns the tag at which it will be present: its
     /// own, or a later one if it is tardy; none if that is after the program's timeout. A message for the tag
-    /// that is being processed is in time if no reaction that could read it has had its turn.
-    /// `physical` is what the sender's scheduler said of it.
+    /// that is being processed is in time if no reaction that could read it has run.
+    /// `physical` comes from the sender's [`OutboundMessage`].
     pub fn deliver(
         &mut self,
         channel: ChannelId,
@@ -27,12 +27,12 @@ impl<V: Clone> Scheduler<V> {
         physical: bool,
     ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
-        // One that came too late may have taken the place of this one.
+        // A tardy message may have taken the tag of this one.
         let is_next = tag > self.last_assigned[connection];
         if tag == self.tag && is_next && self.is_in_time(channel) {
-            let outlet = self.wiring.outlets[self.program.connections[connection].to];
+            let route = self.wiring.routes[self.program.connections[connection].to];
             self.last_assigned[connection] = tag;
-            self.make_present(outlet, value, None, physical);
+            self.make_present(route, value, None, physical);
             return Some(tag);
         }
         // A tardy message must neither overtake nor displace another one of its connection.
@@ -57,28 +57,26 @@ impl<V: Clone> Scheduler<V> {
         self.insert_message(connection, tag, (value, None, true))
     }
 
-    /// Sends what is present along delayed connections and to other federates, and makes it absent.
+    /// Sends the values of present ports along delayed connections and to other federates.
     pub(super) fn send_present(&mut self, now: impl Reading) {
-        if !self.departing.is_empty() {
-            let mut ports = std::mem::take(&mut self.departing);
-            // Not in the order of setting: where a message stands in the queue is part of the state.
-            ports.sort_unstable();
-            let now = now.read();
-            for root in ports.drain(..) {
-                if let Some(value) = self.ports[root].take() {
-                    self.forward(root, &value, now);
-                }
+        if self.current.outbound_ports.is_empty() {
+            return;
+        }
+        let mut ports = std::mem::take(&mut self.current.outbound_ports);
+        // Not in the order of setting: the order of messages in the queue is part of the state.
+        ports.sort_unstable();
+        let now = now.read();
+        for root in ports.drain(..) {
+            if let Some(value) = self.current.ports[root].take() {
+                self.send_value(root, &value, now);
             }
-            self.departing = ports;
         }
-        for root in &self.present_ports {
-            self.ports[*root] = None;
-        }
-        self.present_ports.clear();
+        // Its memory is used at later tags.
+        self.current.outbound_ports = ports;
     }
 
-    /// Sends the value at a root along what leaves from there.
-    fn forward(&mut self, root: PortId, value: &V, now: PhysicalTime) {
+    /// Sends the value at a root along the delayed connections and channels that start there.
+    fn send_value(&mut self, root: PortId, value: &V, now: PhysicalTime) {
         let wiring = Arc::clone(&self.wiring);
         let marked = self.is_port_marked(root);
         for connection in &wiring.delayed[root] {
@@ -91,7 +89,7 @@ impl<V: Clone> Scheduler<V> {
             let tag = self.assign(*connection, computed);
             self.insert_message(*connection, tag, (value.clone(), None, marked || physical));
         }
-        let sent = self.sent.contains(&root);
+        let sent = self.current.sent_ports.contains(&root);
         for channel in &wiring.outgoing[root] {
             let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
             if sent && self.program.channels[*channel].is_direct() {
@@ -100,15 +98,16 @@ impl<V: Clone> Scheduler<V> {
             let tag = self.assign(connection, delay.shift(self.tag));
             if physical || tag <= self.program_end {
                 let value = value.clone();
-                self.sends.push_back(Send { channel: *channel, tag, value, physical: marked });
+                let message = OutboundMessage { channel: *channel, tag, value, physical: marked };
+                self.outbound.push_back(message);
             }
         }
         let sender = self.program.reactors[self.program.ports[root].reactor].federate;
-        self.pass_unread(root, self.tag, (sender, now));
+        self.note_unread(root, self.tag, (sender, now));
     }
 
-    /// Notes when messages arrive that leave a root at `tag` and that no reaction reads.
-    fn pass_unread(
+    /// Notes when messages arrive that are sent from a root at `tag` and that no reaction reads.
+    fn note_unread(
         &mut self,
         root: PortId,
         tag: Tag,
@@ -126,8 +125,8 @@ impl<V: Clone> Scheduler<V> {
                 let last = self.unread.entry(sender).or_insert(at);
                 *last = at.max(*last);
                 self.record_unread(physical);
-                // A circle of connections has no reaction in it, and so nothing ever gets there.
-                self.pass_unread(wiring.root(to), at, (sender, now));
+                // Terminates: a cycle of connections has no reaction, so it never has a value.
+                self.note_unread(wiring.root(to), at, (sender, now));
             }
         }
     }
@@ -152,7 +151,7 @@ impl<V: Clone> Scheduler<V> {
         if at <= self.stop {
             self.last_assigned[connection] = at;
         }
-        self.queue.insert(at, Event::Message { connection, value, intended, physical });
+        self.queue.insert(at, QueuedEvent::Message { connection, value, intended, physical });
         Some(at)
     }
 

@@ -1,13 +1,13 @@
-//! Modes at run time: which are active, what waits in those that are not, and the change from one
-//! to the next, which takes effect between two tags.
+//! Modes at run time: which are active, the suspended events of those that are not, and the transition from
+//! one to the next, which takes effect between two tags.
 //!
-//! Time stands still in a mode that is not active. The events of its timers, actions and delayed
-//! connections are put aside with the time that they still had to wait; see [`Scheduler::end`] for
-//! when that happens.
+//! Time does not pass in a mode that is not active. The events of its timers, actions and delayed
+//! connections are suspended with the time that they still have to wait. That happens in
+//! [`Scheduler::end`].
 
 use super::Scheduler;
 use crate::order::Batch;
-use crate::queue::Event;
+use crate::queue::QueuedEvent;
 use crate::wiring::{ModeWiring, Wiring};
 use crate::{
     Delay, ModeId, Nanos, Program, ReactionId, ReactorId, Table, Tag, TimerId, Transition,
@@ -20,23 +20,24 @@ pub(super) struct Modes<V> {
     current: Table<ModeId, bool>,
     /// Current, and so are all modes around it.
     active: Table<ModeId, bool>,
-    /// Those that have ever been active.
+    /// Modes that have ever been active.
     visited: Table<ModeId, bool>,
-    /// What the reactions of this tag have asked for, by index of the reactor; the last one wins.
+    /// The transitions that reactions have requested at this tag, by index of the reactor; the last one
+    /// wins.
     requested: Vec<Option<(ModeId, Transition)>>,
-    /// Whether any has.
+    /// Whether there is such a request.
     changing: bool,
     suspended: Vec<Suspended<V>>,
-    /// Reactions to the start or to a reset, whose modes are not active yet.
+    /// Startup and reset reactions whose modes are not active yet.
     waiting: Vec<ReactionId>,
-    /// Those that run at the next microstep.
+    /// Startup and reset reactions that run at the next microstep.
     due: Vec<ReactionId>,
 }
 
 /// An event that waits for its mode.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Suspended<V> {
-    event: Event<V>,
+    event: QueuedEvent<V>,
     mode: ModeId,
     /// How long it has to wait once the mode is active.
     remaining: Nanos,
@@ -60,17 +61,17 @@ impl<V> Modes<V> {
         modes
     }
 
-    /// Whether what lies in `mode`, or in none, can happen.
+    /// Whether elements of `mode`, or of no mode, are active.
     pub(super) fn is_active(&self, mode: Option<ModeId>) -> bool {
         mode.is_none_or(|mode| self.active[mode])
     }
 
-    /// Whether there are no modes at all, which spares the rest of the questions.
+    /// Whether there are no modes at all: then no other check is needed.
     pub(super) fn all_active(&self) -> bool {
         self.requested.is_empty()
     }
 
-    /// Those of some reactions that lie in active modes.
+    /// The reactions of a batch that are in active modes.
     #[inline(never)]
     pub(super) fn active_of(&self, wiring: &Wiring, mut batch: Batch) -> Batch {
         for position in batch.positions() {
@@ -81,12 +82,12 @@ impl<V> Modes<V> {
         batch
     }
 
-    /// Whether what lies in `mode` has ever been active.
+    /// Whether elements of `mode`, or of no mode, have ever been active.
     pub(super) fn was_active(&self, mode: Option<ModeId>) -> bool {
         mode.is_none_or(|mode| self.visited[mode])
     }
 
-    /// Whether the next microstep has something to do.
+    /// Whether a startup or reset reaction runs at the next microstep.
     pub(super) fn has_due(&self) -> bool {
         !self.due.is_empty()
     }
@@ -98,13 +99,13 @@ impl<V> Modes<V> {
         }
     }
 
-    /// Forgets what reactors have asked for and what waits in them.
+    /// Removes the requests and suspended events of reactors that have left.
     pub(super) fn forget(
         &mut self,
         wiring: &ModeWiring,
         gone: impl Fn(ReactorId) -> bool,
         gone_reaction: impl Fn(ReactionId) -> bool,
-        gone_event: impl Fn(&Event<V>) -> bool,
+        gone_event: impl Fn(&QueuedEvent<V>) -> bool,
     ) {
         for (modal, requested) in wiring.reactors.iter().zip(&mut self.requested) {
             if gone(modal.reactor) {
@@ -115,8 +116,8 @@ impl<V> Modes<V> {
         self.waiting.retain(|reaction| !gone_reaction(*reaction));
     }
 
-    /// Puts an event aside.
-    pub(super) fn suspend(&mut self, event: Event<V>, mode: ModeId, remaining: Nanos) {
+    /// Suspends an event.
+    pub(super) fn suspend(&mut self, event: QueuedEvent<V>, mode: ModeId, remaining: Nanos) {
         self.suspended.push(Suspended { event, mode, remaining });
     }
 
@@ -131,8 +132,8 @@ impl<V> Modes<V> {
     }
 
     /// Makes the requested modes the current ones. Returns those that are entered by a reset, and
-    /// those of them that their reactor has not been in: a reset of a mode sends the reactors inside
-    /// to their initial modes.
+    /// those of them in which their reactor has not been: a reset of a mode puts the reactors inside
+    /// into their initial modes.
     fn enter_requested(&mut self, wiring: &ModeWiring) -> (Vec<ModeId>, Vec<ModeId>) {
         let (mut reset, mut new) = (Vec::new(), Vec::new());
         for (modal, requested) in wiring.reactors.iter().zip(&mut self.requested) {
@@ -143,7 +144,7 @@ impl<V> Modes<V> {
             let Some((mode, transition)) = entered else { continue };
             if transition == Transition::Reset {
                 reset.push(mode);
-                // One whose surroundings are new has not been in any of its modes.
+                // A reactor inside of a new mode has not been in any of its modes.
                 let around = modal.outer.is_some_and(|outer| new.contains(&outer));
                 if around || !self.current[mode] {
                     new.push(mode);
@@ -160,7 +161,7 @@ impl<V> Modes<V> {
 }
 
 impl<V: Clone> Scheduler<V> {
-    /// Makes the reactor of `mode` change to it when this tag is done. The last request of a tag
+    /// Requests that the reactor of `mode` enters it when this tag is complete. The last request of a tag
     /// wins.
     pub fn enter(&mut self, mode: ModeId, transition: Transition) {
         self.record_mode(mode, transition);
@@ -172,13 +173,13 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Whether a mode is active: its reactor is in it, and so on outwards.
+    /// Whether a mode is active: its reactor is in it, and all modes around it are active.
     #[must_use]
     pub fn is_active(&self, mode: ModeId) -> bool {
         self.modes.active[mode]
     }
 
-    /// Queues the reactions to the start, or keeps them for the first activity of their mode.
+    /// Queues the startup reactions, or keeps them until their mode is active for the first time.
     pub(super) fn queue_startup(&mut self) {
         let wiring = std::sync::Arc::clone(&self.wiring);
         for reaction in &wiring.startup {
@@ -190,8 +191,8 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Queues the reactions to the end, of what ends: also those of modes that are not active, if they
-    /// have been.
+    /// Queues the shutdown reactions that `ends` selects, also those of modes that are not active, if the
+    /// modes have been active.
     pub(super) fn queue_shutdown(&mut self, ends: impl Fn(ReactionId) -> bool) {
         for reaction in self.wiring.shutdown.iter().filter(|reaction| ends(**reaction)) {
             if self.modes.was_active(self.wiring.modes.of_reaction[*reaction]) {
@@ -200,7 +201,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Queues the reactions that the change of modes before this tag has called for.
+    /// Queues the reactions that are due because of transitions before this tag.
     #[inline]
     pub(super) fn queue_due(&mut self) {
         if self.modes.has_due() {
@@ -215,9 +216,9 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Inserts the first event of a timer, or keeps it for the activity of its mode.
+    /// Inserts the first event of a timer, or suspends it until its mode is active.
     pub(super) fn start_timer(&mut self, timer: TimerId, at: Tag) {
-        let event = Event::Timer(timer);
+        let event = QueuedEvent::Timer(timer);
         match self.wiring.modes.of_timer[timer] {
             Some(mode) if !self.modes.active[mode] => {
                 let offset = self.program.timers[timer].offset.max(0);
@@ -228,7 +229,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Changes modes as the reactions of this tag have asked.
+    /// Makes the transitions that reactions have requested at this tag.
     pub(super) fn change_modes(&mut self) {
         if !self.modes.changing {
             return;
@@ -250,13 +251,13 @@ impl<V: Clone> Scheduler<V> {
         due.extend(waiting.extract_if(.., is_due));
     }
 
-    /// Puts the events of modes aside that are not active any more.
+    /// Suspends the events of modes that are not active any more.
     fn suspend_inactive(&mut self) {
         let Self { queue, modes, wiring, tag, .. } = self;
-        let mode_of = |event: &Event<V>| match event {
-            Event::Timer(timer) => wiring.modes.of_timer[*timer],
-            Event::Action { action, .. } => wiring.modes.of_action[*action],
-            Event::Message { connection, .. } => wiring.modes.of_connection[*connection],
+        let mode_of = |event: &QueuedEvent<V>| match event {
+            QueuedEvent::Timer(timer) => wiring.modes.of_timer[*timer],
+            QueuedEvent::Action { action, .. } => wiring.modes.of_action[*action],
+            QueuedEvent::Message { connection, .. } => wiring.modes.of_connection[*connection],
         };
         for (at, event) in queue.extract(|event| !modes.is_active(mode_of(event))) {
             if let Some(mode) = mode_of(&event) {
@@ -265,8 +266,8 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Puts events back into the queue whose modes are active again. Those of a mode that is reset
-    /// are forgotten.
+    /// Inserts suspended events into the queue whose modes are active again. Events of a mode that is reset
+    /// are removed.
     fn resume(&mut self, reset: &[ModeId]) {
         let mut kept = Vec::new();
         for suspended in std::mem::take(&mut self.modes.suspended) {
@@ -280,11 +281,11 @@ impl<V: Clone> Scheduler<V> {
             }
             let at = Delay::after(remaining).shift(self.tag);
             let (action, connection) = match &event {
-                Event::Action { action, .. } => (Some(*action), None),
-                Event::Message { connection, .. } => (None, Some(*connection)),
-                Event::Timer(_) => (None, None),
+                QueuedEvent::Action { action, .. } => (Some(*action), None),
+                QueuedEvent::Message { connection, .. } => (None, Some(*connection)),
+                QueuedEvent::Timer(_) => (None, None),
             };
-            let at = self.queue.pile(at, event);
+            let at = self.queue.insert_at_free_microstep(at, event);
             if let Some(action) = action {
                 self.last_scheduled[action] = self.last_scheduled[action].max(Some(at));
             }
@@ -296,8 +297,8 @@ impl<V: Clone> Scheduler<V> {
         self.queue.truncate(self.timeout);
     }
 
-    /// Starts the timers of modes over that are reset. One whose reactor has been in the mode before
-    /// goes on as it was, unless it has ended.
+    /// Starts the timers of modes that are reset again. If the reactor was in the mode already, its timers
+    /// go on as they were, unless they have ended.
     fn restart_timers(&mut self, wiring: &ModeWiring, reset: &[ModeId], new: &[ModeId]) {
         for (timer, mode) in wiring.of_timer.iter() {
             let Some(mode) = mode.filter(|mode| reset.contains(mode)) else { continue };

@@ -1,5 +1,5 @@
-//! Reactions that wait for their turn at the current tag: a set of positions, of which the first is
-//! taken again and again. This file knows their order, not what queued them.
+//! Reactions that are ready to run at the current tag: a bit set of positions, from which the first is
+//! taken again and again. This file knows their order, not what triggered them.
 
 use std::hash::{Hash, Hasher};
 
@@ -7,21 +7,21 @@ use crate::order::{Batch, Position};
 
 const BITS: u32 = u64::BITS;
 
-/// Reactions that wait for their turn.
+/// Reactions that are ready to run.
 ///
-/// What one reaction sets decides which one is next, and so on, so what counts is how long it takes
-/// from [`Self::add`] to what [`Self::pop`] finds: a word is written and read, and nothing computed.
+/// What one reaction sets decides which one is next, and so on, so the time from [`Self::add`] to the
+/// result of [`Self::pop`] counts: a word is written and read, and nothing else is computed.
 #[derive(Clone, Debug)]
 pub(super) struct Ready {
     /// A bit for every position.
     words: Vec<u64>,
-    /// A bit for every word that is not zero, so that the first one is found at a glance.
+    /// A bit for every word that is not zero, so that the first one is found quickly.
     summary: Vec<u64>,
-    /// No word before this one has a bit. Most programs have but one.
+    /// No word before this one has a bit. Most programs have only one word.
     first: u32,
 }
 
-// Where one looks first is no part of the state.
+// Where the search begins is not part of the state.
 impl PartialEq for Ready {
     fn eq(&self, other: &Self) -> bool {
         self.words == other.words
@@ -37,7 +37,7 @@ impl Hash for Ready {
 }
 
 impl Ready {
-    /// Nothing waits, of so many reactions.
+    /// An empty set, for so many reactions.
     pub(super) fn new(reactions: usize) -> Self {
         let words = reactions.div_ceil(BITS as usize);
         let summary = words.div_ceil(BITS as usize);
@@ -48,12 +48,12 @@ impl Ready {
         self.first_word().is_none()
     }
 
-    /// Adds a reaction, unless it waits already.
+    /// Adds a reaction, unless it is in the set already.
     pub(super) fn push(&mut self, position: Position) {
         self.add(Batch { word: position.word(), bits: position.bit() });
     }
 
-    /// Adds those of some reactions that do not wait already.
+    /// Adds the reactions of a batch that are not in the set already.
     #[inline]
     pub(super) fn add(&mut self, Batch { word, bits }: Batch) {
         if bits == 0 {
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_added_meanwhile_takes_its_place() {
+    fn a_reaction_that_is_added_later_comes_out_in_its_order() {
         let mut ready = Ready::new(300);
         ready.push(Position(7));
         ready.push(Position(299));

@@ -1,19 +1,20 @@
-//! What reactions did, for the logical trace; and what of it stems from the physical world.
+//! Records of what reactions did, for the logical trace, with marks on what may depend on the physical
+//! world.
 //!
-//! Recording is off until it is asked for, and costs a test of an option then. A record is complete
-//! when its reaction finishes. Whoever compares two runs leaves out what is marked as physical, so
-//! the mark spreads to whatever it may have influenced:
+//! Recording is off at first, and then costs one test of an option. A record is complete when its
+//! reaction finishes. A comparison of two runs leaves out what is marked as physical, so the mark spreads
+//! to everything that it may have influenced:
 //!
 //! - Events of physical actions and messages of physical connections are marked.
 //! - A reaction that an event or a port with a mark triggers, or that may read such a port, is
-//!   marked, and from then on all reactions of its reactor are, since its state may hold what it has
-//!   seen. If it changes the mode of its reactor, that holds for all reactors inside as well.
+//!   marked, and from then on all reactions of its reactor are, since its state may depend on
+//!   it. If it changes the mode of its reactor, that holds for all reactors inside as well.
 //! - A reaction that reads the clock is marked for this one time.
 //! - What a marked reaction sets or schedules from then on has the mark.
 //!
-//! What a value is, and how it is written down, is the driver's business. It asks for what a reaction
-//! finds at its inputs ([`Scheduler::inputs`]) before it runs the body: later, the value may have
-//! changed, since clones share it.
+//! The driver knows what a value is, and writes it down. It asks for the inputs of a reaction
+//! ([`Scheduler::inputs`]) before it runs the body: later, the value may have changed, since clones share
+//! it.
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -25,23 +26,22 @@ use crate::{
 
 /// What one reaction did at one tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub struct Record<V> {
-    /// When.
+pub struct ReactionRecord<V> {
+    /// The tag.
     pub tag: Tag,
-    /// Which reaction.
+    /// The reaction.
     pub reaction: ReactionId,
-    /// Which of its bodies.
+    /// Which of its bodies ran.
     pub body: Body,
-    /// The tag that an input was meant for, if one came too late.
+    /// The tag that an input was meant for, if one was tardy.
     pub tardy: Option<Tag>,
     /// Whether it may depend on something that the program has read from the physical world.
     pub physical: bool,
-    /// The ports that it set, each once and in their order, with the values that they were left
-    /// with.
+    /// The ports that it set, each once and in their order, with their last values.
     pub ports: Vec<(PortId, V)>,
     /// The actions that it scheduled, in the order of its calls.
-    pub actions: Vec<Request<V>>,
-    /// The modes that it asked for, in the order of its calls.
+    pub actions: Vec<ScheduleRequest<V>>,
+    /// The modes that it requested, in the order of its calls.
     pub modes: Vec<(ModeId, Transition)>,
     /// Whether it asked the program to stop.
     pub stops: bool,
@@ -49,11 +49,11 @@ pub struct Record<V> {
     pub leaves: bool,
 }
 
-/// What a reaction finds at one of its triggers or sources.
+/// The value at one of the triggers or sources of a reaction.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Found<'a, V> {
+pub struct InputValue<'a, V> {
     /// The port or the action.
-    pub input: Input,
+    pub input: InputId,
     /// The value there; an action may have none.
     pub value: Option<&'a V>,
     /// Whether the port is absent, and remembers the value.
@@ -62,7 +62,7 @@ pub struct Found<'a, V> {
 
 /// What a reaction may read.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum Input {
+pub enum InputId {
     /// A port that triggers it or is a source of it.
     Port(PortId),
     /// An action that triggers it.
@@ -71,21 +71,21 @@ pub enum Input {
 
 /// An action that a reaction scheduled.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub struct Request<V> {
+pub struct ScheduleRequest<V> {
     /// The action.
     pub action: ActionId,
     /// The value for it.
     pub value: Option<V>,
-    /// What became of that.
+    /// The result of the request.
     pub outcome: Scheduled,
 }
 
-/// Records in the making, and where the marks are.
+/// Records, and what is marked.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Recorder<V> {
-    /// Of the reaction that runs; its ports have no values yet.
-    open: Option<Open<V>>,
-    complete: VecDeque<Record<V>>,
+    /// The record of the running reaction; its ports have no values yet.
+    open: Option<OpenRecord<V>>,
+    complete: VecDeque<ReactionRecord<V>>,
     /// Roots whose values are marked at this tag.
     ports: BTreeSet<PortId>,
     /// Actions whose events are marked at this tag.
@@ -94,15 +94,15 @@ pub(super) struct Recorder<V> {
     actions: BTreeSet<ActionId>,
     /// Reactors whose state is marked.
     reactors: BTreeSet<ReactorId>,
-    /// Whether the program's end is.
+    /// Whether the program's end is marked.
     stop: bool,
     /// Whether the clock has given tags to messages that no reaction reads.
     unread: bool,
 }
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Open<V> {
-    record: Record<V>,
+struct OpenRecord<V> {
+    record: ReactionRecord<V>,
     set: Vec<PortId>,
 }
 
@@ -154,44 +154,44 @@ impl<V: Clone> Scheduler<V> {
 
     /// A reaction that has finished, if recording is on. Within a tag they come in the order in
     /// which they finished, which workers may change.
-    pub fn poll_record(&mut self) -> Option<Record<V>> {
+    pub fn poll_record(&mut self) -> Option<ReactionRecord<V>> {
         self.recorder.as_mut()?.complete.pop_front()
     }
 
-    /// What a reaction finds at its triggers and sources if it begins now: what is present, and what
-    /// persistent ports remember. Each once, in the order of the program.
+    /// The values at the triggers and sources of a reaction that begins now: of those that are present, and
+    /// of persistent ports that remember one. Each once, in the order of the program.
     #[must_use]
-    pub fn inputs(&self, reaction: ReactionId) -> Vec<Found<'_, V>> {
+    pub fn inputs(&self, reaction: ReactionId) -> Vec<InputValue<'_, V>> {
         let spec = &self.program.reactions[reaction];
         let triggers = spec.triggers.iter().filter_map(|trigger| match *trigger {
-            Trigger::Port(port) => Some(Input::Port(port)),
-            Trigger::Action(action) => Some(Input::Action(action)),
+            Trigger::Port(port) => Some(InputId::Port(port)),
+            Trigger::Action(action) => Some(InputId::Action(action)),
             Trigger::Startup | Trigger::Shutdown | Trigger::Reset | Trigger::Timer(_) => None,
         });
-        let mut inputs: Vec<Input> =
-            triggers.chain(spec.sources.iter().copied().map(Input::Port)).collect();
+        let mut inputs: Vec<InputId> =
+            triggers.chain(spec.sources.iter().copied().map(InputId::Port)).collect();
         inputs.sort_unstable();
         inputs.dedup();
         let found = inputs.into_iter().filter_map(|input| match input {
-            Input::Port(port) => {
+            InputId::Port(port) => {
                 let (value, remembered) = (self.latest(port)?, self.port(port).is_none());
-                Some(Found { input, value: Some(value), remembered })
+                Some(InputValue { input, value: Some(value), remembered })
             }
-            Input::Action(action) => {
-                Some(Found { input, value: self.action(action)?, remembered: false })
+            InputId::Action(action) => {
+                Some(InputValue { input, value: self.action(action)?, remembered: false })
             }
         });
         found.collect()
     }
 
-    /// Notes that the running reaction has read something of the physical world, such as the clock.
+    /// Notes that the running reaction has read from the physical world, for example the clock.
     pub fn mark_physical(&mut self) {
         if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
             open.record.physical = true;
         }
     }
 
-    /// Whether the physical world may have a part in when the program ends.
+    /// Whether the end of the program may depend on the physical world.
     #[must_use]
     pub fn stops_physically(&self) -> bool {
         self.recorder.as_ref().is_some_and(|recorder| recorder.stop)
@@ -222,7 +222,7 @@ impl<V: Clone> Scheduler<V> {
         if read || may_read {
             recorder.reactors.insert(spec.reactor);
         }
-        let record = Record {
+        let record = ReactionRecord {
             tag: self.tag,
             reaction,
             body,
@@ -234,7 +234,7 @@ impl<V: Clone> Scheduler<V> {
             stops: false,
             leaves: false,
         };
-        recorder.open = Some(Open { record, set: Vec::new() });
+        recorder.open = Some(OpenRecord { record, set: Vec::new() });
     }
 
     /// The running reaction has set a port.
@@ -246,13 +246,13 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// The running reaction has scheduled an action.
-    pub(super) fn record_action(&mut self, request: Request<V>) {
+    pub(super) fn record_action(&mut self, request: ScheduleRequest<V>) {
         if let Some(open) = self.recorder.as_mut().and_then(|recorder| recorder.open.as_mut()) {
             open.record.actions.push(request);
         }
     }
 
-    /// The running reaction has asked for a mode.
+    /// The running reaction has requested a mode.
     pub(super) fn record_mode(&mut self, mode: ModeId, transition: Transition) {
         let Some(recorder) = &mut self.recorder else { return };
         let Some(open) = &mut recorder.open else { return };
@@ -265,7 +265,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// The running reaction, or somebody outside, has asked for the end.
+    /// The running reaction, or the driver, has requested the end.
     pub(super) fn record_stop(&mut self) {
         let Some(recorder) = &mut self.recorder else { return };
         if let Some(open) = &mut recorder.open {
@@ -274,7 +274,7 @@ impl<V: Clone> Scheduler<V> {
         recorder.stop |= recorder.open.as_ref().is_none_or(|open| open.record.physical);
     }
 
-    /// The running reaction has asked for the end of its federate.
+    /// The running reaction has requested the end of its federate.
     pub(super) fn record_departure(&mut self) {
         let Some(recorder) = &mut self.recorder else { return };
         let Some(open) = &mut recorder.open else { return };
@@ -285,7 +285,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// The end of a federate depends on the physical world, and so does what it does there.
+    /// The end of a federate depends on the physical world, and so do its reactions at the end.
     pub fn mark_departure(&mut self, federate: Option<FederateId>) {
         if let Some(recorder) = &mut self.recorder {
             let reactors = self.program.reactors.iter();
@@ -294,7 +294,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// A message is on its way that no reaction reads; `physical` if the clock gave it its tag.
+    /// A message was sent that no reaction reads; `physical` if the clock gave it its tag.
     pub(super) fn record_unread(&mut self, physical: bool) {
         if let Some(recorder) = &mut self.recorder {
             recorder.unread |= physical;
@@ -319,14 +319,14 @@ impl<V: Clone> Scheduler<V> {
     #[cold]
     fn close_record(&mut self) {
         let Some(recorder) = &mut self.recorder else { return };
-        let Some(Open { mut record, mut set }) = recorder.open.take() else { return };
+        let Some(OpenRecord { mut record, mut set }) = recorder.open.take() else { return };
         set.sort_unstable();
         set.dedup();
-        let left = set.into_iter().filter_map(|port| {
-            let present = self.ports[self.wiring.root(port)].clone()?;
+        let values = set.into_iter().filter_map(|port| {
+            let present = self.current.ports[self.wiring.root(port)].clone()?;
             Some((port, present))
         });
-        record.ports = left.collect();
+        record.ports = values.collect();
         recorder.complete.push_back(record);
     }
 
@@ -355,7 +355,7 @@ impl<V: Clone> Scheduler<V> {
         }
     }
 
-    /// Marks the value at a root, if it is `physical` or takes the place of one that was.
+    /// Marks the value at a root, if it is `physical` or replaces one that was.
     #[inline]
     pub(super) fn mark_port(&mut self, root: PortId, physical: bool) {
         if let Some(recorder) = self.recorder.as_mut().filter(|_| physical) {
@@ -378,7 +378,7 @@ impl<V: Clone> Scheduler<V> {
     }
 }
 
-/// Whether `reactor` is `around` or somewhere inside.
+/// Whether `reactor` is `around` or is inside it, at any depth.
 fn is_within(program: &Program, reactor: ReactorId, around: ReactorId) -> bool {
     let mut here = Some(reactor);
     while let Some(reactor) = here {

@@ -1,9 +1,10 @@
-//! What a running reaction asks for besides setting ports: actions, deadlines, the end.
+//! The requests of a running reaction besides setting ports: actions, deadlines, the end.
 
-use super::{Request, Scheduled, Scheduler};
-use crate::queue::Event;
-use crate::wiring::Scope;
-use crate::{ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Reading, Tag};
+use super::{ScheduleRequest, Scheduled, Scheduler};
+use crate::queue::QueuedEvent;
+use crate::{
+    ActionId, Delay, Nanos, Origin, PhysicalTime, Policy, ReactionId, Reading, Scope, Tag,
+};
 
 impl<V: Clone> Scheduler<V> {
     /// Schedules a logical action `extra` nanoseconds after its minimum delay, or a physical one by
@@ -18,7 +19,7 @@ impl<V: Clone> Scheduler<V> {
         let recorded = self.recorder.is_some().then(|| value.clone());
         let outcome = self.insert_action(action, extra, value, now);
         if let Some(value) = recorded {
-            self.record_action(Request { action, value, outcome });
+            self.record_action(ScheduleRequest { action, value, outcome });
         }
         outcome
     }
@@ -36,7 +37,7 @@ impl<V: Clone> Scheduler<V> {
         if let Some(mode) = self.wiring.modes.of_action[action]
             && !self.is_active(mode)
         {
-            self.modes.suspend(Event::Action { action, value, physical }, mode, delay);
+            self.modes.suspend(QueuedEvent::Action { action, value, physical }, mode, delay);
             return Scheduled::Suspended;
         }
         let mut tag = match spec.origin {
@@ -61,12 +62,14 @@ impl<V: Clone> Scheduler<V> {
                 }
             }
         }
-        // At the end of time there is no next microstep to pile up at, and nobody gets there.
+        // The last possible time has no next microstep for a second event, and no program reaches it.
         let last = self.last_of(spec.reactor);
         if tag > last || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
-        let at = self.queue.pile(tag, Event::Action { action, value, physical });
+        let at = self
+            .queue
+            .insert_at_free_microstep(tag, QueuedEvent::Action { action, value, physical });
         if at > self.timeout {
             self.queue.truncate(self.timeout);
             return Scheduled::AfterStop;
@@ -75,19 +78,19 @@ impl<V: Clone> Scheduler<V> {
         Scheduled::At(at)
     }
 
-    /// The value of the event that the latest call to [`Self::schedule`] replaced or removed, for
-    /// whoever must not drop it there.
+    /// The value of the event that the latest call to [`Self::schedule`] replaced or removed, for a driver
+    /// that must not drop it there.
     pub fn take_displaced(&mut self) -> Option<V> {
         self.displaced.take()
     }
 
-    /// Changes the deadline of a reaction from now on. One that declares none has no handler: its
-    /// body runs whatever the time is, and may ask [`Self::misses_deadline`].
+    /// Changes the deadline of a reaction from now on. A reaction that declares none has no handler:
+    /// its body runs at any time, and may call [`Self::misses_deadline`].
     pub fn set_deadline(&mut self, reaction: ReactionId, deadline: Nanos) {
         self.deadlines[reaction] = Some(deadline);
     }
 
-    /// Ends the program at the next microstep. A federate only asks: see
+    /// Ends the program at the next microstep. The scheduler of one federate only reports the request: see
     /// [`Self::take_stop_request`].
     pub fn request_stop(&mut self) {
         self.record_stop();
@@ -98,7 +101,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// `delay` after the reading of the clock, but never at or before the current tag, nor before the
-    /// first one: who starts late may hear something before it does.
+    /// first one: a federate that starts late may receive messages before its first tag.
     pub(super) fn tag_by_clock(&self, delay: Nanos, now: PhysicalTime) -> Tag {
         let time = now.since(self.start).max(0).saturating_add(delay);
         Tag::new(time, 0).max(self.tag.succ()).max(self.first)

@@ -1,7 +1,8 @@
 //! What modes enclose, looked up once: the mode of every reaction, action, timer and connection.
 
-use super::Scope;
-use crate::{ActionId, ConnectionId, ModeId, Program, ReactionId, ReactorId, Table, TimerId};
+use crate::{
+    ActionId, ConnectionId, ModeId, Program, ReactionId, ReactorId, Scope, Table, TimerId,
+};
 
 /// What modes enclose, innermost first; all tables are full even where there are no modes.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]

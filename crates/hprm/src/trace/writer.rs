@@ -7,7 +7,10 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use hprm_core::{ActionId, Found, Input, Program, ReactionId, Record, Request, Scheduler, Tag};
+use hprm_core::{
+    ActionId, InputId, InputValue, Program, ReactionId, ReactionRecord, ScheduleRequest, Scheduler,
+    Tag,
+};
 
 use super::line::{End, Ending, Enter, Entry, Header, Line, Read, Schedule, Set, VERSION, at};
 use super::{Described, Draft};
@@ -65,7 +68,11 @@ impl Trace {
     /// # Errors
     ///
     /// If the file cannot be written.
-    pub fn add<H: Host>(&mut self, host: &mut H, record: Record<H::Value>) -> Result<(), Failure> {
+    pub fn add<H: Host>(
+        &mut self,
+        host: &mut H,
+        record: ReactionRecord<H::Value>,
+    ) -> Result<(), Failure> {
         let spec = &self.program.reactions[record.reaction];
         // The front end has added those with number zero; they are no reactions of the program.
         if spec.number == 0 {
@@ -119,14 +126,14 @@ impl Trace {
         Ok(())
     }
 
-    fn entry<H: Host>(&mut self, host: &mut H, record: Record<H::Value>) -> Entry {
+    fn entry<H: Host>(&mut self, host: &mut H, record: ReactionRecord<H::Value>) -> Entry {
         let at_start = self.begun.iter().position(|(reaction, _)| *reaction == record.reaction);
         let reads = at_start.map(|place| self.begun.swap_remove(place).1).unwrap_or_default();
         let program = &self.program;
         let set =
             |(port, value)| Set { port: program.port_name(port), value: host.describe(&value) };
         let sets = record.ports.into_iter().map(set).collect();
-        let schedule = |Request { action, value, outcome }| Schedule {
+        let schedule = |ScheduleRequest { action, value, outcome }| Schedule {
             action: action_name(program, action),
             at: outcome.into(),
             physical: program.actions[action].origin == hprm_core::Origin::Physical,
@@ -162,10 +169,10 @@ pub fn reads<V: Clone>(
     mut describe: impl FnMut(&V) -> Described,
 ) -> Vec<Read> {
     let program = scheduler.program();
-    let read = |Found { input, value, remembered }: Found<'_, V>| Read {
+    let read = |InputValue { input, value, remembered }: InputValue<'_, V>| Read {
         from: match input {
-            Input::Port(port) => program.port_name(port),
-            Input::Action(action) => action_name(program, action),
+            InputId::Port(port) => program.port_name(port),
+            InputId::Action(action) => action_name(program, action),
         },
         value: value.map(&mut describe),
         remembered,

@@ -1,7 +1,7 @@
-//! What is to come, by tag: a sorted map of lists, made for taking the earliest again and again.
+//! A sorted map from tags to lists of entries, from which the earliest list is taken again and again.
 //!
-//! The earliest list is kept outside the tree, because most programs look ahead to one tag or two.
-//! What the entries mean is somebody else's business.
+//! The earliest list is kept outside the tree, because most programs have events at one or two future
+//! tags. The event queue knows what the entries are.
 
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
@@ -9,35 +9,35 @@ use std::mem;
 
 use crate::Tag;
 
-/// The most lists that are kept for later. A program that has more tags waiting than this returns
-/// the rest of its memory.
-const MOST_SPARE: usize = 64;
+/// The most empty lists that are kept. A program that has had more future tags than this frees the
+/// memory of the rest.
+const MAX_SPARE: usize = 64;
 
 /// Lists of entries by tag. No list is empty.
 #[derive(Clone, Debug)]
-pub(crate) struct Agenda<T> {
+pub(crate) struct TagMap<T> {
     /// The earliest tag, if there is any.
     first: Option<Tag>,
-    /// The list of that tag; empty if there is none. It lies here, and not in an option, so that an
-    /// event goes straight where it stays.
+    /// The list of that tag; empty if there is none. Not in an option, so that an event is written
+    /// directly to its place.
     entries: Vec<T>,
-    /// All others.
+    /// The lists of all other tags.
     later: BTreeMap<Tag, Vec<T>>,
-    /// Empty lists of tags that have passed, for tags to come: a periodic program allocates nothing
-    /// once it has warmed up, unless so many tags wait that the tree grows and shrinks.
+    /// Empty lists of past tags, for future tags: a periodic program allocates nothing once it has warmed
+    /// up, unless there are so many future tags that the tree grows and shrinks.
     spare: Vec<Vec<T>>,
 }
 
-// What is spare is no part of the state.
-impl<T: PartialEq> PartialEq for Agenda<T> {
+// Spare lists are not part of the state.
+impl<T: PartialEq> PartialEq for TagMap<T> {
     fn eq(&self, other: &Self) -> bool {
         self.first == other.first && self.entries == other.entries && self.later == other.later
     }
 }
 
-impl<T: Eq> Eq for Agenda<T> {}
+impl<T: Eq> Eq for TagMap<T> {}
 
-impl<T: Hash> Hash for Agenda<T> {
+impl<T: Hash> Hash for TagMap<T> {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.first.hash(state);
         self.entries.hash(state);
@@ -45,7 +45,7 @@ impl<T: Hash> Hash for Agenda<T> {
     }
 }
 
-impl<T> Agenda<T> {
+impl<T> TagMap<T> {
     pub(crate) const fn new() -> Self {
         Self { first: None, entries: Vec::new(), later: BTreeMap::new(), spare: Vec::new() }
     }
@@ -78,14 +78,19 @@ impl<T> Agenda<T> {
         self.list(tag).push(entry);
     }
 
-    /// Appends an entry at `tag`, or at the next microstep where it clashes with none that is there.
-    /// Returns where.
-    // Always inline, so that an entry is made where it stays, and not copied.
+    /// Appends an entry at `tag`, or at the first later microstep where it clashes with no entry. Returns
+    /// the tag.
+    // Always inline, so that an entry is made in its place, and not copied.
     #[inline(always)]
-    pub(crate) fn pile(&mut self, mut tag: Tag, entry: T, clash: impl Fn(&T, &T) -> bool) -> Tag {
+    pub(crate) fn push_at_free_microstep(
+        &mut self,
+        mut tag: Tag,
+        entry: T,
+        clash: impl Fn(&T, &T) -> bool,
+    ) -> Tag {
         loop {
             let list = self.list(tag);
-            // A list that is new is empty: it gets the entry, and no list stays empty.
+            // A new list is empty, so it gets the entry, and no list stays empty.
             if !list.iter().any(|other| clash(other, &entry)) {
                 list.push(entry);
                 return tag;
@@ -101,14 +106,14 @@ impl<T> Agenda<T> {
             Some(first) if first == tag => {}
             None => self.first = Some(tag),
             Some(first) if first < tag => return self.later_list(tag),
-            Some(first) => self.put_off(first, tag),
+            Some(first) => self.postpone_first(first, tag),
         }
         &mut self.entries
     }
 
     /// Makes room for the list of `tag`, which comes before `first`.
     #[inline(never)]
-    fn put_off(&mut self, first: Tag, tag: Tag) {
+    fn postpone_first(&mut self, first: Tag, tag: Tag) {
         let entries = self.spare();
         self.later.insert(first, mem::replace(&mut self.entries, entries));
         self.first = Some(tag);
@@ -121,10 +126,10 @@ impl<T> Agenda<T> {
         self.later.entry(tag).or_insert_with(|| spare.pop().unwrap_or_default())
     }
 
-    /// Exchanges the entries at `tag` for an empty list, whose memory serves tags to come.
+    /// Exchanges the entries at `tag` for an empty list, whose memory is used for future tags.
     #[inline]
     pub(crate) fn take(&mut self, tag: Tag, list: &mut Vec<T>) {
-        debug_assert!(list.is_empty(), "what the list holds would happen at another tag");
+        debug_assert!(list.is_empty(), "entries of the list would move to another tag");
         if self.first != Some(tag) {
             if let Some(entries) = self.later.remove(&tag) {
                 self.recycle(mem::replace(list, entries));
@@ -145,10 +150,10 @@ impl<T> Agenda<T> {
         self.spare.pop().unwrap_or_default()
     }
 
-    /// Keeps the memory of a list for tags to come.
+    /// Keeps the memory of a list for future tags.
     pub(crate) fn recycle(&mut self, mut entries: Vec<T>) {
         entries.clear();
-        if entries.capacity() > 0 && self.spare.len() < MOST_SPARE {
+        if entries.capacity() > 0 && self.spare.len() < MAX_SPARE {
             self.spare.push(entries);
         }
     }
@@ -206,7 +211,7 @@ mod tests {
 
     #[test]
     fn spare_memory_is_no_part_of_the_state() {
-        let (mut used, fresh) = (Agenda::new(), Agenda::new());
+        let (mut used, fresh) = (TagMap::new(), TagMap::new());
         used.push(Tag::START, 'a');
         assert_ne!(used, fresh);
         let mut entries = used.spare();
@@ -222,7 +227,7 @@ mod tests {
     proptest! {
         #[test]
         fn it_is_a_sorted_map(steps in prop::collection::vec((0_u8..5, 0_i64..6), 0..60)) {
-            let (mut agenda, mut model) = (Agenda::new(), BTreeMap::<Tag, Vec<usize>>::new());
+            let (mut agenda, mut model) = (TagMap::new(), BTreeMap::<Tag, Vec<usize>>::new());
             for (index, (step, time)) in steps.into_iter().enumerate() {
                 let tag = at(time);
                 match step {
