@@ -391,7 +391,7 @@ def test_a_reaction_that_waits_for_its_own_answer_is_an_error(
     (bench.folder / "Main.lf").write_text(text)
     outcome = finish(bench.call(verb, "Main.lf"))
     assert outcome.code == 1
-    outcome.assert_one_error("LF0503", "in a circle: Main.client.1 -> Main.server.1")
+    outcome.assert_one_error("LF0503", "in a cycle: Main.client.1 -> Main.server.1")
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

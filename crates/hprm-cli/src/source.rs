@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hprm::Disk;
-use hprm_lf::{Compiled, Failure};
+use hprm_lf::{CompileFailure, Compiled};
 
 use crate::message::Error;
 
@@ -17,7 +17,7 @@ use crate::message::Error;
 pub(crate) fn compile(
     path: &Path,
     properties: &[String],
-) -> Result<Result<Compiled, Failure>, Error> {
+) -> Result<Result<Compiled, CompileFailure>, Error> {
     let (name, mut disk) = read(path)?;
     Ok(hprm_lf::compile_with(name, properties, &mut disk))
 }
@@ -27,7 +27,7 @@ pub(crate) fn compile(
 /// # Errors
 ///
 /// As [`compile`].
-pub(crate) fn check(path: &Path) -> Result<Result<Compiled, Failure>, Error> {
+pub(crate) fn check(path: &Path) -> Result<Result<Compiled, CompileFailure>, Error> {
     let (name, mut disk) = read(path)?;
     Ok(hprm_lf::check(name, &mut disk))
 }

@@ -1,13 +1,13 @@
 //! The tree of a `.lf` file: the whole grammar, as written, nothing resolved.
 //!
-//! What the checker does not support yet is in the tree all the same, so that it can be reported
-//! where it stands.
+//! Parts of the language that the checker does not support yet are in the tree too, so that they can be
+//! reported with their place.
 
 use hprm_core::Transition;
 
 use crate::source::Span;
 
-/// A name where it stands.
+/// A name and its place.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Name {
     pub(crate) text: String,
@@ -16,11 +16,11 @@ pub(crate) struct Name {
 
 /// A file.
 #[derive(Clone, PartialEq, Debug, Default)]
-pub(crate) struct Model {
+pub(crate) struct FileNode {
     pub(crate) target: Option<Target>,
     pub(crate) imports: Vec<Import>,
     pub(crate) preambles: Vec<Body>,
-    pub(crate) reactors: Vec<Reactor>,
+    pub(crate) reactors: Vec<ReactorNode>,
 }
 
 /// The text between `{=` and `=}`.
@@ -72,7 +72,7 @@ pub(crate) struct ImportedReactor {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum ImportSource {
     File(Name),
-    /// What stands between `<` and `>`.
+    /// The text between `<` and `>`.
     Package(Name),
 }
 
@@ -84,7 +84,7 @@ pub(crate) enum ReactorKind {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Reactor {
+pub(crate) struct ReactorNode {
     pub(crate) attributes: Vec<Attribute>,
     pub(crate) kind: ReactorKind,
     pub(crate) name: Option<Name>,
@@ -109,20 +109,20 @@ pub(crate) struct Parameter {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Member {
     Preamble(Body),
-    State(State),
-    Method(Method),
-    Port(Port),
-    Timer(Timer),
-    Action(Action),
+    State(StateNode),
+    Method(MethodNode),
+    Port(PortNode),
+    Timer(TimerNode),
+    Action(ActionNode),
     Watchdog(Watchdog),
     Instantiation(Instantiation),
-    Connection(Connection),
-    Reaction(Reaction),
-    Mode(Mode),
+    Connection(ConnectionNode),
+    Reaction(ReactionNode),
+    Mode(ModeNode),
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct State {
+pub(crate) struct StateNode {
     pub(crate) attributes: Vec<Attribute>,
     /// `reset state`.
     pub(crate) reset: Option<Span>,
@@ -132,16 +132,16 @@ pub(crate) struct State {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Method {
+pub(crate) struct MethodNode {
     pub(crate) name: Name,
-    pub(crate) arguments: Vec<Argument>,
+    pub(crate) arguments: Vec<ArgumentNode>,
     pub(crate) types: Vec<Span>,
     pub(crate) body: Body,
 }
 
 /// An argument of a method.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Argument {
+pub(crate) struct ArgumentNode {
     pub(crate) name: Name,
     pub(crate) default: Option<Expression>,
 }
@@ -153,7 +153,7 @@ pub(crate) enum PortKind {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Port {
+pub(crate) struct PortNode {
     pub(crate) attributes: Vec<Attribute>,
     pub(crate) kind: PortKind,
     pub(crate) width: Option<Width>,
@@ -175,7 +175,7 @@ pub(crate) enum WidthTerm {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Timer {
+pub(crate) struct TimerNode {
     pub(crate) attributes: Vec<Attribute>,
     pub(crate) name: Name,
     pub(crate) offset: Option<Expression>,
@@ -183,25 +183,25 @@ pub(crate) struct Timer {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Action {
+pub(crate) struct ActionNode {
     pub(crate) attributes: Vec<Attribute>,
     /// `logical` is false, `physical` is true; neither is an error of the checker.
     pub(crate) physical: Option<bool>,
     pub(crate) name: Name,
     pub(crate) min_delay: Option<Expression>,
     pub(crate) spacing: Option<Expression>,
-    /// What becomes of an event that is too close: a string, if it is right.
+    /// What happens to an event that is too close: a string, if the program is correct.
     pub(crate) policy: Option<Expression>,
     pub(crate) ty: Option<Span>,
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Reaction {
+pub(crate) struct ReactionNode {
     pub(crate) attributes: Vec<Attribute>,
     pub(crate) name: Option<Name>,
-    pub(crate) triggers: Vec<Trigger>,
+    pub(crate) triggers: Vec<TriggerNode>,
     pub(crate) sources: Vec<Reference>,
-    pub(crate) effects: Vec<Effect>,
+    pub(crate) effects: Vec<EffectNode>,
     pub(crate) body: Option<Body>,
     pub(crate) late: Option<Late>,
     pub(crate) deadline: Option<Deadline>,
@@ -210,7 +210,7 @@ pub(crate) struct Reaction {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) enum Trigger {
+pub(crate) enum TriggerNode {
     Startup,
     Shutdown,
     Reset(Span),
@@ -218,7 +218,7 @@ pub(crate) enum Trigger {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) enum Effect {
+pub(crate) enum EffectNode {
     Variable(Reference),
     /// `reset(M)` or `history(M)`.
     Mode(Transition, Name),
@@ -244,7 +244,7 @@ pub(crate) struct Watchdog {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Mode {
+pub(crate) struct ModeNode {
     pub(crate) initial: bool,
     pub(crate) name: Option<Name>,
     pub(crate) members: Vec<Member>,
@@ -269,7 +269,7 @@ pub(crate) struct Assignment {
 }
 
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Connection {
+pub(crate) struct ConnectionNode {
     pub(crate) attributes: Vec<Attribute>,
     pub(crate) left: Vec<Reference>,
     /// `(a, b)+`.

@@ -4,7 +4,7 @@ use hprm_core::{ClockSyncMode, ClockSyncOptions, Nanos};
 
 use crate::ast::{Element, ElementKind, ExpressionKind, Property};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
-use crate::properties::word;
+use crate::property_values::word;
 
 const OPTIONS: [&str; 6] =
     ["attenuation", "collect-stats", "local-federates-on", "period", "test-offset", "trials"];

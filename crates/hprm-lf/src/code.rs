@@ -1,7 +1,7 @@
 //! Python bodies: where `{= ... =}` ends, and how its text is brought to the left margin.
 //!
 //! The scanner knows just enough Python to step over strings and comments. It accepts whatever
-//! Lingua Franca's own lexer accepts, and also what trips that one: single-quoted strings with
+//! Lingua Franca's own lexer accepts, and also what that lexer refuses: single-quoted strings with
 //! `=}` in them and floor division.
 
 mod tokens;
@@ -80,7 +80,7 @@ fn missing(text: &str, start: usize, (limit, next): (usize, Option<usize>)) -> E
 
 /// The most bytes that are looked through for ends of strings that have none; after that, a quote
 /// is a character like any other.
-const MOST_WASTED: usize = 1 << 20;
+const MAX_WASTED: usize = 1 << 20;
 
 /// Steps over the pieces of some Python, in time that grows with its length only.
 struct Scanner<'t> {
@@ -93,12 +93,11 @@ impl Scanner<'_> {
     fn skip(&mut self, at: usize) -> usize {
         match self.bytes[at] {
             b'#' => line_end(self.bytes, at),
-            quote @ (b'"' | b'\'') if self.wasted < MOST_WASTED => {
-                string_end(self.bytes, at, quote).unwrap_or_else(|looked| {
+            quote @ (b'"' | b'\'') if self.wasted < MAX_WASTED => string_end(self.bytes, at, quote)
+                .unwrap_or_else(|looked| {
                     self.wasted += looked;
                     at + 1
-                })
-            }
+                }),
             _ => at + 1,
         }
     }

@@ -1,14 +1,14 @@
 //! The stages of the front end, one after the other; each starts only if the one before reported
-//! no error, so that nobody reads about the consequences of a mistake.
+//! no error, so that an error is not reported together with its consequences.
 
-use crate::ast::{Member, Name, Reactor, ReactorKind};
+use crate::ast::{Member, Name, ReactorKind, ReactorNode};
 use crate::check::{self, Models};
 use crate::code;
-use crate::compiled::{Compiled, Failure, PlacedAt};
+use crate::compiled::{CompileFailure, Compiled, PlacedAt};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
-use crate::model::{Declarations, MOST_MEMBERS, Model};
+use crate::model::{Declarations, MAX_MEMBERS, Model};
 use crate::modules;
 use crate::overrides::{self, Overrides};
 use crate::properties::Stated;
@@ -32,7 +32,7 @@ use crate::source::SourceLoader;
 /// # Errors
 ///
 /// Everything that is wrong with the program, as far as it could be understood.
-pub fn compile(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Failure> {
+pub fn compile(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, CompileFailure> {
     compile_with(path, &[], loader)
 }
 
@@ -46,7 +46,7 @@ pub fn compile_with(
     path: &str,
     properties: &[String],
     loader: &mut dyn SourceLoader,
-) -> Result<Compiled, Failure> {
+) -> Result<Compiled, CompileFailure> {
     all_stages(path, properties, loader, Purpose::Run)
 }
 
@@ -56,7 +56,7 @@ pub fn compile_with(
 /// # Errors
 ///
 /// Everything that is wrong with the file and what it needs of others.
-pub fn check(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Failure> {
+pub fn check(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, CompileFailure> {
     all_stages(path, &[], loader, Purpose::Check)
 }
 
@@ -72,7 +72,7 @@ fn all_stages(
     properties: &[String],
     loader: &mut dyn SourceLoader,
     purpose: Purpose,
-) -> Result<Compiled, Failure> {
+) -> Result<Compiled, CompileFailure> {
     let mut report = Report::default();
     let mut library = Library::load(path, loader, &mut report);
     let overrides = overrides::parse(properties, &mut library.sources, &mut report);
@@ -86,7 +86,7 @@ fn all_stages(
             }
             Ok(compiled)
         }
-        _ => Err(Failure { diagnostics: report.into_sorted(), sources: library.sources }),
+        _ => Err(CompileFailure { diagnostics: report.into_sorted(), sources: library.sources }),
     }
 }
 
@@ -121,7 +121,7 @@ fn stages(
     if report.has_errors() {
         return None;
     }
-    // What is wrong here is no reason to keep quiet about instances.
+    // Errors here do not prevent the checks of instances.
     check::constants::check(&models, report);
     let properties = stated.properties.clone();
     let mut lowered = match main {
@@ -163,8 +163,8 @@ fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>
             size += declared.size();
             let header = declared.decl.header;
             classes[class.0] = Some(declared);
-            if size > MOST_MEMBERS {
-                let message = format!("the reactors have more than {MOST_MEMBERS} members");
+            if size > MAX_MEMBERS {
+                let message = format!("the reactors have more than {MAX_MEMBERS} members");
                 report.add(
                     Diagnostic::error("LF0406", header, message)
                         .hint("inherited members count for each reactor that inherits them"),
@@ -186,7 +186,7 @@ fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>
 }
 
 /// Where a federated reactor wants itself and its federates to run.
-fn hosts(main: &Reactor) -> Vec<PlacedAt> {
+fn hosts(main: &ReactorNode) -> Vec<PlacedAt> {
     let instances = main.members.iter().filter_map(|member| match member {
         Member::Instantiation(instance) => Some((Some(&instance.name), instance.host.as_ref()?)),
         _ => None,

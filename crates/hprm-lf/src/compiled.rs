@@ -1,5 +1,5 @@
-//! What the front end hands over: a program for the runtime, and everything that Python needs to
-//! give it life.
+//! The result of a compilation: a program for the runtime, and everything that Python needs to run its
+//! bodies.
 
 use std::sync::Arc;
 
@@ -87,13 +87,13 @@ pub struct Class {
     pub methods: Vec<Method>,
     /// Reactions in their order.
     pub reactions: Vec<ReactionBody>,
-    /// What else it declares, for those who explain names in bodies.
-    pub parts: Vec<Part>,
+    /// What else it declares, for messages about names in bodies.
+    pub parts: Vec<ReactorPart>,
 }
 
 /// A part of a reactor that a reaction can name.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Part {
+pub struct ReactorPart {
     /// Its name.
     pub name: String,
     /// `input`, `output`, `action`, `timer`, `mode`, `instance` or `bank`.
@@ -140,7 +140,7 @@ pub struct ReactionBody {
     pub name: Option<String>,
     /// Python's parameters after `self`: one for each of [`ReactionCode::arguments`].
     pub args: Vec<String>,
-    /// What they are: the kind of a [`Part`], or `source` for an input that does not trigger, or
+    /// What they are: the kind of a [`ReactorPart`], or `source` for an input that does not trigger, or
     /// `mutable` for one that is copied.
     pub kinds: Vec<&'static str>,
     /// The ports of contained reactors that it names, as `instance.port`.
@@ -190,7 +190,7 @@ pub struct ReactionCode {
 pub enum Runs {
     /// A reaction, by index into the class's reactions.
     Reaction(usize),
-    /// Nothing that is written: it gives these state variables their first values again, by index
+    /// Not in the program text: gives these state variables their first values again, by index
     /// into the class's state (`reset state`).
     ResetState(Vec<usize>),
 }
@@ -300,9 +300,9 @@ impl Ports {
 /// Why a program cannot run. As text, all its diagnostics without colour.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{}", render_all(diagnostics, sources, false))]
-pub struct Failure {
+pub struct CompileFailure {
     /// At least one error, and perhaps warnings, in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
-    /// The files that they speak of.
+    /// The files that they refer to.
     pub sources: Sources,
 }

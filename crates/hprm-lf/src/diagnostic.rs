@@ -1,9 +1,9 @@
-//! What the front end has to say about a program, as data.
+//! Diagnostics of the front end, as data.
 //!
 //! Codes are stable: `LF00` text, `LF01` files, `LF02` declarations, `LF03` references, `LF04`
 //! values, `LF05` connections, `LF06` target, `LF07` not supported yet, `LF08` federations, `LF09`
-//! modes, `LF10` Python, which others look into; docs/diagnostics.md lists all. How a diagnostic looks on a terminal is the business of
-//! [`render()`](crate::render()).
+//! modes, `LF10` Python, which other crates check; docs/diagnostics.md lists all. [`render()`](crate::render())
+//! makes text of them for a terminal.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ pub enum Severity {
     Warning,
 }
 
-/// A remark on a second place.
+/// A note on a second place.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Label {
     /// The place.
@@ -75,8 +75,8 @@ impl Diagnostic {
     }
 }
 
-/// The most errors that are kept of one compilation, and the most warnings; nobody reads more.
-const MOST: usize = 200;
+/// The most errors that are kept of one compilation, and the most warnings.
+const MAX: usize = 200;
 
 /// Diagnostics as they are found; the same one is kept once, however many instances it concerns.
 #[derive(Clone, Debug, Default)]
@@ -93,7 +93,7 @@ impl Report {
     pub(crate) fn add(&mut self, diagnostic: Diagnostic) {
         self.errors += usize::from(diagnostic.severity == Severity::Error);
         let kept = &mut self.kept[diagnostic.severity as usize];
-        if *kept < MOST && self.seen.insert((diagnostic.code, diagnostic.span)) {
+        if *kept < MAX && self.seen.insert((diagnostic.code, diagnostic.span)) {
             *kept += 1;
             self.diagnostics.push(diagnostic);
         }
@@ -113,9 +113,9 @@ impl Report {
         self.errors > 0
     }
 
-    /// Whether no more errors would be kept, so that nobody need look for more.
+    /// Whether no more errors would be kept, so that no check needs to look for more.
     pub(crate) fn is_full(&self) -> bool {
-        self.kept[Severity::Error as usize] >= MOST
+        self.kept[Severity::Error as usize] >= MAX
     }
 
     /// All of them, in the order of the text.
@@ -130,7 +130,7 @@ pub(crate) fn did_you_mean<'a>(
     name: &str,
     candidates: impl IntoIterator<Item = &'a str>,
 ) -> Option<String> {
-    // A guess that shares nothing with the name helps nobody.
+    // A candidate that has nothing in common with the name is no help.
     let letters = name.chars().count();
     let limit = (1 + letters / 4).min(letters.saturating_sub(1));
     candidates

@@ -1,7 +1,7 @@
-//! What the parameters of an instance stand for, as far as that is known before anything runs.
+//! The values of the parameters of an instance, as far as they are known before anything runs.
 //!
 //! Widths, delays, deadlines, offsets and periods are fixed by the text: literals, or parameters
-//! whose value is a literal somewhere up the hierarchy. Everything else is for Python to evaluate.
+//! whose value is a literal somewhere up the hierarchy. Python evaluates all other values.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub(crate) const WIDEST: u32 = 100_000;
 #[derive(Clone, Copy, Debug)]
 enum Static<'a> {
     Written(&'a Expression),
-    /// The parameter `bank_index`, which nobody wrote.
+    /// The parameter `bank_index`, which is not in the program text.
     Index(u32),
 }
 

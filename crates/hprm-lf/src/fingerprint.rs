@@ -1,4 +1,4 @@
-//! What a process must have like all others that run the program, as far as the front end knows it:
+//! What must be equal in all processes that run the program, as far as the front end knows it:
 //! bodies, methods, state, parameters, preambles, and the modules that they import.
 //!
 //! Python counts without comments and spaces. A class that only transient federates are made of is
@@ -14,7 +14,7 @@ use crate::source::FileId;
 use crate::value::Value;
 
 impl Compiled {
-    /// What all processes that run this program must have alike.
+    /// What must be equal in all processes that run this program.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         let mut facts = self.program.general_facts();

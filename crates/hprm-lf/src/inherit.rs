@@ -1,19 +1,19 @@
 //! Inheritance: of which classes a class is made, and in which order.
 //!
-//! What the classes declare is put together by [`model`](crate::model); that they do not contradict
-//! one another is checked with the other rules on names.
+//! [`model`](crate::model) merges the declarations of the classes; the other rules on names check that
+//! they do not contradict one another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ast::{Name, Reactor, ReactorKind};
+use crate::ast::{Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::library::{ClassId, Library};
 
-/// The most classes that one class may inherit from, on all ways together.
-const MOST: usize = 100;
+/// The most classes that one class may inherit from, counted once for each path to them.
+const MAX: usize = 100;
 
 /// How many names are looked up to find the first class with too many.
-const MOST_LOOKUPS: usize = 1_000_000;
+const MAX_LOOKUPS: usize = 1_000_000;
 
 /// The classes whose members make up `class`.
 pub(crate) struct Lineage {
@@ -27,15 +27,15 @@ pub(crate) struct Lineage {
 pub(crate) fn lineage(library: &Library, class: ClassId, report: &mut Report) -> Lineage {
     let mut lineage = Lineage { classes: Vec::new(), incomplete: false };
     let mut entered = BTreeSet::from([class]);
-    // Each entry is a class on the way down and the superclass of it to look at next.
-    let mut way = vec![(class, 0)];
-    while let Some((below, next)) = way.pop() {
+    // Each entry is a class on the path down and the superclass of it to look at next.
+    let mut path = vec![(class, 0)];
+    while let Some((below, next)) = path.pop() {
         let Some(name) = library.reactor(below).extends.get(next) else {
             lineage.classes.push(below);
             continue;
         };
-        way.push((below, next + 1));
-        if next >= MOST || entered.len() > MOST {
+        path.push((below, next + 1));
+        if next >= MAX || entered.len() > MAX {
             report_excess(library, class, report);
             return Lineage { classes: vec![class], incomplete: true };
         }
@@ -44,13 +44,13 @@ pub(crate) fn lineage(library: &Library, class: ClassId, report: &mut Report) ->
                 report.add(*diagnostic);
                 lineage.incomplete = true;
             }
-            Ok(found) if way.iter().any(|(open, _)| *open == found) => {
-                report.add(circle(library, &way, found));
+            Ok(found) if path.iter().any(|(open, _)| *open == found) => {
+                report.add(cycle(library, &path, found));
                 lineage.incomplete = true;
             }
             Ok(found) => {
                 if entered.insert(found) {
-                    way.push((found, 0));
+                    path.push((found, 0));
                 }
             }
         }
@@ -58,17 +58,18 @@ pub(crate) fn lineage(library: &Library, class: ClassId, report: &mut Report) ->
     lineage
 }
 
-/// The error of a circle on the way down to `again`, from where it leads on to the end of the way. It
-/// is the same one from wherever in the circle one comes.
-fn circle(library: &Library, way: &[(ClassId, usize)], again: ClassId) -> Diagnostic {
-    let start = way.iter().position(|(open, _)| *open == again).unwrap_or_default();
-    let (first, next) = way[start..].iter().min().copied().unwrap_or((again, 1));
+/// The error for a cycle: the path of classes ends in one that extends `again`, which is on the path. It is
+/// the same error for each class of the cycle at which the search began.
+fn cycle(library: &Library, path: &[(ClassId, usize)], again: ClassId) -> Diagnostic {
+    let start = path.iter().position(|(open, _)| *open == again).unwrap_or_default();
+    let (first, next) = path[start..].iter().min().copied().unwrap_or((again, 1));
     let reactor = library.reactor(first);
-    let name = |reactor: &Reactor| reactor.name.as_ref().map_or("main", |it| &it.text).to_owned();
+    let name =
+        |reactor: &ReactorNode| reactor.name.as_ref().map_or("main", |it| &it.text).to_owned();
     // The entry counts the `extends` that it has taken already.
     let span = reactor.extends.get(next - 1).map_or(reactor.header, |name| name.span);
     Diagnostic::error("LF0216", span, format!("`{}` inherits from itself", name(reactor)))
-        .hint("remove one `extends` of the circle")
+        .hint("remove one `extends` of the cycle")
 }
 
 /// Reports the first class that inherits from too many: the one above `class`, or itself, whose own
@@ -79,7 +80,7 @@ fn report_excess(library: &Library, class: ClassId, report: &mut Report) {
     }
     let mut first = class;
     let mut above: Vec<ClassId> = superclasses(library, first).collect();
-    let mut lookups = MOST_LOOKUPS;
+    let mut lookups = MAX_LOOKUPS;
     while let Some(next) = above.pop() {
         if exceeds(library, next, &mut lookups) {
             first = next;
@@ -88,7 +89,7 @@ fn report_excess(library: &Library, class: ClassId, report: &mut Report) {
     }
     let reactor = library.reactor(first);
     let span = reactor.extends.first().map_or(reactor.header, |name| name.span);
-    let message = format!("a reactor inherits from at most {MOST} others");
+    let message = format!("a reactor inherits from at most {MAX} others");
     report.add(Diagnostic::error("LF0406", span, message));
 }
 
@@ -100,7 +101,7 @@ fn exceeds(library: &Library, class: ClassId, lookups: &mut usize) -> bool {
         let count = library.reactor(below).extends.len();
         let Some(left) = lookups.checked_sub(count.max(1)) else { return false };
         *lookups = left;
-        if entered.len() > MOST + 1 || count > MOST {
+        if entered.len() > MAX + 1 || count > MAX {
             return true;
         }
         pending.extend(superclasses(library, below).filter(|above| entered.insert(*above)));

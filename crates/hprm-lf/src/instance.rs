@@ -22,7 +22,7 @@ use crate::value::Value;
 
 /// The most parts of one program: reactors with what they declare, and channels; and the most
 /// channels that its connections and reactions name, together.
-pub(crate) const MOST: usize = 2_000_000;
+pub(crate) const MAX: usize = 2_000_000;
 
 /// What a reactor counts for among them: the memory that it takes beside its members.
 const REACTOR: usize = 2;
@@ -101,11 +101,10 @@ impl<'a> Growth<'a, '_> {
     /// Counts more parts; `None` when there are too many.
     fn count(&mut self, more: usize, span: crate::source::Span) -> Option<()> {
         self.tree.size += more;
-        if self.tree.size <= MOST {
+        if self.tree.size <= MAX {
             return Some(());
         }
-        let message =
-            format!("the program has more than {MOST} reactors, channels and other parts");
+        let message = format!("the program has more than {MAX} reactors, channels and other parts");
         self.report
             .add(Diagnostic::error("LF0406", span, message).hint("reduce the widths of its banks"));
         None
@@ -152,7 +151,7 @@ impl<'a> Growth<'a, '_> {
         Some(self.tree.nodes.len() - 1)
     }
 
-    fn port(&mut self, node: &Node<'a>, port: &'a ast::Port) -> Option<Ports> {
+    fn port(&mut self, node: &Node<'a>, port: &'a ast::PortNode) -> Option<Ports> {
         let direction = match port.kind {
             PortKind::Input { .. } => Direction::Input,
             PortKind::Output => Direction::Output,
@@ -236,10 +235,10 @@ impl<'a> Growth<'a, '_> {
     fn member(
         &mut self,
         parent: usize,
-        instance: model::Instance<'a>,
+        instance: model::ResolvedInstance<'a>,
         bank_index: Option<u32>,
     ) -> Option<usize> {
-        let model::Instance { decl, mode, class } = instance;
+        let model::ResolvedInstance { decl, mode, class } = instance;
         let container = &self.tree.nodes[parent];
         let parameters = &self.models[class.0].as_ref()?.declared.parameters;
         let environment = container.environment.of_instance(decl, parameters, bank_index);
@@ -298,7 +297,7 @@ impl<'a> Growth<'a, '_> {
 }
 
 /// The name of the main reactor: its own, or else its file's.
-pub(crate) fn name_of_main(library: &Library, main: &ast::Reactor) -> String {
+pub(crate) fn name_of_main(library: &Library, main: &ast::ReactorNode) -> String {
     let path = library.sources.path(Library::MAIN);
     main.name
         .as_ref()

@@ -1,12 +1,12 @@
 //! Text to tokens.
 //!
-//! Comments vanish, a `{= ... =}` body is one token, and characters that the language does not
+//! Comments are removed, a `{= ... =}` body is one token, and characters that the language does not
 //! know are reported once and skipped, so that the parser never sees them.
 
 use crate::code::{self, End};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::source::{FileId, Span};
-use crate::token::{Kind, Token};
+use crate::token::{Token, TokenKind};
 
 /// The longest name; names of instances are made of many.
 const LONGEST_NAME: usize = 255;
@@ -15,7 +15,7 @@ const MARKS: &str = "{}()[]<>,;:.=@+*-/\\?";
 
 /// The tokens of a file.
 pub(crate) struct Tokens {
-    /// The last one is [`Kind::End`].
+    /// The last one is [`TokenKind::End`].
     pub(crate) all: Vec<Token>,
     /// Whether the end comes too early, because something before it is not closed; that has been
     /// reported.
@@ -29,7 +29,7 @@ pub(crate) fn tokens(file: FileId, text: &str, report: &mut Report) -> Tokens {
     loop {
         let token = lexer.next();
         all.push(token);
-        if token.kind == Kind::End {
+        if token.kind == TokenKind::End {
             return Tokens { all, cut: lexer.cut };
         }
     }
@@ -60,15 +60,15 @@ impl Lexer<'_> {
     }
 
     /// Reads one token; `None` if what stands here is not one.
-    fn kind(&mut self) -> Option<Kind> {
+    fn kind(&mut self) -> Option<TokenKind> {
         let rest = self.rest();
-        let Some(first) = rest.chars().next() else { return Some(Kind::End) };
+        let Some(first) = rest.chars().next() else { return Some(TokenKind::End) };
         let second = rest.chars().nth(1);
         let digit = |c: Option<char>| c.is_some_and(|c| c.is_ascii_digit());
         match first {
             _ if rest.starts_with("{=") => return self.body(),
-            _ if rest.starts_with("->") => self.take(2, Kind::Arrow),
-            _ if rest.starts_with("~>") => self.take(2, Kind::Squiggle),
+            _ if rest.starts_with("->") => self.take(2, TokenKind::Arrow),
+            _ if rest.starts_with("~>") => self.take(2, TokenKind::Squiggle),
             'a'..='z' | 'A'..='Z' | '_' | '^' => {
                 let length = rest
                     .find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '^'))
@@ -79,7 +79,7 @@ impl Lexer<'_> {
             '.' if digit(second) => self.number(),
             '"' => return self.string(),
             '\'' => return self.character(),
-            mark if MARKS.contains(mark) => self.take(1, Kind::Mark(mark)),
+            mark if MARKS.contains(mark) => self.take(1, TokenKind::Mark(mark)),
             _ => {
                 self.unknown();
                 return None;
@@ -88,20 +88,20 @@ impl Lexer<'_> {
         .into()
     }
 
-    fn take(&mut self, length: usize, kind: Kind) -> Kind {
+    fn take(&mut self, length: usize, kind: TokenKind) -> TokenKind {
         self.at += length;
         kind
     }
 
-    fn name(&mut self, length: usize) -> Kind {
+    fn name(&mut self, length: usize) -> TokenKind {
         if length > LONGEST_NAME {
             let span = Span::new(self.file, self.at..self.at + length);
             let message = format!("a name has at most {LONGEST_NAME} characters");
             self.report.add(Diagnostic::error("LF0007", span, message));
             self.at += length - LONGEST_NAME;
-            return self.take(LONGEST_NAME, Kind::Identifier);
+            return self.take(LONGEST_NAME, TokenKind::Identifier);
         }
-        self.take(length, Kind::Identifier)
+        self.take(length, TokenKind::Identifier)
     }
 
     fn skip_space(&mut self) {
@@ -146,11 +146,11 @@ impl Lexer<'_> {
         );
     }
 
-    fn body(&mut self) -> Option<Kind> {
+    fn body(&mut self) -> Option<TokenKind> {
         match code::end(self.text, self.at + 2) {
             End::At(end) => {
                 self.at = end + 2;
-                Some(Kind::Code)
+                Some(TokenKind::Code)
             }
             End::Missing { resume, next } => {
                 let span = |at| Span::new(self.file, at..at + 2);
@@ -164,13 +164,13 @@ impl Lexer<'_> {
                 // So that the parser finds a body where it looks for one.
                 self.at = resume;
                 self.cut = true;
-                Some(Kind::Code)
+                Some(TokenKind::Code)
             }
         }
     }
 
     /// `12`, `1.5`, `.5`, `1.5e-3`; but `1.` and `1e5` are not numbers in this language.
-    fn number(&mut self) -> Kind {
+    fn number(&mut self) -> TokenKind {
         let bytes = self.text.as_bytes();
         let digits = |mut at: usize| {
             while bytes.get(at).is_some_and(u8::is_ascii_digit) {
@@ -182,7 +182,7 @@ impl Lexer<'_> {
         if bytes.get(self.at) != Some(&b'.')
             || !bytes.get(self.at + 1).is_some_and(u8::is_ascii_digit)
         {
-            return Kind::Integer;
+            return TokenKind::Integer;
         }
         self.at = digits(self.at + 1);
         if matches!(bytes.get(self.at), Some(b'e' | b'E')) {
@@ -192,10 +192,10 @@ impl Lexer<'_> {
                 self.at = digits(exponent);
             }
         }
-        Kind::Float
+        TokenKind::Float
     }
 
-    fn string(&mut self) -> Option<Kind> {
+    fn string(&mut self) -> Option<TokenKind> {
         if self.rest().starts_with("\"\"\"") {
             let inside = self.at + 3;
             let Some(length) = self.text[inside..].find("\"\"\"") else {
@@ -204,10 +204,10 @@ impl Lexer<'_> {
                 return None;
             };
             self.at = inside + length + 3;
-            return Some(Kind::String);
+            return Some(TokenKind::String);
         }
         match quoted(self.rest(), '"') {
-            Ok(length) => Some(self.take(length, Kind::String)),
+            Ok(length) => Some(self.take(length, TokenKind::String)),
             Err(length) => {
                 self.unterminated(1, "string", "\"");
                 self.at += length;
@@ -216,7 +216,7 @@ impl Lexer<'_> {
         }
     }
 
-    fn character(&mut self) -> Option<Kind> {
+    fn character(&mut self) -> Option<TokenKind> {
         let start = self.at;
         let length = match quoted(self.rest(), '\'') {
             Ok(length) => length,
@@ -230,14 +230,14 @@ impl Lexer<'_> {
         self.at += length;
         let escaped = usize::from(inside.starts_with('\\'));
         if inside.chars().count() == 1 + escaped {
-            return Some(Kind::Character);
+            return Some(TokenKind::Character);
         }
         let span = Span::new(self.file, start..self.at);
         self.report.add(
             Diagnostic::error("LF0005", span, "single quotes hold exactly one character")
                 .hint("write a string in double quotes"),
         );
-        Some(Kind::String)
+        Some(TokenKind::String)
     }
 
     fn unknown(&mut self) {
@@ -281,7 +281,7 @@ fn quoted(text: &str, quote: char) -> Result<usize, usize> {
 mod tests {
     use super::*;
 
-    fn kinds(text: &str) -> (Vec<Kind>, usize) {
+    fn kinds(text: &str) -> (Vec<TokenKind>, usize) {
         let mut report = Report::default();
         let tokens = tokens(FileId(0), text, &mut report);
         (tokens.all.into_iter().map(|token| token.kind).collect(), report.into_sorted().len())
@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_token() {
-        use Kind::*;
+        use TokenKind::*;
         let (kinds, errors) =
             kinds("a 1 .5 1.5e-3 \"s\" 'c' {= x =} -> ~> ( # c\n /* d */ ''' e ''' // f");
         let expected = vec![
@@ -310,16 +310,16 @@ mod tests {
 
     #[test]
     fn a_unit_may_touch_its_number_and_1e5_is_not_a_number() {
-        use Kind::*;
+        use TokenKind::*;
         assert_eq!(kinds("120s 1e5").0, [Integer, Identifier, Integer, Identifier, End]);
         assert_eq!(kinds("1.x").0, [Integer, Mark('.'), Identifier, End]);
     }
 
     #[test]
     fn what_has_no_end_is_reported_at_its_start() {
-        assert_eq!(kinds("{= x"), (vec![Kind::Code, Kind::End], 1));
+        assert_eq!(kinds("{= x"), (vec![TokenKind::Code, TokenKind::End], 1));
         for text in ["/* x", "'''x", "\"x", "\"\"\"x", "'x", "§§ "] {
-            assert_eq!(kinds(text), (vec![Kind::End], 1), "{text}");
+            assert_eq!(kinds(text), (vec![TokenKind::End], 1), "{text}");
         }
     }
 }

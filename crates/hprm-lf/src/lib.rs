@@ -1,15 +1,15 @@
 //! The front end for Lingua Franca: `.lf` text to a checked program, or to diagnostics.
 //!
 //! This crate is pure: text goes in through a [`SourceLoader`], data comes out. It opens no file
-//! and runs no Python; bodies pass through it as text, at the left margin and with their lines.
+//! and runs no Python; bodies stay text, moved to the left margin, with their line numbers.
 //!
-//! The way of a program: `lexer` and `parser` make a tree of each file, `library` loads what is
-//! imported and knows which name means which class, `model` and `resolve` sort a class's members
-//! and follow its references, `slots` says what a reaction's function gets, `check` holds the rules, `instance`, `reaction` and `wiring` build
-//! the instance graph, `class` brings bodies and values into the form that Python gets. [`compile()`]
-//! runs them in that order.
+//! The stages of a compilation: `lexer` and `parser` make a tree of each file, `library` loads the imported
+//! files and knows which name means which class, `model` and `resolve` sort the members of a class and
+//! resolve its references, `slots` finds the arguments of a reaction's function, `check` has the rules of
+//! the language, `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies
+//! and values into the form that Python gets. [`compile()`] runs them in that order.
 //!
-//! The grammar is whole; watchdogs are parsed and then refused.
+//! The parser knows the whole grammar; watchdogs are parsed and then refused.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
@@ -21,6 +21,7 @@ mod clock_property;
 mod code;
 mod compile;
 mod compiled;
+mod connections;
 mod diagnostic;
 mod environment;
 mod fingerprint;
@@ -38,6 +39,7 @@ mod parser;
 mod parts;
 mod properties;
 mod property_rules;
+mod property_values;
 mod reaction;
 mod render;
 mod resolve;
@@ -45,16 +47,16 @@ mod slots;
 mod source;
 mod spacing;
 mod token;
+mod transitions;
 mod unclosed;
 mod unconnected;
 mod value;
-mod wiring;
 
 pub use code::Code;
 pub use compile::{check, compile, compile_with};
 pub use compiled::{
-    Access, Argument, Class, Compiled, ContainedPort, Failure, Instance, Method, ParameterDecl,
-    Part, PlacedAt, Ports, ReactionBody, ReactionCode, Runs, StateDecl,
+    Access, Argument, Class, CompileFailure, Compiled, ContainedPort, Instance, Method,
+    ParameterDecl, PlacedAt, Ports, ReactionBody, ReactionCode, ReactorPart, Runs, StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Severity};
 pub use overrides::PARAMETER;

@@ -2,20 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ast::{Import, ImportSource, ImportedReactor, Model, Name, Reactor, ReactorKind};
+use crate::ast::{FileNode, Import, ImportSource, ImportedReactor, Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::package;
 use crate::parser;
 use crate::source::{FileId, MAX_FILE, SourceLoader, Sources, Span, sibling};
 
-/// The most files in one program; a loader that answers every path must not keep us for ever.
-const MOST_FILES: usize = 1_000;
+/// The most files in one program; a loader that has a file for every path must not keep the compiler busy for ever.
+const MAX_FILES: usize = 1_000;
 
 /// The most imports in one program.
-const MOST_IMPORTS: usize = 10_000;
+const MAX_IMPORTS: usize = 10_000;
 
 /// The most text in one program, in bytes.
-const MOST_TEXT: usize = 64 << 20;
+const MAX_TEXT: usize = 64 << 20;
 
 /// A reactor class among all that the files declare.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -28,7 +28,7 @@ pub(crate) struct Library {
     /// The bytes of all files.
     size: usize,
     /// By file.
-    models: Vec<Model>,
+    models: Vec<FileNode>,
     /// Files that were not understood as a whole, which has been reported.
     broken: BTreeSet<FileId>,
     /// By file and import, the file that is imported.
@@ -67,7 +67,7 @@ impl Library {
         (0..u32::try_from(self.models.len()).expect("fewer files than u32 counts")).map(FileId)
     }
 
-    pub(crate) fn model(&self, file: FileId) -> &Model {
+    pub(crate) fn model(&self, file: FileId) -> &FileNode {
         &self.models[file.index()]
     }
 
@@ -75,7 +75,7 @@ impl Library {
         (0..self.classes.len()).map(ClassId)
     }
 
-    pub(crate) fn reactor(&self, class: ClassId) -> &Reactor {
+    pub(crate) fn reactor(&self, class: ClassId) -> &ReactorNode {
         let (file, index) = self.classes[class.0];
         &self.models[file.index()].reactors[index]
     }
@@ -114,8 +114,8 @@ impl Library {
             for import in self.models[file.index()].imports.clone() {
                 count += 1;
                 let (ImportSource::File(name) | ImportSource::Package(name)) = &import.from;
-                if count > MOST_IMPORTS {
-                    let message = format!("more than {MOST_IMPORTS} imports in one program");
+                if count > MAX_IMPORTS {
+                    let message = format!("more than {MAX_IMPORTS} imports in one program");
                     report.add(Diagnostic::error("LF0103", name.span, message));
                     return;
                 }
@@ -200,12 +200,12 @@ impl Library {
         if let Some(known) = self.sources.find(path) {
             return Ok(known);
         }
-        if self.models.len() >= MOST_FILES {
-            return Err(format!("the program has more than {MOST_FILES} files already"));
+        if self.models.len() >= MAX_FILES {
+            return Err(format!("the program has more than {MAX_FILES} files already"));
         }
         let text = read(path, loader)?;
-        if self.size + text.len() > MOST_TEXT {
-            return Err(format!("the program has more than {} MiB already", MOST_TEXT >> 20));
+        if self.size + text.len() > MAX_TEXT {
+            return Err(format!("the program has more than {} MiB already", MAX_TEXT >> 20));
         }
         Ok(self.parse(path, text, report))
     }
@@ -276,7 +276,7 @@ impl Library {
     fn exports(&self, file: FileId) -> BTreeMap<&str, ClassId> {
         let mut exports = BTreeMap::new();
         for class in self.declared_in(file) {
-            let Reactor { kind, name, .. } = self.reactor(class);
+            let ReactorNode { kind, name, .. } = self.reactor(class);
             if let (ReactorKind::Plain, Some(name)) = (kind, name) {
                 exports.entry(name.text.as_str()).or_insert(class);
             }

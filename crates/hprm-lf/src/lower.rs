@@ -12,15 +12,15 @@ use hprm_core::{
 use crate::check::{Models, modes, unset};
 use crate::class;
 use crate::compiled::{Class, Instance, ReactionCode, Runs};
+use crate::connections;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::instance::{self, MOST, Tree};
+use crate::instance::{self, MAX, Tree};
 use crate::legacy::Waits;
 use crate::library::{ClassId, Library};
 use crate::overrides::Assigned;
 use crate::reaction;
 use crate::source::Span;
 use crate::unconnected;
-use crate::wiring;
 
 /// What lowering makes of a checked program.
 pub(crate) struct Lowered {
@@ -48,13 +48,13 @@ pub(crate) fn lower<'a>(
     let mut origins = Origins::default();
     let mut waits = Waits::default();
     let bodies = reactions(&mut tree, &mut waits, &mut origins, report);
-    let wires = wiring::wires(&tree, waits, report);
+    let connections = connections::connections(&tree, waits, report);
     if report.has_errors() {
         return None;
     }
-    for wire in &wires {
-        tree.builder.connection(wire.connection.clone());
-        origins.connections.push(wire.span);
+    for it in &connections {
+        tree.builder.connection(it.connection.clone());
+        origins.connections.push(it.span);
     }
     let Tree { nodes, instances, builder, classes: used, .. } = tree;
     origins.reactors = nodes.iter().map(|node| node.model.declared.decl.header).collect();
@@ -66,7 +66,7 @@ pub(crate) fn lower<'a>(
         }
     };
     // Of a program that is otherwise right.
-    unconnected::check(&nodes, &wires, origins.writers.iter().map(|(port, _)| *port), report);
+    unconnected::check(&nodes, &connections, origins.writers.iter().map(|(port, _)| *port), report);
     for class in &used {
         models[class.0].iter().for_each(|model| unset::check(model, &library.sources, report));
     }
@@ -92,7 +92,7 @@ pub(crate) fn add_classes(library: &Library, models: &Models<'_>, lowered: &mut 
     lowered.classes.extend(idle.filter_map(|id| emit(library, models, id, "")));
 }
 
-/// A class for Python; none if nobody has looked at it. A main reactor may have no name but `unnamed`.
+/// A class for Python; none if it was not resolved. A main reactor may have no name but `unnamed`.
 fn emit(library: &Library, models: &Models<'_>, id: ClassId, unnamed: &str) -> Option<Class> {
     let name = library.reactor(id).name.as_ref().map_or(unnamed, |name| &name.text);
     Some(class::emit(library, models, (id, models[id.0].as_ref()?), name.to_owned()))
@@ -123,8 +123,8 @@ fn reactions(
             let node = &tree.nodes[index];
             let spec = reaction::spec(tree, node, reaction, report);
             named += 1 + spec.triggers.len() + spec.sources.len() + spec.effects.len();
-            if named > MOST {
-                let message = format!("the reactions name more than {MOST} channels");
+            if named > MAX {
+                let message = format!("the reactions name more than {MAX} channels");
                 report.add(
                     Diagnostic::error("LF0406", reaction.decl.header, message)
                         .hint("reduce the widths of banks, or name fewer ports"),
@@ -150,7 +150,7 @@ fn reactions(
     bodies
 }
 
-/// The most reactions of a circle that are pointed at.
+/// The most reactions of a cycle that have a label.
 const SHOWN: usize = 20;
 
 /// Where the parts of the program are written.
@@ -187,13 +187,13 @@ impl Origins {
             reactions.iter().map(span).filter(|span| seen.insert(*span)).take(SHOWN).collect();
         let message = match reactions {
             [_] => format!("the reaction {names} waits for itself: it reads what it sets"),
-            _ => format!("reactions wait for one another in a circle: {names}"),
+            _ => format!("reactions wait for one another in a cycle: {names}"),
         };
         let diagnostic = Diagnostic::error("LF0503", spans[0], message).hint(
             "give one of the connections a delay, such as `after 0`, or reorder the reactions",
         );
         spans[1..].iter().fold(diagnostic, |diagnostic, span| {
-            diagnostic.label(*span, "this reaction is in the circle")
+            diagnostic.label(*span, "this reaction is in the cycle")
         })
     }
 

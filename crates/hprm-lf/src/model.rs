@@ -1,51 +1,50 @@
 //! A reactor class with its members sorted by kind and its references resolved to indices.
 //!
-//! The types here are what lowering works on; they hold only what is known to exist. Finding out
-//! is the business of [`resolve`](crate::resolve).
+//! Lowering works on the types of this file; they have only references to members that exist.
+//! [`resolve`](crate::resolve) resolves the references.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::Transition;
 
 use crate::ast;
-use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::inherit::{self, Overriding};
 use crate::library::{ClassId, Library};
 use crate::source::Span;
 
 /// The most members of all classes together, with those that they inherit.
-pub(crate) const MOST_MEMBERS: usize = 1_000_000;
+pub(crate) const MAX_MEMBERS: usize = 1_000_000;
 
 /// The most modes of one reactor.
-const MOST_MODES: usize = 250;
+const MAX_MODES: usize = 250;
 
 /// The members of a class, after those that it inherits.
 #[derive(Debug)]
 pub(crate) struct Declarations<'a> {
-    pub(crate) decl: &'a ast::Reactor,
+    pub(crate) decl: &'a ast::ReactorNode,
     /// Whether an error has been reported for which members are missing here.
     pub(crate) incomplete: bool,
-    /// The classes that it is made of, itself the last.
+    /// The class and its superclasses; the class is the last.
     pub(crate) lineage: Vec<ClassId>,
     /// The headers of those classes, in the order of the text.
     homes: Vec<Span>,
-    /// What a name means here.
+    /// The members by name.
     index: Index<'a>,
     pub(crate) parameters: Vec<&'a ast::Parameter>,
     pub(crate) preambles: Vec<ast::Body>,
-    pub(crate) modes: Vec<&'a ast::Mode>,
-    pub(crate) states: Vec<Placed<'a, ast::State>>,
-    pub(crate) methods: Vec<&'a ast::Method>,
-    pub(crate) ports: Vec<&'a ast::Port>,
-    pub(crate) timers: Vec<Placed<'a, ast::Timer>>,
-    pub(crate) actions: Vec<Placed<'a, ast::Action>>,
-    pub(crate) instances: Vec<Instance<'a>>,
-    pub(crate) reactions: Vec<Placed<'a, ast::Reaction>>,
-    pub(crate) connections: Vec<Placed<'a, ast::Connection>>,
+    pub(crate) modes: Vec<&'a ast::ModeNode>,
+    pub(crate) states: Vec<Placed<'a, ast::StateNode>>,
+    pub(crate) methods: Vec<&'a ast::MethodNode>,
+    pub(crate) ports: Vec<&'a ast::PortNode>,
+    pub(crate) timers: Vec<Placed<'a, ast::TimerNode>>,
+    pub(crate) actions: Vec<Placed<'a, ast::ActionNode>>,
+    pub(crate) instances: Vec<ResolvedInstance<'a>>,
+    pub(crate) reactions: Vec<Placed<'a, ast::ReactionNode>>,
+    pub(crate) connections: Vec<Placed<'a, ast::ConnectionNode>>,
 }
 
-/// By name, what is found by name most often. Of two things of one name, the first.
+/// The members that are looked up most often, by name. Of two members of one name, the first.
 #[derive(Debug, Default)]
 struct Index<'a> {
     variables: BTreeMap<&'a str, Entity>,
@@ -80,7 +79,7 @@ impl<T> std::ops::Deref for Placed<'_, T> {
 
 /// An instantiation and the class that it names.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Instance<'a> {
+pub(crate) struct ResolvedInstance<'a> {
     pub(crate) decl: &'a ast::Instantiation,
     pub(crate) mode: Option<usize>,
     pub(crate) class: ClassId,
@@ -90,8 +89,8 @@ pub(crate) struct Instance<'a> {
 #[derive(Debug)]
 pub(crate) struct Model<'a> {
     pub(crate) declared: Declarations<'a>,
-    pub(crate) reactions: Vec<Reaction<'a>>,
-    pub(crate) connections: Vec<Connection<'a>>,
+    pub(crate) reactions: Vec<ResolvedReaction<'a>>,
+    pub(crate) connections: Vec<ResolvedConnection<'a>>,
 }
 
 /// A variable that a reaction or a connection names, by index into the [`Declarations`].
@@ -110,7 +109,7 @@ pub(crate) enum Entity {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) enum Trigger {
+pub(crate) enum ResolvedTrigger {
     Startup,
     Shutdown,
     Reset,
@@ -145,10 +144,10 @@ pub(crate) enum Held {
 }
 
 #[derive(Debug)]
-pub(crate) struct Reaction<'a> {
-    pub(crate) decl: &'a ast::Reaction,
+pub(crate) struct ResolvedReaction<'a> {
+    pub(crate) decl: &'a ast::ReactionNode,
     pub(crate) mode: Option<usize>,
-    pub(crate) triggers: Vec<Trigger>,
+    pub(crate) triggers: Vec<ResolvedTrigger>,
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
     /// Other names that it gives to ports and actions: `port as name`.
@@ -156,8 +155,8 @@ pub(crate) struct Reaction<'a> {
     pub(crate) slots: Vec<Slot>,
 }
 
-impl Reaction<'_> {
-    /// What it can read: triggers and sources.
+impl ResolvedReaction<'_> {
+    /// The variables that it can read: triggers and sources.
     pub(crate) fn reads(&self) -> impl Iterator<Item = Entity> {
         self.variables().chain(self.sources.iter().copied())
     }
@@ -165,8 +164,8 @@ impl Reaction<'_> {
     /// The triggers that have a name.
     pub(crate) fn variables(&self) -> impl Iterator<Item = Entity> {
         self.triggers.iter().filter_map(|trigger| match trigger {
-            Trigger::Variable(entity) => Some(*entity),
-            Trigger::Startup | Trigger::Shutdown | Trigger::Reset => None,
+            ResolvedTrigger::Variable(entity) => Some(*entity),
+            ResolvedTrigger::Startup | ResolvedTrigger::Shutdown | ResolvedTrigger::Reset => None,
         })
     }
 
@@ -186,8 +185,8 @@ pub(crate) struct End {
 }
 
 #[derive(Debug)]
-pub(crate) struct Connection<'a> {
-    pub(crate) decl: &'a ast::Connection,
+pub(crate) struct ResolvedConnection<'a> {
+    pub(crate) decl: &'a ast::ConnectionNode,
     pub(crate) mode: Option<usize>,
     pub(crate) left: Vec<End>,
     pub(crate) right: Vec<End>,
@@ -224,8 +223,8 @@ impl<'a> Declarations<'a> {
             for member in &ancestor.members {
                 declared.member((library, *home), member, None, report);
             }
-            if declared.size() > MOST_MEMBERS {
-                let message = format!("a reactor has at most {MOST_MEMBERS} members");
+            if declared.size() > MAX_MEMBERS {
+                let message = format!("a reactor has at most {MAX_MEMBERS} members");
                 declared.miss(Diagnostic::error("LF0406", decl.header, message), report);
                 break;
             }
@@ -256,8 +255,7 @@ impl<'a> Declarations<'a> {
         .sum()
     }
 
-    /// Which of the classes in the lineage declares what stands at `span`: the same number for the
-    /// same class.
+    /// The number of the class in the lineage that declares what is at `span`.
     pub(crate) fn home(&self, span: Span) -> usize {
         self.homes.partition_point(|home| (home.file, home.start) <= (span.file, span.start))
     }
@@ -282,7 +280,7 @@ impl<'a> Declarations<'a> {
             }
             ast::Member::Instantiation(_) if report.is_full() => self.incomplete = true,
             ast::Member::Instantiation(decl) => match find_class(library, class, decl) {
-                Ok(class) => self.instances.push(Instance { decl, mode, class }),
+                Ok(class) => self.instances.push(ResolvedInstance { decl, mode, class }),
                 Err(diagnostic) => self.miss(*diagnostic, report),
             },
             ast::Member::Watchdog(watchdog) => {
@@ -290,15 +288,15 @@ impl<'a> Declarations<'a> {
                 let span = watchdog.name.span;
                 self.miss(Diagnostic::unsupported(span, "watchdogs are", instead), report);
             }
-            ast::Member::Mode(decl) if self.modes.len() == MOST_MODES => {
-                let message = format!("a reactor has at most {MOST_MODES} modes");
+            ast::Member::Mode(decl) if self.modes.len() == MAX_MODES => {
+                let message = format!("a reactor has at most {MAX_MODES} modes");
                 self.miss(Diagnostic::error("LF0406", decl.header, message), report);
             }
             ast::Member::Mode(decl) => {
                 let index = self.modes.len();
                 self.modes.push(decl);
                 for member in &decl.members {
-                    if modes::may_contain(member, report) {
+                    if may_be_in_mode(member, report) {
                         self.member((library, class), member, Some(index), report);
                     }
                 }
@@ -384,4 +382,20 @@ fn find_class(
         return Err(Box::new(Diagnostic::error("LF0307", name.span, message)));
     }
     Ok(class)
+}
+
+/// Reports a member that cannot be in a mode.
+fn may_be_in_mode(member: &ast::Member, report: &mut Report) -> bool {
+    let (what, span) = match member {
+        ast::Member::Preamble(body) => ("a preamble", body.inner),
+        ast::Member::Method(method) => ("a method", method.name.span),
+        ast::Member::Port(port) => ("a port", port.name.span),
+        ast::Member::Mode(mode) => ("another mode", mode.header),
+        _ => return true,
+    };
+    let message = format!("{what} cannot be declared in a mode");
+    report.add(
+        Diagnostic::error("LF0909", span, message).hint("declare it in the reactor, outside modes"),
+    );
+    false
 }

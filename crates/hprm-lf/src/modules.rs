@@ -15,7 +15,7 @@ use crate::library::Library;
 use crate::source::{SourceLoader, sibling};
 
 /// The most modules that are looked for.
-const MOST: usize = 1_000;
+const MAX: usize = 1_000;
 
 /// The facts about the modules of a program.
 pub(crate) fn facts(compiled: &Compiled, loader: &mut dyn SourceLoader) -> Vec<Fact> {
@@ -85,7 +85,7 @@ struct Search<'l> {
 impl Search<'_> {
     /// Looks for a module, and returns what it imports.
     fn look_at(&mut self, module: &[String]) -> Vec<Name> {
-        if self.seen.len() >= MOST || !self.seen.insert(module.to_vec()) {
+        if self.seen.len() >= MAX || !self.seen.insert(module.to_vec()) {
             return Vec::new();
         }
         let path = module.join("/");

@@ -1,9 +1,9 @@
-//! What the user who runs a program states on the command line: target properties, as `KEY=VALUE`, and
+//! What the user of a program states on the command line: target properties, as `KEY=VALUE`, and
 //! parameters of the main reactor, as `main.NAME=VALUE`.
 //!
 //! Both are parsed as the program's own text is, each in a source of its own, so that they mean the same
-//! and a mistake in one is shown like any other. What a property means is up to `properties`; which
-//! instance gets a parameter, to `instance`.
+//! and a mistake in one is shown like any other. `properties` knows what a property means, and
+//! `instance` which instance gets a parameter.
 
 use crate::ast::{Expression, ExpressionKind, Name, Parameter, Property};
 use crate::diagnostic::{Diagnostic, Report, existing};

@@ -12,9 +12,9 @@ const SHELVES: [&str; 2] = ["build/lfc_include", "lf-packages"];
 const EXTENSIONS: [&str; 2] = [".lf", ".ulf"];
 
 /// The most folders that are looked through for a file.
-const MOST_FOLDERS: usize = 200;
+const MAX_FOLDERS: usize = 200;
 
-/// What stands between `<` and `>`.
+/// The text between `<` and `>`.
 pub(crate) struct Wanted<'a> {
     package: &'a str,
     path: &'a str,
@@ -84,7 +84,7 @@ fn find_below(folder: String, names: &[String], loader: &mut dyn SourceLoader) -
         }
         let inner = entries.iter().filter_map(|entry| entry.strip_suffix('/'));
         folders.extend(inner.map(|inner| join(&folder, inner)));
-        folders.truncate(MOST_FOLDERS);
+        folders.truncate(MAX_FOLDERS);
     }
     None
 }

@@ -2,17 +2,17 @@
 
 use crate::ast::{self, PortKind};
 use crate::check::Models;
-use crate::compiled::Part;
-use crate::model::{Declarations, Entity, Held, Instance, Model, Reaction, Slot};
+use crate::compiled::ReactorPart;
+use crate::model::{Declarations, Entity, Held, Model, ResolvedInstance, ResolvedReaction, Slot};
 
 /// What a class declares beside parameters, state variables and methods.
-pub(crate) fn of_class(declared: &Declarations<'_>, models: &Models<'_>) -> Vec<Part> {
-    let part = |name: &ast::Name, kind| Part { name: name.text.clone(), kind, class: None };
+pub(crate) fn of_class(declared: &Declarations<'_>, models: &Models<'_>) -> Vec<ReactorPart> {
+    let part = |name: &ast::Name, kind| ReactorPart { name: name.text.clone(), kind, class: None };
     let ports = declared.ports.iter().map(|port| part(&port.name, kind_of(port)));
     let actions = declared.actions.iter().map(|action| part(&action.name, "action"));
     let timers = declared.timers.iter().map(|timer| part(&timer.name, "timer"));
     let modes = declared.modes.iter().filter_map(|mode| Some(part(mode.name.as_ref()?, "mode")));
-    let instances = declared.instances.iter().map(|instance| Part {
+    let instances = declared.instances.iter().map(|instance| ReactorPart {
         name: instance.decl.name.text.clone(),
         kind: kind_of_instance(instance),
         class: models[instance.class.0].as_ref().map(|model| {
@@ -28,7 +28,7 @@ pub(crate) fn of_class(declared: &Declarations<'_>, models: &Models<'_>) -> Vec<
 pub(crate) fn kinds(
     model: &Model<'_>,
     models: &Models<'_>,
-    reaction: &Reaction<'_>,
+    reaction: &ResolvedReaction<'_>,
 ) -> Vec<&'static str> {
     let declared = &model.declared;
     let kind = |slot: &Slot| match slot.holds {
@@ -56,7 +56,7 @@ pub(crate) fn kinds(
 pub(crate) fn named(
     model: &Model<'_>,
     models: &Models<'_>,
-    reaction: &Reaction<'_>,
+    reaction: &ResolvedReaction<'_>,
 ) -> Vec<String> {
     let declared = &model.declared;
     let name = |entity| match entity {
@@ -74,18 +74,18 @@ fn contained<'a>(
     declared: &Declarations<'a>,
     models: &'a Models<'a>,
     (instance, port): (usize, usize),
-) -> Option<&'a ast::Port> {
+) -> Option<&'a ast::PortNode> {
     let class = declared.instances[instance].class;
     models[class.0].as_ref().map(|model| model.declared.ports[port])
 }
 
-fn kind_of(port: &ast::Port) -> &'static str {
+fn kind_of(port: &ast::PortNode) -> &'static str {
     match port.kind {
         PortKind::Output => "output",
         PortKind::Input { .. } => "input",
     }
 }
 
-fn kind_of_instance(instance: &Instance<'_>) -> &'static str {
+fn kind_of_instance(instance: &ResolvedInstance<'_>) -> &'static str {
     if instance.decl.width.is_some() { "bank" } else { "instance" }
 }

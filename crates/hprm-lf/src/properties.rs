@@ -1,23 +1,24 @@
-//! The target declaration: which properties the runtime obeys, which are harmless, which are wrong.
+//! The target declaration: which properties the runtime obeys, which have no effect, which are wrong.
 //!
-//! The main file's properties rule; only `files` and `protobufs` are collected from imported
+//! The properties of the main file count; only `files` and `protobufs` are collected from imported
 //! files as well.
 
-use hprm_core::{Coordination, Nanos, Properties, Spin, StoreOptions, WhenFull, read_size};
+use hprm_core::{Coordination, Nanos, Properties, Spin, StoreOptions, WhenFull};
 
-use crate::ast::{Element, ElementKind, ExpressionKind, Property, Target};
+use crate::ast::{Element, ElementKind, Property, Target};
 use crate::clock_property;
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::library::Library;
 use crate::property_rules;
+use crate::property_values::{Read, boolean, integer, size, time, word};
 use crate::source::{FileId, SourceLoader, Sources, Span, sibling};
 
-/// Target properties for whoever runs the program, as far as they are stated.
+/// Target properties for the driver of the program, as far as they are stated.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Settings {
     /// `logging`, in lower case: `error`, `warn`, `info`, `log` or `debug`.
     pub logging: Option<String>,
-    /// `single-threaded`: one worker, whatever else is said.
+    /// `single-threaded`: one worker, whatever `workers` is.
     pub single_threaded: bool,
     /// `tracing`.
     pub tracing: bool,
@@ -29,7 +30,7 @@ pub struct Settings {
     pub store: StoreOptions,
 }
 
-/// Known, and without meaning where nothing is generated or compiled; said to be so.
+/// Known, and without effect where nothing is generated or compiled; a warning says so.
 const IGNORED: [&str; 11] = [
     "build",
     "build-type",
@@ -44,7 +45,7 @@ const IGNORED: [&str; 11] = [
     "verify",
 ];
 
-/// Known, and of consequence: whoever states one must not believe that it is in force.
+/// Known, and not obeyed yet: a warning tells the user.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
 const OBEYED: [&str; 22] = [
@@ -72,7 +73,7 @@ const OBEYED: [&str; 22] = [
     "workers",
 ];
 
-/// What the target declarations say.
+/// The properties of the target declarations.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stated {
     pub(crate) properties: Properties,
@@ -86,7 +87,7 @@ pub(crate) struct Stated {
 }
 
 impl Stated {
-    /// What the files say, and then `overrides`, which come from elsewhere and have the last word.
+    /// The properties of the files, and then `overrides` from the command line, which replace them.
     pub(crate) fn read(library: &Library, overrides: &[Property], report: &mut Report) -> Self {
         let mut stated = Self::default();
         for file in &library.order {
@@ -154,7 +155,7 @@ impl Stated {
             "clock-sync-options" => {
                 clock_property::options(value, &mut self.properties.clock_sync, report)
             }
-            // Another kind of security is not there.
+            // SST is not supported.
             "comm-type" if !property_rules::is_sst(value) => {
                 comm_type(value).map(|tls| self.settings.encrypt = tls)
             }
@@ -185,7 +186,7 @@ impl Stated {
             Ok(()) => property_rules::unheeded(property, &name, report),
             Err(expected) => {
                 let message = format!("`{name}` must be {expected}");
-                // Words that are right stand between the backquotes.
+                // The valid words are between backquotes.
                 let words = expected.split('`').skip(1).step_by(2);
                 let hint = word(value).and_then(|word| did_you_mean(word, words));
                 report.add(Diagnostic::error("LF0603", value.span, message).maybe_hint(hint));
@@ -271,7 +272,7 @@ fn check_name(target: &Target, report: &mut Report) {
     }
 }
 
-/// Properties that other targets of Lingua Franca have: not slips, however close they are.
+/// Properties of other targets of Lingua Franca: never taken for misspelled ones.
 const OF_OTHER_TARGETS: [&str; 16] = [
     "cargo-dependencies",
     "cargo-features",
@@ -291,8 +292,8 @@ const OF_OTHER_TARGETS: [&str; 16] = [
     "single-file-project",
 ];
 
-/// A slip in a property that is obeyed must not leave the program without it; what else is unknown
-/// is passed over with a warning, as in Lingua Franca.
+/// A misspelled property is an error, because the program would run without it; other unknown properties
+/// cause a warning, as in Lingua Franca.
 fn unknown(property: &Property, report: &mut Report) {
     let name = &property.name;
     let known = OBEYED.into_iter().chain(NOT_YET).chain(IGNORED);
@@ -313,42 +314,6 @@ fn not_yet(property: &Property, report: &mut Report) {
     let name = &property.name;
     let message = format!("`{}` has no effect yet", name.text);
     report.add(Diagnostic::warning("LF0606", name.span, message));
-}
-
-type Read<T> = Result<T, &'static str>;
-
-fn time(value: &Element) -> Read<Nanos> {
-    match &value.kind {
-        ElementKind::Value(expression) => match expression.kind {
-            ExpressionKind::Time(nanos) if nanos >= 0 => Ok(nanos),
-            ExpressionKind::Integer(0) => Ok(0),
-            ExpressionKind::Time(_) => Err("a time that is not negative"),
-            _ => Err("a time, such as `10 s`"),
-        },
-        _ => Err("a time, such as `10 s`"),
-    }
-}
-
-fn boolean(value: &Element) -> Read<bool> {
-    match &value.kind {
-        ElementKind::Value(expression) => match expression.kind {
-            ExpressionKind::Bool(truth) => Ok(truth),
-            _ => Err("`true` or `false`"),
-        },
-        _ => Err("`true` or `false`"),
-    }
-}
-
-/// The word, or the text, that a value is.
-pub(crate) fn word(value: &Element) -> Option<&str> {
-    match &value.kind {
-        ElementKind::Path(word) => Some(word),
-        ElementKind::Value(expression) => match &expression.kind {
-            ExpressionKind::String(text) => Some(text),
-            _ => None,
-        },
-        _ => None,
-    }
 }
 
 fn coordination(value: &Element) -> Read<Coordination> {
@@ -408,7 +373,7 @@ fn cpus(value: &Element) -> Read<Vec<u32>> {
     cpus.ok_or("the number of a processor, or a list of such numbers: `[2, 3]`")
 }
 
-/// The longest time that a process may look for messages without sleeping: longer is a mistake.
+/// The longest time of busy-polling; a longer one is a mistake.
 const LONGEST_SPIN: Nanos = 1_000_000_000;
 
 fn spin(value: &Element) -> Read<Spin> {
@@ -425,35 +390,13 @@ fn spin(value: &Element) -> Read<Spin> {
 }
 
 /// The most workers; each is a thread, and more of them than processors gain little.
-const MOST_WORKERS: u32 = 1_000;
+const MAX_WORKERS: u32 = 1_000;
 
 fn workers(value: &Element) -> Read<u32> {
     integer(value)
         .and_then(|number| u32::try_from(number).ok())
-        .filter(|number| *number <= MOST_WORKERS)
+        .filter(|number| *number <= MAX_WORKERS)
         .ok_or("a whole number from 0 to 1000")
-}
-
-fn integer(value: &Element) -> Option<i64> {
-    match &value.kind {
-        ElementKind::Value(expression) => match expression.kind {
-            ExpressionKind::Integer(number) => Some(number),
-            _ => None,
-        },
-        _ => None,
-    }
-}
-
-fn size(value: &Element) -> Read<u64> {
-    let size = match &value.kind {
-        ElementKind::Value(expression) => match expression.kind {
-            ExpressionKind::Integer(number) => u64::try_from(number).ok(),
-            _ => None,
-        },
-        _ => None,
-    };
-    size.or_else(|| read_size(word(value)?))
-        .ok_or("a size, which is a whole number with a unit, such as `\"2 GB\"`")
 }
 
 fn when_full(value: &Element) -> Read<WhenFull> {

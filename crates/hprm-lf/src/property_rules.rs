@@ -1,7 +1,7 @@
 //! Target properties that change nothing here, and those that contradict one another.
 //!
-//! Nothing that a program states is passed over in silence, unless it states what is the case
-//! anyway. What the runtime obeys is read by [`properties`](crate::properties).
+//! Each property that has no effect causes a warning, unless its value is what holds anyway.
+//! [`properties`](crate::properties) reads what the runtime obeys.
 
 use std::collections::BTreeMap;
 
@@ -68,7 +68,7 @@ pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
     }
 }
 
-/// Whether the property states what is the case without it.
+/// Whether the property states what holds without it.
 pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
     match name {
         "docker" | "no-compile" | "no-source-mapping" | "verify" => boolean(value) == Some(false),
@@ -76,12 +76,12 @@ pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
     }
 }
 
-/// Whether a `comm-type` is the one that is not there.
+/// Whether a `comm-type` is the one that is not supported.
 pub(crate) fn is_sst(value: &Element) -> bool {
     word(value).as_deref() == Some("sst")
 }
 
-/// Says of a property that is known that it has no meaning here, and why.
+/// Warns that a known property has no effect here, and says why.
 pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
     check_value(name, &property.value, report);
     if is_no_change(name, &property.value) {
@@ -98,7 +98,7 @@ pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
     report.add(Diagnostic::warning("LF0607", property.name.span, message).hint(why));
 }
 
-/// Says of a value that is right, but changes nothing here, why that is so.
+/// Warns about a valid value that has no effect here.
 pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
     let text = word(&property.value).unwrap_or_default();
     let (what, hint) = match (name, text.as_str()) {
@@ -107,7 +107,7 @@ pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
             "`tracing` writes no trace file yet".to_owned(),
             "`hprm run --logical-trace FILE` writes what every reaction did",
         ),
-        // What is the case anyway.
+        // What holds anyway.
         ("logging", "info") | ("scheduler", "np" | "gedf_np" | "gedf_np_ci") => return,
         ("logging", _) => (
             format!("`logging: {text}` has no effect yet"),
@@ -122,7 +122,7 @@ pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
     report.add(Diagnostic::warning("LF0606", property.name.span, what).hint(hint));
 }
 
-/// Checks properties of the main file that do not go together.
+/// Checks properties of the main file that contradict one another.
 pub(crate) fn contradictions(library: &Library, federated: bool, report: &mut Report) {
     let target = library.model(Library::MAIN).target.as_ref();
     let mut stated: BTreeMap<String, &Property> = BTreeMap::new();

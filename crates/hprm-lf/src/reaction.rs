@@ -15,22 +15,22 @@ use crate::model::{self, Entity, Held, Model, Slot};
 pub(crate) fn spec<'a>(
     tree: &Tree<'a>,
     node: &Node<'a>,
-    reaction: &model::Reaction<'a>,
+    reaction: &model::ResolvedReaction<'a>,
     report: &mut Report,
 ) -> ReactionSpec {
     let mut spec = ReactionSpec::default();
     for trigger in &reaction.triggers {
         match trigger {
-            model::Trigger::Startup => spec.triggers.push(Trigger::Startup),
-            model::Trigger::Shutdown => spec.triggers.push(Trigger::Shutdown),
-            model::Trigger::Reset => spec.triggers.push(Trigger::Reset),
-            model::Trigger::Variable(Entity::Action(action)) => {
+            model::ResolvedTrigger::Startup => spec.triggers.push(Trigger::Startup),
+            model::ResolvedTrigger::Shutdown => spec.triggers.push(Trigger::Shutdown),
+            model::ResolvedTrigger::Reset => spec.triggers.push(Trigger::Reset),
+            model::ResolvedTrigger::Variable(Entity::Action(action)) => {
                 spec.triggers.push(Trigger::Action(node.actions[*action]));
             }
-            model::Trigger::Variable(Entity::Timer(timer)) => {
+            model::ResolvedTrigger::Variable(Entity::Timer(timer)) => {
                 spec.triggers.push(Trigger::Timer(node.timers[*timer]));
             }
-            model::Trigger::Variable(entity) => {
+            model::ResolvedTrigger::Variable(entity) => {
                 spec.triggers.extend(channels(tree, node, *entity).into_iter().map(Trigger::Port));
             }
         }
@@ -57,7 +57,7 @@ pub(crate) fn spec<'a>(
 pub(crate) fn note_wait<'a>(
     tree: &Tree<'a>,
     node: &Node<'a>,
-    reaction: &model::Reaction<'a>,
+    reaction: &model::ResolvedReaction<'a>,
     waits: &mut Waits,
     report: &mut Report,
 ) {
@@ -86,7 +86,7 @@ fn channels(tree: &Tree<'_>, node: &Node<'_>, entity: Entity) -> Vec<PortId> {
 pub(crate) fn arguments<'a>(
     tree: &Tree<'a>,
     node: &Node<'a>,
-    reaction: &model::Reaction<'a>,
+    reaction: &model::ResolvedReaction<'a>,
 ) -> Vec<Argument> {
     let declared = &node.model.declared;
     let effects: BTreeSet<Entity> = reaction.effects.iter().copied().collect();

@@ -1,13 +1,16 @@
-//! Names to things: what the triggers, sources, effects and connections of a class refer to, and
-//! whether they may.
+//! Resolution of names: what the triggers, sources, effects and connections of a class refer to, and
+//! whether that is allowed.
 
 use std::collections::BTreeSet;
 
 use crate::ast::{self, PortKind, Reference};
-use crate::check::modes;
 use crate::diagnostic::{Diagnostic, Report, existing};
-use crate::model::{Connection, Declarations, End, Entity, Instance, Placed, Reaction, Trigger};
+use crate::model::{
+    Declarations, End, Entity, Placed, ResolvedConnection, ResolvedInstance, ResolvedReaction,
+    ResolvedTrigger,
+};
 use crate::slots;
+use crate::transitions;
 
 /// The declarations of all classes in use, by class.
 pub(crate) type Classes<'a> = [Option<Declarations<'a>>];
@@ -50,7 +53,7 @@ pub(crate) fn resolve<'a>(
     declared: &Declarations<'a>,
     classes: &Classes<'a>,
     report: &mut Report,
-) -> (Vec<Reaction<'a>>, Vec<Connection<'a>>) {
+) -> (Vec<ResolvedReaction<'a>>, Vec<ResolvedConnection<'a>>) {
     let resolver = Resolver { declared, classes };
     let reactions =
         declared.reactions.iter().map(|placed| resolver.reaction(*placed, report)).collect();
@@ -65,9 +68,13 @@ struct Resolver<'r, 'a> {
 }
 
 impl<'a> Resolver<'_, 'a> {
-    fn reaction(&self, placed: Placed<'a, ast::Reaction>, report: &mut Report) -> Reaction<'a> {
+    fn reaction(
+        &self,
+        placed: Placed<'a, ast::ReactionNode>,
+        report: &mut Report,
+    ) -> ResolvedReaction<'a> {
         let Placed { decl, mode } = placed;
-        let mut reaction = Reaction {
+        let mut reaction = ResolvedReaction {
             decl,
             mode,
             triggers: Vec::new(),
@@ -78,15 +85,15 @@ impl<'a> Resolver<'_, 'a> {
         };
         for trigger in &decl.triggers {
             let trigger = match trigger {
-                ast::Trigger::Startup => Trigger::Startup,
-                ast::Trigger::Shutdown => Trigger::Shutdown,
-                ast::Trigger::Reset(_) => Trigger::Reset,
-                ast::Trigger::Variable(reference) => {
+                ast::TriggerNode::Startup => ResolvedTrigger::Startup,
+                ast::TriggerNode::Shutdown => ResolvedTrigger::Shutdown,
+                ast::TriggerNode::Reset(_) => ResolvedTrigger::Reset,
+                ast::TriggerNode::Variable(reference) => {
                     let Some(entity) = self.find(reference, Role::Trigger, report) else {
                         continue;
                     };
                     reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
-                    Trigger::Variable(entity)
+                    ResolvedTrigger::Variable(entity)
                 }
             };
             reaction.triggers.push(trigger);
@@ -94,17 +101,19 @@ impl<'a> Resolver<'_, 'a> {
         self.sources(&mut reaction, report);
         for effect in &decl.effects {
             let effect = match effect {
-                ast::Effect::Variable(reference) => match modes::bare(self.declared, reference) {
-                    Some(name) => modes::reset_assumed(self.declared, name, mode, report),
-                    None => {
-                        let entity = self.find(reference, Role::Effect, report);
-                        let alias = entity.zip(reference.alias.as_ref());
-                        reaction.aliases.extend(alias);
-                        entity
+                ast::EffectNode::Variable(reference) => {
+                    match transitions::bare(self.declared, reference) {
+                        Some(name) => transitions::reset_assumed(self.declared, name, mode, report),
+                        None => {
+                            let entity = self.find(reference, Role::Effect, report);
+                            let alias = entity.zip(reference.alias.as_ref());
+                            reaction.aliases.extend(alias);
+                            entity
+                        }
                     }
-                },
-                ast::Effect::Mode(transition, name) => {
-                    modes::transition(self.declared, *transition, name, mode, report)
+                }
+                ast::EffectNode::Mode(transition, name) => {
+                    transitions::transition(self.declared, *transition, name, mode, report)
                 }
             };
             reaction.effects.extend(effect);
@@ -117,13 +126,13 @@ impl<'a> Resolver<'_, 'a> {
         reaction
     }
 
-    fn sources(&self, reaction: &mut Reaction<'a>, report: &mut Report) {
+    fn sources(&self, reaction: &mut ResolvedReaction<'a>, report: &mut Report) {
         let decl = reaction.decl;
         if decl.triggers.is_empty() {
             let inputs = self.declared.ports.iter().enumerate();
             reaction.triggers = inputs
                 .filter(|(_, port)| port.kind != PortKind::Output)
-                .map(|(index, _)| Trigger::Variable(Entity::Port(index)))
+                .map(|(index, _)| ResolvedTrigger::Variable(Entity::Port(index)))
                 .collect();
             if reaction.triggers.is_empty() {
                 let message = "this reaction has no trigger, so it never runs";
@@ -137,7 +146,7 @@ impl<'a> Resolver<'_, 'a> {
         for reference in &decl.sources {
             let Some(entity) = self.find(reference, Role::Source, report) else { continue };
             if !decl.triggers.is_empty() && triggers.contains(&entity) {
-                let message = format!("`{}` is already a trigger", spell(reference));
+                let message = format!("`{}` is already a trigger", as_written(reference));
                 report.add(
                     Diagnostic::error("LF0309", reference.span, message)
                         .hint("remove it here: a trigger can be read as well"),
@@ -150,9 +159,9 @@ impl<'a> Resolver<'_, 'a> {
 
     fn connection(
         &self,
-        Placed { decl, mode }: Placed<'a, ast::Connection>,
+        Placed { decl, mode }: Placed<'a, ast::ConnectionNode>,
         report: &mut Report,
-    ) -> Connection<'a> {
+    ) -> ResolvedConnection<'a> {
         let mut ends = |references: &[Reference], role| -> Vec<End> {
             let end = |reference: &Reference| {
                 let entity = self.find(reference, role, report)?;
@@ -165,16 +174,16 @@ impl<'a> Resolver<'_, 'a> {
             && self.is_backwards(left, right)
         {
             let message = "this connection is the wrong way round";
-            let hint = format!("write `{} -> {}`", spell(right), spell(left));
+            let hint = format!("write `{} -> {}`", as_written(right), as_written(left));
             report.add(Diagnostic::error("LF0305", decl.span, message).hint(hint));
-            return Connection { decl, mode, left: Vec::new(), right: Vec::new() };
+            return ResolvedConnection { decl, mode, left: Vec::new(), right: Vec::new() };
         }
         let left = ends(&decl.left, Role::From);
         let right = ends(&decl.right, Role::To);
-        Connection { decl, mode, left, right }
+        ResolvedConnection { decl, mode, left, right }
     }
 
-    /// Whether each end of a connection could only be the other one.
+    /// Whether each end of a connection is allowed only as the other end.
     fn is_backwards(&self, left: &Reference, right: &Reference) -> bool {
         let fits = |reference: &Reference, role| {
             let entity = self.entity(reference, role).ok();
@@ -188,7 +197,7 @@ impl<'a> Resolver<'_, 'a> {
 
     fn find(&self, reference: &Reference, role: Role, report: &mut Report) -> Option<Entity> {
         if report.is_full() {
-            // Nobody will read what else is wrong, and finding out what was meant takes long.
+            // No more errors are kept, and the search for similar names takes long.
             return None;
         }
         let checked = self.entity(reference, role).and_then(|entity| {
@@ -259,7 +268,7 @@ impl<'a> Resolver<'_, 'a> {
             let hint = existing(&container.text, "instances", names);
             return refuse(Diagnostic::error("LF0302", container.span, message).hint(hint));
         };
-        let Instance { decl, class, .. } = instances[instance];
+        let ResolvedInstance { decl, class, .. } = instances[instance];
         let Some(inner) = &self.classes[class.0] else { return Err(None) };
         if let Some(port) = inner.port(&port.text) {
             return Ok(Entity::Contained { instance, port });
@@ -277,7 +286,7 @@ impl<'a> Resolver<'_, 'a> {
         refuse(Diagnostic::error("LF0304", port.span, message).hint(hint))
     }
 
-    fn ports_of(&self, instance: usize) -> &[&'a ast::Port] {
+    fn ports_of(&self, instance: usize) -> &[&'a ast::PortNode] {
         let class = self.declared.instances[instance].class;
         self.classes[class.0].as_ref().map_or(&[], |declared| &declared.ports)
     }
@@ -285,7 +294,7 @@ impl<'a> Resolver<'_, 'a> {
     /// A reactor reads its inputs and its contents' outputs, and writes the others.
     fn check_role(&self, reference: &Reference, entity: Entity, role: Role) -> Resolved<()> {
         let wrong = |what: &str, hint: &str| {
-            let message = format!("{what} `{}` cannot be {}", spell(reference), role.name());
+            let message = format!("{what} `{}` cannot be {}", as_written(reference), role.name());
             refuse(Diagnostic::error("LF0305", reference.span, message).hint(hint))
         };
         const READ: &str = "a reactor reads its own inputs and the outputs of its instances";
@@ -307,9 +316,10 @@ impl<'a> Resolver<'_, 'a> {
             Entity::Timer(_) if role != Role::Trigger => {
                 wrong("the timer", "a timer can only trigger a reaction")
             }
-            Entity::Action(_) if connects => {
-                wrong("the action", "a connection joins ports; a reaction can pass on an action")
-            }
+            Entity::Action(_) if connects => wrong(
+                "the action",
+                "a connection joins ports; a reaction can forward the value of an action",
+            ),
             Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Ok(()),
         }
     }
@@ -366,7 +376,7 @@ fn once_each<T: Copy + Ord>(all: &mut Vec<T>) {
 }
 
 /// The reference as written.
-fn spell(reference: &Reference) -> String {
+fn as_written(reference: &Reference) -> String {
     match &reference.container {
         Some(container) => format!("{}.{}", container.text, reference.variable.text),
         None => reference.variable.text.clone(),

@@ -10,13 +10,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::ast;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::model::{Declarations, Entity, Held, Reaction, Slot};
+use crate::model::{Declarations, Entity, Held, ResolvedReaction, Slot};
 
 /// The slots of `reaction`; `ports_of` knows the ports of a contained instance.
 pub(crate) fn slots<'p, 'a: 'p>(
     declared: &Declarations<'a>,
-    ports_of: impl Fn(usize) -> &'p [&'a ast::Port],
-    reaction: &Reaction<'_>,
+    ports_of: impl Fn(usize) -> &'p [&'a ast::PortNode],
+    reaction: &ResolvedReaction<'_>,
     report: &mut Report,
 ) -> Vec<Slot> {
     let mut slots: Vec<Slot> = Vec::new();
@@ -68,9 +68,13 @@ pub(crate) fn slots<'p, 'a: 'p>(
     without_clashes(slots, reaction, report)
 }
 
-/// A name that nobody wrote, `instance_port`, gives way to any other slot of that name; two others of
-/// one name are an error.
-fn without_clashes(slots: Vec<Slot>, reaction: &Reaction<'_>, report: &mut Report) -> Vec<Slot> {
+/// A name that is not in the program text, `instance_port`, is dropped if another slot has that name; two
+/// other slots of one name are an error.
+fn without_clashes(
+    slots: Vec<Slot>,
+    reaction: &ResolvedReaction<'_>,
+    report: &mut Report,
+) -> Vec<Slot> {
     let written: BTreeSet<&str> =
         reaction.aliases.iter().map(|(_, name)| name.text.as_str()).collect();
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();

@@ -1,6 +1,6 @@
 //! The files of a program: their text, and positions in it.
 //!
-//! Nothing here opens a file. Whoever compiles a program supplies a [`SourceLoader`]; paths are
+//! Nothing here opens a file. The caller of the compiler supplies a [`SourceLoader`]; paths are
 //! joined by text alone.
 
 use std::ops::Range;
@@ -13,7 +13,7 @@ pub trait SourceLoader {
     ///
     /// # Errors
     ///
-    /// A sentence for people: `No such file or directory`.
+    /// A sentence for the user: `No such file or directory`.
     fn load(&mut self, path: &str) -> Result<String, String>;
 
     /// The names of what is in a folder, those of folders with a `/` at the end. Nothing if there
@@ -131,8 +131,7 @@ impl Sources {
         Some(FileId(u32::try_from(index).expect("fewer files than u32 counts")))
     }
 
-    /// The empty span at a place that somebody else has found: in the file of that path, at a line and
-    /// a column. None if there is no such file; a place that is beyond its text is at the end.
+    /// The empty span at a line and a column of the file of that path, which may come from Python. None if there is no such file; a place that is beyond its text is at the end.
     #[must_use]
     pub fn at(&self, path: &str, position: Position) -> Option<Span> {
         let file = self.find(path)?;
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_somebody_else_has_found_is_a_span() {
+    fn a_line_and_a_column_are_a_span() {
         let mut sources = Sources::new();
         sources.add("a.lf", "one\nzwö drei\n".to_owned());
         let at = |line, column| sources.at("a.lf", Position { line, column });

@@ -2,7 +2,7 @@
 
 use hprm_core::{Policy, Spacing};
 
-use crate::ast::{Action, Expression, ExpressionKind};
+use crate::ast::{ActionNode, Expression, ExpressionKind};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::environment::Environment;
 
@@ -14,7 +14,7 @@ const POLICIES: [(&str, Policy); 4] = [
 ];
 
 /// Reports a policy that there is not.
-pub(crate) fn check(action: &Action, report: &mut Report) {
+pub(crate) fn check(action: &ActionNode, report: &mut Report) {
     let Some(written) = &action.policy else { return };
     if named(written).is_some() {
         return;
@@ -32,7 +32,7 @@ pub(crate) fn check(action: &Action, report: &mut Report) {
 
 /// The spacing of an action in one instance, if it declares any.
 pub(crate) fn of<'a>(
-    action: &'a Action,
+    action: &'a ActionNode,
     environment: &Environment<'a>,
     report: &mut Report,
 ) -> Option<Spacing> {

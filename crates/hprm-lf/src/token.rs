@@ -1,13 +1,13 @@
 //! The tokens of a `.lf` file.
 //!
-//! Keywords are identifiers here: which words are special depends on the place, and that is for
-//! the parser to know.
+//! Keywords are identifiers here: which words are special depends on the place, which the parser
+//! knows.
 
 use crate::source::Span;
 
 /// What a token is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Kind {
+pub(crate) enum TokenKind {
     /// A name or a keyword.
     Identifier,
     /// Digits.
@@ -33,6 +33,6 @@ pub(crate) enum Kind {
 /// A token and where it is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Token {
-    pub(crate) kind: Kind,
+    pub(crate) kind: TokenKind,
     pub(crate) span: Span,
 }

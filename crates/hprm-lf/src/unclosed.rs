@@ -1,8 +1,8 @@
-//! Bodies without an end: how they are found out, and where the language goes on behind one.
+//! Bodies without an end: how they are detected, and where the program text goes on behind one.
 //!
-//! The scanner of [`code`](crate::code) would take the `=}` of the next body for the end. But `{=`
-//! is no Python outside of strings and comments, so whoever meets one inside a body knows that the
-//! body should have ended before it.
+//! The scanner of [`code`](crate::code) would take the `=}` of the next body for the end. But `{=` is
+//! no Python outside of strings and comments, so a `{=` inside a body shows that the body should have ended
+//! before it.
 
 /// Words that begin a line of the language and no statement of Python.
 const WORDS: [&str; 17] = [

@@ -8,20 +8,20 @@ use std::collections::BTreeMap;
 use hprm_core::PortId;
 
 use crate::ast::PortKind;
+use crate::connections::PortConnection;
 use crate::diagnostic::{Diagnostic, Report};
 use crate::instance::Node;
-use crate::model::{Entity, Trigger};
+use crate::model::{Entity, ResolvedTrigger};
 use crate::source::Span;
-use crate::wiring::Wire;
 
 /// Warns about instances with such inputs. `written` are the ports that reactions set.
 pub(crate) fn check(
     nodes: &[Node<'_>],
-    wires: &[Wire],
+    connections: &[PortConnection],
     written: impl Iterator<Item = PortId>,
     report: &mut Report,
 ) {
-    let open = Open::new(nodes, wires, written);
+    let open = Open::new(nodes, connections, written);
     for node in nodes {
         for (instance, members) in node.children.iter().enumerate() {
             let decl = node.model.declared.instances[instance].decl;
@@ -49,7 +49,11 @@ struct Open {
 }
 
 impl Open {
-    fn new(nodes: &[Node<'_>], wires: &[Wire], written: impl Iterator<Item = PortId>) -> Self {
+    fn new(
+        nodes: &[Node<'_>],
+        connections: &[PortConnection],
+        written: impl Iterator<Item = PortId>,
+    ) -> Self {
         let ports = nodes.iter().flat_map(|node| &node.ports);
         let count = ports.map(|ports| ports.channels().count()).sum();
         let mut root: Vec<Option<PortId>> = vec![None; count];
@@ -62,14 +66,14 @@ impl Open {
         for port in written {
             root[port.index()] = None;
         }
-        for wire in wires {
-            root[wire.connection.to.index()] = None;
+        for it in connections {
+            root[it.connection.to.index()] = None;
         }
-        // What a connection passes on is open as well. Containers come before their contents, so
+        // What such an input is connected to is open as well. Containers come before their contents, so
         // their connections to them do, too.
-        for wire in wires {
-            let from = root[wire.connection.from.index()];
-            let to = &mut root[wire.connection.to.index()];
+        for it in connections {
+            let from = root[it.connection.from.index()];
+            let to = &mut root[it.connection.to.index()];
             *to = from.or(*to);
         }
         Self { root }
@@ -111,7 +115,9 @@ impl Open {
             let mut guilty = Vec::new();
             let silent = !reaction.triggers.is_empty()
                 && reaction.triggers.iter().all(|trigger| {
-                    let Trigger::Variable(Entity::Port(port)) = trigger else { return false };
+                    let ResolvedTrigger::Variable(Entity::Port(port)) = trigger else {
+                        return false;
+                    };
                     let begins = |channel: PortId| {
                         self.root[channel.index()].and_then(|root| roots.get(&root))
                     };

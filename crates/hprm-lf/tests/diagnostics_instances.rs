@@ -76,35 +76,35 @@ main reactor {
   b.out -> a.inp
 }
 "), @r#"
-    error[LF0503]: reactions wait for one another in a circle: Main.a.1 -> Main.b.2
+    error[LF0503]: reactions wait for one another in a cycle: Main.a.1 -> Main.b.2
       --> Main.lf:5:3
        |
      5 |   reaction(inp) -> out {= out.set(inp.value) =}
        |   ^^^^^^^^^^^^^^^^^^^^
     ...
     11 |   reaction(inp) -> out {= out.set(inp.value) =}
-       |   -------------------- this reaction is in the circle
+       |   -------------------- this reaction is in the cycle
        |
        = help: give one of the connections a delay, such as `after 0`, or reorder the reactions
     "#);
 }
 
 #[test]
-fn a_circle_of_connections_alone() {
+fn a_cycle_of_connections_alone() {
     assert_snapshot!(errors("
-reactor Wire {
+reactor Loop {
   input inp
   output out
   inp -> out
 }
 main reactor {
-  a = new Wire()
-  b = new Wire()
+  a = new Loop()
+  b = new Loop()
   a.out -> b.inp
   b.out -> a.inp
 }
 "), @r#"
-    error[LF0503]: connections lead in a circle, without a delay and a reaction
+    error[LF0503]: connections form a cycle without a delay and without a reaction
      --> Main.lf:5:3
       |
     5 |   inp -> out

@@ -36,7 +36,7 @@ main reactor {
       |
       = help: did you mean `Two`?
 
-    warning[LF0908]: it is not said how mode `Two` is entered: by a reset, then
+    warning[LF0908]: the effect does not say how mode `Two` is entered; a reset is assumed
      --> Main.lf:5:32
       |
     5 |     reaction(t) -> reset(Too), Two, history(Two) {= pass =}

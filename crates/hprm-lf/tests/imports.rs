@@ -3,7 +3,7 @@
 mod common;
 
 use common::errors_in;
-use hprm_lf::{Compiled, Failure, SourceLoader, compile};
+use hprm_lf::{CompileFailure, Compiled, SourceLoader, compile};
 use insta::assert_snapshot;
 
 /// Files in memory, where a folder is what stands before a slash.
@@ -48,7 +48,7 @@ impl Disk {
     }
 
     /// Compiles a program at `path` that imports and instantiates `Count`.
-    fn import(mut self, path: &'static str, from: &str) -> Result<Compiled, Failure> {
+    fn import(mut self, path: &'static str, from: &str) -> Result<Compiled, CompileFailure> {
         let text = format!("import Count from <{from}> main reactor {{ c = new Count() }}");
         self.files.push((path, format!("target Python\n{text}")));
         compile(path, &mut self)
@@ -56,7 +56,7 @@ impl Disk {
 }
 
 /// The file that the program's second class comes from.
-fn origin(compiled: Result<Compiled, Failure>) -> String {
+fn origin(compiled: Result<Compiled, CompileFailure>) -> String {
     let compiled = compiled.unwrap_or_else(|failure| panic!("{failure}"));
     compiled.sources.path(compiled.classes[1].file).to_owned()
 }

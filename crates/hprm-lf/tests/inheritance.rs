@@ -56,13 +56,13 @@ main reactor { d = new Derived(n = 3)  e = new[3] Inner()  e.out -> d.inp }
     assert_eq!(reactions(&compiled, "Derived"), ["1", "2", "3"]);
     let program = &compiled.program;
     let named = |port| program.port_name(port);
-    let wires: Vec<_> = program
+    let connections: Vec<_> = program
         .connections
         .values()
         .map(|c| format!("{} {}", named(c.from), named(c.to)))
         .collect();
-    assert!(wires.contains(&"Main.d.inner.out Main.d.out".to_owned()), "{wires:?}");
-    assert!(wires.contains(&"Main.e[2].out Main.d.inp[2]".to_owned()), "{wires:?}");
+    assert!(connections.contains(&"Main.d.inner.out Main.d.out".to_owned()), "{connections:?}");
+    assert!(connections.contains(&"Main.e[2].out Main.d.inp[2]".to_owned()), "{connections:?}");
     assert_eq!((program.modes.len(), program.timers.len(), program.actions.len()), (2, 1, 1));
 }
 
@@ -122,7 +122,7 @@ reactor Base { part = new Part()
 }
 
 #[test]
-fn circles_and_unknown_superclasses() {
+fn cycles_and_unknown_superclasses() {
     assert_snapshot!(errors("
 reactor A extends B { }
 reactor B extends A { }
@@ -136,7 +136,7 @@ main reactor Program extends D { }
     2 | reactor A extends B { }
       |                   ^
       |
-      = help: remove one `extends` of the circle
+      = help: remove one `extends` of the cycle
 
     error[LF0301]: there is no reactor `Missing`
      --> Main.lf:4:19
@@ -154,13 +154,13 @@ main reactor Program extends D { }
       |
       = help: put what both share into a reactor of its own
 
-    error[LF0213]: the main reactor `Program` is not called like its file
+    error[LF0213]: the main reactor `Program` does not have the name of its file
      --> Main.lf:6:14
       |
     6 | main reactor Program extends D { }
       |              ^^^^^^^
       |
-      = help: leave the name out, or call it `Main`
+      = help: remove the name, or change it to `Main`
     "#);
 }
 
@@ -254,7 +254,7 @@ main reactor { b = new B() }
 }
 
 #[test]
-fn a_circle_is_reported_once_however_many_are_in_it_or_below() {
+fn a_cycle_is_reported_once_however_many_classes_are_in_it_or_below() {
     assert_snapshot!(errors("
 reactor D extends C { }
 reactor C extends B { }
@@ -268,7 +268,7 @@ main reactor { d = new D() }
     3 | reactor C extends B { }
       |                   ^
       |
-      = help: remove one `extends` of the circle
+      = help: remove one `extends` of the cycle
     "#);
 }
 
@@ -282,7 +282,7 @@ fn a_long_line_of_ancestors_is_refused() {
     assert_eq!(diagnostic.code, "LF0406");
     let line = failure.sources.position(diagnostic.span).line;
     assert_eq!(line, 101, "A101 is the first one with more than a hundred ancestors");
-    // A class that does so in one go, and in a circle.
+    // A class that does so directly, and in a cycle.
     let many = "A, ".repeat(200);
     let text = format!("target Python reactor A extends {many} A {{ }} main reactor {{ }}");
     let failure = compile_files(&[("Main.lf", &text)]).expect_err("too many");

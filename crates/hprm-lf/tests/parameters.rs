@@ -1,6 +1,6 @@
 //! Parameters of the main reactor that are stated on the command line, as `main.NAME=VALUE`.
 
-use hprm_lf::{Compiled, Failure, Value, compile_with};
+use hprm_lf::{CompileFailure, Compiled, Value, compile_with};
 
 const PROGRAM: &str = "target Python
 reactor Base(rate = 5) { }
@@ -12,7 +12,7 @@ main reactor(rate = 10, period = 50 ms, gain = 0.5, loud = false, name = \"front
   base = new Base()
 }";
 
-fn run_with(stated: &[&str]) -> Result<Compiled, Failure> {
+fn run_with(stated: &[&str]) -> Result<Compiled, CompileFailure> {
     let stated: Vec<_> = stated.iter().map(|text| (*text).to_owned()).collect();
     compile_with("Main.lf", &stated, &mut |_: &str| Ok(PROGRAM.to_owned()))
 }

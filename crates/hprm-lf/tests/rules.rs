@@ -245,7 +245,7 @@ const ALLOWED: &[&str] = &[
      reactor B { input i a = new A() i -> a.i }
      main reactor { b = new B() a = new A() reaction(startup) -> b.i, a.j {= pass =} }",
     // Outputs that only a contained reactor drives, one of several reactions sets, or all arguments
-    // together hold; and those that nobody reads.
+    // together hold; and those that no reaction reads.
     "reactor A { output o output p output q timer t
        reaction(t) -> o, p {= o.set(1) =} reaction(t) -> p {= p.set(1) =}
        reaction(t) -> q {= publish(locals()) =} }

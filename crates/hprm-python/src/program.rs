@@ -4,7 +4,7 @@
 //! described: a federate makes no instance, and compiles no body, of another one.
 
 use hprm_core::{ReactorId, Scope};
-use hprm_lf::{Class, Code, Compiled, Instance, Part, ReactionBody, Value};
+use hprm_lf::{Class, Code, Compiled, Instance, ReactionBody, ReactorPart, Value};
 use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -77,7 +77,7 @@ impl<'py> Describe<'_, 'py> {
         let reactions = class.reactions.iter().map(|reaction| self.reaction(reaction));
         let reactions = reactions.collect::<PyResult<Vec<_>>>()?;
         let preambles = self.codes(&class.preambles)?;
-        let parts = class.parts.iter().map(|Part { name, kind, class }| (name, kind, class));
+        let parts = class.parts.iter().map(|ReactorPart { name, kind, class }| (name, kind, class));
         let parts: Vec<_> = parts.collect();
         let fields = (&class.name, preambles, parameters, state, methods, reactions, parts);
         self.module.getattr("ClassSource")?.call1(fields)

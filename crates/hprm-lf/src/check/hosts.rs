@@ -1,11 +1,11 @@
-//! Names of hosts, `user@host:port`: whether they can be names of hosts at all. Nobody is asked.
+//! Names of hosts, `user@host:port`: whether they have the form of one. They are not looked up.
 
 use std::net::{Ipv4Addr, Ipv6Addr};
 
 use crate::ast::Name;
 use crate::diagnostic::{Diagnostic, Report};
 
-/// Warns about what cannot be right.
+/// Warns about a name that cannot be right.
 pub(super) fn check(host: &Name, report: &mut Report) {
     let Err(wrong) = parts(&host.text) else { return };
     report

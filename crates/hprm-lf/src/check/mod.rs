@@ -1,7 +1,7 @@
-//! The rules of the language that concern one class, and the one that concerns their whole: no
-//! class contains itself.
+//! The rules of the language for one class, and one rule for all classes together: no class contains
+//! itself.
 //!
-//! References have been resolved before; what depends on the values of parameters is checked when
+//! References have been resolved before. Rules that depend on the values of parameters are checked when
 //! instances are made.
 
 pub(crate) mod attributes;
@@ -15,7 +15,7 @@ mod values;
 
 use std::collections::BTreeSet;
 
-use crate::ast::{Member, Reactor, ReactorKind};
+use crate::ast::{Member, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::model::Model;
@@ -48,7 +48,7 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
     unused_imports(library, report);
 }
 
-/// Whether the main file has reactors, but only such as others can import.
+/// Whether the main file has reactors, but only those that other files can import.
 pub(crate) fn is_for_import(library: &Library) -> bool {
     let reactors = &library.model(Library::MAIN).reactors;
     !reactors.is_empty() && reactors.iter().all(|reactor| reactor.kind == ReactorKind::Plain)
@@ -81,17 +81,18 @@ pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<Class
     if let Some(name) = &first.name
         && name.text != stem(path)
     {
-        let message = format!("the main reactor `{}` is not called like its file", name.text);
+        let message =
+            format!("the main reactor `{}` does not have the name of its file", name.text);
         report.add(
             Diagnostic::error("LF0213", name.span, message)
-                .hint(format!("leave the name out, or call it `{}`", stem(path))),
+                .hint(format!("remove the name, or change it to `{}`", stem(path))),
         );
     }
     Some(*main)
 }
 
 fn header(model: &Model<'_>, report: &mut Report) {
-    let Reactor { kind, name, header, type_parameters, host, .. } = model.declared.decl;
+    let ReactorNode { kind, name, header, type_parameters, host, .. } = model.declared.decl;
     if *kind == ReactorKind::Plain && name.is_none() {
         let message = "only a main reactor can do without a name";
         report.add(
@@ -106,7 +107,8 @@ fn header(model: &Model<'_>, report: &mut Report) {
         for parameter in &model.declared.parameters {
             let name = &parameter.name;
             if OPTIONS.contains(&name.text.as_str()) {
-                let message = format!("the parameter `{}` is called like an option", name.text);
+                let message =
+                    format!("the parameter `{}` has the name of a command-line option", name.text);
                 report.add(
                     Diagnostic::warning("LF0218", name.span, message)
                         .hint("programs that Lingua Franca compiles have this option themselves"),
@@ -177,7 +179,7 @@ fn reactions(model: &Model<'_>, report: &mut Report) {
     }
 }
 
-/// No class contains itself, on any way.
+/// No class contains itself, directly or through others.
 fn cycles(models: &Models<'_>, report: &mut Report) {
     #[derive(Clone, Copy, PartialEq, Eq)]
     enum Visit {

@@ -1,78 +1,14 @@
-//! Modes: what may be declared in one, who may enter one, and what a reset must reset.
+//! Modes: one is initial, each has a name, and a reset must reset the state.
 
 use std::collections::BTreeSet;
 
 use hprm_core::Transition;
 
 use super::Models;
-use crate::ast::{Member, Name, ReactorKind, Reference};
-use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::ast::ReactorKind;
+use crate::diagnostic::{Diagnostic, Report};
 use crate::library::ClassId;
-use crate::model::{Declarations, Entity, Instance, Model, Trigger};
-
-/// Reports a member that cannot be in a mode.
-pub(crate) fn may_contain(member: &Member, report: &mut Report) -> bool {
-    let (what, span) = match member {
-        Member::Preamble(body) => ("a preamble", body.inner),
-        Member::Method(method) => ("a method", method.name.span),
-        Member::Port(port) => ("a port", port.name.span),
-        Member::Mode(mode) => ("another mode", mode.header),
-        _ => return true,
-    };
-    let message = format!("{what} cannot be declared in a mode");
-    report.add(
-        Diagnostic::error("LF0909", span, message).hint("declare it in the reactor, outside modes"),
-    );
-    false
-}
-
-/// The name, if an effect that looks like a variable is the name of a mode.
-pub(crate) fn bare<'r>(declared: &Declarations<'_>, reference: &'r Reference) -> Option<&'r Name> {
-    let name = &reference.variable;
-    let taken = matches!(declared.variable(&name.text), Some(Entity::Port(_) | Entity::Action(_)));
-    let plain = reference.container.is_none() && !reference.interleaved;
-    (plain && !taken && declared.mode(&name.text).is_some()).then_some(name)
-}
-
-/// A mode as an effect, without a word on how it is entered.
-pub(crate) fn reset_assumed(
-    declared: &Declarations<'_>,
-    name: &Name,
-    place: Option<usize>,
-    report: &mut Report,
-) -> Option<Entity> {
-    let message = format!("it is not said how mode `{}` is entered: by a reset, then", name.text);
-    report.add(
-        Diagnostic::warning("LF0908", name.span, message)
-            .hint(format!("write `reset({0})` or `history({0})`", name.text)),
-    );
-    transition(declared, Transition::Reset, name, place, report)
-}
-
-/// The mode that a reaction in mode `place` enters.
-pub(crate) fn transition(
-    declared: &Declarations<'_>,
-    transition: Transition,
-    name: &Name,
-    place: Option<usize>,
-    report: &mut Report,
-) -> Option<Entity> {
-    let Some(index) = declared.mode(&name.text) else {
-        let message = format!("this reactor has no mode `{}`", name.text);
-        let names = declared.modes.iter().filter_map(|mode| mode.name.as_ref());
-        let hint = existing(&name.text, "modes", names.map(|name| name.text.as_str()));
-        report.add(Diagnostic::error("LF0904", name.span, message).hint(hint));
-        return None;
-    };
-    if place.is_none() {
-        let message = "only a reaction inside a mode can enter another one";
-        report.add(
-            Diagnostic::error("LF0903", name.span, message)
-                .hint("move the reaction into the mode from which it leads away"),
-        );
-    }
-    Some(Entity::Mode(index, transition))
-}
+use crate::model::{Declarations, Entity, Model, ResolvedInstance, ResolvedTrigger};
 
 /// The state variables that are reset with each mode, and with the mode around the reactor (`None`),
 /// by index.
@@ -136,7 +72,7 @@ fn initial(declared: &Declarations<'_>, report: &mut Report) {
     }
 }
 
-/// A mode that is entered by a reset starts afresh, and so must its state.
+/// A mode that is entered by a reset starts again, so its state must be reset too.
 fn kept_state(model: &Model<'_>, models: &Models<'_>, report: &mut Report) {
     let declared = &model.declared;
     let entered = |mode: usize| {
@@ -171,21 +107,21 @@ fn kept_state(model: &Model<'_>, models: &Models<'_>, report: &mut Report) {
 }
 
 fn resets_itself(model: &Model<'_>, place: Option<usize>) -> bool {
-    let resets = |triggers: &[Trigger]| triggers.contains(&Trigger::Reset);
+    let resets = |triggers: &[ResolvedTrigger]| triggers.contains(&ResolvedTrigger::Reset);
     model.reactions.iter().any(|reaction| reaction.mode == place && resets(&reaction.triggers))
 }
 
-/// A state variable of the instance, or of one inside, that a reset leaves alone.
+/// A state variable of the instance, or of an instance inside, that a reset does not change.
 fn kept_inside(
-    instance: Instance<'_>,
+    instance: ResolvedInstance<'_>,
     models: &Models<'_>,
     seen: &mut BTreeSet<ClassId>,
 ) -> Option<String> {
-    // Deeper ones are not looked at, and no class twice.
-    const MOST: usize = 100;
-    let new = seen.len() < MOST && seen.insert(instance.class);
+    // Instances at a greater depth are not checked, and no class is checked twice.
+    const MAX: usize = 100;
+    let new = seen.len() < MAX && seen.insert(instance.class);
     let model = models[instance.class.0].as_ref().filter(|_| new)?;
-    let kept = |state: &&crate::model::Placed<'_, crate::ast::State>| {
+    let kept = |state: &&crate::model::Placed<'_, crate::ast::StateNode>| {
         state.mode.is_none() && state.reset.is_none()
     };
     let own = model.declared.states.iter().find(kept).filter(|_| !resets_itself(model, None));

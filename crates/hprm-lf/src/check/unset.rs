@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 
 use crate::ast::PortKind;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::model::{Entity, Held, Model, Reaction};
+use crate::model::{Entity, Held, Model, ResolvedReaction};
 use crate::source::Sources;
 
 /// Warns about outputs of a class that has instances.
@@ -34,8 +34,10 @@ pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
             // Perhaps a reaction only lacks the effect, which is found where names are looked at.
             continue;
         }
-        let names_it = |reaction: &&Reaction<'_>| reaction.effects.contains(&Entity::Port(index));
-        let reactions: Vec<&Reaction<'_>> = model.reactions.iter().filter(names_it).collect();
+        let names_it =
+            |reaction: &&ResolvedReaction<'_>| reaction.effects.contains(&Entity::Port(index));
+        let reactions: Vec<&ResolvedReaction<'_>> =
+            model.reactions.iter().filter(names_it).collect();
         if reactions.iter().any(|reaction| mentions(reaction, index, sources)) {
             continue;
         }
@@ -62,20 +64,20 @@ fn own_port(entity: Entity) -> Option<usize> {
 }
 
 /// What the reaction calls the port.
-fn called<'r>(reaction: &'r Reaction<'_>, port: usize) -> &'r str {
+fn called<'r>(reaction: &'r ResolvedReaction<'_>, port: usize) -> &'r str {
     let mut slots = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
     slots.next_back().map_or("", |slot| &slot.name)
 }
 
 /// Whether a body of the reaction contains one of the names that it has for the port.
-fn mentions(reaction: &Reaction<'_>, port: usize, sources: &Sources) -> bool {
+fn mentions(reaction: &ResolvedReaction<'_>, port: usize, sources: &Sources) -> bool {
     let names = reaction.slots.iter().filter(|slot| slot.holds == Held::Port(port));
     // All arguments at once.
     let names: Vec<&str> = names.map(|slot| slot.name.as_str()).chain(["locals"]).collect();
     says(reaction, &names, sources)
 }
 
-fn says(reaction: &Reaction<'_>, names: &[&str], sources: &Sources) -> bool {
+fn says(reaction: &ResolvedReaction<'_>, names: &[&str], sources: &Sources) -> bool {
     let decl = reaction.decl;
     let bodies = decl
         .body

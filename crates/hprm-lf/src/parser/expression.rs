@@ -4,7 +4,7 @@ use super::{Parsed, Parser};
 use crate::ast::{Expression, ExpressionKind, Name};
 use crate::diagnostic::Diagnostic;
 use crate::source::Span;
-use crate::token::Kind;
+use crate::token::TokenKind;
 use crate::value;
 
 impl Parser<'_> {
@@ -19,31 +19,31 @@ impl Parser<'_> {
     pub(super) fn expression(&mut self) -> Parsed<Expression> {
         let start = self.token().span;
         let kind = match self.token().kind {
-            Kind::Integer => self.integer_or_time(false)?,
-            Kind::Float => self.float(false)?,
-            Kind::Mark('-') => {
+            TokenKind::Integer => self.integer_or_time(false)?,
+            TokenKind::Float => self.float(false)?,
+            TokenKind::Mark('-') => {
                 self.advance();
                 match self.token().kind {
-                    Kind::Integer => self.integer_or_time(true)?,
-                    Kind::Float => self.float(true)?,
+                    TokenKind::Integer => self.integer_or_time(true)?,
+                    TokenKind::Float => self.float(true)?,
                     _ => return self.fail("a number"),
                 }
             }
-            Kind::String => ExpressionKind::String(self.string().text),
-            Kind::Character => {
+            TokenKind::String => ExpressionKind::String(self.string().text),
+            TokenKind::Character => {
                 let text = self.string().text;
                 ExpressionKind::Character(text.chars().next().unwrap_or_default())
             }
-            Kind::Code => ExpressionKind::Code(self.body()?),
-            Kind::Mark('[') => ExpressionKind::List(self.expressions('[', ']')?),
-            Kind::Mark('{') => {
+            TokenKind::Code => ExpressionKind::Code(self.body()?),
+            TokenKind::Mark('[') => ExpressionKind::List(self.expressions('[', ']')?),
+            TokenKind::Mark('{') => {
                 return self.lose(
                     Diagnostic::error("LF0006", start, "braces alone make no value in Python")
                         .hint("write a dict or a set as `{= {...} =}`, and a list as `[...]`"),
                 );
             }
-            Kind::Mark('(') => ExpressionKind::Tuple(self.expressions('(', ')')?),
-            Kind::Identifier => self.word()?,
+            TokenKind::Mark('(') => ExpressionKind::Tuple(self.expressions('(', ')')?),
+            TokenKind::Identifier => self.word()?,
             _ => return self.fail("a value"),
         };
         Ok(Expression { kind, span: start.to(self.previous()) })
@@ -74,7 +74,7 @@ impl Parser<'_> {
     /// Whether an attribute or a call follows a name without a gap: `np.pi`, `dict()`.
     fn goes_on_as_python(&self, name: Span) -> bool {
         let next = self.token();
-        next.span.start == name.end && matches!(next.kind, Kind::Mark('.' | '('))
+        next.span.start == name.end && matches!(next.kind, TokenKind::Mark('.' | '('))
     }
 
     fn integer_or_time(&mut self, negative: bool) -> Parsed<ExpressionKind> {
@@ -87,7 +87,7 @@ impl Parser<'_> {
             );
         };
         let number = if negative { -magnitude } else { magnitude };
-        if !self.is(Kind::Identifier) || self.starts_clause() {
+        if !self.is(TokenKind::Identifier) || self.starts_clause() {
             return Ok(ExpressionKind::Integer(number));
         }
         let unit = self.name("a unit of time")?;
@@ -118,7 +118,7 @@ impl Parser<'_> {
         let next = self.peek(1).kind;
         self.starts_member()
             || self.is_word("serializer")
-            || matches!(next, Kind::Mark('.' | '=') | Kind::Arrow | Kind::Squiggle)
+            || matches!(next, TokenKind::Mark('.' | '=') | TokenKind::Arrow | TokenKind::Squiggle)
             || between.contains('\n') && value::unit(self.text_of(word)).is_none()
     }
 
@@ -132,7 +132,7 @@ impl Parser<'_> {
     }
 
     fn is_unit(&self) -> bool {
-        self.is(Kind::Identifier) && value::unit(self.text_of(self.token())).is_some()
+        self.is(TokenKind::Identifier) && value::unit(self.text_of(self.token())).is_some()
     }
 
     /// `0.5 ms`, at whose unit the cursor is.

@@ -2,7 +2,7 @@
 //!
 //! This file owns the cursor, the rules at the top of a file, and recovery: after an error the
 //! parser skips to the next thing that starts a statement, so that one run reports several errors.
-//! Meaning is not its business.
+//! It gives no meaning to what it parses.
 
 mod expression;
 mod reactor;
@@ -11,11 +11,11 @@ mod target;
 
 use std::collections::BTreeSet;
 
-use crate::ast::{Body, Expression, Import, ImportSource, ImportedReactor, Model, Name};
+use crate::ast::{Body, Expression, FileNode, Import, ImportSource, ImportedReactor, Name};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::lexer;
 use crate::source::{FileId, Span};
-use crate::token::{Kind, Token};
+use crate::token::{Token, TokenKind};
 
 /// Words that start a member of a reactor, and so cannot name anything.
 const MEMBERS: [&str; 19] = [
@@ -34,7 +34,7 @@ pub(crate) struct Lost;
 type Parsed<T> = Result<T, Lost>;
 
 /// The tree of a file. What cannot be parsed is reported and missing from it.
-pub(crate) fn parse(file: FileId, text: &str, report: &mut Report) -> Model {
+pub(crate) fn parse(file: FileId, text: &str, report: &mut Report) -> FileNode {
     let tokens = lexer::tokens(file, text, report);
     Parser::new(text, tokens, report).model()
 }
@@ -44,7 +44,7 @@ pub(crate) fn parse_value(file: FileId, text: &str, report: &mut Report) -> Opti
     let tokens = lexer::tokens(file, text, report);
     let mut parser = Parser::new(text, tokens, report);
     let value = parser.expression().ok()?;
-    parser.is(Kind::End).then_some(value)
+    parser.is(TokenKind::End).then_some(value)
 }
 
 struct Parser<'a> {
@@ -91,12 +91,12 @@ impl Parser<'_> {
         token
     }
 
-    fn is(&self, kind: Kind) -> bool {
+    fn is(&self, kind: TokenKind) -> bool {
         self.token().kind == kind
     }
 
     fn is_mark(&self, mark: char) -> bool {
-        self.is(Kind::Mark(mark))
+        self.is(TokenKind::Mark(mark))
     }
 
     fn is_word(&self, word: &str) -> bool {
@@ -105,7 +105,7 @@ impl Parser<'_> {
 
     fn is_word_ahead(&self, ahead: usize, word: &str) -> bool {
         let token = self.peek(ahead);
-        token.kind == Kind::Identifier && self.text_of(token) == word
+        token.kind == TokenKind::Identifier && self.text_of(token) == word
     }
 
     fn accept(&mut self, mark: char) -> bool {
@@ -132,7 +132,7 @@ impl Parser<'_> {
     }
 
     fn name(&mut self, what: &str) -> Parsed<Name> {
-        if !self.is(Kind::Identifier) {
+        if !self.is(TokenKind::Identifier) {
             return self.fail(what);
         }
         if MEMBERS.contains(&self.text_of(self.token())) {
@@ -164,7 +164,7 @@ impl Parser<'_> {
         if self.is_mark('{') {
             return self.body_in_braces();
         }
-        if !self.is(Kind::Code) {
+        if !self.is(TokenKind::Code) {
             return self.fail("a body `{= ... =}`");
         }
         let mut inner = self.advance().span;
@@ -175,7 +175,7 @@ impl Parser<'_> {
     }
 
     fn maybe_body(&mut self) -> Parsed<Option<Body>> {
-        if self.is(Kind::Code) || self.is_mark('{') { self.body().map(Some) } else { Ok(None) }
+        if self.is(TokenKind::Code) || self.is_mark('{') { self.body().map(Some) } else { Ok(None) }
     }
 
     /// Reports braces without `=`, and steps over what is between them.
@@ -186,10 +186,10 @@ impl Parser<'_> {
             Diagnostic::error("LF0003", open, message).hint("write `{=` here, and `=}` at its end"),
         );
         let mut depth = 1_usize;
-        while depth > 0 && !self.is(Kind::End) {
+        while depth > 0 && !self.is(TokenKind::End) {
             match self.advance().kind {
-                Kind::Mark('{') => depth += 1,
-                Kind::Mark('}') => depth -= 1,
+                TokenKind::Mark('{') => depth += 1,
+                TokenKind::Mark('}') => depth -= 1,
                 _ => {}
             }
         }
@@ -204,12 +204,12 @@ impl Parser<'_> {
 
     fn fail_with<T>(&mut self, expected: &str, hint: Option<String>) -> Parsed<T> {
         let token = self.token();
-        if self.cut && token.kind == Kind::End {
+        if self.cut && token.kind == TokenKind::End {
             return Err(Lost);
         }
         let found = match token.kind {
-            Kind::End => "the end of the file".to_owned(),
-            Kind::Code => "a code body".to_owned(),
+            TokenKind::End => "the end of the file".to_owned(),
+            TokenKind::Code => "a code body".to_owned(),
             _ => format!("`{}`", self.text_of(token).chars().take(40).collect::<String>()),
         };
         let message = format!("expected {expected}, found {found}");
@@ -221,7 +221,7 @@ impl Parser<'_> {
         Err(Lost)
     }
 
-    /// Parses one level deeper, unless that is deeper than anybody nests.
+    /// Parses one level deeper, unless the nesting is too deep.
     fn nested<T>(&mut self, parse: impl FnOnce(&mut Self) -> Parsed<T>) -> Parsed<T> {
         if self.depth >= DEEPEST {
             let span = self.token().span;
@@ -261,9 +261,9 @@ impl Parser<'_> {
         Ok(items)
     }
 
-    fn model(mut self) -> Model {
-        let mut model = Model::default();
-        while !self.is(Kind::End) {
+    fn model(mut self) -> FileNode {
+        let mut model = FileNode::default();
+        while !self.is(TokenKind::End) {
             let before = self.at;
             if self.top_level(&mut model).is_err() {
                 self.skip_to_top_level(before);
@@ -272,7 +272,7 @@ impl Parser<'_> {
         model
     }
 
-    fn top_level(&mut self, model: &mut Model) -> Parsed<()> {
+    fn top_level(&mut self, model: &mut FileNode) -> Parsed<()> {
         if self.is_word("target") {
             model.target = Some(self.target()?);
         } else if self.is_word("import") {
@@ -308,7 +308,7 @@ impl Parser<'_> {
             let keyword = parser.starts_reactor() && !parser.is_mark('@');
             keyword || parser.starts_preamble() || parser.is_word("import")
         };
-        while !self.is(Kind::End) && !starts(self) {
+        while !self.is(TokenKind::End) && !starts(self) {
             self.advance();
         }
     }
@@ -339,7 +339,7 @@ impl Parser<'_> {
     }
 
     fn import_file(&mut self) -> Parsed<ImportSource> {
-        if !self.is(Kind::String) {
+        if !self.is(TokenKind::String) {
             return self.fail("a path in double quotes");
         }
         Ok(ImportSource::File(self.string()))
@@ -348,7 +348,7 @@ impl Parser<'_> {
     fn package(&mut self) -> Parsed<ImportSource> {
         let open = self.expect('<')?.span;
         while !self.is_mark('>') {
-            if self.is(Kind::End) || self.is(Kind::String) || self.is(Kind::Code) {
+            if self.is(TokenKind::End) || self.is(TokenKind::String) || self.is(TokenKind::Code) {
                 return self.fail("`>`");
             }
             self.advance();

@@ -2,14 +2,15 @@
 
 use super::{MEMBERS, Parsed, Parser};
 use crate::ast::{
-    Attribute, Expression, Member, Mode, Parameter, Reactor, ReactorKind, State, Width, WidthTerm,
+    Attribute, Expression, Member, ModeNode, Parameter, ReactorKind, ReactorNode, StateNode, Width,
+    WidthTerm,
 };
 use crate::diagnostic::Diagnostic;
 use crate::source::Span;
-use crate::token::Kind;
+use crate::token::TokenKind;
 
 impl Parser<'_> {
-    pub(super) fn reactor(&mut self) -> Parsed<Reactor> {
+    pub(super) fn reactor(&mut self) -> Parsed<ReactorNode> {
         let attributes = self.attributes()?;
         let start = self.token().span;
         let mut kind = ReactorKind::Plain;
@@ -23,7 +24,8 @@ impl Parser<'_> {
             }
         }
         self.expect_word("reactor")?;
-        let named = self.is(Kind::Identifier) && !self.is_word("at") && !self.is_word("extends");
+        let named =
+            self.is(TokenKind::Identifier) && !self.is_word("at") && !self.is_word("extends");
         let name = if named { Some(self.name("a name")?) } else { None };
         let type_parameters = self.maybe_types()?;
         let parameters = self.parameters()?;
@@ -35,7 +37,7 @@ impl Parser<'_> {
         };
         let header = start.to(self.previous());
         let members = self.members()?;
-        Ok(Reactor {
+        Ok(ReactorNode {
             attributes,
             kind,
             name,
@@ -66,7 +68,7 @@ impl Parser<'_> {
         let open = self.expect('{')?.span;
         let mut members = Vec::new();
         while !self.is_mark('}') {
-            if self.is(Kind::End) {
+            if self.is(TokenKind::End) {
                 if !self.cut {
                     let end = self.token().span;
                     self.report.add(
@@ -89,7 +91,7 @@ impl Parser<'_> {
     fn member(&mut self) -> Parsed<Member> {
         let attributes = self.attributes()?;
         let word = self.token();
-        if word.kind != Kind::Identifier || self.peek(1).kind == Kind::Mark('=') {
+        if word.kind != TokenKind::Identifier || self.peek(1).kind == TokenKind::Mark('=') {
             return self.unmarked(attributes);
         }
 
@@ -118,18 +120,19 @@ impl Parser<'_> {
 
     /// What no keyword starts: an instantiation or a connection.
     fn unmarked(&mut self, attributes: Vec<Attribute>) -> Parsed<Member> {
-        if self.is(Kind::Identifier) && self.peek(1).kind == Kind::Mark('=') {
+        if self.is(TokenKind::Identifier) && self.peek(1).kind == TokenKind::Mark('=') {
             return Ok(Member::Instantiation(self.instantiation(attributes)?));
         }
-        if self.is(Kind::Identifier) || self.is_mark('(') {
+        if self.is(TokenKind::Identifier) || self.is_mark('(') {
             return Ok(Member::Connection(self.connection(attributes)?));
         }
         self.fail("a member of the reactor")
     }
 
     pub(super) fn starts_member(&self) -> bool {
-        let keyword = self.is(Kind::Identifier) && MEMBERS.contains(&self.text_of(self.token()));
-        keyword && self.peek(1).kind != Kind::Mark('.')
+        let keyword =
+            self.is(TokenKind::Identifier) && MEMBERS.contains(&self.text_of(self.token()));
+        keyword && self.peek(1).kind != TokenKind::Mark('.')
     }
 
     /// Skips the rest of what went wrong, and at least one token. Braces that were opened there are
@@ -140,15 +143,15 @@ impl Parser<'_> {
         }
         let mut open = 0_usize;
         loop {
-            let instantiation = self.is(Kind::Identifier)
-                && self.peek(1).kind == Kind::Mark('=')
+            let instantiation = self.is(TokenKind::Identifier)
+                && self.peek(1).kind == TokenKind::Mark('=')
                 && self.is_word_ahead(2, "new");
             match self.token().kind {
-                Kind::End => return,
-                Kind::Mark('{') => open += 1,
-                Kind::Mark('}') if open == 0 => return,
-                Kind::Mark('}') => open -= 1,
-                Kind::Mark('@') if open == 0 => return,
+                TokenKind::End => return,
+                TokenKind::Mark('{') => open += 1,
+                TokenKind::Mark('}') if open == 0 => return,
+                TokenKind::Mark('}') => open -= 1,
+                TokenKind::Mark('@') if open == 0 => return,
                 _ if open == 0 && (self.starts_member() || instantiation) => return,
                 _ => {}
             }
@@ -156,27 +159,27 @@ impl Parser<'_> {
         }
     }
 
-    fn mode(&mut self) -> Parsed<Mode> {
+    fn mode(&mut self) -> Parsed<ModeNode> {
         let start = self.token().span;
         let initial = self.accept_word("initial").is_some();
         self.expect_word("mode")?;
-        let name = match self.is(Kind::Identifier) {
+        let name = match self.is(TokenKind::Identifier) {
             true => Some(self.name("the name of a mode")?),
             false => None,
         };
         let header = start.to(self.previous());
         let members = self.nested(Self::members)?;
-        Ok(Mode { initial, name, members, header })
+        Ok(ModeNode { initial, name, members, header })
     }
 
-    fn state(&mut self, attributes: Vec<Attribute>) -> Parsed<State> {
+    fn state(&mut self, attributes: Vec<Attribute>) -> Parsed<StateNode> {
         let reset = self.accept_word("reset");
         self.expect_word("state")?;
         let name = self.name("the name of a state variable")?;
         let ty = self.maybe_type()?;
         let init = self.initializer()?;
         self.accept(';');
-        Ok(State { attributes, reset, name, ty, init })
+        Ok(StateNode { attributes, reset, name, ty, init })
     }
 
     /// `= expression`; the forms of other targets are reported.
@@ -184,8 +187,10 @@ impl Parser<'_> {
         if self.accept('=') {
             return self.expression().map(Some);
         }
-        let value =
-            matches!(self.peek(1).kind, Kind::Integer | Kind::Float | Kind::String | Kind::Code);
+        let value = matches!(
+            self.peek(1).kind,
+            TokenKind::Integer | TokenKind::Float | TokenKind::String | TokenKind::Code
+        );
         if self.is_mark('{') || (self.is_mark('(') && value) {
             let span = self.token().span;
             return self.lose(
@@ -212,7 +217,7 @@ impl Parser<'_> {
     }
 
     fn attribute_argument(&mut self) -> Parsed<Expression> {
-        if self.is(Kind::Identifier) && self.peek(1).kind == Kind::Mark('=') {
+        if self.is(TokenKind::Identifier) && self.peek(1).kind == TokenKind::Mark('=') {
             self.advance();
             self.advance();
         }
@@ -261,7 +266,7 @@ impl Parser<'_> {
     }
 
     fn type_name(&mut self) -> Parsed<()> {
-        if self.is(Kind::Code) {
+        if self.is(TokenKind::Code) {
             self.advance();
         } else {
             self.name("a type")?;
@@ -271,8 +276,8 @@ impl Parser<'_> {
             self.maybe_types()?;
         }
         while self.is_mark('*') || self.is_mark('[') {
-            if self.advance().kind == Kind::Mark('[') {
-                if self.is(Kind::Integer) {
+            if self.advance().kind == TokenKind::Mark('[') {
+                if self.is(TokenKind::Integer) {
                     self.advance();
                 }
                 self.expect(']')?;

@@ -4,14 +4,15 @@ use hprm_core::Transition;
 
 use super::{MEMBERS, Parsed, Parser};
 use crate::ast::{
-    Action, Argument, Assignment, Attribute, Connection, Deadline, Effect, Instantiation, Late,
-    Method, Port, PortKind, Reaction, Reference, Timer, Trigger, Watchdog,
+    ActionNode, ArgumentNode, Assignment, Attribute, ConnectionNode, Deadline, EffectNode,
+    Instantiation, Late, MethodNode, PortKind, PortNode, ReactionNode, Reference, TimerNode,
+    TriggerNode, Watchdog,
 };
 use crate::diagnostic::{Diagnostic, did_you_mean};
-use crate::token::Kind;
+use crate::token::TokenKind;
 
 impl Parser<'_> {
-    pub(super) fn method(&mut self) -> Parsed<Method> {
+    pub(super) fn method(&mut self) -> Parsed<MethodNode> {
         self.accept_word("const");
         self.expect_word("method")?;
         let name = self.name("the name of a method")?;
@@ -19,13 +20,13 @@ impl Parser<'_> {
         let arguments = self.enclosed(('(', ')'), |parser| {
             let name = parser.name("the name of an argument")?;
             let ty = parser.maybe_type()?;
-            Ok((Argument { name, default: parser.initializer()? }, ty))
+            Ok((ArgumentNode { name, default: parser.initializer()? }, ty))
         })?;
         types.extend(arguments.iter().filter_map(|(_, ty)| *ty));
         types.extend(self.maybe_type()?);
         let body = self.body()?;
         self.accept(';');
-        Ok(Method {
+        Ok(MethodNode {
             name,
             arguments: arguments.into_iter().map(|(argument, _)| argument).collect(),
             types,
@@ -33,7 +34,7 @@ impl Parser<'_> {
         })
     }
 
-    pub(super) fn port(&mut self, attributes: Vec<Attribute>) -> Parsed<Port> {
+    pub(super) fn port(&mut self, attributes: Vec<Attribute>) -> Parsed<PortNode> {
         let mutable = self.accept_word("mutable").is_some();
         let kind = if !mutable && self.accept_word("output").is_some() {
             PortKind::Output
@@ -45,10 +46,10 @@ impl Parser<'_> {
         let name = self.name("the name of a port")?;
         let ty = self.maybe_type()?;
         self.accept(';');
-        Ok(Port { attributes, kind, width, name, ty })
+        Ok(PortNode { attributes, kind, width, name, ty })
     }
 
-    pub(super) fn timer(&mut self, attributes: Vec<Attribute>) -> Parsed<Timer> {
+    pub(super) fn timer(&mut self, attributes: Vec<Attribute>) -> Parsed<TimerNode> {
         self.expect_word("timer")?;
         let name = self.name("the name of a timer")?;
         let (mut offset, mut period) = (None, None);
@@ -60,10 +61,10 @@ impl Parser<'_> {
             self.expect(')')?;
         }
         self.accept(';');
-        Ok(Timer { attributes, name, offset, period })
+        Ok(TimerNode { attributes, name, offset, period })
     }
 
-    pub(super) fn action(&mut self, attributes: Vec<Attribute>) -> Parsed<Action> {
+    pub(super) fn action(&mut self, attributes: Vec<Attribute>) -> Parsed<ActionNode> {
         let physical = if self.accept_word("logical").is_some() {
             Some(false)
         } else {
@@ -84,7 +85,7 @@ impl Parser<'_> {
         }
         let ty = self.maybe_type()?;
         self.accept(';');
-        Ok(Action { attributes, physical, name, min_delay, spacing, policy, ty })
+        Ok(ActionNode { attributes, physical, name, min_delay, spacing, policy, ty })
     }
 
     pub(super) fn watchdog(&mut self) -> Parsed<Watchdog> {
@@ -93,7 +94,7 @@ impl Parser<'_> {
         self.expect('(')?;
         self.expression()?;
         self.expect(')')?;
-        if self.is(Kind::Arrow) {
+        if self.is(TokenKind::Arrow) {
             self.advance();
             self.list(Self::effect)?;
         }
@@ -101,15 +102,15 @@ impl Parser<'_> {
         Ok(Watchdog { name })
     }
 
-    pub(super) fn reaction(&mut self, attributes: Vec<Attribute>) -> Parsed<Reaction> {
+    pub(super) fn reaction(&mut self, attributes: Vec<Attribute>) -> Parsed<ReactionNode> {
         let start = self.token().span;
         // The language has both words, and in this target they mean the same.
         if self.accept_word("mutation").is_none() {
             self.expect_word("reaction")?;
         }
-        let name = if self.is(Kind::Identifier) { Some(self.name("a name")?) } else { None };
+        let name = if self.is(TokenKind::Identifier) { Some(self.name("a name")?) } else { None };
         let triggers = self.enclosed(('(', ')'), Self::trigger)?;
-        if self.is_word("deadline") && self.peek(1).kind == Kind::Mark('(') {
+        if self.is_word("deadline") && self.peek(1).kind == TokenKind::Mark('(') {
             let span = self.token().span;
             let message = "`deadline` stands behind the body of its reaction";
             return self
@@ -117,12 +118,12 @@ impl Parser<'_> {
                     "write `{= body =} deadline(10 ms) {= what to do when it is missed =}`",
                 ));
         }
-        let sources = if self.is(Kind::Identifier) && !self.starts_member() {
+        let sources = if self.is(TokenKind::Identifier) && !self.starts_member() {
             self.list(Self::reference)?
         } else {
             Vec::new()
         };
-        let effects = if self.is(Kind::Arrow) {
+        let effects = if self.is(TokenKind::Arrow) {
             self.advance();
             self.list(Self::effect)?
         } else {
@@ -133,41 +134,51 @@ impl Parser<'_> {
         let late = self.late()?;
         let deadline = self.deadline()?;
         self.accept(';');
-        Ok(Reaction { attributes, name, triggers, sources, effects, body, late, deadline, header })
+        Ok(ReactionNode {
+            attributes,
+            name,
+            triggers,
+            sources,
+            effects,
+            body,
+            late,
+            deadline,
+            header,
+        })
     }
 
-    fn trigger(&mut self) -> Parsed<Trigger> {
-        let qualified = self.peek(1).kind == Kind::Mark('.');
+    fn trigger(&mut self) -> Parsed<TriggerNode> {
+        let qualified = self.peek(1).kind == TokenKind::Mark('.');
         if !qualified && self.accept_word("startup").is_some() {
-            return Ok(Trigger::Startup);
+            return Ok(TriggerNode::Startup);
         }
         if !qualified && self.accept_word("shutdown").is_some() {
-            return Ok(Trigger::Shutdown);
+            return Ok(TriggerNode::Shutdown);
         }
         if !qualified && let Some(span) = self.accept_word("reset") {
-            return Ok(Trigger::Reset(span));
+            return Ok(TriggerNode::Reset(span));
         }
-        Ok(Trigger::Variable(self.reference()?))
+        Ok(TriggerNode::Variable(self.reference()?))
     }
 
-    fn effect(&mut self) -> Parsed<Effect> {
+    fn effect(&mut self) -> Parsed<EffectNode> {
         let transition = match () {
             () if self.is_word("reset") => Transition::Reset,
             () if self.is_word("history") => Transition::History,
-            () => return Ok(Effect::Variable(self.reference()?)),
+            () => return Ok(EffectNode::Variable(self.reference()?)),
         };
-        if self.peek(1).kind != Kind::Mark('(') {
-            return Ok(Effect::Variable(self.reference()?));
+        if self.peek(1).kind != TokenKind::Mark('(') {
+            return Ok(EffectNode::Variable(self.reference()?));
         }
         self.advance();
         self.expect('(')?;
         let name = self.name("the name of a mode")?;
         self.expect(')')?;
-        Ok(Effect::Mode(transition, name))
+        Ok(EffectNode::Mode(transition, name))
     }
 
     fn late(&mut self) -> Parsed<Option<Late>> {
-        if self.peek(1).kind == Kind::Mark('.') {
+        if self.peek(1).kind == TokenKind::Mark('.') {
             return Ok(None);
         }
         if self.accept_word("tardy").is_some() {
@@ -184,7 +195,7 @@ impl Parser<'_> {
     }
 
     fn deadline(&mut self) -> Parsed<Option<Deadline>> {
-        if !self.is_word("deadline") || self.peek(1).kind != Kind::Mark('(') {
+        if !self.is_word("deadline") || self.peek(1).kind != TokenKind::Mark('(') {
             return Ok(None);
         }
         self.advance();
@@ -200,7 +211,7 @@ impl Parser<'_> {
         if self.accept_word("new").is_none() {
             let class = self.text_of(self.token());
             let hint = self
-                .is(Kind::Identifier)
+                .is(TokenKind::Identifier)
                 .then(|| format!("write `{} = new {class}(...)`", name.text));
             return self.fail_with("`new`", hint);
         }
@@ -213,7 +224,7 @@ impl Parser<'_> {
             return self.lose(Diagnostic::error("LF0003", class.span, message).hint(hint));
         }
         let assignments = self.enclosed(('(', ')'), |parser| {
-            if !parser.is(Kind::Identifier) {
+            if !parser.is(TokenKind::Identifier) {
                 let hint = "parameters are assigned by their names: `name = value`";
                 return parser.fail_with("the name of a parameter", Some(hint.to_owned()));
             }
@@ -228,36 +239,36 @@ impl Parser<'_> {
         Ok(Instantiation { attributes, name, width, class, type_arguments, assignments, host })
     }
 
-    pub(super) fn connection(&mut self, attributes: Vec<Attribute>) -> Parsed<Connection> {
+    pub(super) fn connection(&mut self, attributes: Vec<Attribute>) -> Parsed<ConnectionNode> {
         let start = self.token().span;
         let (left, iterated) = if self.is_mark('(') {
             (self.enclosed(('(', ')'), Self::reference)?, self.accept('+'))
         } else {
             (self.list(Self::reference)?, false)
         };
-        if left.is_empty() || !(self.is(Kind::Arrow) || self.is(Kind::Squiggle)) {
+        if left.is_empty() || !(self.is(TokenKind::Arrow) || self.is(TokenKind::Squiggle)) {
             // Perhaps it was meant to be a statement of another kind.
             let word = left.first().filter(|reference| reference.container.is_none());
             let hint = word.and_then(|word| did_you_mean(&word.variable.text, MEMBERS));
             return self.fail_with("`->` or `~>`", hint);
         }
-        let physical = self.advance().kind == Kind::Squiggle;
+        let physical = self.advance().kind == TokenKind::Squiggle;
         let right = self.list(Self::reference)?;
         let delay =
             if self.accept_word("after").is_some() { Some(self.expression()?) } else { None };
         let serializer = match self.accept_word("serializer") {
             None => None,
-            Some(_) if self.is(Kind::String) => Some(self.string()),
+            Some(_) if self.is(TokenKind::String) => Some(self.string()),
             Some(_) => return self.fail("the name of a serializer in double quotes"),
         };
         let span = start.to(self.previous());
         self.accept(';');
-        Ok(Connection { attributes, left, iterated, physical, right, delay, serializer, span })
+        Ok(ConnectionNode { attributes, left, iterated, physical, right, delay, serializer, span })
     }
 
     pub(super) fn reference(&mut self) -> Parsed<Reference> {
         let start = self.token().span;
-        let interleaved = self.is_word("interleaved") && self.peek(1).kind == Kind::Mark('(');
+        let interleaved = self.is_word("interleaved") && self.peek(1).kind == TokenKind::Mark('(');
         if interleaved {
             self.advance();
             self.advance();

@@ -4,7 +4,7 @@
 use super::{Parsed, Parser};
 use crate::ast::{Element, ElementKind, Name, Property, Target};
 use crate::source::Span;
-use crate::token::{Kind, Token};
+use crate::token::{Token, TokenKind};
 
 impl Parser<'_> {
     pub(super) fn target(&mut self) -> Parsed<Target> {
@@ -20,11 +20,13 @@ impl Parser<'_> {
     }
 
     fn property(&mut self) -> Parsed<Property> {
-        let name = if self.is(Kind::String) {
+        let name = if self.is(TokenKind::String) {
             self.string()
-        } else if self.is(Kind::Identifier) {
+        } else if self.is(TokenKind::Identifier) {
             let first = self.token().span;
-            self.run(first, |token| matches!(token.kind, Kind::Identifier | Kind::Mark('-')))
+            self.run(first, |token| {
+                matches!(token.kind, TokenKind::Identifier | TokenKind::Mark('-'))
+            })
         } else {
             return self.fail("the name of a target property");
         };
@@ -36,12 +38,12 @@ impl Parser<'_> {
     fn element(&mut self) -> Parsed<Element> {
         let start = self.token().span;
         let kind = match self.token().kind {
-            Kind::Mark('{') => ElementKind::Dictionary(self.dictionary()?),
-            Kind::Mark('[') => {
+            TokenKind::Mark('{') => ElementKind::Dictionary(self.dictionary()?),
+            TokenKind::Mark('[') => {
                 ElementKind::List(self.nested(|parser| parser.enclosed(('[', ']'), Self::element))?)
             }
-            Kind::Identifier if !self.is_boolean() && !self.is_endless() => self.path(start),
-            Kind::Mark('.' | '/' | '\\') => self.path(start),
+            TokenKind::Identifier if !self.is_boolean() && !self.is_endless() => self.path(start),
+            TokenKind::Mark('.' | '/' | '\\') => self.path(start),
             _ => ElementKind::Value(self.expression()?),
         };
         Ok(Element { kind, span: start.to(self.previous()) })
@@ -51,10 +53,10 @@ impl Parser<'_> {
         let word = self.run(start, |token| {
             matches!(
                 token.kind,
-                Kind::Identifier
-                    | Kind::Integer
-                    | Kind::Float
-                    | Kind::Mark('.' | '-' | '/' | '\\' | ':')
+                TokenKind::Identifier
+                    | TokenKind::Integer
+                    | TokenKind::Float
+                    | TokenKind::Mark('.' | '-' | '/' | '\\' | ':')
             )
         });
         ElementKind::Path(word.text)
@@ -63,18 +65,20 @@ impl Parser<'_> {
     /// The name of a host: `user@host.example:1234`, `10.0.0.1` or `[::1]:1234`.
     pub(super) fn host(&mut self) -> Parsed<Name> {
         let start = self.token().span;
-        if !matches!(self.token().kind, Kind::Identifier | Kind::Integer | Kind::Float)
-            && !self.is_mark('[')
+        if !matches!(
+            self.token().kind,
+            TokenKind::Identifier | TokenKind::Integer | TokenKind::Float
+        ) && !self.is_mark('[')
         {
             return self.fail("the name of a host");
         }
         Ok(self.run(start, |token| {
             matches!(
                 token.kind,
-                Kind::Identifier
-                    | Kind::Integer
-                    | Kind::Float
-                    | Kind::Mark('.' | '-' | ':' | '@' | '[' | ']')
+                TokenKind::Identifier
+                    | TokenKind::Integer
+                    | TokenKind::Float
+                    | TokenKind::Mark('.' | '-' | ':' | '@' | '[' | ']')
             )
         }))
     }

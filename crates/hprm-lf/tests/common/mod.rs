@@ -3,10 +3,10 @@
 
 #![allow(dead_code, reason = "each test file uses its share")]
 
-use hprm_lf::{Compiled, Failure, compile, render_all};
+use hprm_lf::{CompileFailure, Compiled, compile, render_all};
 
 /// Compiles `Main.lf` among `files`.
-pub(crate) fn compile_files(files: &[(&str, &str)]) -> Result<Compiled, Failure> {
+pub(crate) fn compile_files(files: &[(&str, &str)]) -> Result<Compiled, CompileFailure> {
     let mut loader = |path: &str| {
         let file = files.iter().find(|(name, _)| *name == path);
         file.map(|(_, text)| (*text).to_owned()).ok_or_else(|| "no such file".to_owned())

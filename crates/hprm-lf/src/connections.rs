@@ -7,41 +7,45 @@ use hprm_core::{Connection, Delay, PortId};
 
 use crate::check::attributes;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::instance::{MOST, Tree};
+use crate::instance::{MAX, Tree};
 use crate::legacy::Waits;
 use crate::model::{self, End, Entity};
 use crate::source::Span;
 
-/// A connection between two channels, where it is written, and whether that says how long the
+/// A connection between two channels, its place in the text, and whether the text says how long the
 /// receiver waits.
-pub(crate) struct Wire {
+pub(crate) struct PortConnection {
     pub(crate) connection: Connection,
     pub(crate) span: Span,
     states_wait: bool,
 }
 
 /// All connections of the program, in the order of their containers.
-pub(crate) fn wires(tree: &Tree<'_>, mut waits: Waits, report: &mut Report) -> Vec<Wire> {
-    let mut wires = Vec::new();
-    let mut left = MOST;
+pub(crate) fn connections(
+    tree: &Tree<'_>,
+    mut waits: Waits,
+    report: &mut Report,
+) -> Vec<PortConnection> {
+    let mut connections = Vec::new();
+    let mut left = MAX;
     for (container, node) in tree.nodes.iter().enumerate() {
         for connection in &node.model.connections {
-            if join(tree, container, connection, (&mut wires, &mut left), report).is_none() {
-                let message = format!("the connections join more than {MOST} channels");
+            if join(tree, container, connection, (&mut connections, &mut left), report).is_none() {
+                let message = format!("the connections join more than {MAX} channels");
                 report.add(
                     Diagnostic::error("LF0406", connection.decl.span, message)
                         .hint("reduce the widths of banks, or name fewer ports"),
                 );
-                return wires;
+                return connections;
             }
         }
     }
-    waits.spread(wires.iter().map(|wire| &wire.connection));
-    for wire in wires.iter_mut().filter(|wire| !wire.states_wait) {
-        wire.connection.absent_after = waits.of(wire.connection.to);
+    waits.spread(connections.iter().map(|it| &it.connection));
+    for it in connections.iter_mut().filter(|it| !it.states_wait) {
+        it.connection.absent_after = waits.of(it.connection.to);
     }
-    circles(tree, &wires, report);
-    wires
+    cycles(tree, &connections, report);
+    connections
 }
 
 /// The channels of one end of a connection in `container`.
@@ -65,12 +69,13 @@ fn transposed(rows: &[Vec<PortId>]) -> Vec<PortId> {
     (0..longest).flat_map(|i| rows.iter().filter_map(move |row| row.get(i)).copied()).collect()
 }
 
-/// Adds the wires of one connection; `None` if that names more channels than are left to be named.
+/// Adds the connections between channels of one declaration; `None` if it names more channels than are
+/// still allowed.
 fn join(
     tree: &Tree<'_>,
     container: usize,
-    connection: &model::Connection<'_>,
-    (wires, budget): (&mut Vec<Wire>, &mut usize),
+    connection: &model::ResolvedConnection<'_>,
+    (connections, budget): (&mut Vec<PortConnection>, &mut usize),
     report: &mut Report,
 ) -> Option<()> {
     let decl = connection.decl;
@@ -111,12 +116,12 @@ fn join(
             mode,
         };
         let states_wait = absent_after.is_some_and(|wait| wait > 0);
-        wires.push(Wire { connection, span: decl.span, states_wait });
+        connections.push(PortConnection { connection, span: decl.span, states_wait });
     }
     Some(())
 }
 
-fn check_widths(decl: &crate::ast::Connection, left: usize, right: usize, report: &mut Report) {
+fn check_widths(decl: &crate::ast::ConnectionNode, left: usize, right: usize, report: &mut Report) {
     let mut warn = |message: String, hint: &str| {
         report.add(Diagnostic::warning("LF0501", decl.span, message).hint(hint));
     };
@@ -137,16 +142,18 @@ fn check_widths(decl: &crate::ast::Connection, left: usize, right: usize, report
     }
 }
 
-/// Plain connections in a circle have no source, and the runtime would look for it for ever.
-fn circles(tree: &Tree<'_>, wires: &[Wire], report: &mut Report) {
+/// Plain connections in a cycle have no source, and the runtime would search for it for ever.
+fn cycles(tree: &Tree<'_>, connections: &[PortConnection], report: &mut Report) {
     let ports = tree.nodes.iter().flat_map(|node| &node.ports);
     let count = ports.map(|ports| ports.channels().count()).sum();
     let mut upstream: Vec<Option<(PortId, Span)>> = vec![None; count];
-    for Wire { connection, span, .. } in wires.iter().filter(|wire| wire.connection.is_direct()) {
+    for PortConnection { connection, span, .. } in
+        connections.iter().filter(|it| it.connection.is_direct())
+    {
         upstream[connection.to.index()] = Some((connection.from, *span));
     }
-    // Each port gets the number of the walk that first came by; meeting one's own number again
-    // closes a circle.
+    // Each port gets the number of the walk that first reached it; a walk that reaches a port with its own
+    // number has found a cycle.
     let mut walked = vec![usize::MAX; count];
     for start in 0..count {
         let mut here = PortId(u32::try_from(start).expect("ports are counted in u32"));
@@ -154,7 +161,7 @@ fn circles(tree: &Tree<'_>, wires: &[Wire], report: &mut Report) {
             walked[here.index()] = start;
             let Some((next, span)) = upstream[here.index()] else { break };
             if walked[next.index()] == start {
-                let message = "connections lead in a circle, without a delay and a reaction";
+                let message = "connections form a cycle without a delay and without a reaction";
                 report
                     .add(Diagnostic::error("LF0503", span, message).hint(
                         "no reaction sets any of these ports; remove one of the connections",
