@@ -201,7 +201,7 @@ impl Host for PyHost {
         let mut channels = self.runtime.program().channels.values();
         // Who sends nothing needs no memory that others can read.
         if channels.any(|channel| channel.from == self.federate) {
-            numpy_memory::furnish(allocator);
+            numpy_memory::set_allocator(allocator);
         }
         if let Err(error) = fork::watch(allocator) {
             self.warn(&format!("processes that bodies fork may see arrays change: {error}"));

@@ -260,7 +260,7 @@ pub(crate) fn own<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>>
     if numpy.is_array(array)
         && let Some(layout) = numpy.layout(array)?.filter(|layout| layout.len >= OWN_LIMIT)
         && let Some(object) = object_under(array, &layout)?
-        && let Some(own) = numpy_memory::own(py, &object)
+        && let Some(own) = numpy_memory::map_copy_on_write(py, &object)
     {
         let memory = Bound::new(py, OwnMemory(own))?;
         return numpy.over(layout.shape.as_any(), &layout.dtype, memory.as_any(), layout.order);
