@@ -12,8 +12,8 @@ use hprm_core::{
 };
 use hprm_store::{Object, Store, StoreAllocator};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
 
+use crate::bodies::Bodies;
 use crate::codec::Codec;
 use crate::failure::{failure, failure_at};
 use crate::fork;
@@ -24,23 +24,6 @@ use crate::runtime::{Late, Runtime};
 use crate::serialize::Trust;
 use crate::thread;
 use crate::value::Value;
-
-/// What a reaction calls, and with what.
-pub(crate) struct Bodies {
-    pub(crate) main: Py<PyAny>,
-    pub(crate) deadline: Option<Py<PyAny>>,
-    /// None if it declares no handler, or one without a body: then the main body runs.
-    pub(crate) tardy: Option<Py<PyAny>>,
-    pub(crate) arguments: Arguments,
-}
-
-/// What the bodies of a reaction are called with.
-pub(crate) struct Arguments {
-    /// The reactor, then the arguments that the program declares.
-    pub(crate) all: Py<PyTuple>,
-    /// Positions of mutable inputs, of which each call gets a copy.
-    pub(crate) mutable: Vec<usize>,
-}
 
 /// Runs Python bodies.
 pub(crate) struct PyHost {
@@ -136,42 +119,6 @@ impl Drop for PyHost {
             numpy_memory::leave(py);
             self.interrupt.get().release(py);
         });
-    }
-}
-
-impl Bodies {
-    fn call(&self, py: Python<'_>, body: Body) -> PyResult<()> {
-        let function = match body {
-            Body::Main => &self.main,
-            Body::Deadline => self.deadline.as_ref().unwrap_or(&self.main),
-            Body::Tardy => self.tardy.as_ref().unwrap_or(&self.main),
-        };
-        function.bind(py).call1(self.arguments.fresh(py)?)?;
-        Ok(())
-    }
-}
-
-impl Arguments {
-    /// For one call, while the reaction runs.
-    ///
-    /// # Errors
-    ///
-    /// If a mutable input cannot be copied.
-    pub(crate) fn fresh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        let all = self.all.bind(py);
-        if self.mutable.is_empty() {
-            return Ok(all.clone());
-        }
-        let arguments = all.to_list();
-        let copy = py.import("hprm._ports")?.getattr("mutable")?;
-        for at in &self.mutable {
-            arguments.set_item(*at, copy.call1((arguments.get_item(*at)?,))?)?;
-        }
-        Ok(arguments.to_tuple())
-    }
-
-    pub(crate) fn clone_ref(&self, py: Python<'_>) -> Self {
-        Self { all: self.all.clone_ref(py), mutable: self.mutable.clone() }
     }
 }
 

@@ -14,6 +14,7 @@ mod action;
 mod alone;
 mod api;
 mod backlog;
+mod bodies;
 mod buffer;
 mod codec;
 mod console;

@@ -15,9 +15,10 @@ use pyo3::types::{PyDict, PyTuple};
 use crate::action::Action;
 use crate::api::Api;
 use crate::backlog::Backlog;
+use crate::bodies::{self, Bodies};
 use crate::codec::Codec;
 use crate::failure::{failure_at, failure_in};
-use crate::host::{self, Bodies, PyHost};
+use crate::host::PyHost;
 use crate::interrupt::Interrupt;
 use crate::mode::Mode;
 use crate::places::Places;
@@ -106,7 +107,7 @@ fn bodies(
             _ => None,
         });
         let mutable = mutable.collect();
-        let arguments = host::Arguments { all: PyTuple::new(py, values)?.unbind(), mutable };
+        let arguments = bodies::Arguments { all: PyTuple::new(py, values)?.unbind(), mutable };
         bodies.insert(id, Bodies { main, deadline, tardy, arguments });
     }
     Ok(bodies)

@@ -18,8 +18,8 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::backlog::Backlog;
+use crate::bodies::Arguments;
 use crate::fork;
-use crate::host::Arguments;
 use crate::value::Value;
 
 /// What the Python objects of a program share.

@@ -244,8 +244,8 @@ impl Failure {
 
     /// The mistakes that the front end has found, with `color` in what people see of them.
     #[must_use]
-    pub fn mistakes(found: &hprm_lf::Failure, color: bool) -> Self {
-        let hprm_lf::Failure { diagnostics, sources } = found;
+    pub fn mistakes(found: &hprm_lf::CompileFailure, color: bool) -> Self {
+        let hprm_lf::CompileFailure { diagnostics, sources } = found;
         let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error);
         let report = |found: &hprm_lf::Diagnostic| {
             let position = sources.position(found.span);
