@@ -28,9 +28,19 @@ UNSAFE_ROOMS = {
 }
 
 # Where the words of the glossary are used and retired ones are gone; in the end, everywhere.
-CLEANED_UP = ("crates/hprm-core/", "crates/hprm-lf/", "crates/hprm-store/")
+CLEANED_UP = (
+    "ARCHITECTURE.md",
+    "CONTRIBUTING.md",
+    "README.md",
+    "crates/hprm-core/",
+    "crates/hprm-lf/",
+    "crates/hprm-store/",
+    "docs/",
+)
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")
+# In documents, names of files and tests, and code.
+CODE_SPAN = re.compile(r"`[^`]*`")
 
 # Put together from halves, so that this file does not find itself.
 UNFINISHED = re.compile("|".join(["to" + "do!", "unimple" + "mented!", "FIX" + "ME", "XX" + "X:"]))
@@ -160,8 +170,9 @@ def test_retired_words_stay_away() -> None:
         for path, text in sources(".rs", ".py", ".pyi", ".lf", ".md")
         if path.startswith(CLEANED_UP) and path != "docs/glossary.md"
         for number, line in enumerate(text.splitlines(), start=1)
+        for prose in [CODE_SPAN.sub("", line) if path.endswith(".md") else line]
         for word, (pattern, term) in words.items()
-        if pattern.search(PUBLIC_NAMES.sub("", line))
+        if pattern.search(PUBLIC_NAMES.sub("", prose))
     ]
     assert len(words) > 30
     assert found == []
