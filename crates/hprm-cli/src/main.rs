@@ -65,6 +65,10 @@ fn command() -> ExitCode {
         Command::Federate(federate) => federate.failures.json,
         _ => false,
     });
+    if let Err(failure) = hprm::log_to_stderr() {
+        message::Error::from(&failure).show();
+        return ExitCode::FAILURE;
+    }
     let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),

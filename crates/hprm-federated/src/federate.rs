@@ -25,7 +25,7 @@ use crate::startup::{Early, Startup};
 use crate::stop::Stop;
 use crate::{
     End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Step,
-    Topology,
+    Topology, log,
 };
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -259,7 +259,7 @@ impl Federate {
 
     /// What the machine wants done next, if anything.
     pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
+        self.outputs.pop_front().inspect(log::federate_output)
     }
 
     // The handshake of direct links, which precedes `Input::PeerUp`.
@@ -292,6 +292,7 @@ impl Federate {
         if self.over {
             return Ok(());
         }
+        log::federate_input(&input);
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,

@@ -24,6 +24,7 @@ mod fixture;
 mod flow;
 mod frame;
 mod input;
+mod log;
 mod rti;
 mod slewed;
 mod startup;

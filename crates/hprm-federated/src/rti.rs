@@ -31,7 +31,7 @@ use self::join::{Candidate, Member};
 use self::traffic::Traffic;
 pub use self::watch::Patience;
 use self::watch::Watch;
-use crate::{Fault, FederationId, Frame, Refusal, Step, Topology};
+use crate::{Fault, FederationId, Frame, Refusal, Step, Topology, log};
 
 /// A connection that the driver has accepted; it never uses a number twice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -245,6 +245,7 @@ impl Rti {
         if self.topology.has_transients() || leaves {
             self.now = now;
         }
+        log::rti_input(&self.links, &input);
         match input {
             RtiInput::Moved { link } => {
                 if let Some(federate) = self.links.get(&link) {
@@ -310,7 +311,7 @@ impl Rti {
 
     /// What the RTI wants done next, if anything.
     pub fn poll(&mut self) -> Option<RtiOutput> {
-        self.outputs.pop_front()
+        self.outputs.pop_front().inspect(|output| log::rti_output(&self.links, output))
     }
 
     /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.

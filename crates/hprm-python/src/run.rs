@@ -198,6 +198,7 @@ fn options(
 }
 
 pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
+    hprm::log_to_stderr()?;
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
         Ok(compiled) => {

@@ -26,6 +26,7 @@ use hprm_core::{
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
 use crate::link::descriptors::no_doorbell;
+use crate::log::log_names;
 use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
@@ -86,6 +87,9 @@ fn run<H: Host>(
 where
     H::Value: Send + Sync + 'static,
 {
+    if room.is_none() {
+        log_names(&options.program);
+    }
     let network = match room {
         Some(room) => room.network(),
         None => Network::sockets().map_err(|error| no_doorbell(&error))?,
@@ -335,6 +339,7 @@ where
         if !self.pace.may_linger(self.now) || self.federation.wires.have_much_to_write() {
             self.flush();
         }
+        tracing::trace!("begins tag {tag}");
         self.handle(Input::Begun(tag))?;
         self.workers.watch_lag(&self.scheduler, &mut self.host, tag, self.now);
         self.scheduler.begin(tag);
@@ -523,6 +528,12 @@ where
     /// Waits until something may have changed.
     fn wait(&mut self) {
         let until = self.wakeup();
+        tracing::trace!(
+            "waits, {:?}, for tag {} until {until:?}; it is {:?}",
+            self.phase,
+            self.scheduler.next_tag(),
+            self.now
+        );
         let Membership { wires, .. } = &mut self.federation;
         let (bell, spin) = (self.inbox, self.spin);
         let rings = bell.may_sleep() && self.host.idle(|| wires.wait(bell, until, spin));

@@ -18,6 +18,7 @@ use crate::bell::Bell;
 use crate::doorbell::Doorbell;
 use crate::link::descriptors::{advice, is_shortage, no_doorbell};
 use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
+use crate::log::log_names;
 use crate::spin;
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
@@ -160,6 +161,7 @@ impl Rti {
     }
 
     pub(crate) fn bind_on(options: &RtiOptions, network: &Network) -> Result<Self, Failure> {
+        log_names(&options.program);
         let topology = Topology::new(&options.program);
         let failed = |address: &Address, error: io::Error| Failure::listen(true, address, &error);
         let keys = Keys::new(options.federation, options.security.clone())?;

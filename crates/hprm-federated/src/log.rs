@@ -1,0 +1,158 @@
+//! What the machines write to the log for people who debug: their inputs and outputs, as they happen.
+//!
+//! Coordination is at the level `debug`: joining, grants, next event tags, stopping. What moves data,
+//! and what a driver repeats in each round, is at `trace`. A log has no values: a message shows its
+//! channel, tag and size. Without a subscriber an event costs one comparison. Where lines go is the
+//! driver's business.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use hprm_core::{FederateId, Part, Payload};
+
+use crate::{Frame, Input, LinkId, Output, RtiInput, RtiOutput};
+
+/// What filters call the events of a federate's machine, and of the RTI's.
+const FEDERATE: &str = "hprm_federated::federate";
+const RTI: &str = "hprm_federated::rti";
+
+/// Writes a line, at the level `debug` or `trace`.
+macro_rules! write_line {
+    ($target:expr, $is_data:expr, $($line:tt)+) => {
+        if $is_data {
+            tracing::trace!(target: $target, $($line)+);
+        } else {
+            tracing::debug!(target: $target, $($line)+);
+        }
+    };
+}
+
+/// An input of a federate's machine.
+pub(crate) fn federate_input(input: &Input) {
+    match input {
+        Input::FromRti(frame) => {
+            write_line!(FEDERATE, is_data(frame), "from the RTI: {}", Shown(frame));
+        }
+        Input::FromPeer { from, frame } => {
+            write_line!(FEDERATE, is_data(frame), "from {from:?}: {}", Shown(frame));
+        }
+        Input::Send { channel, tag, payload } => {
+            tracing::trace!(target: FEDERATE, "sends on {channel:?} for {tag}, {} bytes", size(payload));
+        }
+        // Each round of a driver has them.
+        Input::Wake => {}
+        Input::NextEvent(_) | Input::Begun(_) | Input::Reached(_) | Input::Completed(_) => {
+            tracing::trace!(target: FEDERATE, "{input:?}");
+        }
+        Input::Release { .. } => tracing::trace!(target: FEDERATE, "{input:?}"),
+        _ => tracing::debug!(target: FEDERATE, "{input:?}"),
+    }
+}
+
+/// An output of a federate's machine.
+pub(crate) fn federate_output(output: &Output) {
+    match output {
+        Output::ToRti(frame) => {
+            write_line!(FEDERATE, is_data(frame), "to the RTI: {}", Shown(frame));
+        }
+        Output::ToPeer { to, frame } => {
+            write_line!(FEDERATE, is_data(frame), "to {to:?}: {}", Shown(frame));
+        }
+        Output::Deliver { channel, tag, payload } => {
+            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at {tag}, {} bytes", size(payload));
+        }
+        Output::DeliverPhysical { channel, payload, .. } => {
+            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at its arrival, {} bytes", size(payload));
+        }
+        Output::Discard { payload } => {
+            tracing::debug!(target: FEDERATE, "discards {} bytes", size(payload));
+        }
+        Output::Released { .. } => tracing::trace!(target: FEDERATE, "{output:?}"),
+        _ => tracing::debug!(target: FEDERATE, "{output:?}"),
+    }
+}
+
+/// An input of the RTI's machine, on one of these links.
+pub(crate) fn rti_input(links: &Links, input: &RtiInput) {
+    match input {
+        RtiInput::Frame { link, frame } => {
+            let from = OtherEnd { links, link: *link };
+            write_line!(RTI, is_data(frame), "from {from}: {}", Shown(frame));
+        }
+        RtiInput::Wake | RtiInput::Moved { .. } => {}
+        RtiInput::Closed { link } => {
+            tracing::debug!(target: RTI, "{} is closed", OtherEnd { links, link: *link });
+        }
+        RtiInput::Broken { link, reason } => {
+            tracing::debug!(target: RTI, "{} is broken: {reason}", OtherEnd { links, link: *link });
+        }
+        RtiInput::RequestStop => tracing::debug!(target: RTI, "{input:?}"),
+    }
+}
+
+/// An output of the RTI's machine, on one of these links.
+pub(crate) fn rti_output(links: &Links, output: &RtiOutput) {
+    match output {
+        RtiOutput::Send { link, frame } => {
+            let to = OtherEnd { links, link: *link };
+            write_line!(RTI, is_data(frame), "to {to}: {}", Shown(frame));
+        }
+        _ => tracing::debug!(target: RTI, "{output:?}"),
+    }
+}
+
+/// The links of the RTI, with the federates at their other ends, once they have said their names.
+type Links = BTreeMap<LinkId, FederateId>;
+
+/// The other end of a link. It is looked up only if a line is written.
+struct OtherEnd<'a> {
+    links: &'a Links,
+    link: LinkId,
+}
+
+impl fmt::Display for OtherEnd<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.links.get(&self.link) {
+            Some(federate) => write!(f, "{federate:?}"),
+            None => write!(f, "{:?}", self.link),
+        }
+    }
+}
+
+/// Whether a frame moves data, and coordinates nothing.
+fn is_data(frame: &Frame) -> bool {
+    matches!(
+        frame,
+        Frame::Message { .. }
+            | Frame::Release { .. }
+            | Frame::Processed { .. }
+            | Frame::ClockRequest { .. }
+            | Frame::ClockReply { .. }
+    )
+}
+
+/// How many bytes a value has, wherever they are.
+fn size(payload: &Payload) -> u64 {
+    let parts = payload.parts.iter().map(|part| match part {
+        Part::Inline(bytes) => bytes.len() as u64,
+        Part::Object(object) => object.len,
+    });
+    payload.head.len() as u64 + parts.sum::<u64>()
+}
+
+/// A frame as a line shows it.
+struct Shown<'a>(&'a Frame);
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Frame::Message { channel, tag, payload } => {
+                write!(f, "Message on {channel:?} for {tag}, {} bytes", size(payload))
+            }
+            Frame::ProgramReply { name, facts } => {
+                write!(f, "ProgramReply of {name} with {} facts", facts.len())
+            }
+            frame => write!(f, "{frame:?}"),
+        }
+    }
+}
