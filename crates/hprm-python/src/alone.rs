@@ -1,8 +1,8 @@
 //! A federate that was started by hand ends within a bounded time after it was asked to.
 //!
 //! To stop in order it needs the RTI and perhaps other federates, which may never answer, and the
-//! reaction that runs has to return. The federates of `hprm run` have a launcher that loses patience;
-//! here that is a thread, which sleeps until the interpreter writes that a signal has come.
+//! reaction that runs has to return. The federates of `hprm run` have a launcher that stops waiting
+//! after a timeout; here a thread does so, which sleeps until the interpreter writes that a signal has come.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -40,13 +40,13 @@ pub(crate) fn watch(
     inbox: Inbox<Value>,
     progress: Arc<Progress>,
 ) -> io::Result<OwnedFd> {
-    let (ear, rope) = pipe_with(PipeFlags::CLOEXEC)?;
-    // Who writes is a signal handler, which must not wait.
-    rustix::io::ioctl_fionbio(&rope, true)?;
+    let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;
+    // A signal handler writes, and must not wait.
+    rustix::io::ioctl_fionbio(&writer, true)?;
     let mut federate = Some(federate.to_owned());
     spawn(move || {
         let mut numbers_read = [0; 64];
-        while let Ok(count @ 1..) = read(&ear, &mut numbers_read) {
+        while let Ok(count @ 1..) = read(&reader, &mut numbers_read) {
             inbox.ring();
             let first = numbers_read[..count].iter().find(|number| numbers.contains(number));
             if let Some(number) = first
@@ -54,11 +54,11 @@ pub(crate) fn watch(
             {
                 let (number, progress) = (i32::from(*number), Arc::clone(&progress));
                 // Without one, it takes a second signal.
-                let _ = spawn(move || lose_patience(&federate, number, &progress));
+                let _ = spawn(move || end_after_timeouts(&federate, number, &progress));
             }
         }
     })?;
-    Ok(rope)
+    Ok(writer)
 }
 
 fn spawn(run: impl FnOnce() + Send + 'static) -> io::Result<()> {
@@ -68,7 +68,7 @@ fn spawn(run: impl FnOnce() + Send + 'static) -> io::Result<()> {
 /// Waits for an orderly end. Then the process gets the signal again, which breaks into whatever it does
 /// or waits for; and if even that does not help, because code that is not Python's never returns, the
 /// signal ends the process.
-fn lose_patience(federate: &str, number: i32, progress: &Progress) {
+fn end_after_timeouts(federate: &str, number: i32, progress: &Progress) {
     thread::sleep(ORDERLY);
     if progress.over.load(Ordering::Relaxed) {
         return;

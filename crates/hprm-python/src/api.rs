@@ -134,7 +134,7 @@ impl Api {
             maxwait if maxwait < 0 => Err(PyValueError::new_err(format!(
                 "a maxwait cannot be negative, and {maxwait} is"
             ))),
-            // The federates agree before the start on who may wait for ever.
+            // The federates agree before the start which of them may wait for ever.
             Nanos::MAX => Err(PyValueError::new_err(
                 "a maxwait that has no end must be stated in the program: @maxwait(forever)",
             )),

@@ -1,9 +1,8 @@
-//! What other threads have scheduled and no reaction has dealt with yet: how much it is, and may be.
+//! The events that other threads have scheduled and no reaction has processed yet, and their limit.
 //!
-//! A thread that schedules a physical action faster than reactions follow fills the memory. That is
-//! told once, and an error for the thread from a limit on, if there is one. Only events with a value
-//! count. What a loop does with events is not known here: one has been dealt with when its value is
-//! dropped.
+//! A thread that schedules a physical action faster than reactions run fills the memory. A warning is
+//! written once, and from a limit on, if there is one, the thread gets an error. Only events with a value
+//! count. An event counts as processed when its value is dropped.
 
 use std::ffi::OsStr;
 use std::sync::Arc;

@@ -1,8 +1,8 @@
-//! Bytes of ours as Python buffers: the crate's one room for unsafe code.
+//! Bytes of this crate as Python buffers.
 //!
 //! Five classes give their memory to Python through the buffer protocol: [`Memory`] for reading what
-//! has arrived, [`Shaped`] for reading it as elements of some format, [`OwnMemory`] for writing to it
-//! unseen, [`Frozen`] for reading what threads share, [`Staging`] for writing what will be sent. What
+//! has arrived, [`Shaped`] for reading it as elements of some format, [`CowMemory`] for writing to it
+//! in a copy-on-write mapping, [`Frozen`] for reading what threads share, [`Staging`] for writing what will be sent. What
 //! the bytes mean is not known here.
 
 #![allow(unsafe_code)]
@@ -20,14 +20,14 @@ use pyo3::types::PyMemoryView;
 
 /// A buffer of a payload that has arrived.
 #[derive(Clone, Debug)]
-pub(crate) enum Part {
+pub(crate) enum ReceivedPart {
     /// Bytes that came inside the message.
     Inline(Arc<Vec<u8>>),
     /// Bytes in the sender's store.
     Object(Object),
 }
 
-impl Part {
+impl ReceivedPart {
     /// The bytes.
     pub(crate) fn as_bytes(&self) -> &[u8] {
         match self {
@@ -37,9 +37,9 @@ impl Part {
     }
 }
 
-/// Bytes that Python may read, and that stay where they are until nobody refers to them.
+/// Bytes that Python may read, and that stay where they are until no reference to them is left.
 #[pyclass(frozen, module = "hprm._hprm")]
-pub(crate) struct Memory(pub(crate) Part);
+pub(crate) struct Memory(pub(crate) ReceivedPart);
 
 #[pymethods]
 impl Memory {
@@ -61,17 +61,17 @@ impl Memory {
         // SAFETY: `view` comes from the interpreter, and we are attached to it. The bytes belong to
         // `slf`, to which the view keeps a reference; the class is frozen and has no method that
         // changes or drops them, so they neither move nor change before `slf` is dropped. The view
-        // is marked as read-only, so nobody writes through the pointer.
+        // is marked as read-only, so the pointer is not used for writing.
         unsafe { fill(&slf, view, bytes.as_ptr().cast_mut(), bytes.len(), true, flags) }
     }
 }
 
-/// Bytes that have arrived, and that Python may write to: nobody else sees it.
+/// Received bytes that Python may write to: no other process sees it.
 #[pyclass(frozen, module = "hprm._hprm")]
-pub(crate) struct OwnMemory(pub(crate) Arc<CowObject>);
+pub(crate) struct CowMemory(pub(crate) Arc<CowObject>);
 
 #[pymethods]
-impl OwnMemory {
+impl CowMemory {
     unsafe fn __getbuffer__(
         slf: Bound<'_, Self>,
         view: *mut ffi::Py_buffer,
@@ -222,7 +222,7 @@ impl Shaped {
         // SAFETY: `view` comes from the interpreter, which wants it to be filled. The bytes stay where
         // they are as long as `slf` has its own view of them, and so do the lists, because the class is
         // frozen; `slf` lives as long as the view, which has a reference to it. That format, shape and
-        // strides stay within the bytes was checked when it was made, and nobody may write.
+        // strides stay within the bytes was checked when it was made, and the view is read-only.
         unsafe { view.write(filled) };
         Ok(())
     }
@@ -282,7 +282,7 @@ impl Staging {
     ) -> PyResult<Draft> {
         let staging = Bound::new(py, Self(Mutex::new(Some(draft))))?;
         write(staging.as_any())?;
-        // Whoever has a pointer to the memory has a reference to this object: a view by the rules
+        // Code with a pointer to the memory has a reference to this object: a view by the rules
         // of the protocol, an array because it keeps the object as its base.
         // SAFETY: `staging` is a live object, and we are attached to the interpreter.
         let references = unsafe { ffi::Py_REFCNT(staging.as_ptr()) };
@@ -310,7 +310,7 @@ impl Staging {
         // Benefit: an array of any layout is gathered straight into the store, in one copy.
         // SAFETY: `view` comes from the interpreter, and we are attached to it. The bytes lie on
         // the heap or in a segment, so they do not move with the draft, and `slf`, to which the view
-        // keeps a reference, owns them. `lend` takes them out only when nobody but itself refers to
+        // keeps a reference, owns them. `lend` takes them out only when it has the only reference to
         // `slf`, so no view outlives the draft; and Rust does not touch them before that.
         unsafe { fill(&slf, view, start, len, false, flags) }
     }

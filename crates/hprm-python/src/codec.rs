@@ -6,7 +6,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 use crate::serialize::{self, Encoded, Place, Trust};
 
 /// Turns objects into bytes and back.
@@ -56,7 +56,7 @@ impl Codec {
     }
 
     /// Whether what arrived is a pickle of ours.
-    pub(crate) fn is_pickled(&self, head: &[u8], parts: &[Part]) -> bool {
+    pub(crate) fn is_pickled(&self, head: &[u8], parts: &[ReceivedPart]) -> bool {
         matches!(self, Self::Native) && serialize::is_pickled(head, parts)
     }
 
@@ -69,7 +69,7 @@ impl Codec {
         &self,
         py: Python<'_>,
         head: &[u8],
-        parts: &[Part],
+        parts: &[ReceivedPart],
         trust: Trust,
     ) -> PyResult<Py<PyAny>> {
         match self {

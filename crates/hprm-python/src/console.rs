@@ -15,7 +15,7 @@ pub(crate) fn tell_programs() {
     JSON.store(true, Ordering::Relaxed);
 }
 
-/// Writes a line, or several, to the standard error. A closed one is nobody's problem.
+/// Writes a line, or several, to the standard error. Errors are ignored: it may be closed.
 pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -31,10 +31,10 @@ pub(crate) struct PyHost {
     /// The reactions that run here.
     pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
     pub(crate) interrupt: Py<Interrupt>,
-    /// Whether somebody else tells the user of failures elsewhere.
+    /// Whether another process or thread reports failures of other federates to the user.
     pub(crate) launched: bool,
     pub(crate) codecs: Table<ChannelId, Arc<Codec>>,
-    /// Who may send pickles to whom.
+    /// Which federates may send pickles to which.
     pub(crate) pickling: Pickling,
     /// Of ports whose values are sent from here: where they are set.
     pub(crate) origins: BTreeMap<PortId, String>,
@@ -146,7 +146,7 @@ impl Host for PyHost {
 
     fn furnish(&mut self, allocator: &Arc<StoreAllocator>) {
         let mut channels = self.runtime.program().channels.values();
-        // Who sends nothing needs no memory that others can read.
+        // A federate that sends nothing needs no memory that others can read.
         if channels.any(|channel| channel.from == self.federate) {
             numpy_memory::set_allocator(allocator);
         }

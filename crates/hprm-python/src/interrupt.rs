@@ -1,5 +1,5 @@
-//! Signals: the first one asks the program to stop in order, the second one breaks into it. That the
-//! first one is enough for a federate by hand is [`alone`](crate::alone)'s business.
+//! Signals: the first one asks the program to stop in order, the second one breaks into it. [`alone`](crate::alone)
+//! makes sure that the first one is enough for a federate that was started by hand.
 
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
@@ -42,7 +42,7 @@ pub(crate) struct Interrupt {
     /// Whether the loop has noticed, and whether the program has ended.
     progress: Arc<Progress>,
     /// Where the interpreter writes if a thread watches for signals.
-    rope: Mutex<Option<OwnedFd>>,
+    signal_writer: Mutex<Option<OwnedFd>>,
 }
 
 /// How far the end has come that a signal has asked for.
@@ -102,8 +102,8 @@ impl Interrupt {
         Ok(())
     }
 
-    /// Has it handle what asks a process for its end, too, of a federate of that name which nobody has
-    /// launched; and has that end within a bounded time after the first of these signals.
+    /// Handles all signals that ask a process to end, for a federate of that name which was started by
+    /// hand; it then ends within a bounded time after the first of these signals.
     ///
     /// # Errors
     ///
@@ -121,10 +121,10 @@ impl Interrupt {
         let handled = handled.filter(|number| Self::handles(slf, *number).unwrap_or(false));
         let handled: Vec<_> = handled.filter_map(|number| u8::try_from(number).ok()).collect();
         let progress = Arc::clone(&slf.get().progress);
-        let rope = alone::watch(federate, handled, inbox.clone(), progress)?;
-        Self::wake_by(py, rope.as_fd())?;
+        let writer = alone::watch(federate, handled, inbox.clone(), progress)?;
+        Self::wake_by(py, writer.as_fd())?;
         slf.get().wakes.store(true, Ordering::Relaxed);
-        *slf.get().rope.lock().unwrap_or_else(PoisonError::into_inner) = Some(rope);
+        *slf.get().signal_writer.lock().unwrap_or_else(PoisonError::into_inner) = Some(writer);
         Ok(())
     }
 
@@ -151,7 +151,7 @@ impl Interrupt {
             let _ = py
                 .import(intern!(py, "signal"))
                 .and_then(|signal| signal.call_method1(intern!(py, "set_wakeup_fd"), (-1,)));
-            self.rope.lock().unwrap_or_else(PoisonError::into_inner).take();
+            self.signal_writer.lock().unwrap_or_else(PoisonError::into_inner).take();
         }
     }
 
@@ -197,7 +197,7 @@ impl Interrupt {
         if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
         }
-        // A third one waits for nobody.
+        // A third one ends the process at once.
         Self::restore(slf, number)?;
         Err(PySystemExit::new_err(SIGNALLED + number))
     }

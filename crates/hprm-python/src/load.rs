@@ -59,7 +59,7 @@ pub(crate) fn load(
     let is_thread = thread::current_federate().is_some();
     let places = Places::of(compiled);
     let origins = origins(compiled, scope, &places);
-    // Whoever runs the threads reports for all of them.
+    // The main thread reports for all federates.
     let launched = is_thread;
     Ok(PyHost {
         runtime,
@@ -231,7 +231,7 @@ fn codecs(
     Ok(codecs)
 }
 
-/// What a serializer is, for whoever names one that is not there.
+/// What a serializer is, for an error about one that does not exist.
 const SERIALIZERS: &str = "a serializer is a Python module with a class `Serializer`, beside the \
                            program or installed";
 

@@ -1,19 +1,19 @@
-//! What serialization costs by itself, for the comparison with other libraries in `bench/peers`.
+//! The cost of serialization by itself, for the comparison with other libraries in `bench/peers`.
 //!
-//! A value that leaves is described, and its large buffers are placed; a value that arrives is built
-//! over buffers that are there. Here both are without the placing, which is measured by a program.
+//! A value that is sent is described, and its large buffers are placed; a value that is received is built
+//! over buffers that exist. Both are here without the placing, which a program measures.
 
 use std::sync::Arc;
 
 use hprm::Pickling;
-use hprm_core::Part as Wire;
+use hprm_core::Part;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 use crate::serialize::{self, Place, Trust};
 
-/// Whoever measures trusts himself.
+/// A process that measures may read its own pickles.
 const HERE: Trust = Trust::new(Pickling::Local, true);
 
 /// The description of a value, without its large buffers.
@@ -26,7 +26,7 @@ pub(crate) fn describe_value<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'
 #[pyclass(frozen, module = "hprm._hprm")]
 pub(crate) struct ArrivedValue {
     head: Vec<u8>,
-    parts: Vec<Part>,
+    parts: Vec<ReceivedPart>,
 }
 
 #[pymethods]
@@ -36,8 +36,8 @@ impl ArrivedValue {
     fn new(value: &Bound<'_, PyAny>) -> PyResult<Self> {
         let payload = serialize::encode(value, Place::inline(), HERE)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
-            Wire::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
-            Wire::Object(_) => None, // there is no store
+            Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
+            Part::Object(_) => None, // there is no store
         });
         Ok(Self { head: payload.head, parts: parts.collect() })
     }

@@ -1,8 +1,8 @@
 //! Values on their way to another federate of the same process.
 //!
-//! What nobody can change is shared. The memory of large arrays that nobody else can reach is made so;
-//! others are copied, because a program may go on writing to them. The array itself, which has a shape
-//! that can be changed, is each receiver's own. Lists, tuples and dicts of such things
+//! Immutable values are shared. The memory of large arrays without other references is made read-only and
+//! shared; other arrays are copied, because a program may go on writing to them. The array object itself,
+//! whose shape can be changed, is made anew for each receiver. Lists, tuples and dicts of such things
 //! are copied, their members are not. Anything else is encoded as if it went to another process: an
 //! object of a class must not be seen by two federates, each of which has classes of its own. So is
 //! what goes through a serializer that the program names, which may make something else of it.
@@ -17,7 +17,7 @@ use pyo3::types::{
     PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple,
 };
 
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 use crate::codec::{self, Codec};
 use crate::numpy_memory::{count, counts_tell};
 use crate::serialize::{self, Place, Sole, Trust};
@@ -27,7 +27,7 @@ const DEPTH_LIMIT: u32 = 64;
 
 /// A value that no federate can change for another.
 pub(crate) enum Parcel {
-    /// Nobody can change it.
+    /// It cannot be changed.
     Object(Py<PyAny>),
     /// Containers, which the receiver may change: it gets a copy of this copy. So are arrays, whose
     /// memory is not copied.
@@ -37,7 +37,7 @@ pub(crate) enum Parcel {
         /// The structure.
         head: Vec<u8>,
         /// The large buffers.
-        parts: Vec<Part>,
+        parts: Vec<ReceivedPart>,
     },
 }
 
@@ -61,7 +61,7 @@ impl Parcel {
         }
         let payload = serialize::encode(value, Place::inline(), trust)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
-            hprm_core::Part::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
+            hprm_core::Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
             hprm_core::Part::Object(_) => None,
         });
         Ok(Self::Encoded { head: payload.head, parts: parts.collect() })
@@ -104,12 +104,12 @@ struct Copying<'py> {
     py: Python<'py>,
     /// Whether it makes what a receiver gets of what was packed.
     opening: bool,
-    /// The arrays to which nobody else has a reference.
+    /// The arrays without other references.
     sole: Sole,
     /// The copies of containers, by the address of the original. What occurs twice is copied once.
     seen: BTreeMap<usize, Bound<'py, PyAny>>,
     depth: u32,
-    /// How many copies there are that somebody could change.
+    /// How many copies there are that could be changed.
     containers: u32,
 }
 
@@ -210,8 +210,8 @@ impl<'py> Copying<'py> {
     }
 }
 
-/// Whether nobody has a reference to the arrays of which this one is a view. Who has one may have
-/// another view, or make one.
+/// Whether there are no other references to the arrays of which this one is a view. Code that has such a
+/// reference may have another view, or make one.
 fn has_its_memory_alone(array: &Bound<'_, PyAny>) -> PyResult<bool> {
     if !counts_tell(array.py())? {
         return Ok(false);

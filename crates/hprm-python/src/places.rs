@@ -1,4 +1,4 @@
-//! Where reactions are written, for whoever has something to say about one.
+//! Where reactions are written, for messages about them.
 
 use hprm_core::{ReactionId, Table};
 use hprm_lf::{Compiled, Runs};
@@ -6,7 +6,7 @@ use hprm_lf::{Compiled, Runs};
 /// By reaction: its file and line.
 pub(crate) struct Places {
     files: Vec<String>,
-    /// The position of the file, and the line; none of a reaction that nobody wrote.
+    /// The position of the file, and the line; none of a reaction that is not in the program text.
     lines: Table<ReactionId, Option<(usize, u32)>>,
 }
 

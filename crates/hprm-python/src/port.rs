@@ -25,11 +25,12 @@ pub(crate) struct Port {
     reaction: ReactionId,
     access: Access,
     name: String,
-    kind: Kind,
+    channels: Channels,
 }
 
-enum Kind {
-    Channel(PortId),
+/// The channels of a port.
+enum Channels {
+    One(PortId),
     Multiport(Py<PyTuple>),
 }
 
@@ -42,21 +43,21 @@ impl Port {
         name: &str,
         (first, width): (PortId, Option<u32>),
     ) -> PyResult<Bound<'py, Self>> {
-        let port = |name: String, kind| {
+        let port = |name: String, channels| {
             let runtime = Arc::clone(runtime);
-            Bound::new(py, Self { runtime, reaction, access, name, kind })
+            Bound::new(py, Self { runtime, reaction, access, name, channels })
         };
-        let Some(width) = width else { return port(name.to_owned(), Kind::Channel(first)) };
+        let Some(width) = width else { return port(name.to_owned(), Channels::One(first)) };
         let channels = (0..width)
-            .map(|i| port(format!("{name}[{i}]"), Kind::Channel(PortId(first.0 + i))))
+            .map(|i| port(format!("{name}[{i}]"), Channels::One(PortId(first.0 + i))))
             .collect::<PyResult<Vec<_>>>()?;
-        port(name.to_owned(), Kind::Multiport(PyTuple::new(py, channels)?.unbind()))
+        port(name.to_owned(), Channels::Multiport(PyTuple::new(py, channels)?.unbind()))
     }
 
     fn channel(&self, verb: &str) -> PyResult<PortId> {
-        match self.kind {
-            Kind::Channel(port) => Ok(port),
-            Kind::Multiport(_) => Err(PyTypeError::new_err(format!(
+        match self.channels {
+            Channels::One(port) => Ok(port),
+            Channels::Multiport(_) => Err(PyTypeError::new_err(format!(
                 "multiport {0} has no value of its own; {verb} one of its channels, as {0}[0]",
                 self.name
             ))),
@@ -64,9 +65,9 @@ impl Port {
     }
 
     fn channels<'py>(&self, py: Python<'py>) -> PyResult<&Bound<'py, PyTuple>> {
-        match &self.kind {
-            Kind::Multiport(channels) => Ok(channels.bind(py)),
-            Kind::Channel(_) => Err(PyTypeError::new_err(format!(
+        match &self.channels {
+            Channels::Multiport(channels) => Ok(channels.bind(py)),
+            Channels::One(_) => Err(PyTypeError::new_err(format!(
                 "port {} is not a multiport, so it has neither a length nor channels",
                 self.name
             ))),
@@ -97,9 +98,9 @@ impl Port {
     /// Whether the port has a value at this tag; for a multiport, whether any channel has.
     #[getter]
     fn is_present(&self, py: Python<'_>) -> PyResult<bool> {
-        match &self.kind {
-            Kind::Channel(port) => self.runtime.is_present((self.reaction, self.access), *port),
-            Kind::Multiport(channels) => {
+        match &self.channels {
+            Channels::One(port) => self.runtime.is_present((self.reaction, self.access), *port),
+            Channels::Multiport(channels) => {
                 for channel in channels.bind(py) {
                     if channel.cast::<Self>()?.get().is_present(py)? {
                         return Ok(true);
@@ -113,9 +114,9 @@ impl Port {
     /// The number of channels; -2 if the port is not a multiport.
     #[getter]
     fn width(&self, py: Python<'_>) -> i64 {
-        match &self.kind {
-            Kind::Channel(_) => NOT_A_MULTIPORT,
-            Kind::Multiport(channels) => channels.bind(py).len() as i64,
+        match &self.channels {
+            Channels::One(_) => NOT_A_MULTIPORT,
+            Channels::Multiport(channels) => channels.bind(py).len() as i64,
         }
     }
 
@@ -138,7 +139,7 @@ impl Port {
     /// Sets the port at this tag. The last value that is set wins.
     ///
     /// An input that the reaction names as a source does not become present. It remembers the value,
-    /// and from then on the last one that came, for whoever reads it while it is absent.
+    /// and from then on the last one that was received, for reads while the port is absent.
     #[pyo3(signature = (value, /))]
     fn set(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let port = self.channel("set")?;
@@ -183,7 +184,9 @@ impl Port {
         index: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let (py, port) = (slf.py(), slf.get());
-        let Kind::Multiport(channels) = &port.kind else { return Ok(slf.clone().into_any()) };
+        let Channels::Multiport(channels) = &port.channels else {
+            return Ok(slf.clone().into_any());
+        };
         let channels = channels.bind(py);
         channels.as_any().get_item(index).map_err(|error| {
             let name = &port.name;

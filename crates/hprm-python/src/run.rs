@@ -24,7 +24,7 @@ use crate::value::Value;
 
 /// Runs a program in this process, federated or not, to its end. Returns the exit code.
 ///
-/// Each of the `properties` is a target property, `KEY=VALUE`, that outdoes the program's.
+/// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's.
 #[pyfunction]
 #[pyo3(signature = (path, properties = vec![], *, logical_trace = None))]
 pub(crate) fn run_program(
@@ -67,13 +67,13 @@ pub(crate) struct Membership {
     /// Certificate, key and authority, if TCP connections are encrypted.
     #[pyo3(item)]
     tls: Option<(PathBuf, PathBuf, PathBuf)>,
-    /// Whether somebody else shows the warnings, once for all federates, and what the RTI hears of a
-    /// failure.
+    /// Whether the launcher shows the warnings, once for all federates, and the failures that are reported
+    /// to the RTI.
     #[pyo3(item)]
     launched: bool,
     #[pyo3(item)]
     logical_trace: Option<PathBuf>,
-    /// Target properties, `KEY=VALUE`, that outdo the program's.
+    /// Target properties, `KEY=VALUE`, that override the program's.
     #[pyo3(item)]
     properties: Vec<String>,
 }

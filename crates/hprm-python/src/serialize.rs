@@ -1,9 +1,9 @@
 //! Adaptive serialization: a value as a head, and large buffers that are shared rather than copied.
 //!
 //! [`encode`] and [`decode`] are inverse to each other for every value that pickle takes, and for
-//! every layout of an array; an array that was decoded is read-only and lies where it arrived. The
+//! every layout of an array; an array that was decoded is a read-only view of the received bytes. The
 //! argument is never changed (paper, section III-C, adaptive serialization). What needs no pickle is
-//! in `docs/serialization.md`; who may send one says [`Trust`].
+//! in `docs/serialization.md`; [`Trust`] says whether one may be sent.
 
 pub(crate) mod array;
 mod culprit;
@@ -24,32 +24,32 @@ use self::encode::Stop;
 pub(crate) use self::place::Place;
 pub(crate) use self::sole::{Sole, find as sole};
 pub(crate) use self::trust::Trust;
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 
 /// An encoded value, and what keeps its objects in the store.
 #[derive(Debug)]
 pub(crate) struct Encoded {
-    /// What travels.
+    /// What is sent.
     pub(crate) payload: Payload,
-    /// Whether it is a pickle, which not everybody may get.
+    /// Whether it is a pickle, which not every receiver may get.
     pub(crate) pickled: bool,
     /// Not read: the objects stay in the store as long as these live.
     _holds: Vec<Object>,
 }
 
 impl Encoded {
-    /// Of what arrived, as it came; `None` if an object in it cannot be passed on.
+    /// A received value, unchanged; `None` if an object in it cannot be forwarded.
     pub(crate) fn as_it_came(
         head: &[u8],
-        parts: &[Part],
+        parts: &[ReceivedPart],
         pickled: bool,
         store: &mut Store,
     ) -> Option<Self> {
         let mut holds = Vec::new();
-        let part = |part: &Part| match part {
-            Part::Inline(bytes) => copy_of(bytes).ok().map(hprm_core::Part::Inline),
-            Part::Object(came) => {
-                let object = store.forward(came)?;
+        let part = |part: &ReceivedPart| match part {
+            ReceivedPart::Inline(bytes) => copy_of(bytes).ok().map(hprm_core::Part::Inline),
+            ReceivedPart::Object(received) => {
+                let object = store.forward(received)?;
                 let part = hprm_core::Part::Object(object.object_ref());
                 holds.push(object);
                 Some(part)
@@ -61,8 +61,8 @@ impl Encoded {
     }
 }
 
-/// Encodes `value` for whoever is trusted so far, with its large buffers in `place`. Arrays that live in
-/// the store, and that only `value` leads to, stay where they are and become read-only; `value` itself
+/// Encodes `value` for a receiver with that trust, with its large buffers in `place`. Arrays in the store
+/// that only `value` refers to stay where they are and become read-only; `value` itself
 /// is expected to have two references, of its owner and of this call.
 ///
 /// # Errors
@@ -114,7 +114,7 @@ pub(crate) fn describe(value: &Bound<'_, PyAny>, trust: Trust) -> PyResult<Vec<u
 }
 
 /// Whether what arrived is a pickle.
-pub(crate) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
+pub(crate) fn is_pickled(head: &[u8], parts: &[ReceivedPart]) -> bool {
     decode::is_pickled(head, parts)
 }
 
@@ -126,7 +126,7 @@ pub(crate) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
 pub(crate) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
-    parts: &[Part],
+    parts: &[ReceivedPart],
     trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
     decode::decode(py, head, parts, trust)
@@ -148,6 +148,6 @@ pub(crate) fn wrap(bytes: &[u8], store: &mut Store, owner: FederateId) -> PyResu
 }
 
 /// The bytes that [`wrap`] encoded.
-pub(crate) fn unwrap<'a>(head: &'a [u8], parts: &'a [Part]) -> &'a [u8] {
-    parts.first().map_or(head, Part::as_bytes)
+pub(crate) fn unwrap<'a>(head: &'a [u8], parts: &'a [ReceivedPart]) -> &'a [u8] {
+    parts.first().map_or(head, ReceivedPart::as_bytes)
 }

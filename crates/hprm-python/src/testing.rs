@@ -1,7 +1,7 @@
 //! Serialization without a federation, for the tests of the package.
 
 use hprm::Pickling;
-use hprm_core::{FederateId, Part as Wire};
+use hprm_core::{FederateId, Part};
 use hprm_store::{Object, Store, StoreLimits};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -9,12 +9,12 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 use std::sync::Arc;
 
 use crate::api;
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 use crate::codec::Codec;
 use crate::serialize::{self, Place, Trust};
 use crate::value::Value;
 
-/// What a trace says of a value: the digest, the text, and whether something could not be seen.
+/// The description of a value in a trace: the digest, the text, and whether a part of it is opaque.
 #[pyfunction]
 pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
     let (described, _) = crate::digest::describe(value);
@@ -33,8 +33,8 @@ pub(crate) fn encode<'py>(
     let payload =
         serialize::encode(value, Place::inline(), Trust::new(Pickling::Local, near))?.payload;
     let parts = payload.parts.iter().filter_map(|part| match part {
-        Wire::Inline(bytes) => Some(PyBytes::new(py, bytes)),
-        Wire::Object(_) => None,
+        Part::Inline(bytes) => Some(PyBytes::new(py, bytes)),
+        Part::Object(_) => None,
     });
     Ok((PyBytes::new(py, &payload.head), parts.collect()))
 }
@@ -48,7 +48,8 @@ pub(crate) fn decode<'py>(
     parts: Vec<Vec<u8>>,
     near: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let parts: Vec<_> = parts.into_iter().map(|bytes| Part::Inline(Arc::new(bytes))).collect();
+    let parts: Vec<_> =
+        parts.into_iter().map(|bytes| ReceivedPart::Inline(Arc::new(bytes))).collect();
     serialize::decode(py, head, &parts, Trust::new(Pickling::Local, near))
 }
 

@@ -1,7 +1,7 @@
 //! Running a federation in this process: a thread for each federate, and one for the RTI.
 //!
 //! The main thread looks after them: it alone gets Ctrl-C. It reports the first failure, once, and
-//! lets the others end in order; whoever does not is ended with the process.
+//! lets the others end in order; threads that do not end by themselves end with the process.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,7 +39,7 @@ const SECOND: Nanos = 1_000_000_000;
 
 /// Runs a federation in this process to its end. Returns the exit code.
 ///
-/// Each of the `properties` is a target property, `KEY=VALUE`, that outdoes the program's. Each
+/// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's. Each
 /// federate writes its share of the logical trace to a file of its name in the folder
 /// `logical_traces`.
 #[pyfunction]
@@ -51,11 +51,11 @@ pub(crate) fn run_in_process(
     logical_traces: Option<PathBuf>,
 ) -> i32 {
     let outcome = compile(path, &properties, true).and_then(|compiled| {
-        let (compiled, bell) = (Arc::new(compiled), inbox()?);
+        let (compiled, wakeups) = (Arc::new(compiled), inbox()?);
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
-        let interrupt = Interrupt::install(py, Scope::Whole, bell.wakeup()).map_err(raised)?;
-        let code = start(&compiled, &bell, logical_traces.as_deref())
+        let interrupt = Interrupt::install(py, Scope::Whole, wakeups.wakeup()).map_err(raised)?;
+        let code = start(&compiled, &wakeups, logical_traces.as_deref())
             .map(|watch| watch.run(py, interrupt.get()));
         interrupt.get().end();
         interrupt.get().release(py);
@@ -72,32 +72,32 @@ fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
     Ok(())
 }
 
-/// What the threads have to tell.
-enum Event {
+/// What the threads report to the main thread.
+enum ThreadEvent {
     Rti(RtiEvent),
     RtiEnded(Result<(), Failure>),
     /// A federate has ended, or its thread has panicked.
     Ended(FederateId, Result<Result<(), Failure>, Box<dyn Any + Send>>),
 }
 
-/// Tells the main thread.
+/// Reports events to the main thread.
 #[derive(Clone)]
 struct Reporter {
-    events: Sender<Event>,
-    bell: Inbox<Value>,
+    events: Sender<ThreadEvent>,
+    wakeups: Inbox<Value>,
 }
 
 impl Reporter {
-    fn tell(&self, event: Event) {
-        // Nobody listens once the process is about to end.
+    fn tell(&self, event: ThreadEvent) {
+        // The receiver is gone once the process is about to end.
         let _ = self.events.send(event);
-        self.bell.ring();
+        self.wakeups.ring();
     }
 }
 
 fn start(
     compiled: &Arc<Compiled>,
-    bell: &Inbox<Value>,
+    wakeups: &Inbox<Value>,
     logical_traces: Option<&Path>,
 ) -> Result<Watch, Failure> {
     let program = &compiled.program;
@@ -116,14 +116,14 @@ fn start(
         });
     }
     let (events, arrivals) = channel();
-    let reporter = Reporter { events, bell: bell.clone() };
+    let reporter = Reporter { events, wakeups: wakeups.clone() };
     let room = Room::new();
     let fingerprint = Arc::new(program.fingerprint());
     let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
     let options = RtiOptions {
         program: Arc::clone(program),
         fingerprint: Arc::clone(&fingerprint),
-        // It keeps strangers out, and there are none in this room.
+        // It keeps other processes out, and no other process can reach these links.
         federation: FederationId(0),
         listen: listen.clone(),
         also_listen: Vec::new(),
@@ -131,14 +131,14 @@ fn start(
         patience: Patience::default(),
     };
     let rti = room.rti(&options)?;
-    let watch = Watch::new(compiled, arrivals, bell.clone(), rti.handle());
+    let watch = Watch::new(compiled, arrivals, wakeups.clone(), rti.handle());
     let reports = reporter.clone();
     let asked = Arc::clone(program);
     spawn("rti", move || {
         // The federates ask for the same, and say so if it is refused.
         let _ = hprm::enter_realtime(&asked.properties, None);
-        let outcome = rti.run(|event| reports.tell(Event::Rti(event)));
-        reports.tell(Event::RtiEnded(outcome));
+        let outcome = rti.run(|event| reports.tell(ThreadEvent::Rti(event)));
+        reports.tell(ThreadEvent::RtiEnded(outcome));
     })?;
     for (id, federate) in program.federates.iter() {
         let options = FederateOptions {
@@ -155,7 +155,7 @@ fn start(
         let (compiled, room, reports) = (Arc::clone(compiled), room.clone(), reporter.clone());
         spawn(&federate.name, move || {
             let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &room));
-            reports.tell(Event::Ended(id, catch_unwind(run)));
+            reports.tell(ThreadEvent::Ended(id, catch_unwind(run)));
         })?;
     }
     Ok(watch)
@@ -176,7 +176,7 @@ fn run_federate(
     belong_to(options.federate);
     let inbox = inbox()?;
     // Known to the interpreter all the time, so that it keeps what is the thread's, but with its lock
-    // only where there is Python code to run: the loop itself keeps nobody from running theirs.
+    // only where there is Python code to run: the loop itself does not stop other threads.
     Python::attach(|py| {
         py.detach(|| {
             hprm::run_federate_in(options, room, &inbox, || {
@@ -187,11 +187,11 @@ fn run_federate(
     })
 }
 
-/// What the main thread knows.
+/// The state of the federation, as the main thread knows it.
 struct Watch {
     compiled: Arc<Compiled>,
-    arrivals: Receiver<Event>,
-    bell: Inbox<Value>,
+    arrivals: Receiver<ThreadEvent>,
+    wakeups: Inbox<Value>,
     rti: RtiHandle,
     /// The federates that have not ended.
     running: Vec<FederateId>,
@@ -202,21 +202,21 @@ struct Watch {
     reported: bool,
     /// The first federate that has failed, of which the RTI may not know.
     suspect: Option<(FederateId, Failure)>,
-    /// When the process ends, whoever has not.
+    /// When the process ends, also if threads have not ended.
     until: Option<PhysicalTime>,
 }
 
 impl Watch {
     fn new(
         compiled: &Arc<Compiled>,
-        arrivals: Receiver<Event>,
-        bell: Inbox<Value>,
+        arrivals: Receiver<ThreadEvent>,
+        wakeups: Inbox<Value>,
         rti: RtiHandle,
     ) -> Self {
         Self {
             compiled: Arc::clone(compiled),
             arrivals,
-            bell,
+            wakeups,
             rti,
             running: compiled.program.federates.ids().collect(),
             started: false,
@@ -255,38 +255,42 @@ impl Watch {
                 }
                 return self.code.unwrap_or(1);
             }
-            let (bell, until) = (&self.bell, self.until);
-            py.detach(|| bell.sleep(until));
+            let (wakeups, until) = (&self.wakeups, self.until);
+            py.detach(|| wakeups.sleep(until));
         }
     }
 
-    fn hear(&mut self, event: Event) {
+    fn hear(&mut self, event: ThreadEvent) {
         match event {
-            Event::Rti(RtiEvent::Started(_)) => self.started = true,
-            Event::Rti(RtiEvent::Silent { federate, silence }) => {
+            ThreadEvent::Rti(RtiEvent::Started(_)) => self.started = true,
+            ThreadEvent::Rti(RtiEvent::Silent { federate, silence }) => {
                 let (name, seconds) = (self.name(federate), silence / SECOND);
                 say(&format!("warning: federate {name} has not answered for {seconds} s"));
             }
-            Event::Rti(RtiEvent::Answers { federate, .. }) => {
+            ThreadEvent::Rti(RtiEvent::Answers { federate, .. }) => {
                 say(&format!("warning: federate {} answers again", self.name(federate)));
             }
             // None is transient.
-            Event::Rti(RtiEvent::Dropped { report, .. } | RtiEvent::Failed { report, .. }) => {
+            ThreadEvent::Rti(
+                RtiEvent::Dropped { report, .. } | RtiEvent::Failed { report, .. },
+            ) => {
                 self.fail(report.named());
             }
-            // Nobody joins from elsewhere.
-            Event::Rti(RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Refused { .. }) => {}
-            Event::RtiEnded(outcome) => {
+            // No process can join this federation.
+            ThreadEvent::Rti(
+                RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Refused { .. },
+            ) => {}
+            ThreadEvent::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 if let Err(failure) = outcome {
                     self.fail(failure.report());
                 }
             }
-            Event::Ended(federate, outcome) => {
+            ThreadEvent::Ended(federate, outcome) => {
                 self.running.retain(|running| *running != federate);
                 match outcome {
                     Ok(Ok(())) => {}
-                    // The RTI, which knows who was first, has been told or soon notices.
+                    // The RTI, which knows which failure was first, has been told or soon notices.
                     Ok(Err(failure)) => {
                         self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
                         self.suspect.get_or_insert((federate, failure));
@@ -306,7 +310,7 @@ impl Watch {
         }
     }
 
-    /// A federate that has failed is to blame if nobody else is.
+    /// Reports the failure of a federate if the RTI has reported none.
     fn accuse(&mut self) {
         if let Some((federate, failure)) = self.suspect.take().filter(|_| self.code.is_none()) {
             let report = failure.report();

@@ -1,8 +1,8 @@
 //! What ports and actions hold: a Python object, an encoded one, or both.
 //!
-//! An object that stays within the process is passed on as it is. One that arrived is decoded when
-//! somebody reads it; one that leaves is encoded once, however many take it. To another federate of
-//! the process goes a [`Parcel`].
+//! An object that stays within the process is shared as it is. One that was received is decoded at the
+//! first read; one that is sent is encoded once for all receivers. To another federate of the process, a
+//! [`Parcel`] is sent.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
 use crate::backlog::Share;
-use crate::buffer::Part;
+use crate::buffer::ReceivedPart;
 use crate::codec::Codec;
 use crate::failure::no_memory;
 use crate::parcel::Parcel;
@@ -42,7 +42,7 @@ enum Origin {
     Here,
     /// Another federate.
     Elsewhere(Arrival),
-    /// Another federate, which has handed it over; nobody has taken it.
+    /// Another federate of the process; the value has been sent and not received yet.
     UnderWay(Arc<Parcel>),
 }
 
@@ -51,13 +51,13 @@ struct Arrival {
     at: PhysicalTime,
     codec: Arc<Codec>,
     content: Content,
-    /// How far whoever sent it is trusted.
+    /// How far its sender is trusted.
     trust: Trust,
 }
 
 enum Content {
     /// From another process.
-    Bytes { head: Vec<u8>, parts: Vec<Part> },
+    Bytes { head: Vec<u8>, parts: Vec<ReceivedPart> },
     /// From another thread.
     Parcel(Arc<Parcel>),
 }
@@ -87,8 +87,8 @@ impl Value {
     ) -> Self {
         let mut objects = objects.into_iter();
         let parts = payload.parts.into_iter().filter_map(|part| match part {
-            hprm_core::Part::Inline(bytes) => Some(Part::Inline(Arc::new(bytes))),
-            hprm_core::Part::Object(_) => objects.next().map(Part::Object),
+            hprm_core::Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
+            hprm_core::Part::Object(_) => objects.next().map(ReceivedPart::Object),
         });
         let content = Content::Bytes { head: payload.head, parts: parts.collect() };
         Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content, trust }))
@@ -152,8 +152,8 @@ impl Value {
         Ok(object.bind(py).clone())
     }
 
-    /// What the logical trace says of the value as it is now. Who has the object may change it at any
-    /// time, so this is found out anew unless nothing can.
+    /// The description of the value for the logical trace, as it is now. Code that has the object may
+    /// change it at any time, so this is computed again unless the value cannot be changed.
     pub(crate) fn described(&self, py: Python<'_>) -> Described {
         if let Some(described) = self.0.described.get() {
             return Described::clone(described);
@@ -163,7 +163,7 @@ impl Value {
         };
         let (described, fixed) = crate::digest::describe(&object);
         if fixed {
-            // Whoever was quicker has found the same.
+            // Another thread that was quicker has the same result.
             let _ = self.0.described.set(Box::new(described.clone()));
         }
         described
@@ -174,7 +174,8 @@ impl Value {
         self.came().map(|arrival| arrival.at)
     }
 
-    /// The value as `codec` writes it for whoever is trusted so far. Its objects stay in `store` as long as a clone of the value.
+    /// The value as `codec` writes it for a receiver with that trust. Its objects stay in `store` as long as
+    /// a clone of the value.
     ///
     /// # Errors
     ///
@@ -208,7 +209,7 @@ impl Value {
         }
     }
 
-    /// The parcel in which it came, to be passed on.
+    /// The parcel in which it was received, to be forwarded.
     fn as_it_was_taken(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Arc<Parcel>> {
         let arrival = self.came()?;
         // Objects may have been changed since.
@@ -219,7 +220,7 @@ impl Value {
         }
     }
 
-    /// What arrived, to be passed on as it is.
+    /// The payload that was received, to be forwarded as it is.
     fn as_it_came(
         &self,
         py: Python<'_>,

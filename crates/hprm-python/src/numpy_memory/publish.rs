@@ -18,7 +18,7 @@ use super::abi::{
     CONTIGUOUS, Fields, OWNS_DATA, TRACE_DOMAIN, WRITE_BACK, WRITEABLE, count, fields_are_known,
 };
 use super::made_handler;
-use crate::buffer::{Frozen, Memory, Part};
+use crate::buffer::{Frozen, Memory, ReceivedPart};
 
 unsafe extern "C" {
     fn PyTraceMalloc_Untrack(domain: c_uint, pointer: usize) -> c_int;
@@ -64,10 +64,11 @@ pub(crate) fn publish(
     unsafe { PyTraceMalloc_Untrack(TRACE_DOMAIN, address) };
     let object = store.seal(loan, &[owner]);
     let object = store.open(object).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-    let memory = Bound::new(py, Memory(Part::Object(object.clone()))).inspect_err(|_| {
-        // The array stays a view of it, without a reference of its own.
-        std::mem::forget(object.clone());
-    })?;
+    let memory =
+        Bound::new(py, Memory(ReceivedPart::Object(object.clone()))).inspect_err(|_| {
+            // The array stays a view of it, without a reference of its own.
+            std::mem::forget(object.clone());
+        })?;
     // The array, whose base was null, takes over the reference. It keeps its memory alive by it, and as
     // the memory gives only read-only buffers, NumPy does not allow to make the array writeable again.
     it.base = memory.into_ptr();

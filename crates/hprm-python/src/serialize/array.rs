@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
-use crate::buffer::{Memory, OwnMemory, Part};
+use crate::buffer::{CowMemory, Memory, ReceivedPart};
 use crate::numpy_memory;
 
 /// The names of NumPy that encoding needs.
@@ -129,7 +129,7 @@ impl Numpy {
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = description.py();
         let known = self.dtypes.bind(py);
-        // Who has a dtype with fields can give them other names: each receiver gets its own.
+        // The fields of a dtype can be given other names: each receiver gets its own dtype.
         let lasts = description.as_bytes().first() != Some(&FIELDS);
         if let Some(dtype) = known.get_item(description)? {
             return Ok(dtype);
@@ -233,7 +233,7 @@ pub(super) fn object_under(
         base = base.getattr(intern!(py, "base"))?;
     }
     let Ok(memory) = base.cast_exact::<Memory>() else { return Ok(None) };
-    let Part::Object(object) = &memory.get().0 else { return Ok(None) };
+    let ReceivedPart::Object(object) = &memory.get().0 else { return Ok(None) };
     let bytes = object.as_bytes();
     let flags = array.getattr(intern!(py, "flags"))?;
     let in_a_row = match layout.order {
@@ -251,8 +251,8 @@ pub(super) fn object_under(
 /// From how many bytes on mapping an array costs less than copying it.
 const OWN_LIMIT: usize = 1 << 20;
 
-/// An array that may be written to, and is nobody else's, of one that has arrived: over the same memory,
-/// of which a page is copied when it is first written, or else a copy.
+/// A writeable array of a received one, for the caller alone: over the same memory, in a copy-on-write
+/// mapping, or else a copy.
 #[pyfunction]
 pub(crate) fn own<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = array.py();
@@ -262,7 +262,7 @@ pub(crate) fn own<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>>
         && let Some(object) = object_under(array, &layout)?
         && let Some(own) = numpy_memory::map_copy_on_write(py, &object)
     {
-        let memory = Bound::new(py, OwnMemory(own))?;
+        let memory = Bound::new(py, CowMemory(own))?;
         return numpy.over(layout.shape.as_any(), &layout.dtype, memory.as_any(), layout.order);
     }
     let keep_order = PyDict::new(py);

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use super::trust::Trust;
 
-/// More steps than anybody reads.
+/// The most steps that are shown.
 const STEPS: usize = 12;
 
 /// Something that only pickle can carry.

@@ -15,10 +15,10 @@ use pyo3::types::{
 };
 
 use super::array::{Numpy, Order};
-use super::format::{self, DEPTH_LIMIT, Kind};
+use super::format::{self, DEPTH_LIMIT, NodeKind};
 use super::kinds::Kinds;
 use super::trust::Trust;
-use crate::buffer::{Memory, Part};
+use crate::buffer::{Memory, ReceivedPart};
 
 /// A hash visits everything in a tuple, however often it occurs: in a key, no more than this.
 const KEY_LIMIT: u64 = 1 << 16;
@@ -31,7 +31,7 @@ const KEY_LIMIT: u64 = 1 << 16;
 pub(super) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
-    parts: &[Part],
+    parts: &[ReceivedPart],
     trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
     let Some((head, parts)) = node_of(head, parts) else {
@@ -48,16 +48,19 @@ pub(super) fn decode<'py>(
 }
 
 /// Whether a payload of this head and these parts is a pickle.
-pub(super) fn is_pickled(head: &[u8], parts: &[Part]) -> bool {
+pub(super) fn is_pickled(head: &[u8], parts: &[ReceivedPart]) -> bool {
     node_of(head, parts).is_some_and(|(node, _)| is_pickle(node))
 }
 
 fn is_pickle(node: &[u8]) -> bool {
-    node.first() == Some(&(Kind::Pickle as u8))
+    node.first() == Some(&(NodeKind::Pickle as u8))
 }
 
 /// The bytes of the outermost node, and the parts that belong to it.
-fn node_of<'a>(head: &'a [u8], parts: &'a [Part]) -> Option<(&'a [u8], &'a [Part])> {
+fn node_of<'a>(
+    head: &'a [u8],
+    parts: &'a [ReceivedPart],
+) -> Option<(&'a [u8], &'a [ReceivedPart])> {
     match (head, parts) {
         ([format::DIRECT, node @ ..], parts) => Some((node, parts)),
         ([format::INDIRECT], [parts @ .., head]) => match head.as_bytes() {
@@ -71,7 +74,7 @@ fn node_of<'a>(head: &'a [u8], parts: &'a [Part]) -> Option<(&'a [u8], &'a [Part
 /// A blob: where its bytes are.
 enum Blob<'a> {
     Inline(&'a [u8]),
-    Part(&'a Part),
+    Part(&'a ReceivedPart),
 }
 
 impl<'a> Blob<'a> {
@@ -106,7 +109,7 @@ struct Walk<'a, 'py> {
     py: Python<'py>,
     /// What has not been read.
     head: &'a [u8],
-    parts: slice::Iter<'a, Part>,
+    parts: slice::Iter<'a, ReceivedPart>,
     /// The values that may occur again, and their weights; none for one that is not complete.
     seen: Vec<Option<(Bound<'py, PyAny>, u64)>>,
     depth: u32,
@@ -125,45 +128,45 @@ impl<'a, 'py> Walk<'a, 'py> {
         }
         self.weight = self.weight.saturating_add(1);
         let [byte] = self.take()?;
-        let kind = Kind::of(byte).ok_or_else(|| malformed("an unknown kind of value"))?;
+        let kind = NodeKind::of(byte).ok_or_else(|| malformed("an unknown kind of value"))?;
         let py = self.py;
         let value = match kind {
-            Kind::None => py.None().into_bound(py),
-            Kind::False | Kind::True => {
-                (kind == Kind::True).into_pyobject(py)?.to_owned().into_any()
+            NodeKind::None => py.None().into_bound(py),
+            NodeKind::False | NodeKind::True => {
+                (kind == NodeKind::True).into_pyobject(py)?.to_owned().into_any()
             }
-            Kind::Int => format::unzigzag(self.number()?).into_pyobject(py)?.into_any(),
-            Kind::Long => self.long()?,
-            Kind::Float => PyFloat::new(py, f64::from_le_bytes(self.take()?)).into_any(),
-            Kind::Str => self.text()?,
-            Kind::Bytes => {
+            NodeKind::Int => format::unzigzag(self.number()?).into_pyobject(py)?.into_any(),
+            NodeKind::Long => self.long()?,
+            NodeKind::Float => PyFloat::new(py, f64::from_le_bytes(self.take()?)).into_any(),
+            NodeKind::Str => self.text()?,
+            NodeKind::Bytes => {
                 let bytes = self.blob()?.into_bytes(py)?;
                 self.remember(bytes.into_any())
             }
-            Kind::ByteArray => {
+            NodeKind::ByteArray => {
                 let bytes = match self.blob()? {
                     Blob::Inline(bytes) => PyByteArray::new(py, bytes),
                     part @ Blob::Part(_) => PyByteArray::from(&part.into_buffer(py)?)?,
                 };
                 self.remember(bytes.into_any())
             }
-            Kind::List => self.list()?,
-            Kind::Tuple => self.tuple()?,
-            Kind::Dict => self.dict()?,
-            Kind::Again => self.again()?,
-            Kind::Array => self.array()?,
-            Kind::Pickle => return Err(malformed("a pickle inside of another value")),
-            Kind::Complex => {
+            NodeKind::List => self.list()?,
+            NodeKind::Tuple => self.tuple()?,
+            NodeKind::Dict => self.dict()?,
+            NodeKind::Again => self.again()?,
+            NodeKind::Array => self.array()?,
+            NodeKind::Pickle => return Err(malformed("a pickle inside of another value")),
+            NodeKind::Complex => {
                 let [real, imag] = [self.take()?, self.take()?].map(f64::from_le_bytes);
                 PyComplex::from_doubles(py, real, imag).into_any()
             }
-            Kind::Set => self.set()?,
-            Kind::FrozenSet => self.frozen_set()?,
-            Kind::Buffer => {
+            NodeKind::Set => self.set()?,
+            NodeKind::FrozenSet => self.frozen_set()?,
+            NodeKind::Buffer => {
                 let buffer = self.blob()?.into_buffer(py)?;
                 self.remember(PyMemoryView::from(&buffer)?.into_any())
             }
-            Kind::Made => self.made()?,
+            NodeKind::Made => self.made()?,
         };
         self.depth -= 1;
         Ok(value)

@@ -19,7 +19,7 @@ use pyo3::types::{
 
 use super::array::{Layout, Numpy};
 use super::culprit::Culprit;
-use super::format::{self, DEPTH_LIMIT, Head, Kind, put_number};
+use super::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use super::kinds::{Kinds, Parts};
 use crate::failure::no_memory;
 
@@ -143,16 +143,16 @@ impl<'py> Walk<'py> {
 
     fn write_node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if value.is_none() {
-            self.kind(Kind::None);
+            self.kind(NodeKind::None);
         } else if let Ok(value) = value.cast_exact::<PyFloat>() {
-            self.kind(Kind::Float);
+            self.kind(NodeKind::Float);
             self.draft.head.extend_from_slice(&value.value().to_le_bytes());
         } else if let Ok(value) = value.cast_exact::<PyInt>() {
             self.integer(value)?;
         } else if let Ok(value) = value.cast_exact::<PyString>() {
             self.text(value)?;
         } else if let Ok(value) = value.cast_exact::<PyBool>() {
-            self.kind(if value.is_true() { Kind::True } else { Kind::False });
+            self.kind(if value.is_true() { NodeKind::True } else { NodeKind::False });
         } else if !self.again(value)? {
             self.shared(value)?;
         }
@@ -166,20 +166,20 @@ impl<'py> Walk<'py> {
         } else if let Ok(value) = value.cast_exact::<PyDict>() {
             self.dict(value)?;
         } else if let Ok(value) = value.cast_exact::<PyList>() {
-            self.begin(value.as_any(), Kind::List);
+            self.begin(value.as_any(), NodeKind::List);
             put_number(&mut self.draft.head, value.len() as u64);
             self.all(value.as_any(), value.len(), value.iter(), &index)?;
         } else if let Ok(value) = value.cast_exact::<PyTuple>() {
-            self.begin(value.as_any(), Kind::Tuple);
+            self.begin(value.as_any(), NodeKind::Tuple);
             put_number(&mut self.draft.head, value.len() as u64);
             self.set_open(value.as_any(), true);
             self.all(value.as_any(), value.len(), value.iter(), &index)?;
             self.set_open(value.as_any(), false);
         } else if let Ok(value) = value.cast_exact::<PyBytes>() {
-            self.begin(value.as_any(), Kind::Bytes);
+            self.begin(value.as_any(), NodeKind::Bytes);
             self.blob(value.as_bytes(), || Source::Bytes(value.clone()));
         } else if let Ok(value) = value.cast_exact::<PyByteArray>() {
-            self.begin(value.as_any(), Kind::ByteArray);
+            self.begin(value.as_any(), NodeKind::ByteArray);
             self.buffer(PyBuffer::get(value.as_any())?)?;
         } else {
             self.rarer(value)?;
@@ -189,24 +189,24 @@ impl<'py> Walk<'py> {
 
     fn rarer(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if let Ok(value) = value.cast_exact::<PyComplex>() {
-            self.kind(Kind::Complex);
+            self.kind(NodeKind::Complex);
             self.draft.head.extend_from_slice(&value.real().to_le_bytes());
             self.draft.head.extend_from_slice(&value.imag().to_le_bytes());
             return Ok(());
         }
         if value.is_exact_instance_of::<PySet>() {
-            return self.set(value, Kind::Set);
+            return self.set(value, NodeKind::Set);
         }
         if value.is_exact_instance_of::<PyFrozenSet>() {
-            return self.set(value, Kind::FrozenSet);
+            return self.set(value, NodeKind::FrozenSet);
         }
         let kinds = Kinds::get(self.py)?;
         let is_view = value.is_exact_instance_of::<PyMemoryView>() || kinds.is_buffer(value);
         if let Some(bytes) = is_view.then(|| plain_bytes(value)).flatten() {
-            self.begin(value, Kind::Buffer);
+            self.begin(value, NodeKind::Buffer);
             self.buffer(bytes)?;
         } else if kinds.is_written(value) {
-            self.begin(value, Kind::Buffer);
+            self.begin(value, NodeKind::Buffer);
             self.written(value)?;
         } else {
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
@@ -221,7 +221,7 @@ impl<'py> Walk<'py> {
         value: &Bound<'py, PyAny>,
         parts: &Parts<'py>,
     ) -> Result<(), Stop> {
-        self.begin(value, Kind::Made);
+        self.begin(value, NodeKind::Made);
         put_number(&mut self.draft.head, parts.code);
         put_number(&mut self.draft.head, parts.members.len() as u64);
         self.set_open(value, true);
@@ -238,7 +238,7 @@ impl<'py> Walk<'py> {
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
             return self.made(kinds, value, &parts);
         };
-        self.begin(value, Kind::Array);
+        self.begin(value, NodeKind::Array);
         let description = layout.description.as_bytes();
         put_number(&mut self.draft.head, description.len() as u64);
         self.draft.head.extend_from_slice(description);
@@ -257,7 +257,7 @@ impl<'py> Walk<'py> {
     }
 
     fn dict(&mut self, dict: &Bound<'py, PyDict>) -> Result<(), Stop> {
-        self.begin(dict.as_any(), Kind::Dict);
+        self.begin(dict.as_any(), NodeKind::Dict);
         // A copy: the collector may run code while we walk, and that may change the dict.
         let items = dict.items();
         put_number(&mut self.draft.head, items.len() as u64);
@@ -271,7 +271,7 @@ impl<'py> Walk<'py> {
     }
 
     /// The members in an order that does not depend on their hashes.
-    fn set(&mut self, set: &Bound<'py, PyAny>, kind: Kind) -> Result<(), Stop> {
+    fn set(&mut self, set: &Bound<'py, PyAny>, kind: NodeKind) -> Result<(), Stop> {
         self.begin(set, kind);
         self.set_open(set, true);
         let members = PyIterator::from_object(set)?.collect::<PyResult<Vec<_>>>()?;
@@ -329,7 +329,7 @@ impl<'py> Walk<'py> {
 
     fn integer(&mut self, value: &Bound<'py, PyInt>) -> Result<(), Stop> {
         if let Ok(number) = value.extract::<i64>() {
-            self.kind(Kind::Int);
+            self.kind(NodeKind::Int);
             put_number(&mut self.draft.head, format::zigzag(number));
             return Ok(());
         }
@@ -339,7 +339,7 @@ impl<'py> Walk<'py> {
         let args = (bits / 8 + 1, intern!(self.py, "little"));
         let bytes = value.call_method(intern!(self.py, "to_bytes"), args, Some(&signed))?;
         let bytes = bytes.cast_into::<PyBytes>()?;
-        self.kind(Kind::Long);
+        self.kind(NodeKind::Long);
         self.blob(bytes.as_bytes(), || Source::Bytes(bytes.clone()));
         Ok(())
     }
@@ -351,7 +351,7 @@ impl<'py> Walk<'py> {
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
             return if self.again(value)? { Ok(()) } else { self.made(kinds, value, &parts) };
         };
-        self.kind(Kind::Str);
+        self.kind(NodeKind::Str);
         self.blob(text.as_bytes(), || Source::Text(value.clone()));
         Ok(())
     }
@@ -360,7 +360,7 @@ impl<'py> Walk<'py> {
         let module = self.py.import(intern!(self.py, "hprm._pickle"))?;
         let pickled = module.call_method1(intern!(self.py, "dumps"), (value,))?;
         let (data, buffers): (Bound<'py, PyBytes>, Vec<Bound<'py, PyAny>>) = pickled.extract()?;
-        self.kind(Kind::Pickle);
+        self.kind(NodeKind::Pickle);
         self.blob(data.as_bytes(), || Source::Bytes(data.clone()));
         put_number(&mut self.draft.head, buffers.len() as u64);
         for buffer in buffers {
@@ -369,7 +369,7 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
-    fn kind(&mut self, kind: Kind) {
+    fn kind(&mut self, kind: NodeKind) {
         self.draft.head.push(kind as u8);
     }
 
@@ -380,14 +380,14 @@ impl<'py> Walk<'py> {
             Some(Seen { open: true, .. }) => Err(Stop::cycle(value)),
             Some(Seen { number, .. }) => {
                 let number = *number;
-                self.kind(Kind::Again);
+                self.kind(NodeKind::Again);
                 put_number(&mut self.draft.head, number);
                 Ok(true)
             }
         }
     }
 
-    fn begin(&mut self, value: &Bound<'py, PyAny>, kind: Kind) {
+    fn begin(&mut self, value: &Bound<'py, PyAny>, kind: NodeKind) {
         if self.seen.len().is_multiple_of(OFTEN) {
             self.draft.head.probe(OFTEN * SEEN);
         }

@@ -1,9 +1,9 @@
 //! The bytes of an encoded value: what each node of a head looks like.
 //!
-//! A head is one byte that says which format it has, then one node. A node is a byte of [`Kind`] and
+//! A head is one byte that says which format it has, then one node. A node is a byte of [`NodeKind`] and
 //! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
 //! are the payload's next part rather than here. Containers, byte strings, arrays and what is made of
-//! parts are counted as they begin, and [`Kind::Again`] refers to them by that number. A pickle is
+//! parts are counted as they begin, and [`NodeKind::Again`] refers to them by that number. A pickle is
 //! a whole value, never inside of one, so that one byte tells whether there is any.
 
 use hprm_core::NoMemory;
@@ -19,7 +19,7 @@ pub(super) const DEPTH_LIMIT: u32 = 100;
 /// What a node is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
-pub(super) enum Kind {
+pub(super) enum NodeKind {
     /// `None`.
     None = 0,
     /// `False`.
@@ -62,30 +62,30 @@ pub(super) enum Kind {
     Made = 19,
 }
 
-impl Kind {
+impl NodeKind {
     /// The kind of that byte.
     pub(super) fn of(byte: u8) -> Option<Self> {
-        const KINDS: [Kind; 20] = [
-            Kind::None,
-            Kind::False,
-            Kind::True,
-            Kind::Int,
-            Kind::Long,
-            Kind::Float,
-            Kind::Str,
-            Kind::Bytes,
-            Kind::ByteArray,
-            Kind::List,
-            Kind::Tuple,
-            Kind::Dict,
-            Kind::Again,
-            Kind::Array,
-            Kind::Pickle,
-            Kind::Complex,
-            Kind::Set,
-            Kind::FrozenSet,
-            Kind::Buffer,
-            Kind::Made,
+        const KINDS: [NodeKind; 20] = [
+            NodeKind::None,
+            NodeKind::False,
+            NodeKind::True,
+            NodeKind::Int,
+            NodeKind::Long,
+            NodeKind::Float,
+            NodeKind::Str,
+            NodeKind::Bytes,
+            NodeKind::ByteArray,
+            NodeKind::List,
+            NodeKind::Tuple,
+            NodeKind::Dict,
+            NodeKind::Again,
+            NodeKind::Array,
+            NodeKind::Pickle,
+            NodeKind::Complex,
+            NodeKind::Set,
+            NodeKind::FrozenSet,
+            NodeKind::Buffer,
+            NodeKind::Made,
         ];
         KINDS.get(usize::from(byte)).copied()
     }

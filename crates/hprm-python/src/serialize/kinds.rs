@@ -69,8 +69,8 @@ impl Kinds {
         self.make.bind(members.py()).call1((code, members, trusted))
     }
 
-    /// The descriptors of the slots of `value`, if only those who refer to it, or to its dict, can reach
-    /// its attributes, and if it can be taken apart without anybody seeing it; else none.
+    /// The descriptors of the slots of `value`, if its attributes can be reached only by a reference to it
+    /// or to its dict, and if no code runs when they are read; else none.
     pub(super) fn slots_alone<'py>(
         &self,
         value: &Bound<'py, PyAny>,

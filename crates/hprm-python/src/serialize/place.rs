@@ -1,8 +1,8 @@
 //! Where the large buffers of a value go: into the own store, or into the message.
 //!
-//! The only copy of an array is made here, or none: an array that was made in the store, and that
-//! nobody else can reach, is published where it lies; and one that lies over an object of the store
-//! is passed on.
+//! The only copy of an array is made here, or none: an array that was allocated in the store, and that has
+//! no other references, is published without a copy; and one that is a view of an object of the store is
+//! forwarded.
 
 use hprm_core::{FederateId, Part, zeroed};
 use hprm_store::{Object, Store, StoreError};
@@ -27,7 +27,7 @@ pub(crate) struct Place<'s> {
     store: Option<(&'s mut Store, FederateId)>,
     /// Holds on what was stored.
     holds: Vec<Object>,
-    /// The arrays that may be published where they lie.
+    /// The arrays that may be published without a copy.
     sole: Sole,
 }
 

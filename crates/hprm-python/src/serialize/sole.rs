@@ -1,14 +1,14 @@
-//! Which arrays of a value nobody else can reach: those may be published where they lie.
+//! Which arrays of a value have no other references: those may be published without a copy.
 //!
-//! A value is encoded at the end of its tag. Local variables of bodies have gone by then, so whatever
-//! still refers to an array, or to a container that it is in, is something that the program keeps: an
-//! attribute, a view, an iterator, a thread. An array to which nothing refers but the value
-//! itself will never be seen by the program again. Reference counts tell; the memory of the array is
-//! looked at by who publishes it, and the count once more, in case that something has changed.
+//! A value is encoded at the end of its tag. Local variables of bodies are gone by then, so a reference to an
+//! array, or to a container that it is in, is one that the program keeps: in an attribute, a view, an
+//! iterator, a thread. An array to which nothing refers but the value itself cannot be used by the program
+//! any more. Reference counts tell; `publish` checks the memory of the array, and the count once more,
+//! in case that it has changed.
 //!
-//! An object is a container, too, if its class lets nobody see when it is looked at: that is decided in
-//! `hprm._kinds`. There may be weak references to it, and its attributes may be in a dict, which others
-//! may have got hold of.
+//! An object is a container, too, if its class has no code that runs when its attributes are read:
+//! `hprm._kinds` decides that. There may be weak references to it, and its attributes may be in a dict, to
+//! which other code may have a reference.
 
 use std::collections::BTreeMap;
 
@@ -61,7 +61,7 @@ fn visit(
     } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
         tuple.iter().try_for_each(|member| below(&member))?;
     } else if let Ok(dict) = value.cast_exact::<PyDict>() {
-        // Nothing here runs code of the program, so nobody changes the dict meanwhile.
+        // Nothing here runs code of the program, so the dict does not change meanwhile.
         dict.iter().try_for_each(|(_, member)| below(&member))?;
     } else if !is_leaf(value)
         && let Some(slots) = Kinds::get(value.py())?.slots_alone(value)?
@@ -71,7 +71,7 @@ fn visit(
     Ok(())
 }
 
-/// Whether it is of one of the types of which there may be many, and that lead nowhere.
+/// Whether it is of a type without members, of which there may be many values.
 fn is_leaf(value: &Bound<'_, PyAny>) -> bool {
     value.is_exact_instance_of::<PyFloat>()
         || value.is_exact_instance_of::<PyString>()
@@ -100,7 +100,7 @@ fn attributes(
         Ok(dict) if count(dict) == LOOKED_AT => {
             dict.iter().try_for_each(|(_, member)| below(&member))
         }
-        // Somebody has the dict itself.
+        // There is another reference to the dict itself.
         _ => Ok(()),
     }
 }
