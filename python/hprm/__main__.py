@@ -63,7 +63,7 @@ def main() -> NoReturn:
                 "properties": options.property,
             },
         )
-    # Whoever has failed keeps no federation from ending.
+    # A federate that has failed does not delay the end of its federation.
     alone = options.command == "run" and not options.in_process
     leave(code, patience=None if alone or code == 0 else AFTER_FAILURE)
 
@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     federate.add_argument(
         "--federation",
         default=os.environ.get(FEDERATION_ID),
-        help="the secret of the federation; better in HPRM_FEDERATION_ID, which nobody else sees",
+        help="the secret of the federation; better in HPRM_FEDERATION_ID, which is private",
     )
     federate.add_argument(
         "--connect-timeout",

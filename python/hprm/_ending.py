@@ -2,7 +2,7 @@
 
 Threads that are no daemons are waited for, exit handlers run, what the program's modules hold is
 dropped, and what is still in the buffers of files is written. The interpreter itself is left as it
-is, so whatever else runs in the process, such as a daemon's C code, keeps nobody.
+is, so whatever else runs in the process, such as a daemon's C code, does not delay the end.
 """
 
 import _io
@@ -42,7 +42,7 @@ _LIBRARIES = (
     os.path.dirname(os.__file__) + os.sep,
 )
 
-# Taken by whoever comes first: the main thread, or the one that has lost patience.
+# Taken by the thread that is first: the main thread, or the one that waits for the timeout.
 _last = threading.Lock()
 
 
@@ -158,7 +158,7 @@ def _is_observed() -> bool:
 
 def _flush_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
-        # Closed by the program or at the other end: then nobody is listening.
+        # Closed by the program or at the other end: then there is no reader.
         with contextlib.suppress(OSError, ValueError, AttributeError):
             if isinstance(stream, _threads.Lines):
                 stream.end()
@@ -166,7 +166,7 @@ def _flush_streams() -> None:
 
 
 def _drop_modules() -> None:
-    """Let go of all that the program's modules hold, so that it is closed and finalized.
+    """Drop all that the program's modules refer to, so that it is closed and finalized.
 
     That is left out if others still run Python code, which may need it.
     """
@@ -210,12 +210,12 @@ def _is_program(name: str, module: Any) -> bool:
 
 
 def _write_files() -> None:
-    """Write what the buffers of files hold that somebody still refers to."""
+    """Write the buffers of files to which there are still references."""
     # By their types: `isinstance` would run code of objects that stand for others.
     files = [it for it in gc.get_objects() if issubclass(type(it), _io._IOBase)]
     # Texts first: their bytes go to the buffers of others.
     files.sort(key=lambda it: not issubclass(type(it), _io._TextIOBase))
-    # Whoever is writing to one keeps it.
+    # A thread that is writing to a file has its lock.
     work = threading.Thread(target=_flush, args=(files,), daemon=True)
     work.start()
     work.join(_WRITING)

@@ -11,7 +11,7 @@ from typing import Any
 from hprm import _hprm
 from hprm._kinds import loaded
 
-# Types of Python's library whose values nobody can change, by the names of their modules.
+# Types of Python's library whose values are immutable, by the names of their modules.
 _UNCHANGING = {
     "builtins": ("complex", "range", "ellipsis"),
     "datetime": ("date", "datetime", "time", "timedelta", "timezone"),
@@ -20,15 +20,15 @@ _UNCHANGING = {
     "uuid": ("UUID",),
 }
 
-# What nobody can write to. A read-only view of anything else may show what its owner still writes.
+# Memory that cannot be written. A read-only view of other memory may show what its owner writes.
 _READ_ONLY = (bytes, _hprm.Memory, _hprm.Frozen)
 
 
 def frozen(value: Any, small: int) -> Any:
-    """Return an array that nobody can change, for ``opened``; numbers and the like; otherwise None.
+    """Return an array that cannot be changed, for ``opened``; numbers and the like; otherwise None.
 
     An array of up to ``small`` bytes that can be written to is copied. The memory of a larger one
-    becomes read-only, and so does what it is a view of: the caller knows that nobody else has a
+    becomes read-only, and so does what it is a view of: the caller knows that there is no other
     reference to them. Over memory that is not an array's, and that its owner may be able to write
     to, it is copied as well.
     """
@@ -86,7 +86,7 @@ def _over(numpy: Any, array: Any, memory: Any) -> Any:
 
 
 def _copied(numpy: Any, array: Any) -> Any:
-    """Return a copy of an array, of every byte of it, over memory that nobody can write to."""
+    """Return a copy of an array, of every byte of it, over memory that cannot be written."""
     from hprm._kinds import arrays
 
     order: Any = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
@@ -102,7 +102,7 @@ def _empty(array: Any) -> Any:
 
 
 def _own_dtype(dtype: Any) -> Any:
-    """Return a dtype that nobody else has: those with fields can be given other names."""
+    """Return a dtype of its own: the fields of a dtype can be given other names."""
     return dtype if dtype.names is None else copy.deepcopy(dtype)
 
 

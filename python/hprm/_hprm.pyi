@@ -100,13 +100,13 @@ class Membership(TypedDict):
 def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
     """Run a program in this process, federated or not, to its end. Return the exit code.
 
-    Target properties, each as ``KEY=VALUE``, outdo those of the program.
+    Target properties, each as ``KEY=VALUE``, override those of the program.
     """
 
 def run_federate(path: str, federate: str, membership: Membership) -> int:
     """Run one federate of a program to its end. Return the exit code.
 
-    If it was launched, then the one who did that reports warnings and failures.
+    If it was launched, then the launcher reports warnings and failures.
     """
 
 def tell_programs() -> None:
@@ -134,7 +134,7 @@ def belong_to_federate(number: int) -> None:
     """Let this thread belong to a federate, if several share a process."""
 
 def runs_bodies() -> bool:
-    """Return whether this thread runs bodies, whoever has started it."""
+    """Return whether this thread runs bodies, whichever thread has started it."""
 
 class Stage:
     @property
@@ -153,10 +153,10 @@ def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) ->
     """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
 
 def own(array: Any) -> Any:
-    """Return an array that may be written to of one that has arrived, copied no sooner than that.
+    """Return a writeable array for a received one, which is not copied before it is written.
 
-    It lies over the same memory, of which the kernel copies a page when it is first written, so
-    that nobody else sees it. An array that is small, or that came by no shared memory, is copied.
+    It is a view of a copy-on-write mapping: the kernel copies a page at the first write to it, and
+    no other process sees the write. An array that is small, or not in shared memory, is copied.
     """
 
 def digest(value: Any) -> tuple[str, str, bool]:

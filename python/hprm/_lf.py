@@ -86,7 +86,7 @@ def _federation_id(api: Api) -> str:
     if api.federate() is None:
         raise RuntimeError("only a federate has a federation id, and this program runs as a whole")
     if _hprm.current_federate() is not None:
-        raise RuntimeError("federates that are threads form a federation that nobody can join")
+        raise RuntimeError("federates that are threads form a federation that no process can join")
     return os.environ[FEDERATION_ID]
 
 

@@ -25,8 +25,8 @@ def empty(
     It is an array as any other until it is published: when a port was set to it and nothing else
     refers to it at the end of the tag. If something does, a copy is published instead.
 
-    One whose elements have fields begins with zeros, because who fills the fields does not reach
-    what is between them.
+    One whose elements have fields begins with zeros, because writing the fields does not write the
+    bytes between them.
     """
     import numpy as np
 

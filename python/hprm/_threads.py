@@ -38,7 +38,7 @@ def _hand_down(thread: threading.Thread, federate: int) -> None:
     run = thread.run
 
     def run_for_federate() -> None:
-        # The name is that of the class again, and nothing refers to the thread in a circle.
+        # The name is that of the class again, and the thread is in no cycle of references.
         del thread.run
         _hprm.belong_to_federate(federate)
         run()
@@ -86,7 +86,7 @@ class PerFederate(ModuleType):
     """
 
     def __init__(self, name: str) -> None:
-        """Make one that nobody has a version of."""
+        """Make one of which no federate has a version."""
         super().__init__(name)
         object.__setattr__(self, "_modules", {})
 

@@ -425,7 +425,7 @@ def test_transient_federates_are_refused(threads: Any) -> None:
 def test_nobody_can_join_threads(threads: Any) -> None:
     outcome = threads(pair("1", "lf.get_federation_id()"))
     assert outcome.code == 1
-    assert "federates that are threads form a federation that nobody can join" in outcome.err
+    assert "federates that are threads form a federation that no process can join" in outcome.err
 
 
 def test_what_a_thread_of_the_program_schedules_arrives(threads: Any) -> None:

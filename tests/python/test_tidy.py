@@ -32,11 +32,13 @@ CLEANED_UP = (
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "README.md",
+    "crates/hprm-cli/",
     "crates/hprm-core/",
     "crates/hprm-lf/",
     "crates/hprm-python/",
     "crates/hprm-store/",
     "docs/",
+    "python/",
 )
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")

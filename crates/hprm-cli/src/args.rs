@@ -368,7 +368,7 @@ pub(crate) struct Secret {
     #[arg(short = 'i', long, visible_alias = "federation-id", value_name = "ID", env = "HPRM_FEDERATION_ID",
           hide_env_values = true, value_parser = federation)]
     pub(crate) federation: Option<FederationId>,
-    /// A file with that secret, which nobody else can read; it outdoes the option. The RTI makes the
+    /// A file with that secret, which only its owner can read; it overrides the option. The RTI makes the
     /// file if it is missing.
     #[arg(long, value_name = "FILE")]
     pub(crate) federation_file: Option<PathBuf>,
@@ -377,14 +377,14 @@ pub(crate) struct Secret {
 /// Certificates, for TCP connections that are encrypted.
 #[derive(Args, Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Tls {
-    /// The certificate of this process, in PEM: TCP connections have TLS then. Everybody in the
-    /// federation needs one.
+    /// The certificate of this process, in PEM: TCP connections have TLS then. Every process of
+    /// the federation needs one.
     #[arg(long = "tls-cert", value_name = "FILE", requires_all = ["key", "authority"])]
     certificate: Option<PathBuf>,
     /// The key of that certificate.
     #[arg(long = "tls-key", value_name = "FILE", requires = "certificate")]
     key: Option<PathBuf>,
-    /// The certificates of those who may have signed the others' certificates.
+    /// The certificates of the authorities that may have signed the others' certificates.
     #[arg(long = "tls-ca", value_name = "FILE", requires = "certificate")]
     authority: Option<PathBuf>,
 }

@@ -116,12 +116,12 @@ fn pid(child: &Child) -> Pid {
     Pid::from_child(child)
 }
 
-/// A process that has not been reaped keeps its number, so this reaches nobody else.
+/// A process that has not been reaped keeps its number, so this reaches no other process.
 fn signal_group(child: &Child, signal: Signal) {
     let signal = match signal {
         Signal::KILL => rustix::process::Signal::KILL,
         _ => rustix::process::Signal::TERM,
     };
-    // There may be nobody left in the group.
+    // There may be no process left in the group.
     let _ = kill_process_group(pid(child), signal);
 }

@@ -20,7 +20,7 @@ use crate::verdict::Ending;
 /// Bytes that are read at once: what a pipe holds.
 const CHUNK: usize = 64 * 1024;
 
-/// A process that somebody else has started and will reap.
+/// A process that other code has started and will reap.
 #[derive(Debug)]
 pub(crate) struct Followed {
     pid: Pid,
@@ -116,7 +116,7 @@ impl Followed {
                     return signal.or(code).expect("an end is one of the two");
                 }
                 Ok(None) | Err(Errno::INTR) => {}
-                // Somebody else has reaped it; nothing is known but that it is gone.
+                // It was reaped elsewhere; nothing is known but that it has ended.
                 Err(_) => return Ending::Code(1),
             }
         }

@@ -29,10 +29,10 @@ use crate::supervisor::{Event, Order, Supervisor};
 use crate::trace::Parts;
 use crate::verdict::Ending;
 
-/// Where a process finds the secret of its federation. The command line would show it to everybody.
+/// Where a process finds the secret of its federation. On the command line, all users could see it.
 pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
 
-/// Where a federate that another one starts finds the target properties that outdo the program's, one
+/// Where a federate that another one starts finds the target properties that override the program's, one
 /// a line.
 pub(crate) const PROPERTIES: &str = "HPRM_PROPERTIES";
 
@@ -80,7 +80,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         .transpose()?;
     let mut children = Children::default();
     let mut federates: Vec<_> = program.federates.iter().collect();
-    // The start does not wait for those who have not come, and most programs want them there.
+    // First: the start does not wait for transient federates, and most programs want them to take part.
     federates.sort_by_key(|(_, federate)| !federate.transient);
     for (id, federate) in federates {
         let share = parts.as_ref().map(|parts| parts.share(&federate.name));
@@ -93,7 +93,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         let events = events.clone();
         command.env(PYTHON, &plan.python);
         let console = if plan.debugged == Some(id) { Console::Terminal } else { Console::Lines };
-        // Once nobody listens, the command is about to end.
+        // Once the receiver is gone, the command is about to end.
         let report = move |event| drop(events.send(event));
         children.start((id, &federate.name), command, console, report)?;
     }
@@ -147,7 +147,7 @@ impl Plan {
     }
 }
 
-/// Everybody on the machine can see the name of a socket, so it must not tell the secret.
+/// Every user of the machine can see the name of a socket, so it must not contain the secret.
 fn private_address() -> Result<Address, Error> {
     let name = u64::from_ne_bytes(secret::random_bytes()?);
     Ok(format!("unix:@hprm-{name:016x}-rti").parse().expect("an abstract name is an address"))

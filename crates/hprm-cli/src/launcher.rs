@@ -83,7 +83,7 @@ pub(crate) fn write(program: &Program, file: &Path, inherits: bool) -> Result<Co
     Ok(commands)
 }
 
-/// Writes an executable file at once, so that nobody runs half of it.
+/// Writes an executable file at once, so that a half of it is never run.
 fn install(path: &Path, text: &str) -> io::Result<()> {
     if fs::read_to_string(path).is_ok_and(|there| there == text) {
         return Ok(());

@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Ends all that is left in the group that `leader` leads, which has ended, and reaps that.
 pub(crate) fn end(mut leader: Child) {
-    // A process that has not been reaped keeps its number, so the signals reach nobody else.
+    // A process that has not been reaped keeps its number, so the signals reach no other process.
     let group = Pid::from_child(&leader);
     let others = members(group);
     if !others.is_empty() {

@@ -14,7 +14,7 @@ const AMPLE_STACK: u64 = 1 << 20;
 const LEAST_STACK: u64 = 128 << 10;
 
 /// The descriptors that the command needs itself, and for a federate: two pipes, a socket, memory, a
-/// doorbell, and what is on its way.
+/// notifier, and descriptors that are being sent.
 const FILES: u64 = 14;
 const FILES_EACH: u64 = 6;
 

@@ -55,7 +55,7 @@ impl Error {
         print_error(format!("{text}\n").as_bytes());
     }
 
-    /// Writes it to the standard error as something that does not stop anybody.
+    /// Writes it to the standard error as a warning, after which the command goes on.
     pub(crate) fn show_as_warning(&self) {
         let text = self.0.text(Label::Warning, color(&io::stderr()));
         print_error(format!("{text}\n").as_bytes());
@@ -123,17 +123,17 @@ pub(crate) fn color(stream: &impl IsTerminal) -> bool {
 ///
 /// # Errors
 ///
-/// If nobody reads it any more.
+/// If the reader has closed it.
 pub(crate) fn print(bytes: &[u8]) -> io::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(bytes)?;
     out.flush()
 }
 
-/// Whether something could not be written that somebody waits for.
+/// Whether a result could not be written.
 static UNWRITTEN: AtomicBool = AtomicBool::new(false);
 
-/// Writes a line to the standard output; if nobody reads it any more, it is for nobody.
+/// Writes a line to the standard output; it is dropped if the reader has closed it.
 pub(crate) fn print_line(line: &str) {
     if let Err(error) = print(format!("{line}\n").as_bytes())
         && error.kind() != ErrorKind::BrokenPipe
@@ -143,19 +143,19 @@ pub(crate) fn print_line(line: &str) {
     }
 }
 
-/// Whether [`print_line`] has failed, and has said so.
+/// Whether [`print_line`] has failed, and has reported it.
 pub(crate) fn is_unwritten() -> bool {
     UNWRITTEN.load(Ordering::Relaxed)
 }
 
-/// That the standard output takes nothing any more.
+/// The error that the standard output cannot be written.
 pub(crate) fn unwritable(error: &io::Error) -> Error {
     let reason = error.to_string();
     let reason = reason.split(" (os error").next().unwrap_or_default();
     Error::new(format!("cannot write to the standard output: {reason}"))
 }
 
-/// Writes to the standard error, where there is nobody left to tell if that fails.
+/// Writes to the standard error; a failure of that cannot be reported.
 pub(crate) fn print_error(bytes: &[u8]) {
     let _ = io::stderr().lock().write_all(bytes);
 }

@@ -1,6 +1,6 @@
 //! The federations of this user that run on this machine, for processes that want to join one.
 //!
-//! Each is a file in a folder that nobody else can enter. It has the secret, so only its owner can read
+//! Each is a file in a folder that only this user can enter. It has the secret, so only its owner can read
 //! it. `hprm run` holds a lock on it for as long as the federation runs; a file without one was left
 //! by a command that was killed, and the next run of the program removes it. What the environment says does not
 //! matter, so a process finds its federation from any terminal.

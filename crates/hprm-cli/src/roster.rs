@@ -1,4 +1,5 @@
-//! For whom an RTI waits that was started by hand: told after a moment, and whenever it changes then.
+//! The federates for which an RTI that was started by hand waits: printed after a moment, and whenever they
+//! change then.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -113,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_is_missing_is_told_after_a_moment() {
+    fn missing_federates_are_printed_after_a_moment() {
         let mut b = ProgramBuilder::new("Main", Properties::default());
         let ids = ["a", "b", "c"].map(|name| {
             let reactor = b.reactor(b.main(), name);

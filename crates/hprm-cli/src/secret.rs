@@ -1,6 +1,6 @@
 //! The secret of a federation: given, read from a file, or chosen.
 //!
-//! Who knows it can join. So it is kept where only its owner reads: in the environment of processes,
+//! A process that knows it can join. So it is kept where only its owner can read it: in the environment of processes,
 //! or in a file with the permissions 600.
 
 use std::fs::OpenOptions;
@@ -33,18 +33,18 @@ pub(crate) fn of_rti(secret: &Secret) -> Result<Option<FederationId>, Error> {
     }
 }
 
-/// The secret of a federation that somebody else has started, or starts within `patience`: then the
-/// file may still be missing. Returns what is left of that time, too.
+/// The secret of a federation that another process has started, or starts within `timeout`: until then
+/// the file may be missing. Returns what is left of that time, too.
 ///
 /// # Errors
 ///
 /// If none is given, or as [`of_rti`].
 pub(crate) fn of_federate(
     secret: &Secret,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(FederationId, Duration), Error> {
     let since = Instant::now();
-    let left = || patience.saturating_sub(since.elapsed());
+    let left = || timeout.saturating_sub(since.elapsed());
     let pause = || {
         std::thread::sleep(LOOKING.min(left()));
         !left().is_zero()
@@ -57,7 +57,7 @@ pub(crate) fn of_federate(
     Ok((secret, left()))
 }
 
-/// A secret that nobody guesses.
+/// A random secret.
 ///
 /// # Errors
 ///
@@ -66,7 +66,7 @@ pub(crate) fn random() -> Result<FederationId, Error> {
     random_bytes().map(|bytes| FederationId(u128::from_ne_bytes(bytes)))
 }
 
-/// Bytes that nobody guesses.
+/// Random bytes.
 ///
 /// # Errors
 ///
@@ -101,15 +101,16 @@ fn read(path: &Path) -> Result<FederationId, Error> {
     let metadata = file.metadata().map_err(failed)?;
     if metadata.mode() & 0o077 != 0 || metadata.uid() != rustix::process::geteuid().as_raw() {
         let path = path.display();
-        return Err(Error::new(format!("others can read the secret in {path}, or own it"))
-            .hint(format!("chmod 600 {path}, if nobody else knows it; else choose another one")));
+        return Err(Error::new(format!("others can read the secret in {path}, or own it")).hint(
+            format!("chmod 600 {path}, if no other user has read it; else choose another one"),
+        ));
     }
     let mut text = String::new();
     file.take(LONGEST).read_to_string(&mut text).map_err(failed)?;
     text.trim().parse().map_err(|error| Error::new(format!("{}: {error}", path.display())))
 }
 
-/// Makes the file, unless somebody else is quicker.
+/// Makes the file, unless another process makes it first.
 fn make(path: &Path) -> Result<FederationId, Error> {
     write(path).or_else(|error| if path.exists() { read(path) } else { Err(error) })
 }
@@ -126,7 +127,7 @@ fn write(path: &Path) -> Result<FederationId, Error> {
         .mode(0o600)
         .open(draft)
         .and_then(|mut file| writeln!(file, "{secret}"))
-        // Unlike a change of its name, this leaves alone what somebody else has made meanwhile.
+        // Unlike a rename, this does not replace a file that another process has made meanwhile.
         .and_then(|()| std::fs::hard_link(draft, path))
         .or_else(|error| match error.kind() {
             // Some file systems know no links.
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_a_federate_without_a_secret() {
+    fn a_federate_without_a_secret_is_refused() {
         let secret = Secret { federation: None, federation_file: None };
         assert!(of_federate(&secret, Duration::ZERO).is_err());
     }

@@ -13,9 +13,9 @@ use signal_hook::iterator::Signals;
 pub(crate) struct Signal(pub(crate) i32);
 
 impl Signal {
-    /// Nobody reads the output any more. Rust turns the signal into an error; this turns it back.
+    /// The reader of the output has closed it. Rust turns the signal into an error; this turns it back.
     pub(crate) const BROKEN_PIPE: Self = Self(SIGPIPE);
-    /// What nobody can refuse.
+    /// The signal that no process can refuse.
     pub(crate) const KILL: Self = Self(SIGKILL);
     /// What asks a process to end.
     pub(crate) const TERMINATE: Self = Self(SIGTERM);
@@ -46,7 +46,7 @@ impl Signal {
 /// If the system refuses.
 pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
-    // Whoever starts this with `nohup` means it to stay.
+    // Started with `nohup`, it is meant to stay.
     if !is_ignored(SIGHUP) {
         signals.add_signal(SIGHUP)?;
     }

@@ -39,7 +39,7 @@ pub(crate) enum Event {
     RtiEnded(Result<(), Failure>),
     /// What federates write cannot be forwarded.
     Unwritable(Error),
-    /// Somebody asks this process to stop.
+    /// A signal asks this process to stop.
     Signal(Signal),
 }
 
@@ -213,7 +213,7 @@ impl Supervisor {
     pub(crate) fn outcome(&self, now: Duration) -> Option<i32> {
         let gone = self.all_ended();
         let over = match self.phase {
-            // What nobody survives may still not have been noticed: its output may be stuck.
+            // A process that was killed may not have been noticed yet: its output may be stuck.
             Phase::Killing { until } => gone || now >= until,
             _ if self.reported || matches!(self.phase, Phase::Terminating { .. }) => gone,
             // The RTI may know of a failure that no exit code tells.
@@ -267,8 +267,8 @@ impl Supervisor {
         }
     }
 
-    /// Reports transient federates that could not go on, once both witnesses have spoken. Somebody
-    /// else may have started them, and more than once; then there is only one.
+    /// Reports transient federates that have failed, once their process and the RTI have both reported it.
+    /// If the user has started them by hand, only the RTI reports it.
     fn tell_of_dropped(&mut self, now: Duration) {
         let due = |at: Duration| now >= at + GRACE;
         for id in self.federates.ids() {
@@ -355,9 +355,9 @@ impl Supervisor {
 
     /// The cause of a failure, as soon as it is known.
     ///
-    /// A signal is the root of whatever else is heard. Then comes what the RTI says, which knows
-    /// who was first; then its own end, which ends all others; then an exit code that nobody
-    /// explains.
+    /// A signal is the cause of all other reports. Then comes the report of the RTI, which knows which
+    /// federate failed first; then its own end, which ends all others; then an exit code without a
+    /// report.
     fn verdict(&self, now: Duration) -> Option<Verdict> {
         let due = |at: Duration| now >= at + GRACE;
         let signalled = self.first_ending(|_, how| matches!(how, Ending::Signal(_)));
@@ -375,7 +375,7 @@ impl Supervisor {
         if let Some((federate, at)) = suspect {
             return due(at).then(|| self.blame(federate));
         }
-        // Whoever waits for the rest of a federation that is asked to stop is told to stop.
+        // Federates that wait for the rest of a federation that is asked to stop are told to stop.
         let watching = self.phase == Phase::Watching;
         (watching && now >= self.join_until && !self.all_joined()).then(|| self.absent())
     }
@@ -408,7 +408,7 @@ impl Supervisor {
         ended.min_by_key(|(_, at)| *at)
     }
 
-    /// Whether nobody can contradict any more that all went well.
+    /// Whether no report can come any more that contradicts a good end.
     fn undisputed(&self, now: Duration) -> bool {
         let good = |federate: &Federate| {
             let well = federate.ending.is_some_and(|(how, _)| self.is_good(how));

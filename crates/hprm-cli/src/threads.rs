@@ -1,7 +1,7 @@
 //! Running a federation as threads of one Python process.
 //!
 //! That process looks after itself. This one only has to stay if there is something to do afterwards:
-//! one logical trace is made of what the federates have written. It passes on signals meanwhile.
+//! one logical trace is made of what the federates have written. It forwards signals meanwhile.
 
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
@@ -53,12 +53,12 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
 }
 
-/// Waits for a process, and passes on the signals that this one gets.
+/// Waits for a process, and forwards the signals that this one gets.
 fn supervise(mut command: Command) -> Result<ExitStatus, Error> {
-    // None as soon as its number may be somebody else's.
+    // None as soon as its number may belong to another process.
     let child = Arc::new(Mutex::new(None::<Pid>));
     let receiver = Arc::clone(&child);
-    let pass_on = move |signal: Signal| {
+    let forward = move |signal: Signal| {
         let receiver = receiver.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(pid) = *receiver {
             let signal = match signal {
@@ -73,13 +73,13 @@ fn supervise(mut command: Command) -> Result<ExitStatus, Error> {
     };
     let what = format!("cannot run {}", command.get_program().display());
     let failed = |error: std::io::Error| Error::new(format!("{what}: {error}"));
-    signals::watch(pass_on).map_err(failed)?;
+    signals::watch(forward).map_err(failed)?;
     // A group of its own, so that a Ctrl-C at the terminal does not reach it twice.
     let mut process = command.process_group(0).spawn().map_err(failed)?;
     let set = |pid| *child.lock().unwrap_or_else(PoisonError::into_inner) = pid;
     let pid = Pid::from_child(&process);
     set(Some(pid));
-    // Without reaping it, so that the number is still its own when signals are no longer passed on.
+    // Without reaping it, so that the number is still its own when signals are no longer forwarded.
     let ended = rustix::process::WaitIdOptions::EXITED | rustix::process::WaitIdOptions::NOWAIT;
     while rustix::process::waitid(rustix::process::WaitId::Pid(pid), ended)
         .is_err_and(|error| error == rustix::io::Errno::INTR)

@@ -1,5 +1,5 @@
-//! Environment variables that stand for options: an empty one is as good as none, and whoever wrote a
-//! wrong one is told its name, not that of an option that nobody typed.
+//! Environment variables that stand for options: an empty one is as good as none, and an error
+//! about a wrong one has its name, not that of an option that was not given.
 
 use std::env;
 use std::error::Error as _;
@@ -55,7 +55,7 @@ fn blamed(command: &Command, error: &clap::Error) -> Option<String> {
     let mut args = command.get_subcommands().flat_map(Command::get_arguments);
     let flag = option.strip_prefix("--")?.split([' ', '=']).next();
     let arg = args.find(|arg| arg.get_long() == flag && arg.get_env().is_some())?;
-    // What is typed outdoes the environment.
+    // What is typed overrides the environment.
     if is_typed(arg) || value_of(arg)? != OsStr::new(value) {
         return None;
     }

@@ -74,7 +74,9 @@ impl Verdict {
 /// A federate does not answer.
 pub(crate) fn on_silent(name: &str, silence: Nanos) -> String {
     let seconds = silence / SECOND;
-    format!("federate {name} has not answered for {seconds} s; whoever needs it waits")
+    format!(
+        "federate {name} has not answered for {seconds} s; federates that need its messages wait"
+    )
 }
 
 /// A federate that did not answer does so again.
@@ -87,7 +89,9 @@ fn killed(name: &str, signal: Signal) -> Error {
     let said = format!("federate {name} was killed by signal {}", signal.description());
     let error = Error::of(Kind::Killed, said);
     match signal {
-        Signal::KILL => error.hint("if nobody did that, the memory may have run out: see dmesg"),
+        Signal::KILL => {
+            error.hint("if you did not kill it, the system may have had no memory left: see dmesg")
+        }
         _ => error,
     }
 }

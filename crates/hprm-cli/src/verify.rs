@@ -240,7 +240,7 @@ fn unwritable(path: &Path, error: &std::io::Error) -> Error {
 impl Drop for Folder {
     fn drop(&mut self) {
         if !self.kept {
-            // What is left of a folder for temporary files is nobody's loss.
+            // If it fails, only temporary files are left.
             let _ = fs::remove_dir_all(&self.path);
         }
     }

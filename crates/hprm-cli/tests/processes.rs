@@ -32,7 +32,7 @@ main reactor {
 ";
 
 /// Held while a script is written and while a process is started: a process that is just being
-/// started by another test holds the open script for a moment, and then nobody can execute it.
+/// started by another test holds the open script for a moment, and then it cannot be executed.
 static TURN: Mutex<()> = Mutex::new(());
 
 /// A folder with the command, an interpreter and a program.
@@ -210,7 +210,7 @@ fn an_interrupt_ends_everything() {
     pids.iter().for_each(|pid| wait_until_gone(pid));
     let mut errors = String::new();
     child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
-    assert_eq!(errors, "", "who asks for the end needs no message");
+    assert_eq!(errors, "", "an end that was asked for needs no message");
 }
 
 #[test]
@@ -260,7 +260,7 @@ fn a_federate_that_does_not_exist_is_answered_with_those_that_do() {
 }
 
 #[test]
-fn check_says_that_nobody_has_looked_into_the_bodies() {
+fn check_says_that_the_bodies_were_not_checked() {
     let place = Place::new(PROGRAM, "echo 'No module named hprm' >&2; exit 1");
     let output = place.run(&["check", "Main.lf"]);
     assert_eq!(output.status.code(), Some(0));

@@ -56,7 +56,7 @@ def objects(shape: tuple[int, ...], members: list[Any]) -> Any:
 def masked(data: Any, mask: Any, fill_value: Any, hard: bool) -> Any:
     """Make a masked array."""
     made = numpy.ma.MaskedArray(data, mask, fill_value=fill_value, hard_mask=hard, copy=False)
-    # Whether a mask is shared decides who may change it, and nobody may.
+    # A shared mask could be changed through another array.
     made.unshare_mask()
     return made
 

@@ -20,7 +20,7 @@ from hprm._kinds import Parts, loaded
 # Of what a class has to be made as all others are.
 _OWN_WAYS = ("__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__", "__new__")
 
-# And what would run by itself when an object goes that somebody else has filled.
+# And the method that would run when an object is freed that was filled elsewhere.
 _FINALIZER = "__del__"
 
 # Where what libraries add to a class comes from.
@@ -102,7 +102,7 @@ def taker(kind: type) -> Any:
 def slots_alone(kind: type) -> tuple[Any, ...] | None:
     """Return the descriptors of the slots of a class whose objects are taken apart unseen, or None.
 
-    Whoever is called while an object is looked at could keep it.
+    Code that runs while the attributes of an object are read could keep a reference to it.
     """
     fields = _fields(kind)
     if issubclass(kind, tuple):

@@ -32,7 +32,7 @@ struct Stage {
 }
 
 impl Stage {
-    /// Nobody has joined.
+    /// No federate has joined.
     fn empty() -> Self {
         Self::of(&program(false))
     }
@@ -114,7 +114,7 @@ const TERM: i32 = Signal::TERMINATE.0;
 const KILL: i32 = Signal::KILL.0;
 
 #[test]
-fn all_is_well_once_everybody_and_the_rti_have_ended() {
+fn all_is_well_once_all_federates_and_the_rti_have_ended() {
     let mut stage = Stage::running();
     stage.exits(A, Ending::Code(0));
     stage.pass(60_000);
@@ -127,7 +127,7 @@ fn all_is_well_once_everybody_and_the_rti_have_ended() {
 }
 
 #[test]
-fn an_rti_that_does_not_end_keeps_nobody() {
+fn an_rti_that_does_not_end_is_not_waited_for() {
     let mut stage = Stage::running();
     stage.exits(A, Ending::Code(0));
     stage.exits(B, Ending::Code(0));
@@ -244,7 +244,7 @@ fn leaving_after_joining_is_a_failure_too_if_the_others_have_not_joined() {
 }
 
 #[test]
-fn who_has_left_and_is_back_is_not_missed() {
+fn a_federate_that_has_left_and_joined_again_is_not_missed() {
     let mut stage = Stage::empty();
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Left(A));
@@ -450,7 +450,7 @@ fn a_transient_federate_fails_alone() {
     stage.reported_once("federate b: no");
     stage.pass(10_000);
     assert!(stage.sent.is_empty() && stage.stops == 0);
-    // Somebody else starts it again, and it fails again.
+    // The user starts it again, and it fails again.
     stage.rti(dropped("no again", 1));
     stage.pass(500);
     assert_eq!(stage.reports.len(), 2);

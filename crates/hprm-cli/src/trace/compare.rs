@@ -1,8 +1,8 @@
-//! Where two traces part.
+//! The first difference between two traces.
 //!
 //! Compared is what reactions did, up to where both runs are complete: if one of them ended earlier,
-//! then up to there, because how a run is deployed and when somebody stops it may decide on its end,
-//! but not on what comes before. What stems from the physical world is left out, unless asked for.
+//! then up to there, because its deployment and the time of a request to stop may decide on its
+//! end, but not on what comes before. What depends on the physical world is left out, unless asked for.
 //!
 //! Whether a deadline is met is for the clock to say, and what follows may look like another fault. So
 //! a deadline that was missed in one run only is a difference, and it is the first one, even if its
@@ -271,12 +271,12 @@ pub(crate) fn digest<R: BufRead + Seek>(
             let calls = entry.schedules.iter().map(|call| judge.seen(call, limit));
             let sets = entry.sets.iter().map(|set| (&set.port, set.value.digest));
             let (calls, sets): (Vec<_>, Vec<_>) = (calls.collect(), sets.collect());
-            let who = (entry.tag, &entry.reaction, entry.body, entry.tardy);
+            let which = (entry.tag, &entry.reaction, entry.body, entry.tardy);
             let reads = entry.reads.iter().map(|read| {
                 (&read.from, read.value.as_ref().map(|value| value.digest), read.remembered)
             });
             let reads: Vec<_> = reads.collect();
-            let all = (who, reads, sets, calls, &entry.enters, entry.stops, entry.leaves);
+            let all = (which, reads, sets, calls, &entry.enters, entry.stops, entry.leaves);
             let text = serde_json::to_vec(&all).expect("what was read can be written");
             digester.write(&text);
         }

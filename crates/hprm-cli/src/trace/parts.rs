@@ -102,7 +102,7 @@ fn remove_abandoned(path: &Path) {
         if let Some(pid) = pid.filter(dead)
             && beside(path, pid).file_name() == Some(&name)
         {
-            // Nobody needs it; if it stays, it tells where it is.
+            // It is not needed; if it cannot be removed, it is left.
             let _ = fs::remove_dir_all(beside(path, pid));
         }
     }

@@ -181,7 +181,7 @@ fn the_tag_of_a_physical_action_depends_on_the_clock() {
 }
 
 #[test]
-fn runs_that_somebody_stopped_are_compared_up_to_the_earlier_end() {
+fn runs_that_were_stopped_are_compared_up_to_the_earlier_end() {
     let later = r#"{"tag":[15,0],"reaction":"M.a.1"}"#;
     let stopped = r#"{"end":[12,0],"outcome":"interrupted"}"#;
     // Whether this is after the end depends on the end.
@@ -194,7 +194,7 @@ fn runs_that_somebody_stopped_are_compared_up_to_the_earlier_end() {
 }
 
 #[test]
-fn an_end_at_another_tag_is_a_difference_if_nobody_stopped_the_run() {
+fn an_end_at_another_tag_is_a_difference_if_the_run_was_not_stopped() {
     let earlier = r#"{"end":[12,0],"outcome":"done"}"#;
     let said = parting(&[&entry(""), DONE], &[&entry(""), earlier]).unwrap();
     assert_eq!(said, "the program ends at (20 ns, 0) in A, and at (12 ns, 0) in B");
