@@ -20,14 +20,12 @@ use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, Nanos, OutboundMessage, Payload, PhysicalTime, Program, Scheduler,
-    Scope, Tag,
+    ChannelId, FederateId, OutboundMessage, Payload, PhysicalTime, Program, Scheduler, Scope, Tag,
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
 use crate::link::descriptors::no_doorbell;
 use crate::log::log_names;
-use crate::spin;
 use crate::trace::Trace;
 use crate::wire::Network;
 use crate::workers::Workers;
@@ -38,7 +36,6 @@ pub use reach::Reach;
 use membership::Membership;
 use objects::Changes;
 use pace::{LINGER, Pace, Used};
-use wires::Event;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the RTI hears of whatever fails from then on.
@@ -117,10 +114,9 @@ where
         phase: Phase::Joining,
         loaded: false,
         interrupted: false,
-        events: Vec::new(),
+        inputs: Vec::new(),
         looked_at: PhysicalTime(0),
         pace: Pace::new(),
-        spin: spin::time(&options.program),
     };
     if federate.room.is_none() {
         federate.host.furnish(federate.federation.objects.allocator());
@@ -148,13 +144,11 @@ struct FederateLoop<'a, H: Host> {
     loaded: bool,
     interrupted: bool,
     /// What has come from links. Empty, but with room.
-    events: Vec<Event>,
+    inputs: Vec<Input>,
     /// When the links were last looked at: what had come by then has been read.
     looked_at: PhysicalTime,
     /// Whether messages may wait for more.
     pace: Pace,
-    /// How long to look for news before sleeping.
-    spin: Nanos,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -240,26 +234,19 @@ where
     }
 
     fn read_links(&mut self) -> Result<(), Failure> {
-        let mut events = mem::take(&mut self.events);
-        self.federation.read(&mut events)?;
-        for event in events.drain(..) {
-            let input = match event {
-                Event::FromRti(frame @ Frame::ClockReply { .. }) => {
+        let mut inputs = mem::take(&mut self.inputs);
+        self.federation.read(&mut inputs)?;
+        for input in inputs.drain(..) {
+            match input {
+                Input::FromRti(frame @ Frame::ClockReply { .. }) => {
                     if self.federation.time.answered(&frame) {
                         self.now = Clock::now();
                     }
-                    continue;
                 }
-                Event::FromRti(frame) => Input::FromRti(frame),
-                Event::FromPeer { from, frame } => Input::FromPeer { from, frame },
-                Event::RtiLost => Input::RtiLost,
-                Event::RtiFound => Input::Rejoins,
-                Event::PeerUp(peer) => Input::PeerUp(peer),
-                Event::PeerLost(peer) => Input::PeerLost(peer),
-            };
-            self.handle(input)?;
+                input => self.handle(input)?,
+            }
         }
-        self.events = events;
+        self.inputs = inputs;
         Ok(())
     }
 
@@ -331,7 +318,7 @@ where
         }
         if self.should_look(tag) {
             self.looked_at = self.now;
-            if self.federation.wires.look(self.inbox) {
+            if self.federation.wires.look(self.inbox).news {
                 // Perhaps a message for this tag, or an earlier one.
                 return Ok(true);
             }
@@ -373,7 +360,7 @@ where
             if self.federation.machine.may_pass(level, self.looked_at) != Permission::Granted {
                 // Time has made it safe, so what had come by then is to be read before.
                 self.looked_at = now;
-                if self.federation.wires.look(self.inbox) {
+                if self.federation.wires.look(self.inbox).news {
                     return Ok(true);
                 }
             }
@@ -535,9 +522,9 @@ where
             self.now
         );
         let Membership { wires, .. } = &mut self.federation;
-        let (bell, spin) = (self.inbox, self.spin);
-        let rings = bell.may_sleep() && self.host.idle(|| wires.wait(bell, until, spin));
-        bell.waited(rings);
+        let bell = self.inbox;
+        let found = bell.may_sleep().then(|| self.host.idle(|| wires.wait(bell, until)));
+        bell.waited(found.is_some_and(|found| found.bell));
         self.looked_at = Clock::now();
         self.pace.waited(self.looked_at);
     }

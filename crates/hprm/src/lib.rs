@@ -20,6 +20,7 @@ mod link;
 mod local_loop;
 mod log;
 mod pickling;
+mod poller;
 mod realtime;
 mod room;
 mod rti_loop;

@@ -5,7 +5,8 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::mem;
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,12 +16,11 @@ use hprm_federated::{
 };
 
 use crate::bell::Bell;
-use crate::doorbell::Doorbell;
-use crate::link::descriptors::{advice, is_shortage, no_doorbell};
-use crate::link::{Arrival, Keys, Lobby, Purpose, READS};
+use crate::link::descriptors::{advice, no_doorbell};
+use crate::link::{Keys, Lobby, Purpose};
 use crate::log::log_names;
+use crate::poller::{Broken, Door, Line, Poller, Watched};
 use crate::spin;
-use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Report, Security};
 
@@ -102,14 +102,14 @@ pub enum RtiEvent {
 pub struct Rti {
     program: Arc<Program>,
     machine: hprm_federated::Rti,
-    lobby: Lobby,
-    /// The first address that the lobby listens at.
+    /// The first address that it listens at.
     address: Address,
-    links: BTreeMap<LinkId, Wire>,
-    /// What others ring who have left something in memory.
-    doorbell: Option<Doorbell>,
-    /// When the system was last asked what has come.
-    asked_at: PhysicalTime,
+    links: Links,
+    poller: Poller,
+    /// The links that may hold something. Empty, but with room.
+    ready: Vec<LinkId>,
+    /// What has come over a link. Empty, but with room.
+    frames: Vec<(Frame, Option<OwnedFd>)>,
     next_link: u32,
     /// Descriptors of segments on their way from owner to reader.
     descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
@@ -118,8 +118,37 @@ pub struct Rti {
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
-    /// How long to look for news before sleeping.
-    spin: Nanos,
+}
+
+/// The links of the RTI.
+#[derive(Debug)]
+struct Links {
+    lines: BTreeMap<LinkId, Line>,
+    door: Door,
+}
+
+impl Watched for Links {
+    fn lines(&self) -> impl Iterator<Item = &Line> {
+        self.lines.values()
+    }
+
+    fn lines_mut(&mut self) -> impl Iterator<Item = &mut Line> {
+        self.lines.values_mut()
+    }
+
+    fn door(&self) -> Option<&Door> {
+        Some(&self.door)
+    }
+
+    fn door_mut(&mut self) -> Option<&mut Door> {
+        Some(&mut self.door)
+    }
+}
+
+impl Links {
+    fn get(&mut self, link: LinkId) -> Option<&mut Wire> {
+        self.lines.get_mut(&link).map(|line| &mut line.wire)
+    }
 }
 
 /// Reaches a running RTI from other threads.
@@ -181,10 +210,18 @@ impl Rti {
             program: Arc::clone(&options.program),
             machine,
             address: gates[0].address().clone(),
-            lobby: Lobby::new(gates, Purpose::Coordination, keys, options.program.federates.len()),
-            links: BTreeMap::new(),
-            doorbell: network.doorbell().cloned(),
-            asked_at: PhysicalTime(0),
+            links: Links {
+                lines: BTreeMap::new(),
+                door: Door::new(Lobby::new(
+                    gates,
+                    Purpose::Coordination,
+                    keys,
+                    options.program.federates.len(),
+                )),
+            },
+            poller: Poller::new(network.doorbell(), spin::time(&options.program)),
+            ready: Vec::new(),
+            frames: Vec::new(),
             next_link: 0,
             descriptors: BTreeMap::new(),
             closing: Vec::new(),
@@ -195,7 +232,6 @@ impl Rti {
             }),
             failure: None,
             finished: false,
-            spin: spin::time(&options.program),
         })
     }
 
@@ -207,7 +243,7 @@ impl Rti {
 
     /// Everywhere it listens.
     pub fn addresses(&self) -> impl Iterator<Item = &Address> {
-        self.lobby.addresses()
+        self.links.door.lobby.addresses()
     }
 
     /// A handle for other threads.
@@ -222,7 +258,7 @@ impl Rti {
     ///
     /// The first failure of a federate, which has been reported as well.
     pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
-        let mut news = News { lobby: true, ..News::default() };
+        let mut wakeup = None::<PhysicalTime>;
         loop {
             if self.control.abort.load(Ordering::Acquire) {
                 break;
@@ -230,14 +266,12 @@ impl Rti {
             if self.control.stop.swap(false, Ordering::AcqRel) {
                 self.handle_input(RtiInput::RequestStop);
             }
-            if news.lobby {
+            if self.links.door.is_ready() {
                 self.accept(&mut report)?;
             }
-            for link in news.links.drain(..) {
-                self.read(link);
-            }
+            self.read_all();
             // After what has come: an answer that is there is not late.
-            if news.wakeup.is_some_and(|at| at <= Clock::now()) {
+            if wakeup.is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
             }
             self.apply(&mut report);
@@ -245,24 +279,28 @@ impl Rti {
             if self.finished && self.closing.is_empty() {
                 break;
             }
-            self.wait(&mut news);
+            wakeup = self.machine.next_wakeup();
+            let found = self.poller.wait(&mut self.links, &self.control.bell, wakeup);
+            if found.bell {
+                self.control.bell.silence();
+            }
         }
         self.failure.map_or(Ok(()), Err)
     }
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let failed = |error| Failure::system("the RTI cannot accept links", &error);
-        let admitted = self.lobby.admit(Clock::local()).map_err(failed)?;
+        let admitted = self.links.door.admit(Clock::local()).map_err(failed)?;
         if !admitted.is_empty() {
             // Who had ended before they came is to be known to have ended.
-            let links: Vec<_> = self.links.keys().copied().collect();
-            links.into_iter().for_each(|link| self.read(link));
+            self.links.lines.values_mut().for_each(|line| line.note(true));
+            self.read_all();
         }
         for (link, hello) in admitted {
             let id = LinkId(self.next_link);
             self.next_link += 1;
             let hello = if link.is_local() { hello } else { from_elsewhere(hello) };
-            self.links.insert(id, link);
+            self.links.lines.insert(id, Line::new(link));
             self.frame(id, hello, None);
             self.apply(report);
             // More may have come with it.
@@ -271,37 +309,34 @@ impl Rti {
         Ok(())
     }
 
+    /// Reads the links that may hold something.
+    fn read_all(&mut self) {
+        let mut ready = mem::take(&mut self.ready);
+        let lines = self.links.lines.iter().filter(|(_, line)| line.may_be_read());
+        ready.extend(lines.map(|(link, _)| *link));
+        ready.drain(..).for_each(|link| self.read(link));
+        self.ready = ready;
+    }
+
     /// Reads what a link holds; one that is broken is closed, and nobody else suffers.
     fn read(&mut self, id: LinkId) {
-        for _ in 0..READS {
-            let Some(link) = self.links.get_mut(&id) else { return };
-            let arrival = match link.read() {
-                Err(error) if error.kind() == io::ErrorKind::OutOfMemory || is_shortage(&error) => {
-                    let advice =
-                        advice(&error).map_or_else(String::new, |hint| format!("\n  hint: {hint}"));
-                    self.break_off(id, format!("{error}{advice}"));
-                    return;
-                }
-                arrival => arrival.unwrap_or(Arrival::Closed),
-            };
-            loop {
-                let Some(link) = self.links.get_mut(&id) else { return };
-                match link.next_frame() {
-                    Ok(Some((frame, descriptor))) => self.frame(id, frame, descriptor),
-                    Ok(None) => break,
-                    Err(error) => {
-                        self.break_off(id, error.to_string());
-                        return;
-                    }
-                }
+        let Some(line) = self.links.lines.get_mut(&id) else { return };
+        let mut frames = mem::take(&mut self.frames);
+        let open = line.read(|frame, descriptor| frames.push((frame, descriptor)));
+        for (frame, descriptor) in frames.drain(..) {
+            // One of them may be its last.
+            if self.links.lines.contains_key(&id) {
+                self.frame(id, frame, descriptor);
             }
-            match arrival {
-                Arrival::Bytes => {}
-                Arrival::Rest | Arrival::Nothing => return,
-                Arrival::Closed => {
-                    self.close(id);
-                    return;
-                }
+        }
+        self.frames = frames;
+        match open {
+            Ok(true) => {}
+            Ok(false) | Err(Broken::Link(_)) => self.close(id),
+            Err(Broken::Frame(error)) => self.break_off(id, error.to_string()),
+            Err(Broken::Shortage(error)) => {
+                let advice = advice(&error).map(|hint| format!("\n  hint: {hint}"));
+                self.break_off(id, format!("{error}{}", advice.unwrap_or_default()));
             }
         }
     }
@@ -314,7 +349,7 @@ impl Rti {
     }
 
     fn close(&mut self, link: LinkId) {
-        if self.links.remove(&link).is_some() {
+        if self.links.lines.remove(&link).is_some() {
             self.closing.retain(|closing| *closing != link);
             self.handle_input(RtiInput::Closed { link });
         }
@@ -343,20 +378,20 @@ impl Rti {
                 RtiOutput::Send { link, frame } => self.send(link, frame),
                 RtiOutput::Close { link } => self.closing.push(link),
                 RtiOutput::Asked { link } => {
-                    if let Some(link) = self.links.get_mut(&link) {
+                    if let Some(link) = self.links.get(link) {
                         link.trust();
                     }
                 }
                 RtiOutput::Refused { name, reason } => report(RtiEvent::Refused { name, reason }),
                 RtiOutput::Joined { federate, link } => {
-                    if let Some(link) = self.links.get_mut(&link) {
+                    if let Some(link) = self.links.get(link) {
                         link.trust();
                     }
                     report(RtiEvent::Joined(federate));
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Started { at } => {
-                    self.lobby.become_busy();
+                    self.links.door.lobby.become_busy();
                     report(RtiEvent::Started(at));
                 }
                 RtiOutput::Silent { federate, silence } => {
@@ -388,7 +423,7 @@ impl Rti {
     }
 
     fn send(&mut self, link: LinkId, frame: Frame) {
-        let Some(link) = self.links.get_mut(&link) else { return };
+        let Some(link) = self.links.get(link) else { return };
         let descriptor = match &frame {
             Frame::Segment { owner, reader, segment, .. } => {
                 self.descriptors.remove(&(*owner, *reader, *segment))
@@ -400,7 +435,7 @@ impl Rti {
 
     fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {
         let mut lacks = Vec::new();
-        for (id, link) in &mut self.links {
+        for (id, Line { wire: link, .. }) in &mut self.links.lines {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
@@ -414,15 +449,16 @@ impl Rti {
         lacks.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
         let moved: Vec<_> = self
             .links
+            .lines
             .iter_mut()
-            .filter_map(|(id, link)| link.take_moved().then_some(*id))
+            .filter_map(|(id, line)| line.wire.take_moved().then_some(*id))
             .collect();
         moved.into_iter().for_each(|link| self.handle_input(RtiInput::Moved { link }));
         let done: Vec<_> = self
             .closing
             .iter()
             .copied()
-            .filter(|id| self.links.get(id).is_none_or(|link| !link.has_outbound()))
+            .filter(|id| self.links.lines.get(id).is_none_or(|line| !line.wire.has_outbound()))
             .collect();
         for link in done {
             self.close(link);
@@ -431,109 +467,6 @@ impl Rti {
         // Closing may have caused more to say; it is written before the next wait.
         self.apply(report);
     }
-
-    /// Waits until something may have happened; for the first nanoseconds, perhaps, without going to
-    /// sleep.
-    fn wait(&mut self, news: &mut News) {
-        news.wakeup = self.machine.next_wakeup();
-        let in_memory = self.links.values().all(Wire::is_in_memory);
-        if in_memory && Clock::local().since(self.asked_at) < GLANCE && self.glance(news) {
-            return;
-        }
-        if self.spin > 0 {
-            let give_up = Clock::local().plus(self.spin);
-            loop {
-                let now = Clock::local();
-                if now >= give_up {
-                    break;
-                }
-                if !in_memory || now.since(self.asked_at) > SPIN_GLANCE {
-                    self.sleep(news, Some(PhysicalTime(0)));
-                } else {
-                    self.glance(news);
-                }
-                let due = news.wakeup.is_some_and(|at| at <= Clock::now());
-                if due || news.bell || news.is_stirred || news.lobby || !news.links.is_empty() {
-                    return;
-                }
-            }
-        }
-        self.sleep(news, news.wakeup);
-    }
-
-    /// Looks at what has come through memory, without asking the system. Returns whether there is
-    /// anything.
-    fn glance(&self, news: &mut News) -> bool {
-        (news.bell, news.is_stirred, news.lobby) = (false, false, false);
-        let links = self.links.iter().filter(|(_, link)| link.has_unread());
-        news.links.extend(links.map(|(id, _)| *id));
-        !news.links.is_empty()
-    }
-
-    fn sleep(&mut self, news: &mut News, until: Option<PhysicalTime>) {
-        let sleeps = until != Some(PhysicalTime(0));
-        if sleeps {
-            self.links.values_mut().for_each(Wire::fall_asleep);
-        }
-        // After that: whoever has seen nobody sleep has left something.
-        self.ask(news, until);
-        if sleeps {
-            self.links.values_mut().for_each(Wire::wake_up);
-        }
-        self.asked_at = Clock::local();
-    }
-
-    fn ask(&self, news: &mut News, until: Option<PhysicalTime>) {
-        let mut interests = Interests::new();
-        interests.push(Interest { fd: self.control.bell.as_fd(), write: false });
-        let doorbell = self.doorbell.iter();
-        interests.extend(doorbell.map(|bell| Interest { fd: bell.as_fd(), write: false }));
-        interests.extend(
-            self.links
-                .values()
-                .map(|link| Interest { fd: link.as_fd(), write: link.waits_for_socket() }),
-        );
-        interests.extend(self.lobby.interests());
-        let unread = self.links.values().any(Wire::has_unread).then(Clock::now);
-        let impatience = self.lobby.next_wakeup().map(Clock::at);
-        let until = [until, impatience, unread];
-        let mut ready = wait(&interests, until.into_iter().flatten().min()).into_iter();
-        news.bell = ready.next().is_some_and(Ready::is_ready);
-        if news.bell {
-            self.control.bell.silence();
-        }
-        news.is_stirred = false;
-        if let Some(doorbell) = &self.doorbell
-            && ready.next().is_some_and(Ready::is_ready)
-        {
-            doorbell.silence();
-            news.is_stirred = true;
-        }
-        for ((id, link), ready) in self.links.iter().zip(&mut ready) {
-            news.is_stirred |= ready.can_be_written();
-            if ready.can_be_read() || link.has_unread() {
-                news.links.push(*id);
-            }
-        }
-        // Somebody may have taken too long, of which no descriptor tells.
-        let too_long = impatience.is_some_and(|at| at <= Clock::now());
-        news.lobby = too_long || ready.any(Ready::is_ready);
-    }
-}
-
-/// What a wait has brought.
-#[derive(Default)]
-struct News {
-    /// The links that have something to read.
-    links: Vec<LinkId>,
-    /// Whether another thread has rung.
-    bell: bool,
-    /// Whether another process has left something, or made room for what is to be written.
-    is_stirred: bool,
-    /// Whether somebody may be at the door.
-    lobby: bool,
-    /// When the machine wants to be woken.
-    wakeup: Option<PhysicalTime>,
 }
 
 /// What somebody says who has come over TCP: not to be on this machine, even if he does.

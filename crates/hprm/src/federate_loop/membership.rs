@@ -13,7 +13,7 @@ use hprm_store::{Store, StoreLimits};
 use super::objects::Objects;
 use super::reach::Reach;
 use super::time::Time;
-use super::wires::{Event, Wires};
+use super::wires::Wires;
 use crate::wire::Network;
 use crate::{Address, Clock, Failure, Inbox, Security};
 
@@ -85,9 +85,9 @@ impl Membership {
     }
 
     /// Adds what has come from links.
-    pub(super) fn read(&mut self, events: &mut Vec<Event>) -> Result<(), Failure> {
+    pub(super) fn read(&mut self, inputs: &mut Vec<Input>) -> Result<(), Failure> {
         let Self { machine, wires, .. } = self;
-        wires.read(|hello| machine.admit(hello).ok(), events)
+        wires.read(|hello| machine.admit(hello).ok(), inputs)
     }
 
     /// Tells the others why this federate ends, and returns it.
