@@ -200,3 +200,15 @@ def test_who_is_there_already_is_refused(bench: Bench) -> None:
     for member in federation.members.values():
         member.terminate()
     federation.finish()
+
+
+def test_commands_with_one_result_have_the_failure_in_it(bench: Bench) -> None:
+    outcome = finish(bench.call("diff", "--json", "a.trace", "b.trace"))
+    report = json.loads(outcome.out)["error"]
+    assert (outcome.code, outcome.err, set(report)) == (1, "", FIELDS)
+    assert report["kind"] == "command" and "a.trace" in report["message"]
+    (bench.folder / "Main.lf").write_text(program(None, "raise ValueError('no')"))
+    outcome = finish(bench.call("verify", "--json", "--runs", "2", "Main.lf"))
+    report = json.loads(outcome.out)["error"]
+    assert (outcome.code, set(report)) == (1, FIELDS)
+    assert "raised ValueError: no" in report["message"]
