@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use hprm::federated::{FederationId, Patience};
 use hprm::{Address, TlsFiles};
+use hprm::{FederationId, Patience};
 use hprm_core::{Nanos, WhenFull, read_size};
 use hprm_lf::PARAMETER;
 

@@ -64,7 +64,7 @@ fn one(mut found: Vec<Record>, file: &str) -> Result<Record, Error> {
 mod tests {
     use std::path::Path;
 
-    use hprm::federated::FederationId;
+    use hprm::FederationId;
 
     use super::*;
 

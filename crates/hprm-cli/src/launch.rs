@@ -11,8 +11,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::federated::{FederationId, Patience};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
+use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Program};
 use hprm_lf::Compiled;
 

@@ -9,7 +9,7 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use hprm::federated::FederationId;
+use hprm::FederationId;
 
 use crate::args::Secret;
 use crate::message::{self, Error};

@@ -9,7 +9,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use hprm::federated::Refusal;
+use hprm::Refusal;
 use hprm::{Failure, Report, RtiEvent};
 use hprm_core::{FederateId, Program, Table};
 

@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 
-use hprm::federated::{FederationId, Patience};
 use hprm::{
     Address, Clock, Failure, FederateOptions, Inbox, Kind, Reach, Report, Room, RtiEvent,
     RtiHandle, RtiOptions, Security,
 };
+use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
 use hprm_lf::Compiled;
 use pyo3::prelude::*;

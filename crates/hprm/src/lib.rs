@@ -52,7 +52,5 @@ pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};
 pub use store_limits::{container_memory, store_limits};
 
-pub use hprm_core as core;
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
-pub use hprm_federated as federated;
-pub use hprm_store as store;
+pub use hprm_federated::{BadFederationId, FederationId, Patience, Refusal};

@@ -8,7 +8,7 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 
-use hprm::federated::FederationId;
+use hprm::FederationId;
 use hprm::{Address, Failure, FederateOptions, Reach, RtiEvent, Security};
 use hprm_core::{Coordination, FederateId, Program};
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use hprm::federated::FederationId;
+use hprm::FederationId;
 use hprm::{Address, FederateOptions, RtiEvent, Security, TlsFiles};
 use hprm_core::{Coordination, FederateId, Program};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
@@ -192,7 +192,7 @@ fn a_program_that_wants_tls_does_not_run_without() {
         listen: TCP.parse().unwrap(),
         also_listen: Vec::new(),
         security: security.clone(),
-        patience: hprm::federated::Patience::default(),
+        patience: hprm::Patience::default(),
     });
     let message = rti.unwrap_err().report().hint.unwrap_or_default();
     assert!(message.contains("--tls-cert"), "{message}");

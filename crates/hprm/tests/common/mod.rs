@@ -13,18 +13,18 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use hprm::federated::{FederationId, Patience};
-use hprm::store::{Object, Store, StoreLimits};
 use hprm::{
     Address, Failure, FederateOptions, Host, Inbox, Reach, Room, Rti, RtiEvent, RtiOptions,
     Security,
 };
+use hprm::{FederationId, Patience};
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{
     Body, ChannelId, Coordination, Delay, Direction, Effect, FederateId, Nanos, Part, Payload,
     PhysicalTime, PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler,
     Trigger,
 };
+use hprm_store::{Object, Store, StoreLimits};
 
 /// Bytes, wherever they are.
 #[derive(Clone)]
