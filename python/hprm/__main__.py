@@ -123,7 +123,7 @@ def _parser() -> argparse.ArgumentParser:
             metavar="PID",
             help="never outlive the caller, which is PID",
         )
-        command.add_argument("--json", action="store_true", help="tell of failures as JSON")
+        command.add_argument("--json", action="store_true", help="print failures as JSON")
         command.add_argument(
             "--property", action="append", default=[], help="a target property: KEY=VALUE"
         )

@@ -244,7 +244,7 @@ pub(crate) struct Run {
 /// How failures are told.
 #[derive(Args, Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Failures {
-    /// Tell of failures as JSON: one object a line, on the standard error.
+    /// Print failures as JSON to the standard error, one object a line.
     #[arg(long)]
     pub(crate) json: bool,
 }
