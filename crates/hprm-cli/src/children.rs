@@ -10,7 +10,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::{self, JoinHandle};
 
 use hprm_core::FederateId;
-use rustix::process::{Pid, kill_process_group};
+use rustix::process::{Pid, kill_process, kill_process_group};
 
 use crate::follow::Followed;
 use crate::leftovers;
@@ -77,10 +77,15 @@ impl Children {
         Ok(())
     }
 
-    /// Sends a signal to a process and to what it has started.
+    /// Sends a signal to a process and, unless it is Ctrl-C, to what it has started.
     pub(crate) fn send(&self, signal: Signal, to: FederateId) {
         if let Some(child) = self.processes.get(&to) {
-            signal_group(child, signal);
+            if signal == Signal::INTERRUPT {
+                // It may have ended.
+                let _ = kill_process(pid(child), rustix::process::Signal::INT);
+            } else {
+                signal_group(child, signal);
+            }
         }
     }
 

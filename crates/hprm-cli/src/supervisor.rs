@@ -25,6 +25,9 @@ const AFTER_FAILURE: Duration = Duration::from_secs(2);
 const TOGETHER: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
 const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
+/// After this time the federates that have not ended get the signal themselves, and report the reaction
+/// that does not return.
+const REMINDER: Duration = Duration::from_secs(2);
 /// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
 const AFTER_SIGNAL: Duration = Duration::from_secs(1);
 
@@ -111,6 +114,8 @@ pub(crate) struct Supervisor {
     exit_code: Option<i32>,
     /// When a signal has asked this process to stop, if that was before anything failed.
     interrupted: Option<Duration>,
+    /// When the federates that have not ended get the signal.
+    reminder: Option<Duration>,
     /// What the first failure of a transient federate has decided, if nothing else has.
     dropped: Option<i32>,
     orders: VecDeque<Order>,
@@ -139,6 +144,7 @@ impl Supervisor {
             reported: false,
             exit_code: None,
             interrupted: None,
+            reminder: None,
             dropped: None,
             orders: VecDeque::new(),
         }
@@ -174,6 +180,12 @@ impl Supervisor {
             self.fail(now, verdict);
         }
         self.tell_of_dropped(now);
+        if let Some(at) = self.reminder
+            && now >= at
+        {
+            self.reminder = None;
+            self.send_all(Signal::INTERRUPT);
+        }
         match self.phase {
             Phase::Stopping { until } if now >= until => self.terminate(now),
             Phase::Terminating { until } if now >= until => {
@@ -206,7 +218,13 @@ impl Supervisor {
             .chain(self.accused.as_ref().map(|(_, _, at)| *at))
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
         let graces = heard.map(|at| at + GRACE);
-        phase.into_iter().chain(joining).chain(graces).filter(|at| *at > now).min()
+        phase
+            .into_iter()
+            .chain(joining)
+            .chain(self.reminder)
+            .chain(graces)
+            .filter(|at| *at > now)
+            .min()
     }
 
     /// The exit code, once all is over.
@@ -312,6 +330,7 @@ impl Supervisor {
         if self.started && !self.rti_ended {
             self.orders.push_back(Order::RequestStop);
             self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT };
+            self.reminder = Some(now + REMINDER);
         } else {
             self.terminate(now);
         }
@@ -321,6 +340,7 @@ impl Supervisor {
         self.reported = true;
         self.exit_code.get_or_insert(verdict.code);
         self.orders.push_back(Order::Report(verdict.error));
+        self.reminder = None;
         // The RTI tells the others. Those that have not started need no time to end in order.
         if self.started {
             self.phase = Phase::Stopping { until: now + AFTER_FAILURE };
@@ -330,11 +350,13 @@ impl Supervisor {
     }
 
     fn terminate(&mut self, now: Duration) {
+        self.reminder = None;
         self.phase = Phase::Terminating { until: now + AFTER_SIGNAL };
         self.send_all(Signal::TERMINATE);
     }
 
     fn kill(&mut self, now: Duration) {
+        self.reminder = None;
         self.phase = Phase::Killing { until: now + AFTER_SIGNAL };
         self.send_all(Signal::KILL);
     }

@@ -106,10 +106,7 @@ impl Api {
 
     /// The name of this federate; None if the whole program runs here.
     fn federate(&self) -> Option<String> {
-        match self.0.scope() {
-            Scope::Whole => None,
-            Scope::Federate(federate) => Some(self.0.program().federates[federate].name.clone()),
-        }
+        self.0.federate_name().map(str::to_owned)
     }
 
     /// How long this federate waits for its inputs, in nanoseconds.

@@ -38,7 +38,7 @@ pub(crate) struct PyHost {
     pub(crate) pickling: Pickling,
     /// Of ports whose values are sent from here: where they are set.
     pub(crate) origins: BTreeMap<PortId, String>,
-    pub(crate) places: Places,
+    pub(crate) places: Arc<Places>,
     /// Owner of what is stored; meaningless where there is no network.
     pub(crate) federate: FederateId,
     /// Whether other federates run in this process.
@@ -61,7 +61,8 @@ impl PyHost {
         let late = bodies.deadline.as_ref().filter(|_| body != Body::Deadline).map(|handler| {
             Late { handler: handler.clone_ref(py), arguments: bodies.arguments.clone_ref(py) }
         });
-        self.runtime.enter(scheduler, reaction, mem::take(effects), late);
+        let here = (reaction, thread::ident(py));
+        self.runtime.enter(scheduler, here, mem::take(effects), late);
         let outcome = bodies.call(py, body);
         if let Err(error) = &outcome {
             // Only while the reaction runs can its ports be asked.

@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::alone;
+use crate::stalls;
 use crate::value::Value;
 
 // Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
@@ -186,6 +187,7 @@ impl Interrupt {
             return Ok(());
         }
         let since = this.since.get_or_init(Instant::now);
+        stalls::ask();
         if this.asked.load(Ordering::Relaxed) == 0 {
             this.asked.store(number, Ordering::Relaxed);
             this.pending.store(true, Ordering::Relaxed);
@@ -194,6 +196,7 @@ impl Interrupt {
         if since.elapsed() < TOGETHER {
             return Ok(());
         }
+        stalls::break_in(slf.py());
         if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
         }

@@ -35,6 +35,7 @@ mod run;
 mod runtime;
 mod serialize;
 mod stage;
+mod stalls;
 mod tag;
 mod testing;
 mod thread;

@@ -25,6 +25,7 @@ use crate::places::Places;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
+use crate::stalls;
 use crate::thread;
 use crate::value::Value;
 
@@ -57,8 +58,9 @@ pub(crate) fn load(
     let shared = Arc::new(Scheduler::new(Arc::clone(&compiled.program), scope));
     let effects = Effects::default();
     let is_thread = thread::current_federate().is_some();
-    let places = Places::of(compiled);
+    let places = Arc::new(Places::of(compiled));
     let origins = origins(compiled, scope, &places);
+    stalls::watch(py, &runtime, &places, is_thread).map_err(wrong)?;
     // The main thread reports for all federates.
     let launched = is_thread;
     Ok(PyHost {

@@ -34,6 +34,8 @@ pub(crate) struct Runtime {
 
 struct Cell {
     running: Vec<Running>,
+    /// How many reactions have begun.
+    entries: u64,
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
     /// The tag at which these reactors started.
@@ -50,10 +52,25 @@ struct Cell {
 /// A reaction that runs.
 struct Running {
     reaction: ReactionId,
+    /// How many had begun before.
+    number: u64,
+    /// Its thread, as Python counts threads.
+    ident: u64,
     thread: ThreadId,
     scheduler: Arc<Scheduler<Value>>,
     effects: Effects<Value>,
     late: Option<Late>,
+}
+
+/// A reaction that runs, as a sample shows it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reacting {
+    pub(crate) reaction: ReactionId,
+    /// Different for each run.
+    pub(crate) number: u64,
+    pub(crate) tag: Tag,
+    /// Its thread, as Python counts threads.
+    pub(crate) thread: u64,
 }
 
 /// The deadline handler of a reaction, and its arguments.
@@ -83,6 +100,7 @@ impl Runtime {
     ) -> Self {
         let cell = Cell {
             running: Vec::new(),
+            entries: 0,
             latest: None,
             first: Tag::START,
             departs: false,
@@ -95,12 +113,12 @@ impl Runtime {
 
     // For the host.
 
-    /// Lets `reaction` run on this thread: it reads `scheduler`, and what it asks for is added to
+    /// Lets `reaction` run on this thread, which Python knows as `ident`: it reads `scheduler`, and what it asks for is added to
     /// `effects`.
     pub(crate) fn enter(
         &self,
         scheduler: &Arc<Scheduler<Value>>,
-        reaction: ReactionId,
+        (reaction, ident): (ReactionId, u64),
         effects: Effects<Value>,
         late: Option<Late>,
     ) {
@@ -108,7 +126,9 @@ impl Runtime {
         cell.latest = Some((scheduler.tag(), scheduler.start_time()));
         cell.first = scheduler.first_tag();
         let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
-        cell.running.push(Running { reaction, thread, scheduler, effects, late });
+        let number = cell.entries;
+        cell.entries += 1;
+        cell.running.push(Running { reaction, number, ident, thread, scheduler, effects, late });
     }
 
     /// Ends the reaction. Returns what it has asked for.
@@ -118,6 +138,16 @@ impl Runtime {
         let running = at.map(|at| cell.running.swap_remove(at));
         drop(cell);
         running.map(|running| running.effects).unwrap_or_default()
+    }
+
+    /// What runs now. Any thread may ask, and needs nothing of the interpreter for it.
+    pub(crate) fn sample(&self) -> Vec<Reacting> {
+        let cell = self.cell();
+        let sampled = cell.running.iter().map(|running| {
+            let Running { reaction, number, ident, ref scheduler, .. } = *running;
+            Reacting { reaction, number, tag: scheduler.tag(), thread: ident }
+        });
+        sampled.collect()
     }
 
     /// Notes what the store has done.
@@ -335,6 +365,14 @@ impl Runtime {
     /// The program.
     pub(crate) fn program(&self) -> &Arc<Program> {
         &self.program
+    }
+
+    /// The name of the federate that runs here; none where the whole program does.
+    pub(crate) fn federate_name(&self) -> Option<&str> {
+        match self.scope {
+            Scope::Whole => None,
+            Scope::Federate(federate) => Some(&self.program.federates[federate].name),
+        }
     }
 
     /// The share of it that runs here.

@@ -12,6 +12,7 @@ use pyo3::prelude::*;
 thread_local! {
     static FEDERATE: Cell<Option<FederateId>> = const { Cell::new(None) };
     static RUNS_BODIES: Cell<bool> = const { Cell::new(false) };
+    static IDENT: Cell<u64> = const { Cell::new(0) };
 }
 
 /// From now on, this thread runs bodies of `federate`.
@@ -23,6 +24,23 @@ pub(crate) fn belong_to(federate: FederateId) {
 /// From now on, this thread runs bodies.
 pub(crate) fn run_bodies() {
     RUNS_BODIES.set(true);
+}
+
+/// The number of this thread, as Python counts threads; zero if Python does not say.
+#[inline]
+pub(crate) fn ident(py: Python<'_>) -> u64 {
+    match IDENT.get() {
+        0 => ask_ident(py),
+        ident => ident,
+    }
+}
+
+#[cold]
+fn ask_ident(py: Python<'_>) -> u64 {
+    let threading = py.import("threading").and_then(|it| it.call_method0("get_ident"));
+    let ident = threading.and_then(|ident| ident.extract()).unwrap_or_default();
+    IDENT.set(ident);
+    ident
 }
 
 /// Whether this thread runs bodies: the main thread, a worker's or a federate's.

@@ -155,24 +155,24 @@ impl Overload {
         scope: Scope,
         place: impl Fn(ReactionId) -> Option<String>,
     ) -> String {
-        let (who, alone) = match scope {
+        let (name, alone) = match scope {
             Scope::Whole => ("the program".to_owned(), true),
             Scope::Federate(id) => (format!("federate {}", program.federates[id].name), false),
         };
         let (lag, since) = (seconds(self.lag), show_tag(self.since));
-        let mut text = format!("{who} lags {lag} behind its clock, since tag {since}");
+        let mut text = format!("{name} lags {lag} behind its clock, since tag {since}");
         if let Some((jump, before)) = self.jump {
             text +=
                 &format!(", before which {} went by at tag {}", seconds(jump), show_tag(before));
         }
         if let Some((reaction, cost)) = self.slowest {
             let place = place(reaction).map_or_else(String::new, |place| format!(" ({place})"));
-            let name = program.reaction_name(reaction);
+            let reaction = program.reaction_name(reaction);
             let Cost { total, longest, runs } = cost;
             let times = if runs == 1 { "once".to_owned() } else { format!("{runs} times") };
             let (total, longest) = (seconds(total), seconds(longest));
             text += &format!(
-                "; reaction {name}{place} took longest: it ran {times}, {total} in all, {longest} at most"
+                "; reaction {reaction}{place} took longest: it ran {times}, {total} in all, {longest} at most"
             );
         }
         let is_busy = self.busy >= self.elapsed / 2;

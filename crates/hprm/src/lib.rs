@@ -26,6 +26,7 @@ mod room;
 mod rti_loop;
 mod spin;
 mod staging;
+mod stall;
 mod store_limits;
 pub mod trace;
 mod wait;
@@ -50,6 +51,7 @@ pub use realtime::enter_realtime;
 pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};
+pub use stall::{ReactionRun, Stall, StallWatch};
 pub use store_limits::{container_memory, store_limits};
 
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};

@@ -1,0 +1,164 @@
+"""A reaction that does not return: which it is, at which tag, for how long, and in which line."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Iterator
+
+import pytest
+from processes import Bench, finish, hear, until
+from snippets import TELL
+
+PROGRAM = (
+    "target Python\npreamble {=\nimport itertools, os, pathlib, time\n"
+    + TELL
+    + """\
+def work():
+    LOOP
+=}
+reactor Worker {
+  logical action again
+  reaction(startup) -> again {= again.schedule(MSEC(2)) =}
+  reaction(again) {=
+    here("worker")
+    work()
+  =}
+}
+KIND reactor { worker = new Worker() }
+"""
+)
+
+ENDLESS = "while True: pass"
+SLEEPING = "time.sleep(1000)"
+NATIVE = "sum(itertools.repeat(0))"
+
+WAYS = [
+    ("main", []),
+    ("main", ["--workers", "2"]),
+    ("federated", []),
+    ("federated", ["--property", "coordination=decentralized"]),
+    ("federated", ["--in-process"]),
+]
+
+
+def program(kind: str, loop: str) -> str:
+    """The text of a program that gets stuck in that."""
+    return PROGRAM.replace("KIND", kind).replace("LOOP", loop)
+
+
+def line_of(text: str, part: str) -> int:
+    """The line that contains this, counted from one."""
+    return next(at for at, line in enumerate(text.splitlines(), 1) if part in line)
+
+
+def assert_told(said: str, text: str, kind: str, loop: str) -> None:
+    """It says what there is to know of the stuck reaction."""
+    of = "" if kind == "main" else " of federate worker"
+    written = line_of(text, "reaction(again)")
+    title = rf"warning: reaction Main.worker.2{of} \(Main.lf:{written}\) has been running for "
+    assert re.search(title + r"(\d+ s|less than a second) at tag \(2 ms, 0\)", said), said
+    for part in ("    work()", loop):
+        line = line_of(text, part)
+        assert re.search(rf'File "\S*Main.lf", line {line},? in \w+\n', said), said
+    assert "_program.py" not in said and "__main__" not in said
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a reaction be long that takes a tenth of a second."""
+    monkeypatch.setenv("HPRM_LONG_REACTION", "0.1")
+    return
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("loop", [ENDLESS, SLEEPING, NATIVE])
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_a_reaction_that_does_not_return_is_told(
+    bench: Bench, kind: str, options: list[str], loop: str
+) -> None:
+    text = program(kind, loop)
+    process = bench.start(text, *options)
+    bench.pid("worker")
+    said = hear(process.stderr, " in work\n")
+    process.kill()
+    said += finish(process).err
+    assert_told(said, text, kind, loop)
+    assert said.count("has been running for") == 1
+    native = "holds the interpreter inside of code that is not Python's"
+    assert (native in said) == (loop == NATIVE)
+
+
+@pytest.mark.parametrize("loop", [ENDLESS, SLEEPING])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("kind", "options"), [WAYS[0], WAYS[2], WAYS[4]])
+def test_who_keeps_the_end_waiting_is_told(
+    bench: Bench,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
+    options: list[str],
+    number: signal.Signals,
+    loop: str,
+) -> None:
+    monkeypatch.setenv("HPRM_LONG_REACTION", "off")
+    text = program(kind, loop)
+    process = bench.start(text, *options)
+    bench.pid("worker")
+    process.send_signal(number)
+    said = hear(process.stderr, " in work\n")
+    assert_told(said, text, kind, loop)
+    assert "and the end waits for it" in said
+    process.send_signal(number)
+    outcome = finish(process)
+    assert outcome.code in (128 + number, 1)
+    assert "has been running" not in outcome.err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_breaks_into_a_reaction_says_into_which(
+    bench: Bench, number: signal.Signals
+) -> None:
+    text = program("main", ENDLESS)
+    process = bench.start(text)
+    bench.pid("worker")
+
+    def gone() -> bool:
+        process.send_signal(number)
+        return process.poll() is not None
+
+    until(gone, "the program has ended")
+    outcome = finish(process)
+    assert_told(outcome.err, text, "main", ENDLESS)
+    assert outcome.err.count("has been running") == 1
+
+
+def test_a_federate_by_hand_says_what_keeps_it(bench: Bench) -> None:
+    text = program("federated", ENDLESS)
+    federation = bench.by_hand(text, "worker")
+    bench.pid("worker")
+    member = federation.members["worker"]
+    member.send_signal(signal.SIGTERM)
+    assert_told(hear(member.stderr, " in work\n"), text, "federated", ENDLESS)
+    member.kill()
+    federation.members["rti"].kill()
+
+
+@pytest.mark.usefixtures("soon")
+def test_a_long_reaction_is_no_failure_and_told_once(bench: Bench) -> None:
+    text = program("main", "[time.sleep(0.01) for _ in range(40)]").replace(
+        "    work()\n", "    work()\n    if lf.tag().microstep < 2: again.schedule(0)\n"
+    )
+    text = text.replace("reaction(again) {=", "reaction(again) -> again {=")
+    outcome = bench.run(text)
+    assert outcome.code == 0
+    assert outcome.err.count("has been running for") == 1
+    assert outcome.errors == []
+
+
+def test_a_limit_that_means_nothing_is_an_error(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HPRM_LONG_REACTION", "soon")
+    outcome = bench.run(program("main", "pass"))
+    assert outcome.code == 1
+    outcome.assert_one_error("HPRM_LONG_REACTION=soon means nothing; it is a number of seconds")
