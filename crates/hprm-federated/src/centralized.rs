@@ -178,10 +178,15 @@ impl Centralized {
     /// When to report again how far the clock is.
     pub(crate) fn next_wakeup(&self, start: PhysicalTime, next: Step) -> Option<PhysicalTime> {
         let delay = self.by_clock.filter(|_| self.has_downstream && self.told < next)?;
-        if next.tag <= self.quiet {
+        // Nobody may need to know, but what it waits for itself may depend on it.
+        let asks = self.has_upstream && !self.has(next);
+        if next.tag <= self.quiet && !asks {
             return None;
         }
-        let needed = match self.quiet {
+        // Until the clock is beyond that, there is nothing to ask for either.
+        let granted = if self.stepwise { self.granted.tag } else { self.granted.whole() };
+        let through = if asks { self.quiet.min(granted) } else { self.quiet };
+        let needed = match through {
             Tag::NEVER => PhysicalTime(i64::MIN),
             quiet => quiet.due(start).plus(1).plus(delay.saturating_neg()),
         };

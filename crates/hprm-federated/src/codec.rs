@@ -386,9 +386,10 @@ mod tests {
     }
 
     fn frame() -> impl Strategy<Value = Frame> {
-        let peer = (any::<u16>(), any::<u128>(), any::<Option<String>>());
-        let peer = peer.prop_map(|(federate, host, listen)| Peer {
+        let peer = (any::<u16>(), any::<u32>(), any::<u128>(), any::<Option<String>>());
+        let peer = peer.prop_map(|(federate, life, host, listen)| Peer {
             federate: FederateId(federate),
+            life,
             host: HostId(host),
             listen,
         });

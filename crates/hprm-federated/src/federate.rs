@@ -19,6 +19,7 @@ use hprm_core::{Coordination, FederateId, Fingerprint, PhysicalTime, Program, Ta
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
+use crate::federate::ending::Lingering;
 use crate::federate::meeting::Meeting;
 use crate::flow::Flow;
 use crate::startup::{Early, Startup};
@@ -73,6 +74,9 @@ pub struct Federate {
     /// Federates whose direct links have ended without a word or cannot be opened, and why not; and
     /// until when the RTI may explain it.
     missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
+    /// Federates that have ended, in order or not, and whose direct links have not; and until when
+    /// that may stay so.
+    lingering: BTreeMap<FederateId, Lingering>,
     /// Federates that are about to join.
     meeting: Meeting,
     /// What is under way to receivers and from senders.
@@ -136,6 +140,7 @@ impl Federate {
             gone: BTreeSet::new(),
             silent: BTreeSet::new(),
             missing: BTreeMap::new(),
+            lingering: BTreeMap::new(),
             meeting: Meeting::default(),
             over: false,
             outputs: VecDeque::from([Output::ToRti(hello.clone())]),
@@ -242,7 +247,10 @@ impl Federate {
                 self.next_step().and_then(|next| machine.next_wakeup(next))
             }
         };
-        report.into_iter().chain(self.missing.values().map(|(until, _)| *until)).min()
+        let missing = self.missing.values().map(|(until, _)| *until);
+        let lingering = self.lingering.values().map(|lingering| lingering.until);
+        let times = report.into_iter().chain(missing).chain(lingering);
+        times.filter(|time| *time < PhysicalTime::FOREVER).min()
     }
 
     /// Whether a peer runs on the same host: objects may be passed to it by reference.
@@ -354,7 +362,7 @@ impl Federate {
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(self.leave()),
             Input::Failed { message, code } => self.fail(message, code),
-            Input::Wake => self.miss(now),
+            Input::Wake => self.look_after_links(now),
         }
         self.report(now);
         Ok(())
@@ -370,7 +378,7 @@ impl Federate {
                 self.get_ready(now);
             }
             Frame::Start { at, first } if self.startup.awaits_start() => self.begin(at, first),
-            Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(peer),
+            Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(now, peer),
             Frame::Joined { federate, first } => self.joined(federate, first),
             Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),
             Frame::TagAdvanceGrant { .. }
@@ -410,7 +418,7 @@ impl Federate {
                 }
             }
             Frame::StopGranted { tag } => self.stop_at(tag),
-            Frame::Gone { federate } => self.peer_gone(now, federate),
+            Frame::Gone { federate, in_order } => self.peer_gone(now, federate, in_order),
             Frame::ProgramRequest if self.startup.awaits_peers() => {
                 let (name, facts) = (self.topology.name(self.me), self.fingerprint.report());
                 self.outputs.push_back(Output::ToRti(Frame::ProgramReply { name, facts }));
@@ -482,6 +490,7 @@ impl Federate {
             }
             Frame::Resign => {
                 self.silent.insert(from);
+                self.lingering.remove(&from);
                 self.closed(from);
             }
             _ => return unexpected,

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 9;
+pub const PROTOCOL: u32 = 10;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -72,6 +72,8 @@ impl HostId {
 pub struct Peer {
     /// Which federate it is.
     pub federate: FederateId,
+    /// Which of the processes that have been that federate, one after the other.
+    pub life: u32,
     /// Where it runs.
     pub host: HostId,
     /// Where it accepts direct links, if it does.
@@ -193,14 +195,18 @@ pub enum Frame {
         /// Who, and where it is.
         peer: Peer,
     },
-    /// The answer: whatever I send at a later tag than this one goes to that federate too.
+    /// The answer: whatever I send at a later tag than this one goes to that federate too. And, under
+    /// decentralized coordination, the answer to `Joined`: from now on I wait for it.
     Met {
         /// Who is joining.
         federate: FederateId,
+        /// Which of its processes.
+        life: u32,
         /// The latest tag that may have been processed without it.
         after: Tag,
     },
-    /// RTI to the neighbours of a transient federate: it has joined.
+    /// RTI to the neighbours of a transient federate: it joins. Under decentralized coordination it
+    /// starts when those have answered to which it sends, and perhaps at a later tag.
     Joined {
         /// Who.
         federate: FederateId,
@@ -347,6 +353,8 @@ pub enum Frame {
     Gone {
         /// Who.
         federate: FederateId,
+        /// Whether in order: then all that it has sent on a direct link ends with `Resign`.
+        in_order: bool,
     },
     /// Federate to RTI: I cannot go on. RTI to all: this federate could not, end too.
     Failed {

@@ -151,6 +151,8 @@ pub enum Output {
         /// The value.
         payload: Payload,
     },
+    /// Close the direct links to a federate. What still comes on them means nothing.
+    Disconnect(FederateId),
     /// The federation ends at this tag.
     SetStop(Tag),
     /// This federate ends at this tag, or at the next one if that has passed, and the federation may

@@ -317,7 +317,10 @@ impl Rti {
     /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        let grant = self.advance.next_due().map(|tag| tag.due(self.start));
+        // While a report is missing, nothing is granted, whatever is due.
+        let silent = self.failed || self.traffic.lags();
+        let due = self.advance.next_due().filter(|_| !silent);
+        let grant = due.map(|tag| tag.due(self.start));
         let arrival = self.arrivals.next_wakeup();
         [grant, arrival, self.next_silence()].into_iter().flatten().min()
     }
@@ -333,8 +336,8 @@ impl Rti {
             Frame::Loaded if !running => Ok(()),
             Frame::Pong if running => Ok(()),
             Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
-            Frame::Met { federate, after } if running => {
-                self.met(from, federate, after);
+            Frame::Met { federate, life, after } if running => {
+                self.met(from, federate, life, after);
                 Ok(())
             }
             Frame::Failed { message, code, .. } => {
@@ -447,11 +450,8 @@ impl Rti {
     }
 
     /// Sends what a federate has for another one, unless that has ended, or the sender has not heard
-    /// that it is back. Returns whether it did.
+    /// that it is joining. Returns whether it did.
     fn pass_on(&mut self, from: FederateId, to: FederateId, frame: Frame) -> bool {
-        if self.arrivals.are_strangers(from, to) {
-            return false;
-        }
         let link = self.members[to].link().or_else(|| self.arrivals.link_of(to, from));
         self.outputs.extend(link.map(|link| RtiOutput::Send { link, frame }));
         link.is_some()
@@ -505,13 +505,25 @@ impl Rti {
         }
     }
 
-    /// Tells those whom it concerns that a federate has ended, or does not join after all. What they
-    /// have sent to it, and count, does not arrive.
-    fn send_gone(&mut self, federate: FederateId) {
-        self.traffic.end(&self.topology, federate);
+    /// Tells those whom it concerns that a federate has ended, or does not join after all. Nothing more
+    /// comes from there, and what was sent to it, and is counted, does not arrive.
+    fn end_one(&mut self, federate: FederateId, in_order: bool) {
+        if self.phase == Phase::Joining {
+            // Nobody has been told of anybody, and another process may join in its place.
+            return;
+        }
+        if self.phase == Phase::Running {
+            self.advance.end(&self.topology, federate);
+            // Centralized, all that it has sent has come this way.
+            let counted = in_order || self.is_centralized();
+            self.traffic.end(&self.topology, federate, counted);
+        }
         let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
         for neighbour in neighbours {
-            self.send(neighbour, Frame::Gone { federate });
+            let link = self.members[neighbour].link();
+            let link = link.or_else(|| self.arrivals.link_of_introduced(neighbour));
+            let frame = Frame::Gone { federate, in_order };
+            self.outputs.extend(link.map(|link| RtiOutput::Send { link, frame }));
         }
     }
 

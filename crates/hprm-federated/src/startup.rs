@@ -96,6 +96,12 @@ impl Startup {
         self.needed.remove(&peer);
     }
 
+    /// Which process of a federate this is, as far as is known.
+    pub(crate) fn life(&self, peer: FederateId) -> u32 {
+        let peers = self.peers.as_ref();
+        peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.life)
+    }
+
     /// Where a peer accepts direct links, if it does.
     pub(crate) fn address(&self, peer: FederateId) -> Option<String> {
         self.peers.as_ref()?.get(&peer)?.listen.clone()

@@ -15,7 +15,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::fmt;
 use std::sync::Arc;
 
-use hprm_core::{Nanos, PhysicalTime, Program};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::Quieting;
 
 use self::check::Judge;
@@ -129,7 +129,11 @@ impl Search {
     fn expand(&mut self, origin: usize, depth: usize, state: &State) -> Result<(), Violation> {
         let mut actions: Vec<_> = state.deliveries().collect();
         let mut time: Option<PhysicalTime> = None;
-        for me in state.seats.ids().filter(|me| state.seats[*me].get().node.is_running()) {
+        let may_act = |me: &FederateId| {
+            let node = &state.seats[*me].get().node;
+            node.is_running() || node.wakeup().is_some()
+        };
+        for me in state.seats.ids().filter(may_act) {
             let mut next = state.clone();
             let turn = next.advance(me);
             let still = next.seats[me].digest() == state.seats[me].digest();
@@ -140,6 +144,10 @@ impl Search {
                 }
                 _ => actions.push(Action::Advance(me)),
             }
+        }
+        match state.rti_wakeup() {
+            Some(until) if until <= state.now => actions.push(Action::Wake),
+            until => time = time.into_iter().chain(until).min(),
         }
         let time = time.filter(|time| *time <= self.horizon || actions.is_empty());
         actions.extend(time.map(Action::Time));
@@ -173,6 +181,7 @@ impl Search {
                 next.now = time;
                 Ok(())
             }
+            Action::Wake => next.wake_rti(),
             Action::Happens(happening) => next.happen(happening),
         };
         let wrong = done.err().map(|fault| fault.to_string());

@@ -1,11 +1,61 @@
 //! Links with random latencies that keep the order of what is sent, and may break.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime};
-use hprm_federated::{Input, LinkId, RtiInput};
+use hprm_federated::{Frame, Input, LinkId, RtiInput};
 
 use crate::Rng;
+
+/// A process that is a federate: the first one, or one that joined later.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Instance {
+    /// Which federate.
+    pub federate: FederateId,
+    /// How many processes have been that federate before.
+    pub life: u16,
+}
+
+impl Instance {
+    /// The first process of a federate.
+    #[must_use]
+    pub const fn first(federate: FederateId) -> Self {
+        Self { federate, life: 0 }
+    }
+
+    /// A link of it to the RTI; it has had so many others `before`.
+    pub(crate) fn link(self, before: u32) -> LinkId {
+        let Self { federate, life } = self;
+        assert!(federate.0 < 16 && life < 256 && before < 1 << 20, "a simulation is small");
+        LinkId(before << 12 | u32::from(life) << 4 | u32::from(federate.0))
+    }
+
+    /// The one with that link to the RTI.
+    pub(crate) fn of_link(link: LinkId) -> Self {
+        let part = |number: u32| u16::try_from(number).unwrap_or(0);
+        Self { federate: FederateId(part(link.0 & 0xf)), life: part(link.0 >> 4 & 0xff) }
+    }
+
+    /// Where it accepts direct links.
+    pub(crate) fn address(self) -> String {
+        self.link(0).0.to_string()
+    }
+
+    /// The one that accepts direct links there.
+    pub(crate) fn at(address: &str) -> Self {
+        Self::of_link(LinkId(address.parse().expect("an address is a number")))
+    }
+}
+
+impl fmt::Debug for Instance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.life {
+            0 => write!(f, "{:?}", self.federate),
+            life => write!(f, "{:?}, life {life}", self.federate),
+        }
+    }
+}
 
 /// One end of a link.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -13,7 +63,25 @@ pub enum Place {
     /// The RTI.
     Rti,
     /// A federate.
-    Federate(FederateId),
+    Federate(Instance),
+}
+
+impl Place {
+    /// Whether that federate is there.
+    fn is(self, federate: FederateId) -> bool {
+        matches!(self, Self::Federate(instance) if instance.federate == federate)
+    }
+}
+
+/// What comes on a direct link.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) enum News {
+    /// The other end has accepted it.
+    Up,
+    /// A frame.
+    Frame(Frame),
+    /// It has ended.
+    Lost,
 }
 
 /// What happens at some time.
@@ -22,11 +90,21 @@ pub(crate) enum Event {
     /// The RTI gets an input.
     Rti(RtiInput),
     /// A federate gets an input.
-    Federate(FederateId, Input),
+    Federate(Instance, Input),
     /// A federate opens a direct link to another.
-    Dial { from: FederateId, to: FederateId },
+    Dial { from: Instance, to: Instance },
+    /// Something comes on a direct link.
+    Peer { from: Instance, to: Instance, news: News },
     /// A federate looks up.
-    Wake(FederateId),
+    Wake(Instance),
+    /// The RTI looks up.
+    WakeRti,
+    /// A process is launched that is a transient federate.
+    Launch(FederateId),
+    /// A transient federate asks to leave.
+    Leave(FederateId),
+    /// The direct link between two federates breaks.
+    Break(FederateId, FederateId),
     /// A federate's process is killed.
     Crash(FederateId),
     /// It is launched again.
@@ -69,8 +147,8 @@ pub(crate) struct Network {
     partition: Option<Partition>,
     /// When the last thing sent on a link arrives.
     busy: BTreeMap<(Place, Place), PhysicalTime>,
-    /// The federates whose links to the RTI have broken.
-    broken: BTreeSet<FederateId>,
+    /// Links that have broken, or that one end has closed.
+    broken: BTreeSet<(Place, Place)>,
 }
 
 impl Network {
@@ -94,13 +172,13 @@ impl Network {
     /// Sends something that arrives after everything sent before on the same link, if that has not
     /// broken.
     pub(crate) fn send(&mut self, now: PhysicalTime, from: Place, to: Place, event: Event) {
-        if self.is_broken(from, to) {
+        if self.broken.contains(&(from, to)) {
             return;
         }
         let arrival = now.plus(self.delay());
         let arrival = match self.partition {
             Some(Partition { who, from: cut, until })
-                if [from, to].contains(&Place::Federate(who))
+                if [from, to].iter().any(|place| place.is(who))
                     && arrival >= cut
                     && arrival < until =>
             {
@@ -115,37 +193,96 @@ impl Network {
     }
 
     /// Breaks the link between a federate and the RTI: what is on its way is lost, and both ends
-    /// learn of it.
-    pub(crate) fn cut(&mut self, now: PhysicalTime, who: FederateId, link: LinkId) {
-        self.broken.insert(who);
-        self.pending.retain(
-            |_, event| !matches!(event, Event::Rti(RtiInput::Frame { link: on, .. }) if *on == link),
-        );
-        self.lose_frames(who);
+    /// learn of it. Returns what is lost.
+    pub(crate) fn cut(&mut self, now: PhysicalTime, who: Instance, link: LinkId) -> Vec<Frame> {
+        self.sever(Place::Federate(who), Place::Rti);
+        let mut lost = self.lose(|event| match event {
+            Event::Rti(RtiInput::Frame { link: on, frame }) if *on == link => Some(frame),
+            _ => None,
+        });
+        lost.extend(self.lose_from_rti(who));
         let (early, late) = (now.plus(self.delay()), now.plus(self.delay()));
         self.at(early, Event::Rti(RtiInput::Closed { link }));
         self.at(late, Event::Federate(who, Input::RtiLost));
+        lost
     }
 
-    /// The federate has another link to the RTI: what was on its way on the one before is lost.
-    pub(crate) fn mend(&mut self, who: FederateId) {
-        self.broken.remove(&who);
-        self.lose_frames(who);
+    /// A federate has another link to the RTI: what was on its way to it on the one before is lost, and
+    /// so is the news that that one has ended.
+    pub(crate) fn mend(&mut self, who: Instance) {
+        let (place, rti) = (Place::Federate(who), Place::Rti);
+        self.broken.retain(|ends| ![(place, rti), (rti, place)].contains(ends));
+        self.lose_from_rti(who);
+        let is_end =
+            |event: &Event| matches!(event, Event::Federate(to, Input::RtiLost) if *to == who);
+        self.pending.retain(|_, event| !is_end(event));
     }
 
-    fn lose_frames(&mut self, who: FederateId) {
-        let is_lost =
-            |event: &Event| matches!(event, Event::Federate(to, Input::FromRti(_)) if *to == who);
-        self.pending.retain(|_, event| !is_lost(event));
+    fn lose_from_rti(&mut self, who: Instance) -> Vec<Frame> {
+        self.lose(|event| match event {
+            Event::Federate(to, Input::FromRti(frame)) if *to == who => Some(frame),
+            _ => None,
+        })
     }
 
-    fn is_broken(&self, from: Place, to: Place) -> bool {
-        match (from, to) {
-            (Place::Federate(who), Place::Rti) | (Place::Rti, Place::Federate(who)) => {
-                self.broken.contains(&who)
+    /// Takes frames away that are on their way.
+    fn lose(&mut self, is_lost: impl Fn(&Event) -> Option<&Frame>) -> Vec<Frame> {
+        let mut lost = Vec::new();
+        self.pending.retain(|_, event| match is_lost(event) {
+            Some(frame) => {
+                lost.push(frame.clone());
+                false
             }
-            _ => false,
+            None => true,
+        });
+        lost
+    }
+
+    /// Breaks the direct link between two federates in the same way. Returns what is lost.
+    pub(crate) fn cut_direct(
+        &mut self,
+        now: PhysicalTime,
+        one: Instance,
+        other: Instance,
+    ) -> Vec<Frame> {
+        self.sever(Place::Federate(one), Place::Federate(other));
+        let mut lost = Vec::new();
+        self.pending.retain(|_, event| match event {
+            Event::Peer { from, to, news }
+                if [(one, other), (other, one)].contains(&(*from, *to)) =>
+            {
+                if let News::Frame(frame) = news {
+                    lost.push(frame.clone());
+                }
+                false
+            }
+            Event::Dial { from, to } => ![(one, other), (other, one)].contains(&(*from, *to)),
+            _ => true,
+        });
+        for (from, to) in [(one, other), (other, one)] {
+            let at = now.plus(self.delay());
+            self.at(at, Event::Peer { from, to, news: News::Lost });
         }
+        lost
+    }
+
+    /// The RTI has closed a link, and reads no more of it.
+    pub(crate) fn read_no_more(&mut self, link: LinkId) {
+        let is_from = |event: &Event| {
+            matches!(event, Event::Rti(RtiInput::Frame { link: on, .. } | RtiInput::Closed { link: on })
+                if *on == link)
+        };
+        self.pending.retain(|_, event| !is_from(event));
+    }
+
+    /// Whether nothing goes from one to the other any more.
+    pub(crate) fn is_severed(&self, from: Place, to: Place) -> bool {
+        self.broken.contains(&(from, to))
+    }
+
+    /// Nothing more goes from one to the other, nor back.
+    pub(crate) fn sever(&mut self, one: Place, other: Place) {
+        self.broken.extend([(one, other), (other, one)]);
     }
 
     fn delay(&mut self) -> Nanos {

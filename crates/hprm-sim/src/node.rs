@@ -11,10 +11,15 @@ use hprm_core::{
     Action, ChannelId, FederateId, Fingerprint, Nanos, Origin, Payload, PhysicalTime, Program,
     Scheduled, Scheduler, Scope, Table, Tag,
 };
-use hprm_federated::{End, Fault, Federate, FederationId, HostId, Input, Output, Permission};
+use hprm_federated::{
+    End, Fault, Federate, FederationId, HostId, Input, LinkId, Output, Permission,
+};
 
 use crate::behaviour::{run, run_level};
+use crate::network::Instance;
 use crate::patience::Patience;
+use crate::plan::{Ending, Life};
+use crate::wires::Wires;
 use crate::{Log, Plan};
 
 /// What a federate has come to.
@@ -44,18 +49,25 @@ impl Hash for Noted {
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Node {
-    me: FederateId,
+    pub(crate) me: Instance,
     pub(crate) machine: Federate,
+    /// How many links to the RTI it has had before its current one.
+    links: u32,
+    /// Its direct links.
+    pub(crate) wires: Wires,
     scheduler: Scheduler<u64>,
     pub(crate) log: Log,
     /// Logical messages sent, by receiver and tag.
     pub(crate) sent: Table<FederateId, BTreeMap<Tag, usize>>,
     /// Logical messages that have come, by tag.
     pub(crate) received: BTreeMap<Tag, usize>,
+    /// Which they were, of a program with transient federates.
+    pub(crate) arrivals: Vec<(ChannelId, Tag)>,
     /// Those of them that came too late for their tag.
     pub(crate) tardy: usize,
     /// By how much, at most, a tag has begun after it was due.
     pub(crate) lag: Noted,
+    keeps_arrivals: bool,
     start: Option<PhysicalTime>,
     /// Whether the scheduler is within a tag.
     open: bool,
@@ -83,16 +95,16 @@ struct Launch {
 
 impl Launch {
     /// The machine of a federate whose process has just been launched.
-    fn machine(&self, me: FederateId, program: &Program) -> Federate {
-        let (listen, fingerprint) = (Some(format!("{}", me.0)), Arc::clone(&self.fingerprint));
-        Federate::new(me, program, self.federation, fingerprint, HostId(1), listen)
+    fn machine(&self, me: Instance, program: &Program) -> Federate {
+        let (listen, fingerprint) = (Some(me.address()), Arc::clone(&self.fingerprint));
+        Federate::new(me.federate, program, self.federation, fingerprint, HostId(1), listen)
             .with_flow_limit(self.flow_limit)
     }
 }
 
 impl Node {
     pub(crate) fn new(
-        me: FederateId,
+        me: Instance,
         program: &Arc<Program>,
         (federation, fingerprint): (FederationId, &Arc<Fingerprint>),
         plan: &Plan,
@@ -102,21 +114,26 @@ impl Node {
             fingerprint: Arc::clone(fingerprint),
             flow_limit: plan.flow_limit.unwrap_or(FLOW_LIMIT),
         };
+        let stop = plan.stop.filter(|(who, _)| *who == me.federate && me.life == 0);
         Self {
             me,
             machine: launch.machine(me, program),
-            scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me)),
+            links: 0,
+            wires: Wires::default(),
+            scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me.federate)),
             log: Log::new(program),
             sent: Table::filled(program.federates.len(), BTreeMap::new()),
             received: BTreeMap::new(),
+            arrivals: Vec::new(),
             tardy: 0,
             lag: Noted(0),
+            keeps_arrivals: program.federates.values().any(|federate| federate.transient),
             start: None,
             open: false,
             outputs: VecDeque::new(),
-            stop_after: plan.stop.filter(|(who, _)| *who == me).map(|(_, tag)| tag),
+            stop_after: stop.map(|(_, tag)| tag),
             leaves: plan.leaves.clone(),
-            patience: Patience::new(program, me, plan),
+            patience: Patience::new(program, me.federate, plan),
             finished: false,
             ended: None,
             crashed: false,
@@ -127,9 +144,12 @@ impl Node {
 
     /// The same federate in a new process, for one that has ended before the start: nothing of what it
     /// does at its tags has begun.
-    pub(crate) fn again(&self) -> Self {
+    pub(crate) fn again(&self, me: Instance) -> Self {
         Self {
-            machine: self.launch.machine(self.me, self.program()),
+            me,
+            machine: self.launch.machine(me, self.program()),
+            links: 0,
+            wires: Wires::default(),
             open: false,
             outputs: VecDeque::new(),
             ended: None,
@@ -137,6 +157,18 @@ impl Node {
             wake: None,
             ..self.clone()
         }
+    }
+
+    /// Its link to the RTI.
+    pub(crate) fn link(&self) -> LinkId {
+        self.me.link(self.links)
+    }
+
+    /// It opens another one. Returns the one before.
+    pub(crate) fn redial(&mut self) -> LinkId {
+        let former = self.link();
+        self.links += 1;
+        former
     }
 
     pub(crate) fn is_over(&self) -> bool {
@@ -154,7 +186,7 @@ impl Node {
 
     /// Schedules the federate's physical action, as another thread would. Returns for when.
     pub(crate) fn happen(&mut self, now: PhysicalTime) -> Result<Option<Tag>, Fault> {
-        let scheduled = schedule(&mut self.scheduler, self.me, now);
+        let scheduled = schedule(&mut self.scheduler, self.me.federate, now);
         if !self.open {
             let next = self.scheduler.next_event();
             self.input(now, Input::NextEvent(next))?;
@@ -172,8 +204,26 @@ impl Node {
         self.finished && self.scheduler.leaves_early()
     }
 
+    /// The tag at which it starts; zero, as long as that is not known.
+    pub(crate) fn first_tag(&self) -> Tag {
+        self.scheduler.first_tag()
+    }
+
     pub(crate) fn last_tag(&self) -> Tag {
         self.scheduler.tag()
+    }
+
+    /// What it has done, if it has started.
+    pub(crate) fn life(self) -> Option<Life> {
+        self.start?;
+        let end = match (self.finished, self.open) {
+            (true, _) => Ending::InOrder,
+            (false, false) => Ending::Between,
+            (false, true) => Ending::Within,
+        };
+        let Instance { federate, .. } = self.me;
+        let (first, last) = (self.scheduler.first_tag(), self.scheduler.tag());
+        Some(Life { federate, first, last, end, log: self.log, arrivals: self.arrivals })
     }
 
     /// Takes an input.
@@ -193,6 +243,9 @@ impl Node {
                 }
                 Output::Deliver { channel, tag, payload } => {
                     *self.received.entry(tag).or_default() += 1;
+                    if self.keeps_arrivals {
+                        self.arrivals.push((channel, tag));
+                    }
                     let taken = self.scheduler.deliver(channel, tag, value(&payload), false);
                     let late = taken.map_or(tag <= self.scheduler.tag(), |taken| taken != tag);
                     self.tardy += usize::from(late);
@@ -217,6 +270,11 @@ impl Node {
         self.patience.came_late(message, current, (now, current.due(start)));
     }
 
+    /// When its machine wants to be woken.
+    pub(crate) fn wakeup(&self) -> Option<PhysicalTime> {
+        self.machine.next_wakeup().filter(|_| !self.is_over())
+    }
+
     /// Processes tags as far as it may. Returns when to look up again.
     pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
         loop {
@@ -229,8 +287,12 @@ impl Node {
 
     /// Processes one tag, or the rest of one, as far as it may.
     pub(crate) fn advance_once(&mut self, now: PhysicalTime) -> Result<Turn, Fault> {
+        if self.wakeup().is_some_and(|wakeup| wakeup <= now) {
+            self.input(now, Input::Wake)?;
+        }
         let Some(start) = self.start.filter(|_| !self.is_over()) else {
-            return Ok(Turn::Waits(None));
+            // Before the start, too, some things may take too long.
+            return Ok(Turn::Waits(self.wakeup()));
         };
         if !self.open {
             self.input(now, Input::NextEvent(self.scheduler.next_event()))?;

@@ -44,6 +44,7 @@ impl Patience {
         });
         let changes = plan.maxwaits.iter().filter(|(who, _, _)| *who == me);
         let befalls = plan.stop.is_some() || plan.crash.is_some() || plan.cut.is_some();
+        let comes_and_goes = program.federates.values().any(|federate| federate.transient);
         Self {
             inputs: decentralized.then(|| inputs.collect()),
             maxwait: program.federates[me].maxwait,
@@ -51,6 +52,8 @@ impl Patience {
             changes: changes.map(|(_, tag, wait)| (*tag, *wait)).collect(),
             taken: BTreeMap::new(),
             strict: !befalls
+                && plan.broken.is_none()
+                && !comes_and_goes
                 && plan.flow_limit.is_none()
                 && plan.leaves.is_empty()
                 && program.properties.keepalive,

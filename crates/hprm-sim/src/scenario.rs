@@ -10,6 +10,7 @@
 //! c: shutdown             a reaction of `c` to the end
 //! b > c after 1           a connection has a delay
 //! b ~> c                  a connection is physical
+//! transient b             `b` may join late, leave and come back
 //! ```
 //!
 //! Federates have numbers in the order in which they are mentioned.
@@ -18,7 +19,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm_core::{
-    Connection, Coordination, Delay, Direction, Effect, Nanos, Origin, PortId, Program,
+    Connection, Coordination, Delay, Direction, Effect, FederateId, Nanos, Origin, PortId, Program,
     ProgramBuilder, Properties, ReactionSpec, ReactorId, Trigger,
 };
 
@@ -47,6 +48,7 @@ pub fn scenario(text: &str) -> Arc<Program> {
         b: ProgramBuilder::new("Main", properties),
         maxwait: value_of("maxwait").unwrap_or(Nanos::MAX),
         reactors: BTreeMap::new(),
+        federates: BTreeMap::new(),
         links: BTreeMap::new(),
         timers: 0,
     };
@@ -57,6 +59,11 @@ pub fn scenario(text: &str) -> Arc<Program> {
     for words in lines() {
         maker.reaction(&words);
     }
+    for name in text.lines().filter_map(|line| line.trim().strip_prefix("transient ")) {
+        let reactor = maker.reactors[name];
+        let federate = maker.federates[&reactor];
+        maker.b.make_transient(federate);
+    }
     Arc::new(maker.finish())
 }
 
@@ -64,6 +71,7 @@ struct Maker {
     b: ProgramBuilder,
     maxwait: Nanos,
     reactors: BTreeMap<String, ReactorId>,
+    federates: BTreeMap<ReactorId, FederateId>,
     /// By sender and receiver.
     links: BTreeMap<(String, String), Link>,
     timers: usize,
@@ -121,7 +129,8 @@ impl Maker {
             return *known;
         }
         let reactor = self.b.reactor(self.b.main(), name);
-        self.b.federate(reactor, name, self.maxwait, None);
+        let federate = self.b.federate(reactor, name, self.maxwait, None);
+        self.federates.insert(reactor, federate);
         self.reactors.insert(name.to_owned(), reactor);
         reactor
     }

@@ -14,8 +14,8 @@ use hprm_federated::{Quieting, Topology};
 use crate::changes;
 use crate::rng::mix;
 use crate::{
-    Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, World, difference, generate,
-    reference_until,
+    Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, Visit, World, difference, generate,
+    lives, reference_until, visits,
 };
 
 /// How long things may take on their way; a program lasts 20,000 at most.
@@ -76,8 +76,10 @@ impl Trial {
             physical: rng.percent(25),
             circles: rng.percent(50),
         };
-        let mut program = Arc::new(generate(&mut rng, shape));
+        let mut program = generate(&mut rng, shape);
         let mut plan = plan(&mut rng, shape, &program);
+        visits::draw(seed, shape, &mut program, &mut plan);
+        let mut program = Arc::new(program);
         plan.maxwaits = changes::waits(seed, &mut program);
         plan.leaves = changes::leaves(seed, &program);
         let patient = program.federates.values().all(|federate| federate.maxwait == Nanos::MAX)
@@ -118,7 +120,8 @@ impl Trial {
     fn judge(&self, outcome: Result<Outcome, String>) -> Result<Verdict, String> {
         let outcome = outcome?;
         let patient = self.patient;
-        let tardy = outcome.tardy + outcome.lost;
+        let lost = if self.has_transients() { 0 } else { outcome.lost };
+        let tardy = outcome.tardy + lost;
         if patient && outcome.tardy > 0 {
             return Err(format!("{} messages were tardy, but everybody waits", outcome.tardy));
         }
@@ -142,10 +145,12 @@ impl Trial {
     /// What must be true if a federate has failed.
     fn failed(&self, victim: FederateId, outcome: &Outcome, compared: bool) -> Result<(), String> {
         let victims = [self.plan.crash, self.plan.cut].map(|fault| fault.map(|(victim, _)| victim));
-        if !victims.contains(&Some(victim)) {
+        let broken = self.plan.broken.is_some_and(|(one, other, _)| [one, other].contains(&victim));
+        if !victims.contains(&Some(victim)) && !broken {
             return Err(format!("{} is reported, but nothing befell it", self.name(victim)));
         }
         let must = reference_until(&self.program, outcome.stop, None, &self.plan.leaves);
+        let compared = compared && !self.has_transients();
         if compared && let Some(wrong) = excess(&self.program, &outcome.log, &must, outcome.stop) {
             return Err(wrong);
         }
@@ -154,10 +159,23 @@ impl Trial {
 
     /// What must be true if all have come to their end.
     fn ended(&self, outcome: &Outcome, compared: bool) -> Result<(), String> {
-        let mut stayed = outcome.last.iter().filter(|(me, _)| !outcome.left[*me]);
+        let stays = |me: FederateId| !self.program.federates[me].transient && !outcome.left[me];
+        let mut stayed = outcome.last.iter().filter(|(me, _)| stays(*me));
         let last = stayed.next().map_or(Tag::FOREVER, |(_, last)| *last);
         if let Some((me, other)) = stayed.find(|(_, tag)| **tag != last) {
             return Err(format!("{} ends at {other}, another one at {last}", self.name(me)));
+        }
+        if self.has_transients() {
+            let wrong = || {
+                let Outcome { lives, stop, lost_from, .. } = outcome;
+                lives::wrong(&self.program, lives, (*stop, *lost_from), self.patient)
+            };
+            let wrong = compared.then(wrong).flatten();
+            return wrong.map_or(Ok(()), Err);
+        }
+        // Who does not wait may end before the link does.
+        if self.patient && outcome.lost_from < Tag::FOREVER {
+            return Err(format!("a link lost a message for {}, unnoticed", outcome.lost_from));
         }
         if self.patient && outcome.lost > 0 && self.plan.stop.is_none() {
             return Err(format!("{} messages did not come", outcome.lost));
@@ -166,6 +184,10 @@ impl Trial {
         let wrong =
             must.and_then(|must| difference(&self.program, &outcome.log, &must, Tag::FOREVER));
         wrong.map_or(Ok(()), Err)
+    }
+
+    fn has_transients(&self) -> bool {
+        self.program.federates.values().any(|federate| federate.transient)
     }
 
     fn name(&self, federate: FederateId) -> &str {
@@ -314,6 +336,23 @@ impl Trial {
         }
         if let Some((who, at)) = plan.cut {
             writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(who), at.0)?;
+        }
+        if let Some((one, other, at)) = plan.broken {
+            let (one, other) = (self.name(one), self.name(other));
+            writeln!(f, "  the direct link between {one} and {other} breaks at {}", at.0)?;
+        }
+        for (me, _) in self.program.federates.iter().filter(|(_, federate)| federate.transient) {
+            let absent =
+                if plan.absent.contains(&me) { ", and not there at the start" } else { "" };
+            writeln!(f, "  {} is transient{absent}", self.name(me))?;
+        }
+        for (who, at, visit) in &plan.visits {
+            let what = match visit {
+                Visit::Launch => "is launched",
+                Visit::Leave => "asks to leave",
+                Visit::Crash => "is killed",
+            };
+            writeln!(f, "  {} {what} at {}", self.name(*who), at.0)?;
         }
         for (who, at) in &plan.events {
             writeln!(f, "  something physical happens at {} at {}", self.name(*who), at.0)?;

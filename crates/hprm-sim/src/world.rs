@@ -4,71 +4,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::sync::Arc;
 
-use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Table, Tag};
+use hprm_core::{ChannelId, FederateId, Fingerprint, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    End, Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Refusal, Rti, RtiInput,
-    RtiOutput, Topology,
+    End, Fault, FederationId, Frame, Input, LinkId, Output, Refusal, Rti, RtiInput, RtiOutput,
+    Topology,
 };
 
-use crate::network::{Event, Latency, Network, Partition, Place};
+use crate::network::{Event, Instance, Network, News, Place};
 use crate::node::Node;
-use crate::{Log, Maxwait, Rng};
-
-/// What is to happen besides the program.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Plan {
-    /// How long things take on their way.
-    pub latency: Latency,
-    /// Somebody who is cut off for a while.
-    pub partition: Option<Partition>,
-    /// How each federate's clock deviates from true time; those that are not here do not.
-    pub clocks: Vec<Skew>,
-    /// A federate that asks to stop once it has processed that tag or a later one.
-    pub stop: Option<(FederateId, Tag)>,
-    /// Federates that leave, each at its first reaction at that tag or a later one.
-    pub leaves: Vec<(FederateId, Tag)>,
-    /// Federates that change after which tag how long they wait.
-    pub maxwaits: Vec<Maxwait>,
-    /// A federate that is killed at that time.
-    pub crash: Option<(FederateId, PhysicalTime)>,
-    /// A federate whose link to the RTI breaks at that time.
-    pub cut: Option<(FederateId, PhysicalTime)>,
-    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
-    pub flow_limit: Option<u64>,
-    /// When the RTI tells federates that nobody needs their reports.
-    pub quieting: Quieting,
-    /// When which federate's physical action is scheduled from outside.
-    pub events: Vec<(FederateId, PhysicalTime)>,
-}
-
-/// How a clock deviates.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-pub struct Skew {
-    /// By how much it is fast at time zero.
-    pub offset: Nanos,
-    /// How much it gains in a million.
-    pub drift: Nanos,
-}
-
-impl Skew {
-    /// What the clock says at a true time.
-    fn local(self, time: PhysicalTime) -> PhysicalTime {
-        let gained = i128::from(time.0) * i128::from(self.drift) / 1_000_000;
-        let gained = Nanos::try_from(gained).unwrap_or(Nanos::MAX);
-        PhysicalTime(time.0.saturating_add(self.offset).saturating_add(gained))
-    }
-
-    /// The first time at which it says that much or more.
-    fn global(self, reading: PhysicalTime) -> PhysicalTime {
-        let elapsed = i128::from(reading.0) - i128::from(self.offset);
-        let time = elapsed * 1_000_000 / i128::from(1_000_000 + self.drift);
-        let mut time = PhysicalTime(Nanos::try_from(time).unwrap_or(Nanos::MAX).saturating_sub(2));
-        while self.local(time) < reading {
-            time = time.plus(1);
-        }
-        time
-    }
-}
+use crate::plan::{Outcome, Plan, Skew, Visit};
+use crate::{Log, Rng};
 
 /// Something that happens, as a person reads it.
 struct Shown {
@@ -82,45 +27,28 @@ impl fmt::Display for Shown {
     }
 }
 
-/// What has become of a federation.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Outcome {
-    /// What its reactions did.
-    pub log: Log,
-    /// The last tag of each federate.
-    pub last: Table<FederateId, Tag>,
-    /// Which of them left before the others.
-    pub left: Table<FederateId, bool>,
-    /// How many messages came too late for their tag.
-    pub tardy: usize,
-    /// How many messages did not come at all before their receiver ended, as far as it had to hear of
-    /// them.
-    pub lost: usize,
-    /// Whom the RTI reported as failed.
-    pub failed: Option<FederateId>,
-    /// The last tag of the program, as far as any federate knew it.
-    pub stop: Tag,
-    /// How many things happened.
-    pub events: usize,
-    /// By how much, at most, a tag has begun after it was due by the federate's clock.
-    pub lag: Nanos,
-    /// How many frames the federates sent to the RTI, and the RTI to them.
-    pub frames: (usize, usize),
-}
-
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct World {
     program: Arc<Program>,
     rti: Rti,
-    nodes: Table<FederateId, Node>,
+    federation: FederationId,
+    fingerprint: Arc<Fingerprint>,
+    plan: Plan,
+    /// All processes that there have been.
+    nodes: BTreeMap<Instance, Node>,
+    /// How many processes of each federate there have been.
+    launched: Table<FederateId, u16>,
+    rng: Rng,
     network: Network,
     clocks: Table<FederateId, Skew>,
-    joined: Table<FederateId, bool>,
-    /// The federates' links to the RTI; whoever joins again has another one.
-    links: Table<FederateId, LinkId>,
+    joined: BTreeSet<Instance>,
     failed: Option<FederateId>,
     finished: bool,
+    /// When the RTI looks up next; other wake-ups are void.
+    wake: Option<PhysicalTime>,
+    /// The messages that links have lost which broke.
+    lost: Vec<(ChannelId, Tag)>,
     events: usize,
     frames: (usize, usize),
     /// What the RTI was told, if that is of interest.
@@ -143,39 +71,76 @@ impl World {
         let federation = FederationId(u128::from(rng.draw()));
         let topology = Topology::new(program);
         let fingerprint = Arc::new(program.fingerprint());
-        let node = |me| Node::new(me, program, (federation, &fingerprint), &plan);
         let clock = |me: FederateId| plan.clocks.get(me.index()).copied().unwrap_or_default();
         let mut world = Self {
             program: Arc::clone(program),
-            nodes: program.federates.ids().map(node).collect(),
-            rti: Rti::new(topology, federation, Arc::clone(&fingerprint), START_DELAY)
-                .quieting(plan.quieting),
+            federation,
+            fingerprint: Arc::clone(&fingerprint),
+            nodes: BTreeMap::new(),
+            launched: Table::filled(program.federates.len(), 0),
+            rti: Rti::new(topology, federation, fingerprint, START_DELAY).quieting(plan.quieting),
             network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
             clocks: program.federates.ids().map(clock).collect(),
-            joined: Table::filled(program.federates.len(), false),
-            links: program.federates.ids().map(|me| LinkId(u32::from(me.0))).collect(),
+            joined: BTreeSet::new(),
             failed: None,
             finished: false,
+            wake: None,
+            lost: Vec::new(),
             events: 0,
             frames: (0, 0),
             tape: None,
+            rng,
+            plan,
         };
         for federate in program.federates.ids() {
-            world.nodes[federate].drain(PhysicalTime(0));
-            world.carry_out(PhysicalTime(0), federate);
-            let loaded = PhysicalTime(rng.below(5_000).cast_signed());
-            world.network.at(loaded, Event::Federate(federate, Input::Loaded));
+            if !world.plan.absent.contains(&federate) {
+                world.launch(PhysicalTime(0), federate);
+            }
         }
-        if let Some((federate, at)) = plan.crash {
-            world.network.at(at, Event::Crash(federate));
+        let Plan { crash, cut, broken, visits, events, .. } = world.plan.clone();
+        let crash = crash.map(|(federate, at)| (at, Event::Crash(federate)));
+        let cut = cut.map(|(federate, at)| (at, Event::Cut(federate)));
+        let broken = broken.map(|(one, other, at)| (at, Event::Break(one, other)));
+        for (at, event) in [crash, cut, broken].into_iter().flatten() {
+            world.network.at(at, event);
         }
-        if let Some((federate, at)) = plan.cut {
-            world.network.at(at, Event::Cut(federate));
-        }
-        for (federate, at) in plan.events {
+        for (federate, at) in events {
             world.network.at(at, Event::Happen(federate));
         }
+        for (federate, at, visit) in visits {
+            let event = match visit {
+                Visit::Launch => Event::Launch(federate),
+                Visit::Leave => Event::Leave(federate),
+                Visit::Crash => Event::Crash(federate),
+            };
+            world.network.at(at, event);
+        }
         world
+    }
+
+    /// Launches a process that is to be a federate.
+    fn launch(&mut self, now: PhysicalTime, federate: FederateId) {
+        let me = Instance { federate, life: self.launched[federate] };
+        self.launched[federate] += 1;
+        let identity = (self.federation, &self.fingerprint);
+        let node = Node::new(me, &self.program, identity, &self.plan);
+        let loaded = now.plus(self.rng.below(5_000).cast_signed());
+        self.begin(now, node, loaded);
+    }
+
+    /// A process joins, and has loaded its program at `loaded`.
+    fn begin(&mut self, now: PhysicalTime, mut node: Node, loaded: PhysicalTime) {
+        let me = node.me;
+        node.drain(now);
+        self.nodes.insert(me, node);
+        self.carry_out(now, me);
+        self.network.at(loaded, Event::Federate(me, Input::Loaded));
+    }
+
+    /// The process of a federate that was launched last, or the first one that is left.
+    fn find(&self, federate: FederateId, is: impl Fn(&Node) -> bool) -> Option<Instance> {
+        let lives = (0..self.launched[federate]).rev().map(|life| Instance { federate, life });
+        lives.into_iter().find(|instance| is(&self.nodes[instance]))
     }
 
     /// Runs it, and returns a new RTI and all that it is told in this run.
@@ -228,72 +193,98 @@ impl World {
             let at: Vec<_> = self.nodes.values().map(Node::last_tag).collect();
             return Err(format!("it has come to rest, with the federates at {at:?}"));
         }
+        if let Some((me, _)) = self.nodes.iter().find(|(_, node)| !node.is_over()) {
+            return Err(format!("{me:?} waits for ever"));
+        }
         let mut log = Log::new(&self.program);
         for node in self.nodes.values() {
             for (reaction, entries) in node.log.entries.iter() {
                 log.entries[reaction].extend(entries.iter().cloned());
             }
         }
-        let last = self.nodes.values().map(Node::last_tag).collect();
+        let last_of = |federate| {
+            let nodes = self.nodes.values().filter(|node| node.me.federate == federate);
+            nodes.map(Node::last_tag).max().unwrap_or(Tag::NEVER)
+        };
+        let ids = || self.program.federates.ids();
+        let has_left = |me| self.find(me, |_| true).is_some_and(|me| self.nodes[&me].has_left());
+        let last: Table<FederateId, Tag> = ids().map(last_of).collect();
+        let left = ids().map(has_left).collect();
         let tardy = self.nodes.values().map(|node| node.tardy).sum();
-        let left: Table<FederateId, bool> = self.nodes.values().map(Node::has_left).collect();
-        let lost = self.nodes.ids().map(|me| self.lost_to(me)).sum();
+        let lost = ids().map(|me| self.lost_to(me)).sum();
         let stop = self.nodes.values().map(Node::stop_tag).min().unwrap_or(Tag::FOREVER);
         let lag = self.nodes.values().map(|node| node.lag.0).max().unwrap_or(0);
         if let Some(wrong) = self.nodes.values().find_map(|node| node.patience.wrong()) {
             return Err(wrong.to_owned());
         }
-        let (failed, events, frames) = (self.failed, self.events, self.frames);
-        Ok(Outcome { log, last, left, tardy, lost, failed, stop, events, lag, frames })
+        let missed = self.lost.iter().filter(|(channel, tag)| {
+            let receiver = self.program.channels[*channel].to;
+            *tag <= last[receiver]
+        });
+        let lost_from = missed.map(|(_, tag)| *tag).min().unwrap_or(Tag::FOREVER);
+        let Self { failed, events, frames, .. } = self;
+        let lives = self.nodes.into_values().filter_map(Node::life).collect();
+        Ok(Outcome {
+            log,
+            last,
+            left,
+            tardy,
+            lost,
+            failed,
+            stop,
+            lives,
+            lost_from,
+            events,
+            lag,
+            frames,
+        })
     }
 
     /// How many messages did not come that a federate had to hear of; one that has left, before.
     fn lost_to(&self, me: FederateId) -> usize {
-        let node = &self.nodes[me];
+        let Some(node) = self.find(me, |_| true).map(|me| &self.nodes[&me]) else { return 0 };
         let last = if node.has_left() { node.last_tag() } else { Tag::FOREVER };
         let until = |counts: &BTreeMap<Tag, usize>| -> usize {
             counts.range(..=last).map(|(_, n)| n).sum()
         };
         let sent: usize = self.nodes.values().map(|node| until(&node.sent[me])).sum();
-        sent - until(&node.received)
+        // One that joins may get what its predecessor did not.
+        sent.saturating_sub(until(&node.received))
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {
         match event {
-            Event::Rti(input) => {
-                if let Some(tape) = &mut self.tape {
-                    tape.push(input.clone());
-                }
-                self.rti.handle(now, input)?;
-                self.carry_out_rti(now);
-                Ok(())
+            Event::Rti(input) => self.step_rti(now, input),
+            Event::WakeRti if self.wake == Some(now) => {
+                self.wake = None;
+                self.step_rti(now, RtiInput::Wake)
             }
+            Event::WakeRti => Ok(()),
             Event::Federate(federate, input) => self.turn(now, federate, input),
             Event::Wake(federate) => {
-                let node = &mut self.nodes[federate];
+                let Some(node) = self.nodes.get_mut(&federate) else { return Ok(()) };
                 if node.wake.take_if(|wake| *wake == now).is_none() {
                     return Ok(());
                 }
                 self.turn(now, federate, Input::Wake)
             }
-            Event::Dial { from, to } => {
-                let hello = self.nodes[from].machine.peer_hello();
-                if self.nodes[to].is_over() {
-                    return Ok(());
+            Event::Dial { from, to } => self.dialled(now, from, to),
+            Event::Peer { from, to, news } => self.peer_news(now, (from, to), news),
+            Event::Launch(federate) => {
+                if !self.finished {
+                    self.launch(now, federate);
                 }
-                let admitted = self.nodes[to].machine.admit(&hello);
-                assert!(admitted.is_ok_and(|(peer, _)| peer == from), "{from:?} has a channel");
-                self.turn(now, to, Input::PeerUp(from))?;
-                let up = Event::Federate(from, Input::PeerUp(to));
-                self.network.send(now, Place::Federate(to), Place::Federate(from), up);
                 Ok(())
             }
+            Event::Leave(federate) => match self.find(federate, Node::is_running) {
+                Some(instance) => self.turn(now, instance, Input::RequestDeparture),
+                None => Ok(()),
+            },
             Event::Crash(federate) => {
-                let node = &mut self.nodes[federate];
-                if !node.is_over() {
-                    node.crashed = true;
-                    self.leave(now, federate);
-                    if !self.joined[federate] {
+                if let Some(instance) = self.find(federate, |node| !node.is_over()) {
+                    self.node(instance).crashed = true;
+                    self.leave(now, instance);
+                    if !self.joined.contains(&instance) {
                         self.network.at(now.plus(PAUSE), Event::Restart(federate));
                     }
                 }
@@ -304,125 +295,240 @@ impl World {
                 Ok(())
             }
             Event::Cut(federate) => {
-                if !self.nodes[federate].is_over() {
-                    self.network.cut(now, federate, self.links[federate]);
+                if let Some(instance) = self.find(federate, |node| !node.is_over()) {
+                    let link = self.nodes[&instance].link();
+                    let lost = self.network.cut(now, instance, link);
+                    self.lose(&lost);
                 }
                 Ok(())
             }
+            Event::Break(one, other) => {
+                self.break_link(now, one, other);
+                Ok(())
+            }
             Event::Happen(federate) => {
-                if self.nodes[federate].is_running() {
+                if let Some(instance) = self.find(federate, Node::is_running) {
                     let local = self.clocks[federate].local(now);
-                    self.nodes[federate].happen(local)?;
-                    self.advance(now, federate)?;
+                    self.node(instance).happen(local)?;
+                    self.advance(now, instance)?;
                 }
                 Ok(())
+            }
+        }
+    }
+
+    fn node(&mut self, instance: Instance) -> &mut Node {
+        self.nodes.get_mut(&instance).expect("only processes that were launched do something")
+    }
+
+    fn step_rti(&mut self, now: PhysicalTime, input: RtiInput) -> Result<(), Fault> {
+        if let Some(tape) = &mut self.tape {
+            tape.push(input.clone());
+        }
+        self.rti.handle(now, input)?;
+        self.carry_out_rti(now);
+        if let Some(at) = self.rti.next_wakeup().map(|at| at.max(now))
+            && self.wake.is_none_or(|known| known != at)
+        {
+            self.wake = Some(at);
+            self.network.at(at, Event::WakeRti);
+        }
+        Ok(())
+    }
+
+    /// A federate opens a direct link to another one.
+    fn dialled(&mut self, now: PhysicalTime, from: Instance, to: Instance) -> Result<(), Fault> {
+        let node = &self.nodes[&from];
+        let opened = node.wires.has_opened(to);
+        let admitted = node.machine.peer_hello();
+        let admitted = self.nodes[&to].machine.admit(&admitted);
+        if self.nodes[&to].is_over() || !opened || admitted.is_err() {
+            self.news(now, to, from, News::Lost);
+            return Ok(());
+        }
+        self.node(to).wires.accept(from);
+        self.news(now, to, from, News::Up);
+        self.turn(now, to, Input::PeerUp(from.federate))
+    }
+
+    /// Something comes on a direct link, unless the receiver has closed it or opened another one.
+    fn peer_news(
+        &mut self,
+        now: PhysicalTime,
+        (from, to): (Instance, Instance),
+        news: News,
+    ) -> Result<(), Fault> {
+        let node = self.node(to);
+        if node.is_over() || !node.wires.has(from) {
+            return Ok(());
+        }
+        let input = match news {
+            News::Up => Input::PeerUp(from.federate),
+            News::Frame(frame) => Input::FromPeer { from: from.federate, frame },
+            News::Lost => {
+                node.wires.forget(from);
+                Input::PeerLost(from.federate)
+            }
+        };
+        self.turn(now, to, input)
+    }
+
+    fn news(&mut self, now: PhysicalTime, from: Instance, to: Instance, news: News) {
+        let event = Event::Peer { from, to, news };
+        self.network.send(now, Place::Federate(from), Place::Federate(to), event);
+    }
+
+    /// The direct link between two federates breaks, if they have one.
+    fn break_link(&mut self, now: PhysicalTime, one: FederateId, other: FederateId) {
+        let live = |federate| self.find(federate, |node: &Node| !node.is_over());
+        let (Some(one), Some(other)) = (live(one), live(other)) else { return };
+        if !self.nodes[&one].wires.has(other) && !self.nodes[&other].wires.has(one) {
+            return;
+        }
+        let lost = self.network.cut_direct(now, one, other);
+        self.lose(&lost);
+    }
+
+    fn lose(&mut self, frames: &[Frame]) {
+        for frame in frames {
+            if let Frame::Message { channel, tag, .. } = frame {
+                self.lost.push((*channel, *tag));
             }
         }
     }
 
     /// One turn of a federate's loop.
-    fn turn(&mut self, now: PhysicalTime, federate: FederateId, input: Input) -> Result<(), Fault> {
-        let local = self.clocks[federate].local(now);
-        let node = &mut self.nodes[federate];
+    fn turn(&mut self, now: PhysicalTime, me: Instance, input: Input) -> Result<(), Fault> {
+        let local = self.clocks[me.federate].local(now);
+        let node = self.node(me);
         if node.is_over() {
             return Ok(());
         }
         node.input(local, input)?;
-        self.advance(now, federate)
+        self.advance(now, me)
     }
 
     /// A federate does what it may.
-    fn advance(&mut self, now: PhysicalTime, federate: FederateId) -> Result<(), Fault> {
-        let clock = self.clocks[federate];
-        let node = &mut self.nodes[federate];
+    fn advance(&mut self, now: PhysicalTime, me: Instance) -> Result<(), Fault> {
+        let clock = self.clocks[me.federate];
+        let node = self.node(me);
         let wake = node.advance(clock.local(now))?.map(|wake| clock.global(wake).max(now));
         if let Some(at) = wake
             && node.wake.is_none_or(|known| at < known)
         {
             node.wake = Some(at);
-            self.network.at(at, Event::Wake(federate));
+            self.network.at(at, Event::Wake(me));
         }
+        let node = &self.nodes[&me];
         let over = node.is_over();
         let again = node.ended == Some(End::Refused(Refusal::Duplicate));
-        self.carry_out(now, federate);
+        self.carry_out(now, me);
         if over && again {
             // Its predecessor has not been noticed to have ended.
-            self.network.at(now.plus(PAUSE), Event::Restart(federate));
+            self.network.at(now.plus(PAUSE), Event::Restart(me.federate));
         }
         if over {
-            self.leave(now, federate);
+            self.leave(now, me);
         }
         Ok(())
     }
 
     /// A federate whose process has ended before the start is launched again, if that helps.
     fn restart(&mut self, now: PhysicalTime, federate: FederateId) {
-        if !self.nodes[federate].is_over() || self.failed.is_some() || self.finished {
+        let Some(former) = self.find(federate, |_| true) else { return };
+        let is_needed = !self.program.federates[federate].transient;
+        if !is_needed || !self.nodes[&former].is_over() || self.failed.is_some() || self.finished {
             return;
         }
-        self.nodes[federate] = self.nodes[federate].again();
-        self.redial(now, federate);
-        self.nodes[federate].drain(now);
-        self.carry_out(now, federate);
-        self.network.at(now.plus(PAUSE), Event::Federate(federate, Input::Loaded));
+        let me = Instance { federate, life: self.launched[federate] };
+        self.launched[federate] += 1;
+        let node = self.nodes[&former].again(me);
+        self.begin(now, node, now.plus(PAUSE));
     }
 
     /// A federate opens another link to the RTI.
-    fn redial(&mut self, now: PhysicalTime, federate: FederateId) {
-        self.network.mend(federate);
-        let (from, link) = (Place::Federate(federate), self.links[federate]);
-        self.network.send(now, from, Place::Rti, Event::Rti(RtiInput::Closed { link }));
-        let federates = u32::try_from(self.links.len()).expect("there are few");
-        self.links[federate] = LinkId(link.0 + federates);
+    fn redial(&mut self, now: PhysicalTime, me: Instance) {
+        self.network.mend(me);
+        let link = self.node(me).redial();
+        let closed = Event::Rti(RtiInput::Closed { link });
+        self.network.send(now, Place::Federate(me), Place::Rti, closed);
     }
 
     /// A federate's process ends, and so do its links.
-    fn leave(&mut self, now: PhysicalTime, federate: FederateId) {
-        let from = Place::Federate(federate);
-        let closed = RtiInput::Closed { link: self.links[federate] };
+    fn leave(&mut self, now: PhysicalTime, me: Instance) {
+        let from = Place::Federate(me);
+        let closed = RtiInput::Closed { link: self.nodes[&me].link() };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
-        for to in linked(&self.program, federate) {
-            let lost = Event::Federate(to, Input::PeerLost(federate));
-            self.network.send(now, from, Place::Federate(to), lost);
+        for peer in self.nodes[&me].wires.all() {
+            self.news(now, me, peer, News::Lost);
         }
     }
 
-    fn carry_out(&mut self, now: PhysicalTime, federate: FederateId) {
-        let from = Place::Federate(federate);
-        while let Some(output) = self.nodes[federate].outputs.pop_front() {
+    fn carry_out(&mut self, now: PhysicalTime, me: Instance) {
+        let from = Place::Federate(me);
+        while let Some(output) = self.node(me).outputs.pop_front() {
             match output {
                 Output::ToRti(frame) => {
-                    let link = self.links[federate];
+                    if self.network.is_severed(from, Place::Rti) {
+                        self.lose(std::slice::from_ref(&frame));
+                    }
+                    let link = self.nodes[&me].link();
                     let event = Event::Rti(RtiInput::Frame { link, frame });
                     self.frames.0 += 1;
                     self.network.send(now, from, Place::Rti, event);
                 }
                 Output::ToPeer { to, frame } => {
-                    let event = Event::Federate(to, Input::FromPeer { from: federate, frame });
-                    self.network.send(now, from, Place::Federate(to), event);
+                    if let Some(to) = self.nodes[&me].wires.to(to) {
+                        if self.network.is_severed(from, Place::Federate(to)) {
+                            self.lose(std::slice::from_ref(&frame));
+                        }
+                        self.news(now, me, to, News::Frame(frame));
+                    }
                 }
                 Output::Rejoin => {
-                    self.redial(now, federate);
-                    let again = Event::Federate(federate, Input::Rejoins);
-                    self.network.at(now.plus(PAUSE), again);
+                    self.redial(now, me);
+                    self.network.at(now.plus(PAUSE), Event::Federate(me, Input::Rejoins));
                 }
-                Output::Connect { peer, .. } => {
-                    let event = Event::Dial { from: federate, to: peer };
-                    self.network.send(now, from, Place::Federate(peer), event);
+                Output::Connect { peer, listen } => self.connect(now, me, peer, &listen),
+                Output::Disconnect(peer) => {
+                    let closed = self.nodes[&me].wires.all().into_iter();
+                    for former in closed.filter(|former| former.federate == peer) {
+                        self.node(me).wires.forget(former);
+                        self.news(now, me, former, News::Lost);
+                    }
                 }
                 _ => {}
             }
         }
     }
 
+    /// Opens a direct link, unless nobody listens there any more.
+    fn connect(&mut self, now: PhysicalTime, me: Instance, peer: FederateId, listen: &str) {
+        let to = Instance::at(listen);
+        if self.nodes[&to].is_over() {
+            let reason = "refused".to_owned();
+            self.network.at(now, Event::Federate(me, Input::Unreachable { peer, reason }));
+            return;
+        }
+        if let Some(former) = self.node(me).wires.open(to) {
+            self.news(now, me, former, News::Lost);
+        }
+        let (from, place) = (Place::Federate(me), Place::Federate(to));
+        self.network.send(now, from, place, Event::Dial { from: me, to });
+    }
+
     fn carry_out_rti(&mut self, now: PhysicalTime) {
         while let Some(output) = self.rti.poll() {
             match output {
                 RtiOutput::Send { link, frame } => self.announce(now, link, frame),
-                RtiOutput::Joined { federate, .. } => self.joined[federate] = true,
+                RtiOutput::Close { link } => self.hang_up(now, link),
+                RtiOutput::Joined { link, .. } => {
+                    self.joined.insert(Instance::of_link(link));
+                }
                 RtiOutput::Left { federate } => {
-                    self.joined[federate] = false;
-                    if self.nodes[federate].crashed {
+                    let Some(me) = self.find(federate, |_| true) else { continue };
+                    self.joined.remove(&me);
+                    if self.nodes[&me].crashed {
                         self.network.at(now.plus(PAUSE), Event::Restart(federate));
                     }
                 }
@@ -433,25 +539,25 @@ impl World {
         }
     }
 
+    /// The RTI sends a frame, unless the federate has another link by now.
     fn announce(&mut self, now: PhysicalTime, link: LinkId, frame: Frame) {
-        let federates = u32::try_from(self.links.len()).expect("there are few");
-        let to = u16::try_from(link.0 % federates).expect("a link tells its federate's number");
-        let to = FederateId(to);
-        if self.links[to] != link {
-            return;
+        let to = Instance::of_link(link);
+        if self.nodes[&to].link() == link {
+            self.frames.1 += 1;
+            let event = Event::Federate(to, Input::FromRti(frame));
+            self.network.send(now, Place::Rti, Place::Federate(to), event);
         }
-        let event = Event::Federate(to, Input::FromRti(frame));
-        self.frames.1 += 1;
-        self.network.send(now, Place::Rti, Place::Federate(to), event);
     }
-}
 
-/// With whom a federate has direct links.
-pub(crate) fn linked(program: &Program, me: FederateId) -> BTreeSet<FederateId> {
-    let decentralized = program.properties.coordination == Coordination::Decentralized;
-    let channels = program.channels.values().filter(|channel| decentralized && !channel.physical);
-    channels
-        .flat_map(|channel| [(channel.from, channel.to), (channel.to, channel.from)])
-        .filter_map(|(one, other)| (one == me && other != me).then_some(other))
-        .collect()
+    /// The RTI closes a link.
+    fn hang_up(&mut self, now: PhysicalTime, link: LinkId) {
+        let to = Instance::of_link(link);
+        if self.nodes[&to].link() == link {
+            let lost = Event::Federate(to, Input::RtiLost);
+            self.network.send(now, Place::Rti, Place::Federate(to), lost);
+            self.network.sever(Place::Rti, Place::Federate(to));
+        }
+        self.network.read_no_more(link);
+        self.network.at(now, Event::Rti(RtiInput::Closed { link }));
+    }
 }

@@ -6,7 +6,7 @@
 
 use hprm_core::{FederateId, Nanos};
 use hprm_federated::Quieting;
-use hprm_sim::Happening::{Crash, Disconnect, Event, Leave, Stop};
+use hprm_sim::Happening::{Arrive, Break, Crash, Depart, Disconnect, Event, Leave, Stop};
 use hprm_sim::{Happening, Setting, explore, scenario};
 
 /// Tag zero was so long ago that everything is due at once.
@@ -280,6 +280,45 @@ fn flow_control() {
     let setting = Setting { start_delay: PAST, flow_limit, ..Setting::default() };
     look_with(setting.clone(), "centralized", &centralized);
     look_with(setting, "decentralized", &decentralized);
+}
+
+/// A federate that joins late, leaves, dies or comes back stops nobody, on a cycle or not.
+#[test]
+fn transient_federates() {
+    let pair = format!("transient b\n{PAIR}");
+    let sender = format!("transient a\n{PAIR}");
+    let circle = format!("transient b\n{CIRCLE}");
+    let delayed = format!("transient b\n{DELAYED_CIRCLE}");
+    let cases: [Case; 8] = [
+        ("transient pair", &pair, 2, &[Arrive(B)]),
+        ("transient pair", &pair, 1, &[Arrive(B), Depart(B)]),
+        ("transient pair", &pair, 1, &[Arrive(B), Crash(B)]),
+        ("transient sender", &sender, 2, &[Arrive(A)]),
+        ("transient sender", &sender, 1, &[Arrive(A), Crash(A)]),
+        ("transient circle", &circle, 1, &[Arrive(B)]),
+        ("transient cycle", &delayed, 2, &[Arrive(B)]),
+        ("transient cycle", &delayed, 1, &[Arrive(B), Crash(B)]),
+    ];
+    let shorter: [Case; 7] = [
+        ("transient pair", &pair, 1, &[Arrive(B)]),
+        ("transient pair", &pair, 0, &[Arrive(B), Depart(B)]),
+        ("transient pair", &pair, 0, &[Arrive(B), Crash(B)]),
+        ("transient sender", &sender, 1, &[Arrive(A)]),
+        ("transient sender", &sender, 0, &[Arrive(A), Crash(A)]),
+        ("transient circle", &circle, 0, &[Arrive(B)]),
+        ("transient cycle", &delayed, 1, &[Arrive(B)]),
+    ];
+    let setting = Setting { quieting: Quieting::Off, ..Setting::default() };
+    look_with(setting.clone(), "centralized", &cases);
+    look_with(setting, "decentralized", &shorter);
+}
+
+/// When a direct link breaks, nobody goes on without what it has lost.
+#[test]
+fn broken_links() {
+    let cases: [Case; 2] =
+        [("pair", PAIR, 1, &[Break(A, B)]), ("circle", CIRCLE, 0, &[Break(A, B)])];
+    look("decentralized", PAST, &cases);
 }
 
 #[test]

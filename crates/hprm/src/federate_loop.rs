@@ -36,6 +36,7 @@ pub use reach::Reach;
 use membership::Membership;
 use objects::Changes;
 use pace::{LINGER, Pace, Used};
+use wires::LineId;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the RTI hears of whatever fails from then on.
@@ -144,7 +145,7 @@ struct FederateLoop<'a, H: Host> {
     loaded: bool,
     interrupted: bool,
     /// What has come from links. Empty, but with room.
-    inputs: Vec<Input>,
+    inputs: Vec<(LineId, Input)>,
     /// When the links were last looked at: what had come by then has been read.
     looked_at: PhysicalTime,
     /// Whether messages may wait for more.
@@ -236,8 +237,9 @@ where
     fn read_links(&mut self) -> Result<(), Failure> {
         let mut inputs = mem::take(&mut self.inputs);
         self.federation.read(&mut inputs)?;
-        for input in inputs.drain(..) {
+        for (line, input) in inputs.drain(..) {
             match input {
+                input if self.federation.wires.is_past(line, &input) => {}
                 Input::FromRti(frame @ Frame::ClockReply { .. }) => {
                     if self.federation.time.answered(&frame) {
                         self.now = Clock::now();
@@ -478,6 +480,7 @@ where
                 let value = self.receive(channel, payload)?;
                 self.scheduler.deliver_physical(channel, Clock::now(), value);
             }
+            Output::Disconnect(peer) => wires.disconnect(peer),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
             Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
             Output::Segment { owner, segment, len } => {

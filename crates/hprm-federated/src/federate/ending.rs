@@ -1,5 +1,7 @@
 //! How a federate ends, in order or not, and what it makes of the ends of others.
 
+use std::collections::BTreeSet;
+
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
@@ -11,6 +13,15 @@ const EXPLANATION: Nanos = 2_000_000_000;
 
 /// The longest text of a failure, in bytes; the rest is cut off.
 const MESSAGE: usize = 64 * 1024;
+
+/// A federate that has ended, and whose direct link has not.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Lingering {
+    /// When the link is closed from here.
+    pub(super) until: PhysicalTime,
+    /// Whether all that was sent on it is to be there when it ends.
+    in_order: bool,
+}
 
 impl Federate {
     pub(super) fn request_stop(&mut self) {
@@ -60,11 +71,21 @@ impl Federate {
         Frame::Leave { tag: self.current }
     }
 
-    pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId) {
+    /// A federate has ended. If that was in order, what it sent on a direct link ends with a frame that
+    /// says so; if not, nobody knows how much it has sent.
+    pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId, in_order: bool) {
         self.gone.insert(peer);
         self.flow.forget(peer);
-        self.missing.remove(&peer);
         self.meeting.forget(peer);
+        let broken = matches!(self.missing.remove(&peer), Some((_, None)));
+        if broken && in_order {
+            self.lose(peer);
+            return;
+        }
+        if self.startup.is_linked(peer) && !self.silent.contains(&peer) {
+            let until = if in_order { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
+            self.lingering.insert(peer, Lingering { until, in_order });
+        }
         self.startup.excuse(peer);
         self.get_ready(now);
         self.outputs.push_back(Output::ReaderGone(peer));
@@ -77,12 +98,52 @@ impl Federate {
     /// A direct link has ended. The RTI will tell whether its federate has, and how.
     pub(super) fn peer_lost(&mut self, now: PhysicalTime, peer: FederateId) {
         self.startup.unlink(peer);
+        if self.lingering.remove(&peer).is_some_and(|lingering| lingering.in_order) {
+            self.lose(peer);
+            return;
+        }
         if self.gone.contains(&peer) {
             self.closed(peer);
         } else if !self.silent.contains(&peer) {
             self.missing.insert(peer, (now.plus(EXPLANATION), None));
         }
-        self.left(peer);
+        self.left(now, peer);
+    }
+
+    /// A federate has ended in order, but its direct link has not: something that it sent is lost.
+    fn lose(&mut self, peer: FederateId) {
+        let name = self.topology.name(peer);
+        let message =
+            format!("the link to federate {name} has broken before all that it had sent was there");
+        self.give_up(message);
+    }
+
+    /// Has the link to a federate that has ended come to its end, because its successor waits.
+    pub(super) fn hurry(&mut self, now: PhysicalTime, peer: FederateId) {
+        if self.silent.contains(&peer) {
+            // Nothing follows on it.
+            self.outputs.push_back(Output::Disconnect(peer));
+            self.peer_lost(now, peer);
+        } else {
+            let until = now.plus(EXPLANATION);
+            self.lingering.entry(peer).or_insert(Lingering { until, in_order: false });
+        }
+    }
+
+    /// Time has passed: links that stand still are closed, and those that have broken must be explained.
+    pub(super) fn look_after_links(&mut self, now: PhysicalTime) {
+        self.cut_off(now);
+        self.miss(now);
+    }
+
+    /// Closes the links to federates that have not ended in order, and may stand still.
+    fn cut_off(&mut self, now: PhysicalTime) {
+        let due = self.lingering.iter().filter(|(_, lingering)| lingering.until <= now);
+        let due: Vec<_> = due.map(|(peer, _)| *peer).collect();
+        for peer in due {
+            self.outputs.push_back(Output::Disconnect(peer));
+            self.peer_lost(now, peer);
+        }
     }
 
     /// A direct link cannot be opened. Its federate may have ended just now, which the RTI will tell;
@@ -102,6 +163,10 @@ impl Federate {
             None => format!("the link to federate {name} is broken, although it has not ended"),
             Some(reason) => format!("federate {name} has not ended, but is not reachable {reason}"),
         };
+        self.give_up(message);
+    }
+
+    fn give_up(&mut self, message: String) {
         self.fail(message.clone(), 1);
         self.end(End::Failed { federate: self.me, message, code: 1 });
     }
@@ -116,7 +181,7 @@ impl Federate {
 
     /// Ends in order; `farewell` is what the RTI is told.
     pub(super) fn resign(&mut self, farewell: Frame) {
-        let peers: Vec<_> = self.startup.linked().collect();
+        let peers: BTreeSet<_> = self.startup.linked().chain(self.meeting.linking()).collect();
         for to in peers {
             self.outputs.push_back(Output::ToPeer { to, frame: Frame::Resign });
         }

@@ -7,7 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{FederateId, Tag};
+use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::{Frame, Output, Peer};
@@ -22,6 +22,11 @@ pub(super) struct Meeting {
 }
 
 impl Meeting {
+    /// Those to whom a link is being opened.
+    pub(super) fn linking(&self) -> impl Iterator<Item = FederateId> {
+        self.linking.iter().copied()
+    }
+
     pub(super) fn forget(&mut self, peer: FederateId) {
         self.returning.remove(&peer);
         self.linking.remove(&peer);
@@ -40,11 +45,12 @@ impl Federate {
         self.startup.meet(peers);
     }
 
-    /// Somebody is about to join.
-    pub(super) fn introduce(&mut self, peer: Peer) {
+    /// Somebody is about to join. What its predecessor has sent comes first.
+    pub(super) fn introduce(&mut self, now: PhysicalTime, peer: Peer) {
         let federate = peer.federate;
         if self.startup.is_linked(federate) {
             self.meeting.returning.insert(federate, peer);
+            self.hurry(now, federate);
             return;
         }
         self.startup.add(peer);
@@ -66,9 +72,9 @@ impl Federate {
     }
 
     /// The direct link to somebody has ended.
-    pub(super) fn left(&mut self, peer: FederateId) {
+    pub(super) fn left(&mut self, now: PhysicalTime, peer: FederateId) {
         if let Some(peer) = self.meeting.returning.remove(&peer) {
-            self.introduce(peer);
+            self.introduce(now, peer);
         }
     }
 
@@ -80,14 +86,22 @@ impl Federate {
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.meets(&self.topology, federate);
         }
-        let after = self.current;
-        self.outputs.push_back(Output::ToRti(Frame::Met { federate, after }));
+        self.answer(federate);
     }
 
-    /// Somebody has joined.
+    /// Somebody joins, and starts at `first` or later.
     pub(super) fn joined(&mut self, federate: FederateId, first: Tag) {
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.joined(&self.topology, federate, first);
+            if self.topology.upstream(self.me).iter().any(|edge| edge.federate == federate) {
+                self.answer(federate);
+            }
         }
+    }
+
+    /// Tells the RTI that somebody who joins counts from now on.
+    fn answer(&mut self, federate: FederateId) {
+        let (life, after) = (self.startup.life(federate), self.current);
+        self.outputs.push_back(Output::ToRti(Frame::Met { federate, life, after }));
     }
 }

@@ -51,6 +51,9 @@ impl Federate {
             Coordinator::Centralized(machine) => machine.discarded(),
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
+        // Nothing is done with it, so its sender need not wait for that. Its receiver may wait for the
+        // sender.
+        self.reached(self.first);
         self.outputs.push_back(Output::Discard { payload });
     }
 

@@ -88,6 +88,8 @@ impl Federate {
         for message in early {
             self.deliver(message);
         }
+        // Physical messages that came before the start have been read.
+        self.reached(first);
         if self.stop == Stop::Wanted {
             self.request_stop();
         }

@@ -45,6 +45,7 @@ fn input(machine: &mut Federate, after: i64, input: Input) -> Vec<Output> {
 fn peers(count: u16) -> Frame {
     let peer = |id: u16| Peer {
         federate: FederateId(id),
+        life: 0,
         host: HostId(u128::from(id / 2)),
         listen: Some(format!("port {id}")),
     };
@@ -244,7 +245,7 @@ fn a_patient_federate_reports_and_is_told_what_is_safe() {
 fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
     let text = "decentralized\na -> b";
     let from = FederateId(0);
-    let gone = || Input::FromRti(Frame::Gone { federate: from });
+    let gone = || Input::FromRti(Frame::Gone { federate: from, in_order: false });
     let knows = |inputs: Vec<Input>| {
         let mut machine = started(text, "b", 2, &[0]);
         inputs.into_iter().for_each(|next| drop(input(&mut machine, 0, next)));
@@ -258,6 +259,46 @@ fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
 }
 
 #[test]
+fn who_has_ended_in_order_has_said_so_on_its_link_or_something_is_lost() {
+    let from = FederateId(0);
+    let gone = || Input::FromRti(Frame::Gone { federate: from, in_order: true });
+    let said = || Input::FromPeer { from, frame: Frame::Resign };
+    let is_lost = |inputs: Vec<Input>| {
+        let mut machine = started("decentralized\na -> b", "b", 2, &[0]);
+        let outputs = inputs.into_iter().flat_map(|next| input(&mut machine, 0, next));
+        let outputs: Vec<_> = outputs.collect();
+        let lost = |output: &Output| {
+            matches!(output, Output::Ended { reason: End::Failed { message, .. } }
+                if message == "the link to federate a has broken before all that it had sent was there")
+        };
+        outputs.iter().any(lost)
+    };
+    let reset = || Input::PeerLost(from);
+    assert!(is_lost(vec![gone(), reset()]));
+    assert!(is_lost(vec![reset(), gone()]));
+    assert!(!is_lost(vec![gone(), said(), reset()]));
+    assert!(!is_lost(vec![said(), gone(), reset()]));
+    assert!(!is_lost(vec![said(), reset(), gone()]));
+    // As long as the link is there, the rest may come.
+    assert!(!is_lost(vec![gone(), Input::Wake]));
+}
+
+#[test]
+fn a_predecessor_that_stands_still_keeps_its_successor_from_nobody() {
+    let from = FederateId(0);
+    let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
+    let peer = Peer { federate: from, life: 7, host: HostId(1), listen: None };
+    let second = 1_000 * MILLISECOND;
+    input(&mut machine, 0, Input::FromRti(Frame::Gone { federate: from, in_order: false }));
+    assert!(input(&mut machine, 0, Input::FromRti(Frame::Joining { peer })).is_empty());
+    assert!(input(&mut machine, second, Input::Wake).is_empty());
+    let outputs = input(&mut machine, 2 * second, Input::Wake);
+    let met = Frame::Met { federate: from, life: 7, after: Tag::NEVER };
+    let expected = [Output::Disconnect(from), Output::OwnerGone(from), Output::ToRti(met)];
+    assert_eq!(outputs, expected);
+}
+
+#[test]
 fn a_link_that_breaks_must_be_explained() {
     let from = FederateId(0);
     let lost = || started("decentralized\nmaxwait 1\na -> b", "b", 2, &[0]);
@@ -268,7 +309,7 @@ fn a_link_that_breaks_must_be_explained() {
     input(&mut machine, 0, Input::PeerLost(from));
     assert_eq!(machine.next_wakeup(), Some(late));
     assert_eq!(machine.permission(at(5), late), Permission::Wait);
-    input(&mut machine, second, Input::FromRti(Frame::Gone { federate: from }));
+    input(&mut machine, second, Input::FromRti(Frame::Gone { federate: from, in_order: false }));
     assert_eq!(machine.next_wakeup(), None);
     assert_eq!(machine.permission(at(5), late), Permission::Granted);
     let mut machine = lost();
@@ -356,9 +397,35 @@ fn what_comes_for_the_time_before_the_first_tag_counts_as_received() {
 }
 
 #[test]
+fn what_is_discarded_or_read_before_the_start_holds_its_sender_up_no_longer() {
+    let text = "decentralized\ntransient b\na -> b\na ~> b";
+    let mut machine = new(text, "b").with_flow_limit(0);
+    input(&mut machine, 0, Input::Loaded);
+    input(&mut machine, 0, Input::PeerUp(FederateId(0)));
+    input(&mut machine, 0, Input::FromRti(peers(1)));
+    let processed = |outputs: Vec<Output>| {
+        let frames = outputs.into_iter().filter_map(|output| match output {
+            Output::ToPeer { frame: Frame::Processed { channel, messages, .. }, .. } => {
+                Some((channel.0, messages))
+            }
+            _ => None,
+        });
+        frames.collect::<Vec<_>>()
+    };
+    let sent = |tag| Input::FromPeer { from: FederateId(0), frame: message(0, tag) };
+    input(&mut machine, 0, sent(at(8)));
+    input(&mut machine, 0, Input::FromRti(message(1, at(8))));
+    let start = Input::FromRti(Frame::Start { at: START, first: at(10) });
+    assert_eq!(processed(input(&mut machine, 0, start)), [(0, 1), (1, 1)]);
+    assert_eq!(processed(input(&mut machine, 0, sent(at(9)))), [(0, 1)]);
+    // What is meant for the first tag is not processed yet.
+    assert_eq!(processed(input(&mut machine, 0, sent(at(10)))), []);
+}
+
+#[test]
 fn what_a_peer_has_sent_and_did_not_come_before_its_end_is_not_waited_for() {
     let start = Input::FromRti(Frame::Start { at: START, first: at(10) });
-    let gone = Input::FromRti(Frame::Gone { federate: FederateId(0) });
+    let gone = Input::FromRti(Frame::Gone { federate: FederateId(0), in_order: false });
     let lost = Input::PeerLost(FederateId(0));
     assert_eq!(received_by_late([start, gone, lost]), [u64::MAX]);
 }
@@ -448,7 +515,7 @@ fn objects_are_announced_and_released_the_shortest_way() {
         input(&mut machine, 0, Input::FromPeer { from: FederateId(2), frame: news }),
         [Output::Released { reader: FederateId(2), serials: vec![3] }]
     );
-    let gone = Input::FromRti(Frame::Gone { federate: FederateId(2) });
+    let gone = Input::FromRti(Frame::Gone { federate: FederateId(2), in_order: false });
     assert_eq!(input(&mut machine, 0, gone), [Output::ReaderGone(FederateId(2))]);
     input(&mut machine, 0, Input::PeerLost(FederateId(2)));
     assert!(input(&mut machine, 0, segment(2)).is_empty());

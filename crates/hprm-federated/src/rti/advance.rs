@@ -30,6 +30,8 @@ struct Report {
     told: Step,
     /// Whether it goes through tags level by level; otherwise it wants a tag as a whole.
     stepwise: bool,
+    /// The latest tag that processes have completed that were this federate before.
+    past: Tag,
     /// The tags between which it takes part: it may join late, and leave before the others.
     first: Tag,
     last: Tag,
@@ -59,6 +61,7 @@ impl Report {
         Self {
             next: Step::NEVER,
             completed: Tag::NEVER,
+            past: Tag::NEVER,
             in_transit: BTreeSet::new(),
             forwarded: 0,
             told: Step::NEVER,
@@ -69,20 +72,26 @@ impl Report {
         }
     }
 
+    /// Its last tag. Who was told to leave, and had come farther, leaves at its next tag; and who has
+    /// not begun yet, at its first.
+    fn last(&self, stop: Tag) -> Tag {
+        self.last.max(self.completed.succ()).max(self.first).min(stop)
+    }
+
     /// Nothing happens there before this step, unless further messages arrive; the program ends at
     /// `stop`.
     fn own(&self, stop: Tag) -> Step {
         let reported = self.next.max(Step::begin(self.completed.succ().max(self.first)));
         // Whatever else it does, it processes its last tag, and not only from the level on that a
         // message for that tag is read at: what reacts to the end may come before.
-        let last = self.last.min(stop);
+        let last = self.last(stop);
         let reported = if reported.tag > last { Step::begin(last) } else { reported };
         self.in_transit.first().map_or(reported, |(first, _)| reported.min(*first))
     }
 
     /// What it wants to process next, the last tag after all others; `FOREVER` if that is not known.
     fn wanted(&self, stop: Tag) -> Step {
-        let last = self.last.min(stop);
+        let last = self.last(stop);
         let reported = match self.next {
             Step::NEVER => Step::FOREVER,
             next if next.tag > last => Step::begin(last),
@@ -151,15 +160,27 @@ impl Advance {
     pub(super) fn entry(&self, topology: &Topology, federate: FederateId) -> Tag {
         let told = topology.reachable(federate).into_iter().filter(|other| *other != federate);
         let told = told.map(|other| self.reports[other].told.tag.succ());
-        let own = self.reports[federate].completed.succ();
-        told.chain([own, Tag::START]).max().unwrap_or(Tag::START)
+        let completed = self.reports[federate].completed;
+        let own = match self.earliest.has_ended(federate) {
+            // At a later time than its predecessor's: messages of both, with a delay, keep their order.
+            true if completed > Tag::NEVER => Tag::new(completed.time.saturating_add(1), 0),
+            _ => completed.succ(),
+        };
+        // Processes that are gone have not known of it, and sent it nothing.
+        let upstream = topology.upstream(federate).iter().map(|edge| edge.federate);
+        let gone = upstream.map(|sender| {
+            let Report { completed, past, .. } = self.reports[sender];
+            if self.earliest.has_ended(sender) { past.max(completed).succ() } else { past.succ() }
+        });
+        told.chain(gone).chain([own, Tag::START]).max().unwrap_or(Tag::START)
     }
 
     /// A federate joins that has ended, or was not there.
     pub(super) fn join(&mut self, topology: &Topology, federate: FederateId, first: Tag) {
-        let Report { forwarded, restless, .. } = self.reports[federate];
+        let Report { forwarded, restless, past, completed, .. } = self.reports[federate];
+        let past = past.max(completed);
         self.reports[federate] =
-            Report { forwarded, restless, ..Report::new(topology, federate, first) };
+            Report { forwarded, restless, past, ..Report::new(topology, federate, first) };
         self.earliest.revive(federate);
         self.refresh(topology, federate);
     }
@@ -190,6 +211,12 @@ impl Advance {
             report.in_transit.retain(|(_, number)| *number > received);
         }
         self.refresh(topology, federate);
+    }
+
+    /// A federate has ended after `tag`.
+    pub(super) fn left(&mut self, federate: FederateId, tag: Tag) {
+        let report = &mut self.reports[federate];
+        report.completed = report.completed.max(tag);
     }
 
     /// A federate has completed `tag`.

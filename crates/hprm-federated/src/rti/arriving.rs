@@ -15,12 +15,17 @@ use super::join::Member;
 use super::{LinkId, Phase, Rti, RtiOutput};
 use crate::{Fault, Frame, Peer, Refusal};
 
-/// How long the neighbours have to answer. One that is busy for longer misses the start of the
-/// newcomer: what it sends before it has answered does not go there.
-const INTRODUCTION: Nanos = 500_000_000;
-
 /// How long a predecessor has to leave.
 const DEPARTURE: Nanos = 2_000_000_000;
+
+/// How long it may take to link to the others, who may be on other machines.
+const LINKING: Nanos = 10_000_000_000;
+
+/// By how much the start of a federate is moved at once, at most, while a neighbour is busy.
+const LATER: Nanos = 1_000_000_000;
+
+/// After how long that is, at least.
+const SOON: Nanos = 1_000;
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 enum Stage {
@@ -28,10 +33,13 @@ enum Stage {
     Loading,
     /// The program is loaded. Its predecessor, if there is one, has until then to leave.
     Waiting { until: Option<PhysicalTime> },
-    /// These have until then to answer.
-    Meeting { unanswered: BTreeSet<FederateId>, until: PhysicalTime },
-    /// It links to the others.
-    Linking,
+    /// These have not answered yet that they know of it.
+    Meeting { unanswered: BTreeSet<FederateId> },
+    /// It links to the others, and has until then.
+    Linking { until: PhysicalTime },
+    /// It could start at `first`. These have not answered yet that they wait for what it sends from
+    /// there on; if they take longer than `until`, it starts later, at most by that `margin`.
+    Agreeing { unanswered: BTreeSet<FederateId>, first: Tag, until: PhysicalTime, margin: Nanos },
 }
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -45,13 +53,16 @@ struct Arrival {
     after: Tag,
 }
 
+impl Arrival {
+    /// Whether the others have heard of it.
+    fn is_known(&self) -> bool {
+        !matches!(self.stage, Stage::Loading | Stage::Waiting { .. })
+    }
+}
+
 /// Who is arriving.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
-pub(super) struct Arrivals {
-    arrivals: BTreeMap<FederateId, Arrival>,
-    /// Neighbours that have not answered in time, and who has started without them.
-    strangers: BTreeSet<(FederateId, FederateId)>,
-}
+pub(super) struct Arrivals(BTreeMap<FederateId, Arrival>);
 
 impl Arrivals {
     pub(super) fn add(&mut self, link: LinkId, peer: Peer) {
@@ -62,40 +73,42 @@ impl Arrivals {
             after: Tag::NEVER,
             peer: peer.clone(),
         };
-        self.arrivals.insert(peer.federate, arrival);
+        self.0.insert(peer.federate, arrival);
     }
 
     pub(super) fn is_link_of(&self, federate: FederateId, link: LinkId) -> bool {
-        self.arrivals.get(&federate).is_some_and(|arrival| arrival.link == link)
+        self.0.get(&federate).is_some_and(|arrival| arrival.link == link)
     }
 
     /// The link to a federate that is arriving, if `from` has answered.
     pub(super) fn link_of(&self, federate: FederateId, from: FederateId) -> Option<LinkId> {
-        let arrival = self.arrivals.get(&federate)?;
+        let arrival = self.0.get(&federate)?;
         arrival.met.contains(&from).then_some(arrival.link)
     }
 
-    /// Whether one of the two does not know yet that the other one is back.
-    pub(super) fn are_strangers(&self, from: FederateId, to: FederateId) -> bool {
-        self.strangers.contains(&(from, to)) || self.strangers.contains(&(to, from))
+    /// The link to a federate that is arriving and has been told of the others.
+    pub(super) fn link_of_introduced(&self, federate: FederateId) -> Option<LinkId> {
+        let arrival = self.0.get(&federate)?;
+        let knows = matches!(arrival.stage, Stage::Linking { .. } | Stage::Agreeing { .. });
+        knows.then_some(arrival.link)
     }
 
     /// A federate has ended.
     pub(super) fn forget(&mut self, federate: FederateId) {
-        self.strangers.retain(|(one, other)| *one != federate && *other != federate);
-        for arrival in self.arrivals.values_mut() {
-            if let Stage::Meeting { unanswered, .. } = &mut arrival.stage {
+        for arrival in self.0.values_mut() {
+            if let Stage::Meeting { unanswered } | Stage::Agreeing { unanswered, .. } =
+                &mut arrival.stage
+            {
                 unanswered.remove(&federate);
             }
         }
     }
 
     pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        let stages = self.arrivals.values().map(|arrival| &arrival.stage);
-        let times = stages.filter_map(|stage| match stage {
-            Stage::Waiting { until } => *until,
-            Stage::Meeting { until, .. } => Some(*until),
-            Stage::Loading | Stage::Linking => None,
+        let times = self.0.values().filter_map(|arrival| match arrival.stage {
+            Stage::Waiting { until } => until,
+            Stage::Linking { until } | Stage::Agreeing { until, .. } => Some(until),
+            Stage::Loading | Stage::Meeting { .. } => None,
         });
         times.min()
     }
@@ -108,7 +121,7 @@ impl Rti {
         if over || self.finished {
             return Some(Refusal::TooLate);
         }
-        self.arrivals.arrivals.contains_key(&federate).then_some(Refusal::Duplicate)
+        self.arrivals.0.contains_key(&federate).then_some(Refusal::Duplicate)
     }
 
     /// A frame from a federate that is arriving.
@@ -118,7 +131,7 @@ impl Rti {
         frame: Frame,
     ) -> Result<(), Fault> {
         let unexpected = Err(Fault::Unexpected { frame: frame.name() });
-        let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else {
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else {
             return unexpected;
         };
         match (frame, &arrival.stage) {
@@ -126,7 +139,7 @@ impl Rti {
                 arrival.stage = Stage::Waiting { until: None };
                 self.admit_arrivals();
             }
-            (Frame::Ready { .. }, Stage::Linking) => self.start_late(federate),
+            (Frame::Ready { .. }, Stage::Linking { .. }) => self.agree(federate),
             (Frame::Met { .. }, _) => {}
             (Frame::Release { owner, reader, .. }, _) if reader != federate => {
                 return Err(Fault::UnknownFederate(owner));
@@ -156,19 +169,20 @@ impl Rti {
 
     /// A federate does not join after all.
     fn withdraw(&mut self, federate: FederateId) {
-        let Some(arrival) = self.arrivals.arrivals.remove(&federate) else { return };
-        if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
-            self.send_gone(federate);
+        let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
+        if arrival.is_known() {
+            self.end_one(federate, false);
             self.tell();
         }
+        self.admit_arrivals();
     }
 
     /// The federation ends: nobody may join any more.
     pub(super) fn turn_away(&mut self) {
-        for (federate, arrival) in std::mem::take(&mut self.arrivals.arrivals) {
+        for (federate, arrival) in std::mem::take(&mut self.arrivals.0) {
             self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
-            if matches!(arrival.stage, Stage::Meeting { .. } | Stage::Linking) {
-                self.send_gone(federate);
+            if arrival.is_known() {
+                self.end_one(federate, false);
             }
         }
     }
@@ -177,11 +191,11 @@ impl Rti {
     pub(super) fn dropped(&mut self, federate: FederateId, message: String, code: i32) {
         self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
         if self.phase == Phase::Running {
-            self.gone(federate);
+            self.gone(federate, false);
             return;
         }
         self.members[federate] = Member::Absent;
-        self.send_gone(federate);
+        self.end_one(federate, false);
         self.gather();
         self.start_together();
     }
@@ -191,45 +205,65 @@ impl Rti {
         if self.phase != Phase::Running {
             return;
         }
-        let arriving: Vec<_> = self.arrivals.arrivals.keys().copied().collect();
+        let arriving: Vec<_> = self.arrivals.0.keys().copied().collect();
         for federate in arriving {
             self.replace(federate);
             self.link_up(federate);
+            self.start_late(federate);
         }
     }
 
-    /// Time has passed: those who have not left or answered in time are not waited for.
+    /// Time has passed: those who have not left or linked in time are not waited for, and who would
+    /// start while its neighbours are busy starts later.
     pub(super) fn hurry_arrivals(&mut self) {
         let now = self.now;
-        let mut late = Vec::new();
-        for (federate, arrival) in &mut self.arrivals.arrivals {
-            match &mut arrival.stage {
-                Stage::Waiting { until: Some(until) } if *until <= now => late.push(*federate),
-                Stage::Meeting { unanswered, until } if *until <= now => {
-                    let missing = std::mem::take(unanswered);
-                    self.arrivals.strangers.extend(missing.into_iter().map(|m| (m, *federate)));
+        let due = self.arrivals.0.iter().filter_map(|(federate, arrival)| {
+            let until = match arrival.stage {
+                Stage::Waiting { until } => until?,
+                Stage::Linking { until } | Stage::Agreeing { until, .. } => until,
+                Stage::Loading | Stage::Meeting { .. } => return None,
+            };
+            (until <= now).then(|| (*federate, arrival.stage.clone(), arrival.link))
+        });
+        let due: Vec<_> = due.collect();
+        for (federate, stage, link) in due {
+            let name = self.topology.name(federate);
+            match stage {
+                Stage::Waiting { .. } => {
+                    if let Some(link) = self.members[federate].link() {
+                        self.outputs.push_back(RtiOutput::Close { link });
+                        let message =
+                            format!("federate {name} did not leave for its successor in time");
+                        self.dropped(federate, message, 1);
+                    }
                 }
-                _ => {}
-            }
-        }
-        for federate in late {
-            if let Some(link) = self.members[federate].link() {
-                self.outputs.push_back(RtiOutput::Close { link });
-                let name = self.topology.name(federate);
-                let message = format!("federate {name} did not leave for its successor in time");
-                self.dropped(federate, message, 1);
+                Stage::Linking { .. } => {
+                    self.outputs.push_back(RtiOutput::Close { link });
+                    let message = format!("federate {name} did not link to the others in time");
+                    self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
+                    self.withdraw(federate);
+                }
+                _ => self.offer(federate),
             }
         }
         self.admit_arrivals();
     }
 
     /// Asks the predecessor of a federate that has loaded its program to leave, and introduces it to
-    /// its neighbours if there is none.
+    /// its neighbours if there is none. Of neighbours that join at the same time one waits for the
+    /// other: who is not there yet cannot be introduced.
     fn replace(&mut self, federate: FederateId) {
-        let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else { return };
+        let neighbours = self.topology.neighbours(federate);
+        let joining = |(other, arrival): (&FederateId, &Arrival)| {
+            arrival.is_known() && neighbours.contains(other)
+        };
+        let waits = self.arrivals.0.iter().any(joining);
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let Stage::Waiting { until } = &mut arrival.stage else { return };
         if !self.members[federate].is_live() {
-            self.introduce(federate);
+            if !waits {
+                self.introduce(federate);
+            }
         } else if until.is_none() {
             *until = Some(self.now.plus(DEPARTURE));
             self.dismiss(federate, Tag::START);
@@ -249,10 +283,9 @@ impl Rti {
     fn introduce(&mut self, federate: FederateId) {
         let neighbours = self.topology.neighbours(federate).iter().copied();
         let unanswered: BTreeSet<_> = neighbours.filter(|n| self.members[*n].is_live()).collect();
-        let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else { return };
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let frame = Frame::Joining { peer: arrival.peer.clone() };
-        let until = self.now.plus(INTRODUCTION);
-        arrival.stage = Stage::Meeting { unanswered: unanswered.clone(), until };
+        arrival.stage = Stage::Meeting { unanswered: unanswered.clone() };
         for neighbour in unanswered {
             self.send(neighbour, frame.clone());
         }
@@ -260,43 +293,38 @@ impl Rti {
 
     /// Introduces the others to a federate of which all neighbours know.
     fn link_up(&mut self, federate: FederateId) {
-        let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else { return };
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         match &arrival.stage {
-            Stage::Meeting { unanswered, .. } if unanswered.is_empty() => {}
+            Stage::Meeting { unanswered } if unanswered.is_empty() => {}
             _ => return,
         }
-        arrival.stage = Stage::Linking;
+        arrival.stage = Stage::Linking { until: self.now.plus(LINKING) };
         let link = arrival.link;
-        let mut peers = self.peers();
-        // There is no link to who has not answered; messages by way of the RTI need none.
-        let strangers = &self.arrivals.strangers;
-        let centralized = self.is_centralized();
-        peers.retain(|peer| centralized || !strangers.contains(&(peer.federate, federate)));
+        let peers = self.peers();
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Peers { peers } });
     }
 
-    /// A neighbour knows of a federate that is arriving, or has arrived.
-    pub(super) fn met(&mut self, neighbour: FederateId, federate: FederateId, after: Tag) {
-        if self.arrivals.strangers.remove(&(neighbour, federate)) {
-            self.traffic.meet(&self.topology, neighbour, federate);
-            let Member::Live { host, listen, .. } = &self.members[neighbour] else { return };
-            let peer = Peer { federate: neighbour, host: *host, listen: listen.clone() };
-            if !self.is_centralized() {
-                self.send(federate, Frame::Joining { peer });
-                let first = self.advance.first(federate);
-                self.send(neighbour, Frame::Joined { federate, first });
-            }
+    /// A neighbour knows of a federate that is arriving, or waits for it.
+    pub(super) fn met(&mut self, neighbour: FederateId, federate: FederateId, life: u32, tag: Tag) {
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
+        // It may speak of one that has given up.
+        if arrival.peer.life != life {
             return;
         }
-        let Some(arrival) = self.arrivals.arrivals.get_mut(&federate) else { return };
-        if let Stage::Meeting { unanswered, .. } = &mut arrival.stage
-            && unanswered.remove(&neighbour)
-        {
-            arrival.met.insert(neighbour);
-            arrival.after = arrival.after.max(after);
-            self.traffic.meet(&self.topology, neighbour, federate);
-            self.link_up(federate);
+        let (Stage::Meeting { unanswered } | Stage::Agreeing { unanswered, .. }) =
+            &mut arrival.stage
+        else {
+            return;
+        };
+        if !unanswered.remove(&neighbour) {
+            return;
         }
+        arrival.after = arrival.after.max(tag);
+        if arrival.met.insert(neighbour) {
+            self.traffic.meet(&self.topology, neighbour, federate);
+        }
+        self.link_up(federate);
+        self.start_late(federate);
     }
 
     /// The earliest tag at which a federate may join, or must leave.
@@ -308,30 +336,69 @@ impl Rti {
             .max(self.advance.entry(&self.topology, federate))
     }
 
-    /// A federate has linked to the others, and starts.
-    fn start_late(&mut self, federate: FederateId) {
-        let entry = self.entry(federate);
-        let Some(Arrival { link, peer, after, .. }) = self.arrivals.arrivals.remove(&federate)
-        else {
-            return;
+    /// A federate has linked to the others. Centralized, it can start at once: nobody goes on without
+    /// a grant. Decentralized, its receivers have to say that they wait for its messages.
+    fn agree(&mut self, federate: FederateId) {
+        let receivers = self.topology.downstream(federate).iter().map(|edge| edge.federate);
+        let live = receivers.filter(|receiver| self.members[*receiver].is_live());
+        let unanswered = match self.is_centralized() {
+            true => BTreeSet::new(),
+            false => live.filter(|receiver| *receiver != federate).collect(),
         };
-        let first = entry.max(after.succ());
-        if first > self.topology.timeout() {
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
+        let (until, margin) = (self.now, self.start_delay.max(0));
+        arrival.stage = Stage::Agreeing { unanswered, first: Tag::NEVER, until, margin };
+        self.offer(federate);
+        self.start_late(federate);
+    }
+
+    /// Says at which tag a federate could start; from there on nobody goes without it. Nobody may wait
+    /// for that: while a receiver is busy and does not answer, the tag is moved again and again.
+    fn offer(&mut self, federate: FederateId) {
+        let entry = self.entry(federate);
+        let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
+        let Stage::Agreeing { first, until, margin, .. } = &mut arrival.stage else { return };
+        let later = if *first == Tag::NEVER { 0 } else { *margin };
+        let tag =
+            Tag::new(entry.time.saturating_add(later), entry.microstep).max(arrival.after.succ());
+        (*first, *until) = (tag, self.now.plus((*margin / 2).max(SOON)));
+        *margin = margin.saturating_mul(2).min(LATER);
+        if tag > self.topology.timeout() {
+            let link = arrival.link;
             self.refuse(link, self.topology.name(federate), Refusal::TooLate);
-            self.send_gone(federate);
-            self.tell();
+            self.withdraw(federate);
             return;
         }
-        let Peer { host, listen, .. } = peer;
+        self.advance.join(&self.topology, federate, tag);
+        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
+        for neighbour in neighbours {
+            self.send(neighbour, Frame::Joined { federate, first: tag });
+        }
+        self.tell();
+    }
+
+    /// Starts a federate for which all receivers wait.
+    fn start_late(&mut self, federate: FederateId) {
+        let Some(Arrival { after, stage, .. }) = self.arrivals.0.get(&federate) else { return };
+        match stage {
+            Stage::Agreeing { unanswered, first, .. } if unanswered.is_empty() => {
+                // One had come too far already.
+                if *after >= *first {
+                    self.offer(federate);
+                }
+            }
+            _ => return,
+        }
+        let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
+        let Arrival { link, met, peer: Peer { host, listen, .. }, .. } = arrival;
+        let first = self.advance.first(federate);
         self.members[federate] = Member::Live { link, host, listen, ready: Some(self.now) };
         self.heard(federate, self.now);
+        self.traffic.start(&self.topology, federate, &met);
         self.advance.join(&self.topology, federate, first);
         let at = self.start;
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Start { at, first } });
-        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
-        for neighbour in neighbours {
-            self.send(neighbour, Frame::Joined { federate, first });
-        }
         self.tell();
+        self.admit_arrivals();
     }
 }

@@ -111,23 +111,23 @@ impl Rti {
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = Tag::FOREVER;
         }
-        self.gone(federate);
+        self.gone(federate, true);
     }
 
     /// A federate has ended before the last tag of the program, which is after its own.
     pub(super) fn left(&mut self, federate: FederateId, tag: Tag) {
         self.past = self.past.max(tag);
+        self.advance.left(federate, tag);
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = (*latest).max(tag.succ());
         }
-        self.gone(federate);
+        self.gone(federate, true);
     }
 
-    /// A federate has ended in order, at the last tag or before.
-    pub(super) fn gone(&mut self, federate: FederateId) {
+    /// A federate has ended, at the last tag or before, and the others go on.
+    pub(super) fn gone(&mut self, federate: FederateId, in_order: bool) {
         self.members[federate] = Member::Gone;
-        self.send_gone(federate);
-        self.advance.end(&self.topology, federate);
+        self.end_one(federate, in_order);
         self.arrivals.forget(federate);
         self.tell();
         self.decide();

@@ -53,7 +53,7 @@ impl Rti {
         } else if federation != self.federation {
             self.refuse(link, name, Refusal::WrongFederation);
         } else {
-            let peer = Peer { federate, host, listen };
+            let peer = Peer { federate, life: link.0, host, listen };
             match fingerprint == self.fingerprint.digest() {
                 true => self.admit(link, peer),
                 false => self.compare(link, peer),
@@ -64,7 +64,7 @@ impl Rti {
 
     /// A federate with the same program.
     fn admit(&mut self, link: LinkId, peer: Peer) {
-        let Peer { federate, host, listen } = peer;
+        let federate = peer.federate;
         if let Some(reason) = self.refusal(federate) {
             self.refuse(link, self.topology.name(federate), reason);
             return;
@@ -72,10 +72,11 @@ impl Rti {
         self.links.insert(link, federate);
         self.outputs.push_back(RtiOutput::Joined { federate, link });
         if self.phase == Phase::Joining {
+            let Peer { host, listen, .. } = peer;
             self.members[federate] = Member::Live { link, host, listen, ready: None };
             self.gather();
         } else {
-            self.arrivals.add(link, Peer { federate, host, listen });
+            self.arrivals.add(link, peer);
         }
     }
 
@@ -166,8 +167,9 @@ impl Rti {
         let members = self.members.iter();
         members
             .filter_map(|(federate, member)| match member {
-                Member::Live { host, listen, .. } => {
-                    Some(Peer { federate, host: *host, listen: listen.clone() })
+                Member::Live { link, host, listen, .. } => {
+                    let (life, host, listen) = (link.0, *host, listen.clone());
+                    Some(Peer { federate, life, host, listen })
                 }
                 Member::Absent | Member::Gone => None,
             })
@@ -209,7 +211,7 @@ impl Rti {
         let absent = self.members.iter().filter(|(_, member)| !member.is_live());
         for (federate, _) in absent {
             self.advance.end(&self.topology, federate);
-            self.traffic.end(&self.topology, federate);
+            self.traffic.end(&self.topology, federate, true);
         }
         self.admit_arrivals();
     }

@@ -114,7 +114,8 @@ impl Scenario {
             ["has", "loaded"] => Frame::Loaded,
             ["is", "ready"] => Frame::Ready { now: self.now },
             ["meets", whom, "after", at] => {
-                Frame::Met { federate: federate(&self.program, whom), after: tag(at) }
+                let federate = federate(&self.program, whom);
+                Frame::Met { federate, life: self.links[federate].0, after: tag(at) }
             }
             ["crashes"] => {
                 let link = LinkId(self.links[from].0);
@@ -169,7 +170,7 @@ impl Scenario {
                         Frame::Message { tag, .. } => format!("gets a message for {}", show(tag)),
                         Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
                         Frame::StopGranted { tag } => format!("stops at {}", show(tag)),
-                        Frame::Gone { federate } => {
+                        Frame::Gone { federate, .. } => {
                             format!("hears that {} is gone", name(federate))
                         }
                         Frame::Joining { peer } => {
@@ -245,5 +246,5 @@ macro_rules! scenarios {
 
 scenarios! {
     chain circle diamond cycle quiet resign stop stop_twice stop_late patience
-    departure transient transient_swap transient_circle transient_end transient_withdraws
+    departure transient transient_swap transient_circle transient_end transient_withdraws transient_agrees
 }

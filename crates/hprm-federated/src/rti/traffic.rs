@@ -6,6 +6,8 @@
 //! as many messages as the sender, every further message was sent after the sender's report; by
 //! induction over what causes what, it has no earlier tag than the reports allow.
 
+use std::collections::BTreeSet;
+
 use hprm_core::{Channel, ChannelId, FederateId, Table};
 
 use crate::{Count, Fault, Topology};
@@ -59,22 +61,42 @@ impl Traffic {
         Ok(())
     }
 
-    /// A federate knows of another one that joins: what it counts of their channels starts anew.
-    pub(super) fn meet(&mut self, topology: &Topology, one: FederateId, other: FederateId) {
+    /// A federate knows of another one that joins: what they count of their channels starts anew. As
+    /// long as that one has not started, it reports nothing, and nobody waits for what it gets.
+    pub(super) fn meet(&mut self, topology: &Topology, one: FederateId, joining: FederateId) {
         for (id, channel) in topology.channels().iter() {
-            if (channel.from, channel.to) == (one, other)
-                || (channel.from, channel.to) == (other, one)
-            {
+            if (channel.from, channel.to) == (one, joining) {
+                self.update(id, |pair| *pair = Pair { sent: 0, received: u64::MAX });
+            } else if (channel.from, channel.to) == (joining, one) {
                 self.update(id, |pair| *pair = Pair::default());
             }
         }
     }
 
-    /// A federate has ended: what is sent to it does not matter any more.
-    pub(super) fn end(&mut self, topology: &Topology, federate: FederateId) {
+    /// A federate that joins starts, and reports what it gets from those that have `met` it. What
+    /// others have sent is none of its business.
+    pub(super) fn start(
+        &mut self,
+        topology: &Topology,
+        federate: FederateId,
+        met: &BTreeSet<FederateId>,
+    ) {
+        for (id, channel) in topology.channels().iter() {
+            if channel.to == federate && channel.from != federate {
+                let sent = |pair: &Pair| if met.contains(&channel.from) { pair.sent } else { 0 };
+                self.update(id, |pair| *pair = Pair { sent: sent(pair), received: 0 });
+            }
+        }
+    }
+
+    /// A federate has ended: what is sent to it does not matter any more. If that was not in order, it
+    /// may have sent more than it has reported, until its receivers say that nothing more comes.
+    pub(super) fn end(&mut self, topology: &Topology, federate: FederateId, in_order: bool) {
         for (id, channel) in topology.channels().iter() {
             if channel.to == federate {
                 self.update(id, |pair| pair.received = u64::MAX);
+            } else if channel.from == federate && !channel.physical && !in_order {
+                self.update(id, |pair| pair.sent = u64::MAX);
             }
         }
     }

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use hprm_core::{Coordination, FederateId, Program, ReactionId, Tag};
 use hprm_federated::{Frame, Input, RtiInput, Step, Topology};
 
-use super::state::State;
-use crate::network::{Event, Place};
+use super::state::{Seat, State};
+use crate::lives::wrong;
+use crate::network::{Event, News, Place};
 use crate::node::Node;
 use crate::{Log, difference, reference_until};
 
@@ -59,8 +60,9 @@ impl Judge {
     /// Whether a message is on its way to a federate although it has been told that there is none,
     /// or will be told so by what arrives before.
     fn overtaken(&self, state: &State, me: FederateId) -> Option<String> {
-        let mut granted = state.seats[me].get().granted;
-        let here = Place::Federate(me);
+        let Seat { node, granted } = state.seats[me].get();
+        let mut granted = *granted;
+        let here = state.place(me);
         for event in state.links.get(&(Place::Rti, here)).into_iter().flatten() {
             let Event::Federate(_, Input::FromRti(frame)) = event else { continue };
             match frame {
@@ -70,23 +72,25 @@ impl Judge {
                 }
                 Frame::StopGranted { tag } => granted = granted.min(Step::end(tag.pred())),
                 frame => {
-                    if let Some(wrong) = self.early(frame, me, granted) {
+                    if let Some(wrong) = self.early(frame, node, granted) {
                         return Some(wrong);
                     }
                 }
             }
         }
         let elsewhere = state.links.iter().filter(|((from, _), _)| *from != Place::Rti);
-        elsewhere.flat_map(|(_, events)| frames(events)).find_map(|f| self.early(f, me, granted))
+        elsewhere.flat_map(|(_, events)| frames(events)).find_map(|f| self.early(f, node, granted))
     }
 
     /// Whether a frame is a message to that federate, for what it has been granted.
-    fn early(&self, frame: &Frame, me: FederateId, granted: Step) -> Option<String> {
+    fn early(&self, frame: &Frame, node: &Node, granted: Step) -> Option<String> {
+        let me = node.me.federate;
         let Frame::Message { channel, tag, .. } = frame else { return None };
         let channel = self.program.channels[*channel];
         let read = Step { tag: *tag, level: channel.first_reader };
         let name = self.topology.name(me);
-        (channel.to == me && !channel.physical && read <= granted)
+        let means_something = !channel.physical && *tag >= node.first_tag();
+        (channel.to == me && means_something && read <= granted)
             .then(|| format!("a message for {read:?} is on its way to {name}, granted {granted:?}"))
     }
 
@@ -107,12 +111,31 @@ impl Judge {
         if state.failed.is_some() || !state.left.is_empty() {
             return self.early_end(state);
         }
+        if self.topology.has_transients() {
+            return self.comings_and_goings(state);
+        }
         let last = nodes.iter().map(|node| node.last_tag()).max().unwrap_or(Tag::NEVER);
         if let Some(node) = nodes.iter().find(|node| !node.finished || node.last_tag() < last) {
             return Some(format!("one ends at {last}, another one at {}", node.last_tag()));
         }
         let must = self.reference(last, state.event);
         difference(&self.program, &merged(&self.program, &nodes), &must, Tag::FOREVER)
+    }
+
+    /// What is wrong with the end of a federation whose federates may come and go.
+    fn comings_and_goings(&self, state: &State) -> Option<String> {
+        let nodes: Vec<_> = state.seats.values().map(|seat| &seat.get().node).collect();
+        let stop = nodes.iter().map(|node| node.stop_tag()).min().unwrap_or(Tag::FOREVER);
+        let early = |node: &&&Node| {
+            !self.topology.is_transient(node.me.federate) && node.last_tag() != stop
+        };
+        if let Some(node) = nodes.iter().find(early) {
+            let name = self.topology.name(node.me.federate);
+            return Some(format!("{name} ends at {}, but must at {stop}", node.last_tag()));
+        }
+        let lives = nodes.into_iter().filter_map(|node| node.clone().life());
+        let lives: Vec<_> = state.past.iter().cloned().chain(lives).collect();
+        wrong(&self.program, &lives, (stop, state.lost_from), true)
     }
 
     /// What is wrong with an end that not all federates have reached in order.
@@ -145,7 +168,7 @@ impl Judge {
 fn frames(events: &VecDeque<Event>) -> impl Iterator<Item = &Frame> {
     events.iter().filter_map(|event| match event {
         Event::Rti(RtiInput::Frame { frame, .. })
-        | Event::Federate(_, Input::FromPeer { frame, .. }) => Some(frame),
+        | Event::Peer { news: News::Frame(frame), .. } => Some(frame),
         _ => None,
     })
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Nanos, PhysicalTime, Program, Table, Tag};
+use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
     Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Step,
     Topology,
@@ -11,9 +11,9 @@ use hprm_federated::{
 
 use super::digest::{Shared, digest};
 use crate::Plan;
-use crate::network::{Event, Place};
+use crate::network::{Event, Instance, News, Place};
 use crate::node::{Node, Turn};
-use crate::world::linked;
+use crate::plan::Life;
 
 /// When the processes are launched: late enough for a start in the past.
 const LAUNCH: PhysicalTime = PhysicalTime(1_000_000_000);
@@ -31,6 +31,13 @@ pub enum Happening {
     Disconnect(FederateId),
     /// A federate's physical action is scheduled.
     Event(FederateId),
+    /// A transient federate that is not there, or not any more, is launched. Those for which that may
+    /// happen are not there at the beginning.
+    Arrive(FederateId),
+    /// A federate asks to leave, as `lf.stop()` does.
+    Depart(FederateId),
+    /// The direct link between two federates breaks.
+    Break(FederateId, FederateId),
 }
 
 /// What happens next.
@@ -42,6 +49,8 @@ pub enum Action {
     Advance(FederateId),
     /// It is that time now.
     Time(PhysicalTime),
+    /// The RTI looks up.
+    Wake,
     /// Something from outside.
     Happens(Happening),
 }
@@ -59,15 +68,23 @@ pub(super) struct Seat {
 pub(super) struct State {
     pub(super) now: PhysicalTime,
     rti: Shared<Rti>,
+    /// The latest process of each federate.
     pub(super) seats: Table<FederateId, Shared<Seat>>,
+    federation: FederationId,
+    fingerprint: Arc<Fingerprint>,
+    plan: Plan,
+    /// What earlier ones have done.
+    pub(super) past: Vec<Life>,
     /// What is on its way, oldest first; empty links are not there.
     pub(super) links: BTreeMap<(Place, Place), VecDeque<Event>>,
     /// What may still happen.
     pub(super) happenings: BTreeSet<Happening>,
     pub(super) failed: Option<FederateId>,
     pub(super) finished: bool,
-    /// Links to the RTI that have broken.
-    broken: BTreeSet<FederateId>,
+    /// Links that have broken, or that one end has closed.
+    broken: BTreeSet<(Place, Place)>,
+    /// The least tag of a message that a broken link has lost.
+    pub(super) lost_from: Tag,
     /// Federates that have left.
     pub(super) left: BTreeSet<FederateId>,
     /// The physical action that has been scheduled.
@@ -91,52 +108,74 @@ impl State {
         let rti = rti.quieting(quieting);
         let plan = Plan { flow_limit, ..Plan::default() };
         let seat = |me| {
-            let node = Node::new(me, program, (federation, &fingerprint), &plan);
+            let me = Instance::first(me);
+            let mut node = Node::new(me, program, (federation, &fingerprint), &plan);
+            node.crashed = happenings.contains(&Happening::Arrive(me.federate));
             Shared::new(Seat { node, granted: Step::NEVER })
         };
         let mut state = Self {
             now: LAUNCH,
             rti: Shared::new(rti),
             seats: program.federates.ids().map(seat).collect(),
+            federation,
+            fingerprint: Arc::clone(&fingerprint),
+            plan,
+            past: Vec::new(),
             links: BTreeMap::new(),
             happenings: happenings.iter().copied().collect(),
             failed: None,
             finished: false,
             broken: BTreeSet::new(),
+            lost_from: Tag::FOREVER,
             left: BTreeSet::new(),
             event: None,
         };
-        program.federates.ids().for_each(|me| state.begin(me));
+        for me in program.federates.ids() {
+            if !state.seats[me].get().node.is_over() {
+                state.begin(me);
+            }
+        }
         state
     }
 
-    /// A federate's process has been launched.
+    /// The process of a federate joins.
     fn begin(&mut self, me: FederateId) {
         let now = self.now;
         self.seats[me].change(|seat| seat.node.drain(now));
         self.carry_out(me);
-        let place = Place::Federate(me);
-        self.send(place, place, Event::Federate(me, Input::Loaded));
+        let place = self.place(me);
+        self.send(place, place, Event::Federate(self.instance(me), Input::Loaded));
     }
 
-    /// A federate's process is launched again.
+    /// The process of a federate has ended before the start, and is launched again.
     fn launch(&mut self, me: FederateId) {
-        self.seats[me].change(|seat| seat.node = seat.node.again());
-        self.broken.remove(&me);
+        let Instance { federate, life } = self.instance(me);
+        let again = Instance { federate, life: life + 1 };
+        self.seats[me].change(|seat| seat.node = seat.node.again(again));
         self.begin(me);
     }
 
-    /// Whether the RTI has not heard yet that a link has ended.
-    fn has_ended(&self, link: LinkId, me: FederateId) -> bool {
-        let sent = self.links.get(&(Place::Federate(me), Place::Rti));
-        sent.into_iter().flatten().any(|event| *event == Event::Rti(RtiInput::Closed { link }))
+    /// The latest process of a federate.
+    fn instance(&self, me: FederateId) -> Instance {
+        self.seats[me].get().node.me
+    }
+
+    /// Its link to the RTI.
+    fn link(&self, me: FederateId) -> LinkId {
+        self.seats[me].get().node.link()
+    }
+
+    /// Where that is.
+    pub(super) fn place(&self, me: FederateId) -> Place {
+        Place::Federate(self.instance(me))
     }
 
     /// What tells this state from others.
     pub(super) fn digest(&self) -> u128 {
         let seats: Vec<_> = self.seats.values().map(Shared::digest).collect();
         let parts = (self.now, self.rti.digest(), seats, &self.links, &self.happenings);
-        digest(&(parts, self.failed, self.finished, &self.broken, &self.left, self.event))
+        let rest = (self.failed, self.finished, &self.broken, &self.left, self.event);
+        digest(&(parts, rest, &self.past, self.lost_from))
     }
 
     /// Whether that action brings a federate the news of the start.
@@ -148,8 +187,9 @@ impl State {
 
     /// Whether nobody has got the news of the start, and everybody will next.
     pub(super) fn is_about_to_start(&self) -> bool {
-        let start = |me| Action::Deliver(Place::Rti, Place::Federate(me));
-        self.seats.ids().all(|me| self.is_start(start(me)))
+        let start = |me| Action::Deliver(Place::Rti, self.place(me));
+        let mut there = self.seats.ids().filter(|me| !self.seats[*me].get().node.is_over());
+        there.all(|me| self.is_start(start(me)))
     }
 
     /// How many logical messages have come to their receivers.
@@ -165,8 +205,15 @@ impl State {
     /// What may happen from outside.
     pub(super) fn events(&self) -> impl Iterator<Item = Action> {
         let possible = self.happenings.iter().filter(|happening| match **happening {
-            Happening::Stop(me) | Happening::Leave(me) | Happening::Event(me) => {
-                self.seats[me].get().node.is_running()
+            Happening::Stop(me)
+            | Happening::Leave(me)
+            | Happening::Event(me)
+            | Happening::Depart(me) => self.seats[me].get().node.is_running(),
+            Happening::Arrive(me) => self.seats[me].get().node.is_over() && !self.finished,
+            Happening::Break(one, other) => {
+                let is_over = |me: FederateId| self.seats[me].get().node.is_over();
+                let linked = self.seats[one].get().node.wires.has(self.instance(other));
+                linked && !is_over(one) && !is_over(other)
             }
             Happening::Crash(me) | Happening::Disconnect(me) => {
                 !self.seats[me].get().node.is_over() && self.failed.is_none()
@@ -181,24 +228,58 @@ impl State {
         match event {
             Event::Rti(input) => self.rti_input(input),
             Event::Federate(me, input) => self.input(me, input),
-            Event::Dial { from, to } => {
-                let hello = self.seats[from].get().node.machine.peer_hello();
-                if self.seats[to].get().node.is_over() {
-                    return Ok(());
-                }
-                let admitted = self.seats[to].get().node.machine.admit(&hello);
-                assert!(admitted.is_ok_and(|(peer, _)| peer == from), "{from:?} has a channel");
-                self.input(to, Input::PeerUp(from))?;
-                let up = Event::Federate(from, Input::PeerUp(to));
-                self.send(Place::Federate(to), Place::Federate(from), up);
-                Ok(())
-            }
-            Event::Wake(_)
-            | Event::Crash(_)
-            | Event::Restart(_)
-            | Event::Cut(_)
-            | Event::Happen(_) => Ok(()),
+            Event::Dial { from, to } => self.dialled(from, to),
+            Event::Peer { from, to, news } => self.peer_news(from, to, news),
+            _ => Ok(()),
         }
+    }
+
+    /// A federate opens a direct link to another one.
+    fn dialled(&mut self, from: Instance, to: Instance) -> Result<(), Fault> {
+        let opener = &self.seats[from.federate].get().node;
+        let hello = opener.machine.peer_hello();
+        let opened = opener.me == from && opener.wires.has_opened(to);
+        let node = &self.seats[to.federate].get().node;
+        if node.me != to || node.is_over() || !opened || node.machine.admit(&hello).is_err() {
+            self.news(to, from, News::Lost);
+            return Ok(());
+        }
+        self.seats[to.federate].change(|seat| seat.node.wires.accept(from));
+        self.news(to, from, News::Up);
+        self.input(to, Input::PeerUp(from.federate))
+    }
+
+    /// Something comes on a direct link, unless the receiver has closed it or opened another one.
+    fn peer_news(&mut self, from: Instance, to: Instance, news: News) -> Result<(), Fault> {
+        let node = &self.seats[to.federate].get().node;
+        if node.me != to || !node.wires.has(from) {
+            return Ok(());
+        }
+        let peer = from.federate;
+        let input = match news {
+            News::Up => Input::PeerUp(peer),
+            News::Frame(frame) => Input::FromPeer { from: peer, frame },
+            News::Lost => {
+                self.seats[to.federate].change(|seat| seat.node.wires.forget(from));
+                Input::PeerLost(peer)
+            }
+        };
+        self.input(to, input)
+    }
+
+    fn news(&mut self, from: Instance, to: Instance, news: News) {
+        let event = Event::Peer { from, to, news };
+        self.send(Place::Federate(from), Place::Federate(to), event);
+    }
+
+    /// When the RTI wants to look up.
+    pub(super) fn rti_wakeup(&self) -> Option<PhysicalTime> {
+        self.rti.get().next_wakeup()
+    }
+
+    /// The RTI looks up.
+    pub(super) fn wake_rti(&mut self) -> Result<(), Fault> {
+        self.rti_input(RtiInput::Wake)
     }
 
     /// A federate does what it may. Returns until when it waits, if it has not processed a tag.
@@ -214,7 +295,16 @@ impl State {
         self.happenings.remove(&happening);
         let now = self.now;
         match happening {
-            Happening::Stop(me) => self.input(me, Input::RequestStop),
+            Happening::Stop(me) => self.input(self.instance(me), Input::RequestStop),
+            Happening::Depart(me) => self.input(self.instance(me), Input::RequestDeparture),
+            Happening::Arrive(me) => {
+                self.arrive(me);
+                Ok(())
+            }
+            Happening::Break(one, other) => {
+                self.break_link(self.instance(one), self.instance(other));
+                Ok(())
+            }
             Happening::Leave(me) => {
                 self.left.insert(me);
                 self.seats[me].change(|seat| {
@@ -231,13 +321,13 @@ impl State {
                 Ok(())
             }
             Happening::Disconnect(me) => {
-                let (rti, place) = (Place::Rti, Place::Federate(me));
-                self.broken.insert(me);
+                let (rti, place) = (Place::Rti, self.place(me));
+                self.broken.extend([(rti, place), (place, rti)]);
                 self.links.remove(&(place, rti));
                 self.links.remove(&(rti, place));
-                let closed = RtiInput::Closed { link: LinkId(u32::from(me.0)) };
+                let closed = RtiInput::Closed { link: self.link(me) };
                 self.links.insert((place, rti), VecDeque::from([Event::Rti(closed)]));
-                let lost = Event::Federate(me, Input::RtiLost);
+                let lost = Event::Federate(self.instance(me), Input::RtiLost);
                 self.links.insert((rti, place), VecDeque::from([lost]));
                 Ok(())
             }
@@ -250,8 +340,40 @@ impl State {
         }
     }
 
-    fn input(&mut self, me: FederateId, input: Input) -> Result<(), Fault> {
-        if self.seats[me].get().node.is_over() {
+    /// A process is launched that is a federate from now on.
+    fn arrive(&mut self, me: FederateId) {
+        let former = self.seats[me].get().node.clone();
+        let was = former.me;
+        let is_new = former.last_tag() == Tag::NEVER && was.life == 0;
+        let life = if is_new { 0 } else { was.life + 1 };
+        self.past.extend(former.clone().life());
+        let instance = Instance { federate: me, life };
+        let node =
+            Node::new(instance, former.program(), (self.federation, &self.fingerprint), &self.plan);
+        self.seats[me] = Shared::new(Seat { node, granted: Step::NEVER });
+        self.begin(me);
+    }
+
+    /// The direct link between two federates breaks: what is on its way is lost, and both ends learn
+    /// of it.
+    fn break_link(&mut self, one: Instance, other: Instance) {
+        for (from, to) in [(one, other), (other, one)] {
+            let places = (Place::Federate(from), Place::Federate(to));
+            for event in self.links.remove(&places).unwrap_or_default() {
+                if let Event::Peer { news: News::Frame(Frame::Message { tag, .. }), .. } = event {
+                    self.lost_from = self.lost_from.min(tag);
+                }
+            }
+            let lost = Event::Peer { from, to, news: News::Lost };
+            self.links.insert(places, VecDeque::from([lost]));
+            self.broken.insert(places);
+        }
+    }
+
+    fn input(&mut self, to: Instance, input: Input) -> Result<(), Fault> {
+        let me = to.federate;
+        let node = &self.seats[me].get().node;
+        if node.me != to || node.is_over() {
             return Ok(());
         }
         let now = self.now;
@@ -283,21 +405,32 @@ impl State {
         for output in outputs {
             match output {
                 RtiOutput::Send { link, frame } => {
-                    let me = FederateId(u16::try_from(link.0).expect("links have small numbers"));
-                    let event = Event::Federate(me, Input::FromRti(frame));
-                    if !self.has_ended(link, me) {
-                        self.send(Place::Rti, Place::Federate(me), event);
+                    let to = Instance::of_link(link);
+                    let event = Event::Federate(to, Input::FromRti(frame));
+                    if self.seats[to.federate].get().node.link() == link {
+                        self.send(Place::Rti, Place::Federate(to), event);
                     }
                 }
                 RtiOutput::Left { federate } if self.seats[federate].get().node.crashed => {
                     self.launch(federate);
                 }
+                RtiOutput::Close { link } => self.hang_up(link),
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),
                 RtiOutput::Finished => self.finished = true,
                 _ => {}
             }
         }
         Ok(())
+    }
+
+    /// The RTI closes the link of a federate, and reads no more of it.
+    fn hang_up(&mut self, link: LinkId) {
+        let who = Instance::of_link(link);
+        let (rti, place) = (Place::Rti, Place::Federate(who));
+        self.send(rti, place, Event::Federate(who, Input::RtiLost));
+        self.broken.extend([(rti, place), (place, rti)]);
+        let closed = Event::Rti(RtiInput::Closed { link });
+        self.links.insert((place, rti), VecDeque::from([closed]));
     }
 
     /// Sends what a federate wants sent. If it is over, so is its process.
@@ -314,22 +447,49 @@ impl State {
     }
 
     fn carry_out_one(&mut self, me: FederateId, output: Output) {
-        let from = Place::Federate(me);
+        let (instance, place) = (self.instance(me), self.place(me));
         match output {
             Output::ToRti(frame) => {
-                let link = LinkId(u32::from(me.0));
-                self.send(from, Place::Rti, Event::Rti(RtiInput::Frame { link, frame }));
+                let input = RtiInput::Frame { link: self.link(me), frame };
+                self.send(place, Place::Rti, Event::Rti(input));
             }
             Output::Rejoin => {
-                self.broken.remove(&me);
-                self.send(from, from, Event::Federate(me, Input::Rejoins));
+                let (rti, node) = (Place::Rti, place);
+                self.broken.retain(|ends| ![(rti, node), (node, rti)].contains(ends));
+                self.links.remove(&(rti, node));
+                self.seats[me].change(|seat| seat.node.redial());
+                self.send(node, node, Event::Federate(instance, Input::Rejoins));
             }
             Output::ToPeer { to, frame } => {
-                let event = Event::Federate(to, Input::FromPeer { from: me, frame });
-                self.send(from, Place::Federate(to), event);
+                let Some(to) = self.seats[me].get().node.wires.to(to) else { return };
+                if let Frame::Message { tag, .. } = &frame
+                    && self.broken.contains(&(place, Place::Federate(to)))
+                {
+                    self.lost_from = self.lost_from.min(*tag);
+                }
+                self.news(instance, to, News::Frame(frame));
             }
-            Output::Connect { peer, .. } => {
-                self.send(from, Place::Federate(peer), Event::Dial { from: me, to: peer });
+            Output::Connect { peer, listen } => {
+                let to = Instance::at(&listen);
+                let node = &self.seats[peer].get().node;
+                if node.me != to || node.is_over() {
+                    let reason = "refused".to_owned();
+                    let input = Input::Unreachable { peer, reason };
+                    self.send(place, place, Event::Federate(instance, input));
+                    return;
+                }
+                if let Some(former) = self.seats[me].change(|seat| seat.node.wires.open(to)) {
+                    self.news(instance, former, News::Lost);
+                }
+                let event = Event::Dial { from: instance, to };
+                self.send(place, Place::Federate(to), event);
+            }
+            Output::Disconnect(peer) => {
+                let closed = self.seats[me].get().node.wires.all().into_iter();
+                for former in closed.filter(|former| former.federate == peer) {
+                    self.seats[me].change(|seat| seat.node.wires.forget(former));
+                    self.news(instance, former, News::Lost);
+                }
             }
             _ => {}
         }
@@ -337,28 +497,31 @@ impl State {
 
     /// A federate's process has ended: its links end after what it has sent.
     fn leave(&mut self, me: FederateId) {
-        let from = Place::Federate(me);
-        self.links.retain(|(_, to), _| *to != from);
-        let closed = RtiInput::Closed { link: LinkId(u32::from(me.0)) };
-        self.send(from, Place::Rti, Event::Rti(closed));
-        let program = self.seats[me].get().node.program().clone();
-        for peer in linked(&program, me) {
-            self.send(from, Place::Federate(peer), Event::Federate(peer, Input::PeerLost(me)));
+        let (instance, place) = (self.instance(me), self.place(me));
+        // Who has opened a link that was not accepted yet learns that there will be none.
+        let waiting = self.links.iter().filter(|((_, to), _)| *to == place);
+        let dials = waiting.flat_map(|(_, events)| events).filter_map(|event| match event {
+            Event::Dial { from, .. } => Some(*from),
+            _ => None,
+        });
+        let peers = dials.chain(self.seats[me].get().node.wires.all()).collect::<BTreeSet<_>>();
+        self.links.retain(|(_, to), _| *to != place);
+        let closed = RtiInput::Closed { link: self.link(me) };
+        self.send(place, Place::Rti, Event::Rti(closed));
+        for peer in peers {
+            self.news(instance, peer, News::Lost);
         }
     }
 
     fn send(&mut self, from: Place, to: Place, event: Event) {
-        let lost = match (from, to) {
-            (Place::Federate(me), Place::Rti) | (Place::Rti, Place::Federate(me)) => {
-                self.broken.contains(&me)
-            }
-            _ => false,
-        };
         let gone = match to {
-            Place::Federate(me) => self.seats[me].get().node.is_over(),
+            Place::Federate(to) => {
+                let node = &self.seats[to.federate].get().node;
+                node.me != to || node.is_over()
+            }
             Place::Rti => false,
         };
-        if !lost && !gone {
+        if !self.broken.contains(&(from, to)) && !gone {
             self.links.entry((from, to)).or_default().push_back(event);
         }
     }

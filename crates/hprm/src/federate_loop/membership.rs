@@ -13,7 +13,7 @@ use hprm_store::{Store, StoreLimits};
 use super::objects::Objects;
 use super::reach::Reach;
 use super::time::Time;
-use super::wires::Wires;
+use super::wires::{LineId, Wires};
 use crate::wire::Network;
 use crate::{Address, Clock, Failure, Inbox, Security};
 
@@ -85,7 +85,7 @@ impl Membership {
     }
 
     /// Adds what has come from links.
-    pub(super) fn read(&mut self, inputs: &mut Vec<Input>) -> Result<(), Failure> {
+    pub(super) fn read(&mut self, inputs: &mut Vec<(LineId, Input)>) -> Result<(), Failure> {
         let Self { machine, wires, .. } = self;
         wires.read(|hello| machine.admit(hello).ok(), inputs)
     }

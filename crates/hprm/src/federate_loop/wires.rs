@@ -36,9 +36,61 @@ pub(super) struct Wires {
     keys: Keys,
     advertised: Option<String>,
     host: HostId,
+    ids: Ids,
     descriptors: Descriptors,
     /// Why something could not be written.
     lack: Option<Failure>,
+}
+
+/// Tells the links with a peer apart that follow one another: a greater number is a later one.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) struct LineId(u64);
+
+impl LineId {
+    const RTI: Self = Self(0);
+}
+
+/// The latest links with each peer, and the last that this federate closed.
+#[derive(Default)]
+struct Ids {
+    count: u64,
+    outgoing: BTreeMap<FederateId, LineId>,
+    incoming: BTreeMap<FederateId, LineId>,
+    closed: BTreeMap<FederateId, LineId>,
+}
+
+impl Ids {
+    fn next(&mut self) -> LineId {
+        self.count += 1;
+        LineId(self.count)
+    }
+
+    fn open(&mut self, peer: FederateId) {
+        let id = self.next();
+        self.outgoing.insert(peer, id);
+    }
+
+    fn accept(&mut self, peer: FederateId) -> LineId {
+        let id = self.next();
+        self.incoming.insert(peer, id);
+        id
+    }
+
+    fn close(&mut self, peer: FederateId) {
+        self.closed.insert(peer, LineId(self.count));
+    }
+
+    fn outgoing(&self, peer: FederateId) -> LineId {
+        self.outgoing.get(&peer).copied().unwrap_or(LineId::RTI)
+    }
+
+    fn incoming(&self, peer: FederateId) -> LineId {
+        self.incoming.get(&peer).copied().unwrap_or(LineId::RTI)
+    }
+
+    fn is_closed(&self, peer: FederateId, id: LineId) -> bool {
+        self.closed.get(&peer).is_some_and(|closed| id <= *closed)
+    }
 }
 
 /// The links of a federate.
@@ -110,6 +162,7 @@ impl Wires {
             is_away: false,
             keys,
             advertised,
+            ids: Ids::default(),
             descriptors: BTreeMap::new(),
             lack: None,
         })
@@ -172,7 +225,27 @@ impl Wires {
         let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
         link.queue(hello, None);
         self.links.outgoing.insert(peer, Line::new(link));
+        self.ids.open(peer);
         Ok(())
+    }
+
+    /// Closes the links with a peer.
+    pub(super) fn disconnect(&mut self, peer: FederateId) {
+        self.links.outgoing.remove(&peer);
+        self.links.incoming.remove(&peer);
+        self.ids.close(peer);
+    }
+
+    /// Whether an input comes from a link with a peer that this federate has closed since it was read, or
+    /// has replaced by another link.
+    pub(super) fn is_past(&self, id: LineId, input: &Input) -> bool {
+        let (Input::PeerUp(peer) | Input::PeerLost(peer) | Input::FromPeer { from: peer, .. }) =
+            input
+        else {
+            return false;
+        };
+        let replaced = self.links.outgoing.contains_key(peer) && id < self.ids.outgoing(*peer);
+        replaced || self.ids.is_closed(*peer, id)
     }
 
     /// Whether descriptors reach a federate on the same host before a message on such a channel.
@@ -260,7 +333,7 @@ impl Wires {
     pub(super) fn read(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
-        inputs: &mut Vec<Input>,
+        inputs: &mut Vec<(LineId, Input)>,
     ) -> Result<(), Failure> {
         self.lack.take().map_or(Ok(()), Err)?;
         self.read_rti(inputs)?;
@@ -278,23 +351,23 @@ impl Wires {
         self.poller.look(&mut self.links, bell)
     }
 
-    fn read_rti(&mut self, inputs: &mut Vec<Input>) -> Result<(), Failure> {
+    fn read_rti(&mut self, inputs: &mut Vec<(LineId, Input)>) -> Result<(), Failure> {
         if self.is_away
             && let Some(link) = self.search.look(&self.keys, &self.network)?
         {
             self.links.rti = Some(Line::new(link));
             self.is_away = false;
-            inputs.push(Input::Rejoins);
+            inputs.push((LineId::RTI, Input::Rejoins));
         }
         let Some(line) = &mut self.links.rti else { return Ok(()) };
         let descriptors = &mut self.descriptors;
         let open = line.read(|frame, descriptor| {
             keep(descriptors, &frame, descriptor);
-            inputs.push(Input::FromRti(frame));
+            inputs.push((LineId::RTI, Input::FromRti(frame)));
         });
         if !open.map_err(failure)? {
             self.links.rti = None;
-            inputs.push(Input::RtiLost);
+            inputs.push((LineId::RTI, Input::RtiLost));
         }
         Ok(())
     }
@@ -303,7 +376,7 @@ impl Wires {
     fn read_greetings(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
-        inputs: &mut Vec<Input>,
+        inputs: &mut Vec<(LineId, Input)>,
     ) -> Result<(), Failure> {
         let Some(door) = self.links.door.as_mut().filter(|door| door.is_ready()) else {
             return Ok(());
@@ -316,31 +389,33 @@ impl Wires {
                 link.trust();
                 link.queue(welcome, None);
                 self.links.incoming.insert(from, Line::new(link));
-                inputs.push(Input::PeerUp(from));
+                inputs.push((self.ids.accept(from), Input::PeerUp(from)));
             }
         }
         Ok(())
     }
 
     /// A peer whose link is broken is as good as gone.
-    fn read_peers(&mut self, inputs: &mut Vec<Input>) -> Result<(), Failure> {
-        let Self { links: Links { outgoing, incoming, .. }, descriptors, .. } = self;
+    fn read_peers(&mut self, inputs: &mut Vec<(LineId, Input)>) -> Result<(), Failure> {
+        let Self { links: Links { outgoing, incoming, .. }, descriptors, ids, .. } = self;
         // Messages of a peer whose own link has ended come over the other one, and there may be more.
         let mut ended = Vec::new();
         for (peer, line) in &mut *outgoing {
             check_proof(line, *peer)?;
-            if !read_peer(line, *peer, descriptors, inputs)? {
+            let id = ids.outgoing(*peer);
+            if !read_peer(line, (*peer, id), descriptors, inputs)? {
                 ended.push(*peer);
                 if !incoming.contains_key(peer) {
-                    inputs.push(Input::PeerLost(*peer));
+                    inputs.push((id, Input::PeerLost(*peer)));
                 }
             }
         }
         ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
         for (peer, line) in &mut *incoming {
-            if !read_peer(line, *peer, descriptors, inputs)? {
+            let id = ids.incoming(*peer);
+            if !read_peer(line, (*peer, id), descriptors, inputs)? {
                 ended.push(*peer);
-                inputs.push(Input::PeerLost(*peer));
+                inputs.push((id, Input::PeerLost(*peer)));
             }
         }
         ended.drain(..).for_each(|peer| drop(incoming.remove(&peer)));
@@ -361,17 +436,17 @@ fn check_proof(line: &mut Line, peer: FederateId) -> Result<(), Failure> {
 /// neither of them is a failure.
 fn read_peer(
     line: &mut Line,
-    from: FederateId,
+    (from, id): (FederateId, LineId),
     descriptors: &mut Descriptors,
-    inputs: &mut Vec<Input>,
+    inputs: &mut Vec<(LineId, Input)>,
 ) -> Result<bool, Failure> {
     let open = line.read(|frame, descriptor| {
         if let Frame::PeerWelcome { .. } = frame {
-            inputs.push(Input::PeerUp(from));
+            inputs.push((id, Input::PeerUp(from)));
             return;
         }
         keep(descriptors, &frame, descriptor);
-        inputs.push(Input::FromPeer { from, frame });
+        inputs.push((id, Input::FromPeer { from, frame }));
     });
     match open {
         Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {

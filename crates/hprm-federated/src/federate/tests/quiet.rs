@@ -97,3 +97,26 @@ fn a_clock_of_which_nobody_needs_to_hear_is_not_reported() {
     let report = Output::ToRti(Frame::NextEventTag { tag: at(after) });
     assert_eq!(input(&mut machine, after, Input::Wake), [report]);
 }
+
+#[test]
+fn a_clock_is_reported_to_the_one_who_grants_if_its_federate_waits_for_that() {
+    // The RTI grants what y cannot precede, and y waits for a.
+    let mut machine = started("x ~> a\ny -> a\na -> y after 1", "a", 3, &[]);
+    let report = |tag| Output::ToRti(Frame::NextEventTag { tag });
+    let idle = |machine: &mut Federate, after| {
+        input(machine, after, Input::NextEvent(at(30 * MILLISECOND)))
+    };
+    idle(&mut machine, 0);
+    quiet(&mut machine, at(50 * MILLISECOND), 0);
+    let wakeup = machine.next_wakeup().expect("a waits for a grant, and nobody else says more");
+    let after = wakeup.since(super::START);
+    assert!(after < 30 * MILLISECOND, "{after}");
+    assert_eq!(input(&mut machine, after, Input::Wake), [report(at(after))]);
+    // Once it has what it waits for, nobody needs to hear of its clock.
+    input(
+        &mut machine,
+        after,
+        Input::FromRti(Frame::TagAdvanceGrant { tag: at(40 * MILLISECOND) }),
+    );
+    assert_eq!(machine.next_wakeup(), None);
+}

@@ -1,0 +1,161 @@
+//! What federates must do that come and go: each of their processes is a scheduler of its own, from
+//! its first tag to its last one, and messages take no time.
+//!
+//! Which tags those are depends on clocks and on the network; everything else follows from them. What
+//! is sent to a federate at its first tag or later arrives there; what was sent before and is for such
+//! a tag may, and does so here if it did.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use hprm_core::{ChannelId, PhysicalTime, Program, Scheduler, Scope, Tag};
+
+use crate::behaviour::run_level;
+use crate::plan::{Ending, Life};
+use crate::{Log, difference};
+
+struct Actor<'a> {
+    life: &'a Life,
+    arrivals: BTreeSet<(ChannelId, Tag)>,
+    scheduler: Scheduler<u64>,
+    log: Log,
+    /// Whether it is within the tag that is being processed.
+    open: bool,
+    over: bool,
+}
+
+/// What is wrong with what the processes of a federation did, if anything. Who is not `patient` may end
+/// before a message comes; then there is nothing to compare with. The program ends at `stop`, and links
+/// have lost messages for `lost_from` and later.
+pub(crate) fn wrong(
+    program: &Arc<Program>,
+    lives: &[Life],
+    (stop, lost_from): (Tag, Tag),
+    patient: bool,
+) -> Option<String> {
+    // What a process did that was killed within a tag is not known, nor what a broken link has lost.
+    let within = lives.iter().filter(|life| life.end == Ending::Within);
+    let certain = within.map(|life| life.last).chain([lost_from]).min();
+    let mut stage = Stage {
+        actors: lives.iter().map(|life| Actor::new(program, life, stop)).collect(),
+        wrong: None,
+        certain: certain.unwrap_or(Tag::FOREVER),
+    };
+    while stage.wrong.is_none()
+        && let Some(tag) = stage.next()
+        && tag < stage.certain
+    {
+        stage.process(tag);
+    }
+    let differs = |actor: &Actor| {
+        let Life { federate, first, last, log, .. } = actor.life;
+        let wrong = difference(program, log, &actor.log, stage.certain)?;
+        Some(format!("{wrong} ({federate:?} from {first} to {last})"))
+    };
+    match &stage.wrong {
+        Some(missing) => patient.then(|| missing.clone()),
+        None => stage.actors.iter().find_map(differs),
+    }
+}
+
+impl<'a> Actor<'a> {
+    fn new(program: &Arc<Program>, life: &'a Life, stop: Tag) -> Self {
+        let scope = Scope::Federate(life.federate);
+        let mut scheduler = Scheduler::new(Arc::clone(program), scope);
+        scheduler.start_late(PhysicalTime(0), life.first);
+        // The others may agree on an end that one that was killed had passed.
+        if stop < Tag::FOREVER && life.end == Ending::InOrder {
+            scheduler.set_stop(stop);
+        }
+        if life.end == Ending::InOrder && life.last < stop {
+            scheduler.leave_at(life.last);
+        }
+        Self {
+            life,
+            arrivals: life.arrivals.iter().copied().collect(),
+            scheduler,
+            log: Log::new(program),
+            open: false,
+            over: life.last == Tag::NEVER,
+        }
+    }
+
+    /// What it does next, unless it is killed before.
+    fn next(&self) -> Option<Tag> {
+        let next = self.scheduler.next_tag();
+        let lives = self.life.end == Ending::InOrder || next <= self.life.last;
+        (!self.over && lives && next < Tag::FOREVER).then_some(next)
+    }
+}
+
+struct Stage<'a> {
+    actors: Vec<Actor<'a>>,
+    wrong: Option<String>,
+    certain: Tag,
+}
+
+impl Stage<'_> {
+    fn next(&self) -> Option<Tag> {
+        self.actors.iter().filter_map(Actor::next).min()
+    }
+
+    fn process(&mut self, tag: Tag) {
+        let now = tag.due(PhysicalTime(0));
+        for at in 0..self.actors.len() {
+            self.open(at, tag);
+        }
+        let open = |actor: &&mut Actor| actor.open;
+        while let Some(level) =
+            self.actors.iter_mut().filter(open).filter_map(|it| it.scheduler.next_level()).min()
+        {
+            for at in 0..self.actors.len() {
+                let actor = &mut self.actors[at];
+                if actor.open && actor.scheduler.next_level() == Some(level) {
+                    run_level(&mut actor.scheduler, now, level, &[], &mut actor.log);
+                    actor.scheduler.pass(level);
+                    self.send(at, tag);
+                }
+            }
+        }
+        for at in 0..self.actors.len() {
+            let actor = &mut self.actors[at];
+            if std::mem::take(&mut actor.open) {
+                actor.over = actor.scheduler.end(now);
+                self.send(at, tag);
+            }
+        }
+    }
+
+    /// Begins the tag, if there is something to do.
+    fn open(&mut self, at: usize, tag: Tag) {
+        let actor = &mut self.actors[at];
+        if !actor.open && actor.next() == Some(tag) {
+            actor.scheduler.begin(tag);
+            actor.open = true;
+        }
+    }
+
+    /// Delivers what one has sent.
+    fn send(&mut self, from: usize, now: Tag) {
+        while let Some(send) = self.actors[from].scheduler.poll_outbound() {
+            let channel = self.actors[from].scheduler.program().channels[send.channel];
+            let receives = |actor: &Actor| {
+                let Life { federate, first, last, .. } = *actor.life;
+                federate == channel.to && first <= send.tag && send.tag <= last
+            };
+            let Some(to) = self.actors.iter().position(receives) else { continue };
+            let actor = &mut self.actors[to];
+            let arrived = actor.arrivals.contains(&(send.channel, send.tag));
+            let must = now >= actor.life.first;
+            if must && !arrived && send.tag < self.certain {
+                let (sent, at) = (send.channel, send.tag);
+                self.wrong =
+                    Some(format!("what {sent:?} carried at {now}, for {at}, did not come"));
+            }
+            if must || arrived {
+                actor.scheduler.deliver(send.channel, send.tag, send.value, false);
+                self.open(to, now);
+            }
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! What is to happen to a federation besides its program, and what has become of it.
+
+use std::collections::BTreeSet;
+
+use hprm_core::{ChannelId, FederateId, Nanos, PhysicalTime, Table, Tag};
+use hprm_federated::Quieting;
+
+use crate::network::{Latency, Partition};
+use crate::{Log, Maxwait};
+
+/// What is to happen besides the program.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Plan {
+    /// How long things take on their way.
+    pub latency: Latency,
+    /// Somebody who is cut off for a while.
+    pub partition: Option<Partition>,
+    /// How each federate's clock deviates from true time; those that are not here do not.
+    pub clocks: Vec<Skew>,
+    /// A federate that asks to stop once it has processed that tag or a later one.
+    pub stop: Option<(FederateId, Tag)>,
+    /// Federates that leave, each at its first reaction at that tag or a later one.
+    pub leaves: Vec<(FederateId, Tag)>,
+    /// Federates that change after which tag how long they wait.
+    pub maxwaits: Vec<Maxwait>,
+    /// A federate that is killed at that time.
+    pub crash: Option<(FederateId, PhysicalTime)>,
+    /// A federate whose link to the RTI breaks at that time.
+    pub cut: Option<(FederateId, PhysicalTime)>,
+    /// Two federates whose direct link breaks at that time.
+    pub broken: Option<(FederateId, FederateId, PhysicalTime)>,
+    /// Transient federates that are not launched at the beginning.
+    pub absent: BTreeSet<FederateId>,
+    /// What befalls transient federates, and when.
+    pub visits: Vec<(FederateId, PhysicalTime, Visit)>,
+    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
+    pub flow_limit: Option<u64>,
+    /// When the RTI tells federates that nobody needs their reports.
+    pub quieting: Quieting,
+    /// When which federate's physical action is scheduled from outside.
+    pub events: Vec<(FederateId, PhysicalTime)>,
+}
+
+/// How a clock deviates.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Skew {
+    /// By how much it is fast at time zero.
+    pub offset: Nanos,
+    /// How much it gains in a million.
+    pub drift: Nanos,
+}
+
+impl Skew {
+    /// What the clock says at a true time.
+    pub(crate) fn local(self, time: PhysicalTime) -> PhysicalTime {
+        let gained = i128::from(time.0) * i128::from(self.drift) / 1_000_000;
+        let gained = Nanos::try_from(gained).unwrap_or(Nanos::MAX);
+        PhysicalTime(time.0.saturating_add(self.offset).saturating_add(gained))
+    }
+
+    /// The first time at which it says that much or more.
+    pub(crate) fn global(self, reading: PhysicalTime) -> PhysicalTime {
+        let elapsed = i128::from(reading.0) - i128::from(self.offset);
+        let time = elapsed * 1_000_000 / i128::from(1_000_000 + self.drift);
+        let mut time = PhysicalTime(Nanos::try_from(time).unwrap_or(Nanos::MAX).saturating_sub(2));
+        while self.local(time) < reading {
+            time = time.plus(1);
+        }
+        time
+    }
+}
+
+/// What befalls a transient federate.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Visit {
+    /// A process is launched that joins as this federate, and takes over if another one is there.
+    Launch,
+    /// The federate that runs asks to leave.
+    Leave,
+    /// The process that was launched last is killed.
+    Crash,
+}
+
+/// What has become of a federation.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Outcome {
+    /// What its reactions did.
+    pub log: Log,
+    /// The last tag of each federate.
+    pub last: Table<FederateId, Tag>,
+    /// Which of them left before the others.
+    pub left: Table<FederateId, bool>,
+    /// How many messages came too late for their tag.
+    pub tardy: usize,
+    /// How many messages did not come at all before their receiver ended, as far as it had to hear of
+    /// them.
+    pub lost: usize,
+    /// Whom the RTI reported as failed.
+    pub failed: Option<FederateId>,
+    /// The last tag of the program, as far as any federate knew it.
+    pub stop: Tag,
+    /// The processes of each federate that have started, in order.
+    pub lives: Vec<Life>,
+    /// The least tag of a message that a broken link has lost, although its receiver came as far.
+    pub lost_from: Tag,
+    /// How many things happened.
+    pub events: usize,
+    /// By how much, at most, a tag has begun after it was due by the federate's clock.
+    pub lag: Nanos,
+    /// How many frames the federates sent to the RTI, and the RTI to them.
+    pub frames: (usize, usize),
+}
+
+/// What a process of a federate has done.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Life {
+    /// Which federate it was.
+    pub federate: FederateId,
+    /// Its first tag.
+    pub first: Tag,
+    /// The last tag that it has begun.
+    pub last: Tag,
+    /// How it has ended.
+    pub end: Ending,
+    /// What its reactions did.
+    pub log: Log,
+    /// The messages that it has taken.
+    pub arrivals: Vec<(ChannelId, Tag)>,
+}
+
+/// How a process has ended.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Ending {
+    /// At its last tag.
+    InOrder,
+    /// It was told to end, or killed, between two tags.
+    Between,
+    /// The same within a tag.
+    Within,
+}

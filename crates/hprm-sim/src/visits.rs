@@ -1,0 +1,62 @@
+//! Transient federates that come and go, and direct links that break: drawn apart from the rest, so
+//! seeds without them tell what they told before there were any.
+
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program};
+
+use crate::rng::mix;
+use crate::{Plan, Rng, Shape, Visit};
+
+/// Tells what is drawn here from everything else that is drawn from a seed.
+const VISITS: u64 = 0x7151;
+
+/// How long a program lasts that would not end by itself.
+const TIMEOUTS: [Nanos; 4] = [2_000, 5_000, 10_000, 20_000];
+
+/// Makes some federates of some programs transient, and draws what befalls them, and direct links.
+pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Plan) {
+    let mut rng = Rng::new(mix(seed ^ VISITS));
+    if rng.percent(30) {
+        transients(&mut rng, program, plan);
+    }
+    if shape.coordination == Coordination::Decentralized && rng.percent(8) {
+        let (one, other) = two(&mut rng, program);
+        plan.broken = Some((one, other, time(&mut rng)));
+    }
+}
+
+fn transients(rng: &mut Rng, program: &mut Program, plan: &mut Plan) {
+    let count = program.federates.len();
+    let timeout = TIMEOUTS[usize::try_from(rng.below(4)).unwrap_or(0)];
+    program.properties.timeout.get_or_insert(timeout);
+    let all: Vec<_> = program.federates.ids().collect();
+    // Not all of them, or there would be nobody to join.
+    let lasting = all[usize::try_from(rng.below(count as u64)).unwrap_or(0)];
+    let share = 100 / (1 + rng.below(3));
+    let chosen: Vec<_> =
+        all.into_iter().filter(|me| *me != lasting && rng.percent(share)).collect();
+    for me in chosen {
+        program.federates[me].transient = true;
+        if rng.percent(50) {
+            plan.absent.insert(me);
+        }
+        for _ in 0..1 + rng.below(4) {
+            let visit = match rng.below(10) {
+                0..=4 => Visit::Launch,
+                5..=7 => Visit::Leave,
+                _ => Visit::Crash,
+            };
+            plan.visits.push((me, time(rng), visit));
+        }
+    }
+}
+
+fn two(rng: &mut Rng, program: &Program) -> (FederateId, FederateId) {
+    let channels = program.channels.len() as u64;
+    let at = usize::try_from(rng.below(channels)).unwrap_or(0);
+    let channel = program.channels.values().nth(at);
+    channel.map_or((FederateId(0), FederateId(1)), |channel| (channel.from, channel.to))
+}
+
+fn time(rng: &mut Rng) -> PhysicalTime {
+    PhysicalTime(rng.below(50_000).cast_signed())
+}
