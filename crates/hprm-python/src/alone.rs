@@ -47,7 +47,7 @@ pub(crate) fn watch(
     spawn(move || {
         let mut numbers_read = [0; 64];
         while let Ok(count @ 1..) = read(&reader, &mut numbers_read) {
-            inbox.ring();
+            inbox.notify();
             let first = numbers_read[..count].iter().find(|number| numbers.contains(number));
             if let Some(number) = first
                 && let Some(federate) = federate.take()

@@ -295,7 +295,7 @@ impl Runtime {
             self.inbox.request_stop();
         } else {
             cell.departs = true;
-            self.inbox.ring();
+            self.inbox.notify();
         }
         Ok(())
     }

@@ -11,8 +11,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 
 use hprm::{
-    Address, Clock, Failure, FederateOptions, Inbox, Kind, Reach, Report, Room, RtiEvent,
-    RtiHandle, RtiOptions, Security,
+    Address, Clock, Failure, FederateOptions, Inbox, Kind, Reach, Report, RtiEvent, RtiHandle,
+    RtiOptions, Security, ValueExchange,
 };
 use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
@@ -91,7 +91,7 @@ impl Reporter {
     fn tell(&self, event: ThreadEvent) {
         // The receiver is gone once the process is about to end.
         let _ = self.events.send(event);
-        self.wakeups.ring();
+        self.wakeups.notify();
     }
 }
 
@@ -117,7 +117,7 @@ fn start(
     }
     let (events, arrivals) = channel();
     let reporter = Reporter { events, wakeups: wakeups.clone() };
-    let room = Room::new();
+    let exchange = ValueExchange::new();
     let fingerprint = Arc::new(program.fingerprint());
     let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
     let options = RtiOptions {
@@ -130,7 +130,7 @@ fn start(
         security: Security::default(),
         patience: Patience::default(),
     };
-    let rti = room.rti(&options)?;
+    let rti = exchange.rti(&options)?;
     let watch = Watch::new(compiled, arrivals, wakeups.clone(), rti.handle());
     let reports = reporter.clone();
     let asked = Arc::clone(program);
@@ -152,9 +152,10 @@ fn start(
             store: hprm::store_limits(compiled.settings.store),
             trace: logical_traces.map(|folder| folder.join(&federate.name)),
         };
-        let (compiled, room, reports) = (Arc::clone(compiled), room.clone(), reporter.clone());
+        let (compiled, exchange, reports) =
+            (Arc::clone(compiled), exchange.clone(), reporter.clone());
         spawn(&federate.name, move || {
-            let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &room));
+            let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &exchange));
             reports.tell(ThreadEvent::Ended(id, catch_unwind(run)));
         })?;
     }
@@ -171,7 +172,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure>
 fn run_federate(
     compiled: &Compiled,
     options: &FederateOptions,
-    room: &Room<Value>,
+    exchange: &ValueExchange<Value>,
 ) -> Result<(), Failure> {
     belong_to(options.federate);
     let inbox = inbox()?;
@@ -179,7 +180,7 @@ fn run_federate(
     // only where there is Python code to run: the loop itself does not stop other threads.
     Python::attach(|py| {
         py.detach(|| {
-            hprm::run_federate_in(options, room, &inbox, || {
+            hprm::run_federate_in(options, exchange, &inbox, || {
                 let scope = Scope::Federate(options.federate);
                 Python::attach(|py| load(py, compiled, scope, &inbox))
             })

@@ -12,7 +12,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 /// Reads physical time; never goes back while a program runs (handbook, "physical time").
 ///
-/// It is the monotonic clock, moved to the Unix epoch once: somebody who sets the clock of the
+/// It is the monotonic clock, moved to the Unix epoch once: setting the clock of the
 /// machine does not stop a program or make it run ahead.
 #[derive(Debug)]
 pub struct Clock;
@@ -41,8 +41,7 @@ impl Clock {
         clock.at(Self::local())
     }
 
-    /// The time now by the clock of this machine, which nobody corrects: for how long something may
-    /// take.
+    /// The time now by the clock of this machine, which is never corrected: for timeouts.
     pub(crate) fn local() -> PhysicalTime {
         let local = *OFFSET + read(ClockId::Monotonic);
         PhysicalTime(local + DISTURBANCE.load(Ordering::Relaxed))

@@ -11,7 +11,7 @@ use hprm_lf::SourceLoader;
 #[derive(Clone, Debug, Default)]
 pub struct Disk {
     packages: Vec<String>,
-    /// Files that have been read before anybody asked.
+    /// Files that were read in advance.
     ahead: BTreeMap<String, String>,
 }
 
@@ -45,7 +45,7 @@ impl SourceLoader for Disk {
         let name = |entry: io::Result<std::fs::DirEntry>| {
             let entry = entry.ok()?;
             let name = entry.file_name().into_string().ok()?;
-            // A link to a folder is not followed: it might lead in a circle.
+            // A link to a folder is not followed: it might lead in a cycle.
             let is_folder = entry.file_type().ok()?.is_dir();
             Some(if is_folder { format!("{name}/") } else { name })
         };

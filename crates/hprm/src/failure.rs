@@ -106,7 +106,7 @@ pub enum Failure {
     },
     /// There is an RTI, and this process cannot speak to it.
     #[error("the RTI at {address}: {reason}")]
-    Stranger {
+    Unauthenticated {
         /// Where it is.
         address: Address,
         /// Why.
@@ -292,7 +292,7 @@ impl Failure {
             Self::Option { .. } => Kind::Option,
             Self::System { .. } | Self::Listen { .. } => Kind::System,
             Self::Trace { .. } => Kind::Trace,
-            Self::NoRti { .. } | Self::Stranger { .. } | Self::RtiLost { .. } => Kind::Rti,
+            Self::NoRti { .. } | Self::Unauthenticated { .. } | Self::RtiLost { .. } => Kind::Rti,
             Self::Refused(_) => Kind::Refused,
             Self::Link(_) => Kind::Link,
             Self::Protocol(_) => Kind::Protocol,
@@ -314,7 +314,7 @@ impl Failure {
         }
     }
 
-    /// Whether a person has nothing to be told: the end is as it was asked for, or somebody else tells.
+    /// Whether the user needs no report: the end is as it was asked for, or another process reports it.
     #[must_use]
     pub fn is_quiet(&self) -> bool {
         matches!(
@@ -323,7 +323,7 @@ impl Failure {
         )
     }
 
-    /// What is told to those who ask for it in one piece, such as other processes.
+    /// The report of the failure in one piece, for example for other processes.
     #[must_use]
     pub fn report(&self) -> Report {
         let plain = Report { code: self.exit_code(), ..Report::new(self.kind(), self.to_string()) };

@@ -24,12 +24,12 @@ use hprm_core::{
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
-use crate::link::descriptors::no_doorbell;
+use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
 use crate::trace::Trace;
 use crate::wire::Network;
 use crate::workers::Workers;
-use crate::{Clock, Failure, Host, Inbox, Report, Room, enter_realtime};
+use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
 pub use membership::FederateOptions;
 pub use reach::Reach;
 
@@ -57,40 +57,40 @@ where
 }
 
 /// Runs a federate to its end, as [`run_federate`] does, whose federation is in this process: in
-/// `room`, and so is its RTI.
+/// `exchange`, and so is its RTI.
 ///
 /// # Errors
 ///
 /// As [`run_federate`].
 pub fn run_federate_in<H: Host>(
     options: &FederateOptions,
-    room: &Room<H::Value>,
+    exchange: &ValueExchange<H::Value>,
     inbox: &Inbox<H::Value>,
     load: impl FnOnce() -> Result<H, Failure>,
 ) -> Result<(), Failure>
 where
     H::Value: Send + Sync + 'static,
 {
-    let outcome = run(options, Some(room), inbox, load);
-    room.clear(options.federate);
+    let outcome = run(options, Some(exchange), inbox, load);
+    exchange.clear(options.federate);
     outcome
 }
 
 fn run<H: Host>(
     options: &FederateOptions,
-    room: Option<&Room<H::Value>>,
+    exchange: Option<&ValueExchange<H::Value>>,
     inbox: &Inbox<H::Value>,
     load: impl FnOnce() -> Result<H, Failure>,
 ) -> Result<(), Failure>
 where
     H::Value: Send + Sync + 'static,
 {
-    if room.is_none() {
+    if exchange.is_none() {
         log_names(&options.program);
     }
-    let network = match room {
-        Some(room) => room.network(),
-        None => Network::sockets().map_err(|error| no_doorbell(&error))?,
+    let network = match exchange {
+        Some(exchange) => exchange.network(),
+        None => Network::sockets().map_err(|error| no_notifier(&error))?,
     };
     let properties = &options.program.properties;
     enter_realtime(properties, Some(options.federate.index()))?;
@@ -111,7 +111,7 @@ where
         inbox,
         host,
         federation,
-        room: room.cloned(),
+        exchange: exchange.cloned(),
         phase: Phase::Joining,
         loaded: false,
         interrupted: false,
@@ -119,7 +119,7 @@ where
         looked_at: PhysicalTime(0),
         pace: Pace::new(),
     };
-    if federate.room.is_none() {
+    if federate.exchange.is_none() {
         federate.host.furnish(federate.federation.objects.allocator());
     }
     if options.trace.is_some() {
@@ -139,7 +139,7 @@ struct FederateLoop<'a, H: Host> {
     host: H,
     federation: Membership,
     /// Where the values of messages are, if the federation is in this process.
-    room: Option<Room<H::Value>>,
+    exchange: Option<ValueExchange<H::Value>>,
     phase: Phase,
     /// Whether the machine knows that this federate could start.
     loaded: bool,
@@ -181,7 +181,7 @@ where
             self.read_inbox()?;
             self.read_links()?;
             self.get_ready()?;
-            self.give_back()?;
+            self.send_releases()?;
             self.handle(Input::Wake)?;
             moved = match self.phase {
                 Phase::Running => self.step()?,
@@ -269,7 +269,7 @@ where
     fn read_inbox(&mut self) -> Result<(), Failure> {
         let mut stop = self.inbox.take_stop()?;
         if self.host.interrupted() {
-            // To stop in order needs the others; who insists does not want to wait for them.
+            // To stop in order needs the other federates; a second interrupt does not wait for them.
             if self.interrupted || self.phase == Phase::Joining {
                 return Err(self.interruption());
             }
@@ -300,7 +300,7 @@ where
     }
 
     /// Tells owners of objects that nothing here refers to them any more.
-    fn give_back(&mut self) -> Result<(), Failure> {
+    fn send_releases(&mut self) -> Result<(), Failure> {
         for (owner, serials) in self.federation.objects.dropped() {
             self.handle(Input::Release { owner, serials })?;
         }
@@ -337,8 +337,8 @@ where
     }
 
     /// Whether something may have come that is to be read before a tag begins. What had come when the
-    /// tag became safe is there if it was safe when the links were looked at; but whoever asks this
-    /// federate something else does not wait for long either.
+    /// tag became safe is there if it was safe when the links were looked at; but other requests to this
+    /// federate must not wait for long either.
     fn should_look(&self, tag: Tag) -> bool {
         let was_safe = tag.due(self.scheduler.start_time()) <= self.looked_at
             && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
@@ -396,11 +396,11 @@ where
 
     fn send_all(&mut self) -> Result<(), Failure> {
         // First: a receiver of a message of this tag can then use the memory of earlier ones again.
-        self.give_back()?;
+        self.send_releases()?;
         while let Some(message) = self.scheduler.poll_outbound() {
             self.send(message)?;
         }
-        self.give_back()
+        self.send_releases()
     }
 
     fn send(&mut self, message: OutboundMessage<H::Value>) -> Result<(), Failure> {
@@ -411,8 +411,8 @@ where
         if !machine.is_live(to) {
             return Ok(());
         }
-        if let Some(room) = &self.room {
-            let mut payload = room.leave(to, self.host.hand_over(channel, &value)?);
+        if let Some(exchange) = &self.exchange {
+            let mut payload = exchange.put(to, self.host.hand_over(channel, &value)?);
             payload.physical = physical;
             return self.handle(Input::Send { channel, tag, payload });
         }
@@ -503,9 +503,11 @@ where
     }
 
     fn receive(&mut self, channel: ChannelId, payload: Payload) -> Result<H::Value, Failure> {
-        if let Some(room) = &self.room {
+        if let Some(exchange) = &self.exchange {
             let me = self.scheduler.program().channels[channel].to;
-            let value = room.take(me, &payload).expect("its sender has left it before the message");
+            let value = exchange
+                .take(me, &payload)
+                .expect("its sender has put it there before the message");
             return Ok(self.host.take_over(channel, value, Clock::now()));
         }
         let from = self.scheduler.program().channels[channel].from;
@@ -525,9 +527,9 @@ where
             self.now
         );
         let Membership { wires, .. } = &mut self.federation;
-        let bell = self.inbox;
-        let found = bell.may_sleep().then(|| self.host.idle(|| wires.wait(bell, until)));
-        bell.waited(found.is_some_and(|found| found.bell));
+        let inbox = self.inbox;
+        let found = inbox.may_sleep().then(|| self.host.idle(|| wires.wait(inbox, until)));
+        inbox.waited(found.is_some_and(|found| found.notified));
         self.looked_at = Clock::now();
         self.pace.waited(self.looked_at);
     }

@@ -1,4 +1,4 @@
-//! What the loops need from whoever knows values and bodies.
+//! What the loops need from a host, which knows values and bodies.
 //!
 //! The Python extension is one host; a Rust program with closures is another. A host runs bodies
 //! and turns values into payloads and back; it decides nothing about order or time.
@@ -113,7 +113,7 @@ pub trait Host {
     }
 
     /// Waits, or lets workers run. A host that holds a lock which other threads of the process need
-    /// lets go of it meanwhile.
+    /// releases it meanwhile.
     fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
         wait()
     }
@@ -152,7 +152,7 @@ pub trait Host {
 /// Runs bodies in several threads at once: of reactions that do not depend on one another, and never
 /// two of one reactor.
 pub trait SharedBodies<V>: Sync {
-    /// Runs a body. Its inputs are in the scheduler, which nobody changes meanwhile; what it asks
+    /// Runs a body. Its inputs are in the scheduler, which does not change meanwhile; what it asks
     /// for goes into `effects`. It keeps no clone of `scheduler` when it returns.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_core::{ActionId, Nanos, PhysicalTime};
 
-use crate::bell::Bell;
+use crate::pipe_notifier::PipeNotifier;
 use crate::wait::wait_for;
 use crate::{Clock, Failure};
 
@@ -31,14 +31,14 @@ pub struct Inbox<V> {
 #[derive(Debug)]
 struct Shared<V> {
     pending: Mutex<Pending<V>>,
-    bell: Bell,
-    /// Whether somebody has rung, or may have, since the loop last looked. A loop that runs one tag
-    /// after the other looks here, and spares the lock and the call of the kernel.
-    rung: AtomicBool,
-    /// Whether the loop waits, or is about to: else it looks soon anyway, and the bell is spared.
+    notifier: PipeNotifier,
+    /// Whether a thread has notified the loop, or may have, since the loop last looked. A loop that runs one
+    /// tag after the other looks here, without the lock and without a system call.
+    notified: AtomicBool,
+    /// Whether the loop waits, or is about to: otherwise it looks soon anyway, and no system call is needed.
     asleep: AtomicBool,
-    /// Whether the bell rings, or may.
-    loud: AtomicBool,
+    /// Whether the notifier has to be cleared, or may have to be.
+    must_clear: AtomicBool,
     /// Whether there are requests.
     requested: AtomicBool,
 }
@@ -69,10 +69,10 @@ impl<V> Inbox<V> {
         Ok(Self {
             shared: Arc::new(Shared {
                 pending,
-                bell: Bell::new()?,
-                rung: AtomicBool::new(false),
+                notifier: PipeNotifier::new()?,
+                notified: AtomicBool::new(false),
                 asleep: AtomicBool::new(true),
-                loud: AtomicBool::new(false),
+                must_clear: AtomicBool::new(false),
                 requested: AtomicBool::new(false),
             }),
         })
@@ -89,14 +89,14 @@ impl<V> Inbox<V> {
         pending.requests.push(Request { action, extra, value, at });
         self.shared.requested.store(true, Ordering::Release);
         drop(pending);
-        self.ring();
+        self.notify();
         true
     }
 
     /// Asks the program to stop at its next tag.
     pub fn request_stop(&self) {
         self.pending().stop = true;
-        self.ring();
+        self.notify();
     }
 
     /// Ends the program: a thread of it cannot go on. The first failure counts. Returns false if the
@@ -108,51 +108,52 @@ impl<V> Inbox<V> {
         }
         pending.failure.get_or_insert(failure);
         drop(pending);
-        self.ring();
+        self.notify();
         true
     }
 
-    /// Wakes the loop without leaving anything.
-    pub fn ring(&self) {
+    /// Wakes up the loop without an event.
+    pub fn notify(&self) {
         // This and the question whether the loop sleeps are in one order with what `may_sleep` does:
         // one of the two sees what the other has done.
-        self.shared.rung.store(true, Ordering::SeqCst);
+        self.shared.notified.store(true, Ordering::SeqCst);
         if self.shared.asleep.load(Ordering::SeqCst) {
-            self.shared.loud.store(true, Ordering::Release);
-            self.shared.bell.ring();
+            self.shared.must_clear.store(true, Ordering::Release);
+            self.shared.notifier.notify();
         }
     }
 
-    /// A descriptor for those who can do no more than write a byte, such as a signal handler: that
-    /// wakes the loop. It never blocks.
+    /// A descriptor for code that can only write a byte, such as a signal handler: the byte wakes up the
+    /// loop. A write never blocks.
     #[must_use]
     pub fn wakeup(&self) -> BorrowedFd<'_> {
-        self.shared.bell.rope()
+        self.shared.notifier.writer()
     }
 
-    /// Waits until somebody rings, or `until` has come: for a thread that has no loop.
+    /// Waits for a notification, or until `until`: for a thread that has no loop.
     pub fn sleep(&self, until: Option<PhysicalTime>) {
         wait_for(self.as_fd(), until);
-        self.shared.bell.silence();
+        self.shared.notifier.clear();
     }
 
-    /// Whether a loop may wait: nobody has rung since it last looked. From now on the bell tells it.
+    /// Whether a loop may wait: it was not notified since it last looked. From now on the notifier wakes it
+    /// up.
     pub(crate) fn may_sleep(&self) -> bool {
         self.shared.asleep.store(true, Ordering::SeqCst);
-        !self.shared.rung.load(Ordering::SeqCst)
+        !self.shared.notified.load(Ordering::SeqCst)
     }
 
-    /// Notes that a loop has waited, and whether the bell has ended that: a signal handler may have
-    /// rung, which leaves nothing but a byte.
-    pub(crate) fn waited(&self, bell_rings: bool) {
+    /// Notes that a loop has waited, and whether the notifier has ended that: a signal handler may have
+    /// written a byte, and nothing else.
+    pub(crate) fn waited(&self, notified: bool) {
         self.shared.asleep.store(false, Ordering::Release);
-        if bell_rings {
-            self.shared.rung.store(true, Ordering::Release);
-            self.shared.loud.store(true, Ordering::Release);
+        if notified {
+            self.shared.notified.store(true, Ordering::Release);
+            self.shared.must_clear.store(true, Ordering::Release);
         }
     }
 
-    /// Silences the bell, and takes whether a thread has asked to stop. Look for requests after
+    /// Clears the notifier, and takes whether a thread has asked to stop. Look for requests after
     /// this, not before.
     ///
     /// # Errors
@@ -160,15 +161,15 @@ impl<V> Inbox<V> {
     /// If a thread of the program cannot go on: its failure.
     #[inline]
     pub(crate) fn take_stop(&self) -> Result<bool, Failure> {
-        if self.shared.rung.load(Ordering::Acquire) { self.silence() } else { Ok(false) }
+        if self.shared.notified.load(Ordering::Acquire) { self.clear() } else { Ok(false) }
     }
 
-    /// The same, after a thread has rung.
-    fn silence(&self) -> Result<bool, Failure> {
-        // Before the bell, so that whoever rings from here on is heard again.
-        self.shared.rung.store(false, Ordering::Release);
-        if self.shared.loud.swap(false, Ordering::AcqRel) {
-            self.shared.bell.silence();
+    /// The same, after a notification.
+    fn clear(&self) -> Result<bool, Failure> {
+        // Before the notifier is cleared, so that a notification from here on is noticed.
+        self.shared.notified.store(false, Ordering::Release);
+        if self.shared.must_clear.swap(false, Ordering::AcqRel) {
+            self.shared.notifier.clear();
         }
         let mut pending = self.pending();
         match pending.failure.take() {
@@ -201,7 +202,7 @@ impl<V> Inbox<V> {
 
 impl<V> AsFd for Inbox<V> {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.shared.bell.as_fd()
+        self.shared.notifier.as_fd()
     }
 }
 
@@ -214,25 +215,25 @@ mod tests {
     #[test]
     fn a_ring_ends_a_sleep_and_a_time_does_too() {
         let inbox = Inbox::<()>::new().unwrap();
-        inbox.ring();
+        inbox.notify();
         inbox.sleep(None);
         inbox.sleep(Some(Clock::now()));
     }
 
     #[test]
-    fn the_bell_rings_only_for_a_loop_that_sleeps() {
+    fn only_a_loop_that_sleeps_is_notified() {
         let is_ringing = |inbox: &Inbox<()>| {
             let mut asked = [PollFd::new(inbox, PollFlags::IN)];
             poll(&mut asked, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap() > 0
         };
         let inbox = Inbox::<()>::new().unwrap();
         inbox.waited(false);
-        inbox.ring();
+        inbox.notify();
         assert!(!is_ringing(&inbox) && !inbox.may_sleep());
         inbox.waited(false);
         inbox.take_stop().unwrap();
         assert!(inbox.may_sleep());
-        inbox.ring();
+        inbox.notify();
         assert!(is_ringing(&inbox));
         inbox.waited(true);
         inbox.take_stop().unwrap();

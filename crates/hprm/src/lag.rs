@@ -148,7 +148,7 @@ impl Behind {
 }
 
 impl Overload {
-    /// What to tell a person. `place` says where a reaction is written, if that is known.
+    /// The warning for the user. `place` says where a reaction is written, if that is known.
     pub(crate) fn message(
         &self,
         program: &Program,
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn who_keeps_up_is_not_timed_and_hears_nothing() {
+    fn a_program_that_keeps_up_is_not_timed_and_gets_no_warning() {
         // Now and then a tag takes 90 ms, and the ones after it catch up.
         let (_, told, timed) = run(10_000, |index| if index % 100 == 0 { 90 * MS } else { MS });
         assert_eq!((told, timed), (Vec::new(), 0));

@@ -7,10 +7,8 @@
 //! A program written in Rust starts at [`App`]: its bodies are closures.
 
 mod app;
-mod bell;
 mod clock;
 mod disk;
-mod doorbell;
 mod failure;
 mod federate_loop;
 mod host;
@@ -19,16 +17,18 @@ mod lag;
 mod link;
 mod local_loop;
 mod log;
+mod notifier;
 mod pickling;
+mod pipe_notifier;
 mod poller;
 mod realtime;
-mod room;
 mod rti_loop;
 mod spin;
 mod staging;
 mod stall;
 mod store_limits;
 pub mod trace;
+mod value_exchange;
 mod wait;
 mod wire;
 mod workers;
@@ -48,11 +48,11 @@ pub use local_loop::{run_whole, run_whole_traced};
 pub use log::log_to_stderr;
 pub use pickling::Pickling;
 pub use realtime::enter_realtime;
-pub use room::Room;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};
 pub use stall::{ReactionRun, Stall, StallWatch};
 pub use store_limits::{container_memory, store_limits};
+pub use value_exchange::ValueExchange;
 
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
 pub use hprm_federated::{BadFederationId, FederationId, Patience, Refusal};

@@ -6,11 +6,11 @@
 //! Before the first frame, both ends prove that they belong to the federation (`proof`), unless the
 //! kernel vouches for the other end.
 
+mod acceptor;
 mod address;
 pub(crate) mod descriptors;
 mod ends;
 mod keys;
-mod lobby;
 mod outbound;
 mod proof;
 mod rings;
@@ -26,12 +26,12 @@ use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
 use hprm_federated::codec::{CodecError, Decoded, Decoder};
 
-use crate::doorbell::Doorbell;
+use crate::notifier::Notifier;
 use crate::wait::{Deadline, Interest, wait};
+pub(crate) use acceptor::LinkAcceptor;
 pub use address::{Address, AddressError};
 pub(crate) use keys::Keys;
 pub use keys::Security;
-pub(crate) use lobby::Lobby;
 use outbound::Outbound;
 pub(crate) use proof::Purpose;
 use proof::{Handshake, Refused, Role};
@@ -40,8 +40,8 @@ use socket::Socket;
 use stream::Stream;
 pub use tls::TlsFiles;
 
-/// The longest frame that is taken from somebody who has not said who he is, in bytes.
-const STRANGER_LIMIT: usize = 4096;
+/// The longest frame of a process that has not joined yet, in bytes.
+const UNPROVED_LIMIT: usize = 4096;
 
 /// The most reads from one link before the others get their turn: a sender that is faster than
 /// this process must not keep it from doing anything else.
@@ -95,23 +95,23 @@ impl Link {
         address: &Address,
         purpose: Purpose,
         keys: &Keys,
-        doorbell: &Doorbell,
+        notifier: &Notifier,
         deadline: Deadline,
     ) -> io::Result<Self> {
         let socket = Socket::connect(address, deadline)?;
-        let mut link = Self::new(socket, Role::Opener, purpose, keys, doorbell)?;
+        let mut link = Self::new(socket, Role::Opener, purpose, keys, notifier)?;
         link.trust();
         Ok(link)
     }
 
-    /// A link that somebody has opened, who has not said who he is.
+    /// A link that another process has opened, which has not been identified yet.
     pub(crate) fn accepted(
         socket: Socket,
         purpose: Purpose,
         keys: &Keys,
-        doorbell: &Doorbell,
+        notifier: &Notifier,
     ) -> io::Result<Self> {
-        Self::new(socket, Role::Acceptor, purpose, keys, doorbell)
+        Self::new(socket, Role::Acceptor, purpose, keys, notifier)
     }
 
     fn new(
@@ -119,17 +119,17 @@ impl Link {
         role: Role,
         purpose: Purpose,
         keys: &Keys,
-        doorbell: &Doorbell,
+        notifier: &Notifier,
     ) -> io::Result<Self> {
         let handshake = keys.handshake(&socket, role, purpose)?;
         Ok(Self {
-            stream: keys.stream(socket, role, doorbell)?,
+            stream: keys.stream(socket, role, notifier)?,
             handshake: handshake.map(Box::new),
             trusted: false,
             mute: false,
             inbound: Inbound {
-                // Whoever has not said who he is costs little.
-                buffer: vec![0; STRANGER_LIMIT],
+                // A process that has not been identified costs little memory.
+                buffer: vec![0; UNPROVED_LIMIT],
                 start: 0,
                 end: 0,
                 missing: 0,
@@ -235,7 +235,7 @@ impl Link {
     }
 
     /// Whether something is to be written, and can be once the socket takes more. If it is to be
-    /// written into memory, the doorbell rings then.
+    /// written into memory, the notifier wakes up the loop then.
     pub(crate) fn waits_for_socket(&self) -> bool {
         self.has_outbound() && self.stream.waits_for_socket()
     }
@@ -245,7 +245,7 @@ impl Link {
         self.stream.is_in_memory()
     }
 
-    /// Says that this process is about to sleep: whoever sends something then rings its doorbell. It
+    /// Announces that this process is about to sleep: a process that sends something notifies it then. It
     /// must look once more after that.
     pub(crate) fn fall_asleep(&mut self) {
         self.stream.fall_asleep();
@@ -354,7 +354,7 @@ impl Link {
         };
         if taken == Err(Refused::Encrypted) {
             // A socket that is closed with bytes unread may take the answer with it.
-            let mut rest = [0; STRANGER_LIMIT];
+            let mut rest = [0; UNPROVED_LIMIT];
             let _ = self.stream.receive(&mut rest, &mut self.inbound.descriptors);
         }
         self.flush_handshake()?;
@@ -399,7 +399,7 @@ impl Link {
                 }
                 Decoded::Missing(more) => (more, *end - *start + more),
             };
-            let limit = STRANGER_LIMIT;
+            let limit = UNPROVED_LIMIT;
             if !self.trusted && of > limit {
                 return Err(CodecError::TooLong { len: of, limit });
             }
@@ -460,7 +460,7 @@ impl Inbound {
         if self.end + self.missing.max(1) > self.buffer.len() {
             self.buffer.copy_within(self.start..self.end, 0);
             (self.start, self.end) = (0, self.end - self.start);
-            // No faster than bytes arrive: who only claims to send much costs nothing.
+            // No faster than bytes arrive: a process that only claims to send much costs nothing.
             let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
             let more = wanted.saturating_sub(self.buffer.len());
             self.buffer
@@ -484,9 +484,9 @@ mod tests {
         let listener = Listener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
         let keys = Keys::new(FederationId(7), Security::default()).unwrap();
         let deadline = Deadline::at(crate::Clock::now().plus(10_000_000_000));
-        let doorbell = Doorbell::new().unwrap();
+        let notifier = Notifier::new().unwrap();
         let address = listener.address();
-        let connect = Link::connect(address, Purpose::Messages, &keys, &doorbell, deadline);
+        let connect = Link::connect(address, Purpose::Messages, &keys, &notifier, deadline);
         let mut link = connect.unwrap();
         link.queue(Frame::Resign, None);
         assert!(link.has_outbound());

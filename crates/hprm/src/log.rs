@@ -1,4 +1,4 @@
-//! The log for people who debug: where its lines go, and which are written.
+//! The log for debugging: where its lines go, and which are written.
 //!
 //! The crates emit `tracing` events; a program of the user's may have a subscriber of its own, which
 //! gets them. For the command and the Python package, [`log_to_stderr`] writes those that the

@@ -1,4 +1,4 @@
-//! Who may send pickles to whom: `HPRM_PICKLE`.
+//! Which federates may send pickles to which: `HPRM_PICKLE`.
 //!
 //! Reading a pickle runs what its sender likes. A process of the same user on the same machine could
 //! do so anyway; another machine could not. What a pickle is, and what needs none, is the host's
@@ -9,7 +9,7 @@ use std::ffi::OsStr;
 /// What `HPRM_PICKLE` says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Pickling {
-    /// Nobody may.
+    /// No federate may.
     Deny,
     /// Federates of one user on one machine may.
     #[default]

@@ -12,8 +12,8 @@ use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::Frame;
 
 use crate::Clock;
-use crate::doorbell::Doorbell;
-use crate::link::Lobby;
+use crate::link::LinkAcceptor;
+use crate::notifier::Notifier;
 use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
 use crate::wire::Wire;
 pub(crate) use line::{Broken, Line};
@@ -21,7 +21,7 @@ pub(crate) use line::{Broken, Line};
 /// A time that has come, whatever the clock says.
 const NOW: PhysicalTime = PhysicalTime(0);
 
-/// The links of a loop, and the door at which others open links.
+/// The links of a loop, and the acceptor of new ones.
 pub(crate) trait Watched {
     /// All links, each time in the same order.
     fn lines(&self) -> impl Iterator<Item = &Line>;
@@ -51,20 +51,20 @@ pub(crate) trait Watched {
     }
 }
 
-/// A lobby, and whether there may be a link to accept.
+/// An acceptor, and whether there may be a link to accept.
 #[derive(Debug)]
 pub(crate) struct Door {
-    pub(crate) lobby: Lobby,
+    pub(crate) acceptor: LinkAcceptor,
     is_ready: bool,
 }
 
 impl Door {
-    /// Whoever comes before it is watched is at the door already.
-    pub(crate) fn new(lobby: Lobby) -> Self {
-        Self { lobby, is_ready: true }
+    /// A link may have been opened before this is watched.
+    pub(crate) fn new(acceptor: LinkAcceptor) -> Self {
+        Self { acceptor, is_ready: true }
     }
 
-    /// Whether to look who is there.
+    /// Whether there may be new or pending links.
     pub(crate) fn is_ready(&self) -> bool {
         self.is_ready
     }
@@ -76,16 +76,16 @@ impl Door {
     /// If none can come any more.
     pub(crate) fn admit(&mut self, now: PhysicalTime) -> io::Result<Vec<(Wire, Frame)>> {
         self.is_ready = false;
-        self.lobby.admit(now)
+        self.acceptor.admit(now)
     }
 }
 
 /// What a wait has brought.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Found {
-    /// Another thread has rung the bell of the loop, which still rings.
-    pub(crate) bell: bool,
-    /// Another process has left something in memory, or made room for what is to be written.
+    /// Another thread has notified the loop, and the notifier is not cleared yet.
+    pub(crate) notified: bool,
+    /// Another process has written to shared memory, or has read from it.
     pub(crate) stirred: bool,
     /// There is something to read, or may be.
     pub(crate) news: bool,
@@ -93,32 +93,32 @@ pub(crate) struct Found {
 
 impl Found {
     fn is_anything(self) -> bool {
-        self.bell || self.stirred || self.news
+        self.notified || self.stirred || self.news
     }
 }
 
 /// What waits for the links of one loop.
 #[derive(Debug)]
 pub(crate) struct Poller {
-    /// What other processes ring that have left something in memory.
-    doorbell: Option<Doorbell>,
-    /// How long to look for news before sleeping.
+    /// By which other processes notify this loop that have written to shared memory.
+    notifier: Option<Notifier>,
+    /// How long to busy-poll before sleeping.
     spin: Nanos,
     /// When the system was last asked what has come.
     asked_at: PhysicalTime,
 }
 
 impl Poller {
-    pub(crate) fn new(doorbell: Option<&Doorbell>, spin: Nanos) -> Self {
-        Self { doorbell: doorbell.cloned(), spin, asked_at: NOW }
+    pub(crate) fn new(notifier: Option<&Notifier>, spin: Nanos) -> Self {
+        Self { notifier: notifier.cloned(), spin, asked_at: NOW }
     }
 
-    /// Waits until a link is ready, the bell rings, or `until` has come; for the first nanoseconds,
+    /// Waits until a link is ready, the loop is notified, or `until` has come; for the first nanoseconds,
     /// perhaps, without going to sleep.
     pub(crate) fn wait(
         &mut self,
         on: &mut impl Watched,
-        bell: &impl AsFd,
+        wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
         let in_memory = on.wires().all(Wire::is_in_memory);
@@ -133,7 +133,7 @@ impl Poller {
                     break;
                 }
                 let found = if !in_memory || now.since(self.asked_at) > SPIN_GLANCE {
-                    self.sleep(on, bell, Some(NOW))
+                    self.sleep(on, wakeups, Some(NOW))
                 } else {
                     Found { news: on.has_news(), ..Found::default() }
                 };
@@ -142,23 +142,23 @@ impl Poller {
                 }
             }
         }
-        self.sleep(on, bell, until)
+        self.sleep(on, wakeups, until)
     }
 
     /// Looks for what has come by now. It does not wait.
-    pub(crate) fn look(&mut self, on: &mut impl Watched, bell: &impl AsFd) -> Found {
+    pub(crate) fn look(&mut self, on: &mut impl Watched, wakeups: &impl AsFd) -> Found {
         let in_memory = on.wires().all(Wire::is_in_memory);
         if in_memory && Clock::local().since(self.asked_at) < GLANCE {
             return Found { news: on.has_news(), ..Found::default() };
         }
-        self.sleep(on, bell, Some(NOW))
+        self.sleep(on, wakeups, Some(NOW))
     }
 
     /// Writes what is to be written within `patience`; with `all`, as long as it moves.
     pub(crate) fn drain(&self, on: &mut impl Watched, patience: Nanos, all: bool) {
         let mut until = Clock::now().plus(patience);
         while Clock::now() < until {
-            // A link that cannot be written has nobody left to read it.
+            // A link that cannot be written has no reader any more.
             on.wires_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
             let moved = on.wires_mut().fold(false, |moved, link| link.take_moved() | moved);
             if all && moved {
@@ -169,9 +169,9 @@ impl Poller {
             if interests.is_empty() {
                 return;
             }
-            interests.extend(self.doorbell.iter().map(to_read));
+            interests.extend(self.notifier.iter().map(to_read));
             wait(&interests, Some(until));
-            self.doorbell.iter().for_each(Doorbell::silence);
+            self.notifier.iter().for_each(Notifier::clear);
         }
     }
 
@@ -179,15 +179,15 @@ impl Poller {
     fn sleep(
         &mut self,
         on: &mut impl Watched,
-        bell: &impl AsFd,
+        wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
         let sleeps = until != Some(NOW);
         if sleeps {
             on.wires_mut().for_each(Wire::fall_asleep);
         }
-        // After that: whoever has seen nobody sleep has left something.
-        let found = self.ask(on, bell, until);
+        // After that: a process that has not seen this one sleep has written something.
+        let found = self.ask(on, wakeups, until);
         if sleeps {
             on.wires_mut().for_each(Wire::wake_up);
         }
@@ -195,17 +195,22 @@ impl Poller {
         found
     }
 
-    fn ask(&self, on: &mut impl Watched, bell: &impl AsFd, until: Option<PhysicalTime>) -> Found {
-        let impatience = on.door().and_then(|door| door.lobby.next_wakeup()).map(Clock::at);
+    fn ask(
+        &self,
+        on: &mut impl Watched,
+        wakeups: &impl AsFd,
+        until: Option<PhysicalTime>,
+    ) -> Found {
+        let impatience = on.door().and_then(|door| door.acceptor.next_wakeup()).map(Clock::at);
         let unread = on.lines().any(Line::may_be_read).then(Clock::now);
         let until = until.into_iter().chain(impatience).chain(unread).min();
-        let mut ready = wait(&self.interests(on, bell), until).into_iter();
-        let bell = ready.next().is_some_and(Ready::is_ready);
+        let mut ready = wait(&self.interests(on, wakeups), until).into_iter();
+        let notified = ready.next().is_some_and(Ready::is_ready);
         let mut stirred = false;
-        if let Some(doorbell) = &self.doorbell
+        if let Some(notifier) = &self.notifier
             && ready.next().is_some_and(Ready::is_ready)
         {
-            doorbell.silence();
+            notifier.clear();
             stirred = true;
         }
         on.lines_mut().zip(&mut ready).for_each(|(line, ready)| {
@@ -213,20 +218,20 @@ impl Poller {
             stirred |= ready.can_be_written();
         });
         if let Some(door) = on.door_mut() {
-            // Somebody may have taken too long, of which no descriptor tells.
+            // A pending link may have taken too long, which no descriptor tells.
             let too_long = impatience.is_some_and(|at| at <= Clock::now());
             door.is_ready |= too_long || ready.any(Ready::is_ready);
         }
-        Found { bell, stirred, news: on.has_news() }
+        Found { notified, stirred, news: on.has_news() }
     }
 
-    /// The bell, the doorbell, the links in their order, and the door.
-    fn interests<'a>(&'a self, on: &'a impl Watched, bell: &'a impl AsFd) -> Interests<'a> {
+    /// The wakeups, the notifier, the links in their order, and the door.
+    fn interests<'a>(&'a self, on: &'a impl Watched, wakeups: &'a impl AsFd) -> Interests<'a> {
         let mut interests = Interests::new();
-        interests.push(to_read(bell));
-        interests.extend(self.doorbell.iter().map(to_read));
+        interests.push(to_read(wakeups));
+        interests.extend(self.notifier.iter().map(to_read));
         interests.extend(on.wires().map(interest));
-        interests.extend(on.door().into_iter().flat_map(|door| door.lobby.interests()));
+        interests.extend(on.door().into_iter().flat_map(|door| door.acceptor.interests()));
         interests
     }
 }

@@ -1,7 +1,7 @@
 //! Asking the system for real-time treatment: a priority before ordinary threads, memory that is never
 //! swapped out, and a processor of one's own.
 //!
-//! Whoever asks gets all of it or an error that says what the system wants for it. What a program gains
+//! A program gets all that it asks for, or an error that says what the system requires for it. What a program gains
 //! is up to its author: a thread of this kind that never sleeps keeps the others of its processor from
 //! running.
 
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_processor_that_is_not_there_is_found_by_whoever_asks_first() {
+    fn a_processor_that_does_not_exist_is_found_by_the_first_that_asks() {
         let properties = Properties { cpus: vec![0, 4_000_000], ..Properties::default() };
         let failure = enter_realtime(&properties, None).unwrap_err();
         assert!(failure.to_string().contains("processor 4000000"), "{failure}");

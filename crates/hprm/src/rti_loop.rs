@@ -15,17 +15,17 @@ use hprm_federated::{
     FederationId, Frame, LinkId, Patience, Refusal, RtiInput, RtiOutput, Topology,
 };
 
-use crate::bell::Bell;
-use crate::link::descriptors::{advice, no_doorbell};
-use crate::link::{Keys, Lobby, Purpose};
+use crate::link::descriptors::{advice, no_notifier};
+use crate::link::{Keys, LinkAcceptor, Purpose};
 use crate::log::log_names;
+use crate::pipe_notifier::PipeNotifier;
 use crate::poller::{Broken, Door, Line, Poller, Watched};
 use crate::spin;
 use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Report, Security};
 
 /// Time between the last federate's being ready and the start of the program: enough for the start
-/// time to reach everybody on one machine.
+/// time to reach all processes of one machine.
 const START_DELAY: Nanos = 10_000_000;
 
 /// The same, if federates may be on other machines.
@@ -69,28 +69,28 @@ pub enum RtiEvent {
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
     Silent {
-        /// Who.
+        /// The federate.
         federate: FederateId,
         /// For how long.
         silence: Nanos,
     },
     /// A federate that was silent answers again.
     Answers {
-        /// Who.
+        /// The federate.
         federate: FederateId,
         /// After how long.
         silence: Nanos,
     },
     /// A transient federate could not go on. The others do.
     Dropped {
-        /// Who.
+        /// The federate.
         federate: FederateId,
         /// What has become of it.
         report: Report,
     },
     /// The first failure of a federate. The others are being told to end.
     Failed {
-        /// Who failed.
+        /// The federate that failed.
         federate: FederateId,
         /// What has become of it.
         report: Report,
@@ -159,7 +159,7 @@ pub struct RtiHandle {
 
 #[derive(Debug)]
 struct Control {
-    bell: Bell,
+    wakeups: PipeNotifier,
     stop: AtomicBool,
     abort: AtomicBool,
 }
@@ -168,13 +168,13 @@ impl RtiHandle {
     /// Asks the federation to stop in order; before the start, all are sent home.
     pub fn request_stop(&self) {
         self.control.stop.store(true, Ordering::Release);
-        self.control.bell.ring();
+        self.control.wakeups.notify();
     }
 
     /// Closes all links and ends [`Rti::run`].
     pub fn abort(&self) {
         self.control.abort.store(true, Ordering::Release);
-        self.control.bell.ring();
+        self.control.wakeups.notify();
     }
 }
 
@@ -185,7 +185,7 @@ impl Rti {
     ///
     /// If an address is taken.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
-        let network = Network::sockets().map_err(|error| no_doorbell(&error))?;
+        let network = Network::sockets().map_err(|error| no_notifier(&error))?;
         Self::bind_on(options, &network)
     }
 
@@ -212,21 +212,21 @@ impl Rti {
             address: gates[0].address().clone(),
             links: Links {
                 lines: BTreeMap::new(),
-                door: Door::new(Lobby::new(
+                door: Door::new(LinkAcceptor::new(
                     gates,
                     Purpose::Coordination,
                     keys,
                     options.program.federates.len(),
                 )),
             },
-            poller: Poller::new(network.doorbell(), spin::time(&options.program)),
+            poller: Poller::new(network.notifier(), spin::time(&options.program)),
             ready: Vec::new(),
             frames: Vec::new(),
             next_link: 0,
             descriptors: BTreeMap::new(),
             closing: Vec::new(),
             control: Arc::new(Control {
-                bell: Bell::new().map_err(|error| failed(&options.listen, error))?,
+                wakeups: PipeNotifier::new().map_err(|error| failed(&options.listen, error))?,
                 stop: AtomicBool::new(false),
                 abort: AtomicBool::new(false),
             }),
@@ -243,7 +243,7 @@ impl Rti {
 
     /// Everywhere it listens.
     pub fn addresses(&self) -> impl Iterator<Item = &Address> {
-        self.links.door.lobby.addresses()
+        self.links.door.acceptor.addresses()
     }
 
     /// A handle for other threads.
@@ -280,9 +280,9 @@ impl Rti {
                 break;
             }
             wakeup = self.machine.next_wakeup();
-            let found = self.poller.wait(&mut self.links, &self.control.bell, wakeup);
-            if found.bell {
-                self.control.bell.silence();
+            let found = self.poller.wait(&mut self.links, &self.control.wakeups, wakeup);
+            if found.notified {
+                self.control.wakeups.clear();
             }
         }
         self.failure.map_or(Ok(()), Err)
@@ -292,7 +292,7 @@ impl Rti {
         let failed = |error| Failure::system("the RTI cannot accept links", &error);
         let admitted = self.links.door.admit(Clock::local()).map_err(failed)?;
         if !admitted.is_empty() {
-            // Who had ended before they came is to be known to have ended.
+            // Ends of other links that came before these must be noticed first.
             self.links.lines.values_mut().for_each(|line| line.note(true));
             self.read_all();
         }
@@ -318,7 +318,7 @@ impl Rti {
         self.ready = ready;
     }
 
-    /// Reads what a link holds; one that is broken is closed, and nobody else suffers.
+    /// Reads what a link holds; one that is broken is closed, and no other link is affected.
     fn read(&mut self, id: LinkId) {
         let Some(line) = self.links.lines.get_mut(&id) else { return };
         let mut frames = mem::take(&mut self.frames);
@@ -391,7 +391,7 @@ impl Rti {
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Started { at } => {
-                    self.links.door.lobby.become_busy();
+                    self.links.door.acceptor.become_busy();
                     report(RtiEvent::Started(at));
                 }
                 RtiOutput::Silent { federate, silence } => {
@@ -469,7 +469,7 @@ impl Rti {
     }
 }
 
-/// What somebody says who has come over TCP: not to be on this machine, even if he does.
+/// The first frame of a link over TCP: its sender is not on this machine, even if the frame says so.
 fn from_elsewhere(mut hello: Frame) -> Frame {
     if let Frame::Hello { host, .. } = &mut hello {
         *host = host.elsewhere();

@@ -1,17 +1,17 @@
-//! How long a loop looks for news before it lets the kernel put it to sleep.
+//! How long a loop busy-polls before it lets the kernel put it to sleep.
 //!
 //! To wake up a process on an idle processor takes tens of microseconds, and to see a message while
-//! looking one. But whoever looks keeps a processor from those who have something to do, so without
-//! being told to, only a federation looks that leaves one free.
+//! busy-polling takes one. But a process that busy-polls takes a processor from those that have work, so
+//! by default only a federation busy-polls that leaves one processor free.
 
 use std::thread::available_parallelism;
 
 use hprm_core::{Coordination, Nanos, Program, Spin};
 
-/// How long is worth it when nobody has said so: about twice the time of waking up.
+/// The default time of busy-polling: about twice the time of waking up.
 const AUTO: Nanos = 50_000;
 
-/// How long a process of this federation looks, in nanoseconds.
+/// How long a process of this federation busy-polls, in nanoseconds.
 pub(crate) fn time(program: &Program) -> Nanos {
     let rti = program.properties.coordination == Coordination::Centralized;
     let processes = program.federates.len() + usize::from(rti);
@@ -32,14 +32,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_who_leaves_a_processor_free_looks_without_being_told() {
+    fn by_default_only_a_federation_that_leaves_a_processor_free_busy_polls() {
         assert_eq!(decide(Spin::Auto, 3, 4), AUTO);
         assert_eq!(decide(Spin::Auto, 4, 4), 0);
         assert_eq!(decide(Spin::Auto, 5, 2), 0);
     }
 
     #[test]
-    fn who_is_told_how_long_to_look_does_so() {
+    fn a_time_that_is_set_is_obeyed() {
         assert_eq!(decide(Spin::For(7), 5, 2), 7);
         assert_eq!(decide(Spin::For(0), 1, 64), 0);
     }

@@ -1,4 +1,4 @@
-//! How much memory an object store may take on this machine, as far as nobody has said it.
+//! How much memory an object store may take on this machine, as far as it is not set.
 //!
 //! A container that runs out of memory is not told so: the system kills a process in it. So where
 //! there is a limit, a store stays clear of it and says itself when it is full.

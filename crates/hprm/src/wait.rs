@@ -10,7 +10,7 @@ use smallvec::SmallVec;
 
 use crate::Clock;
 
-/// How long the ends of links, strangers and signals may wait while messages come through memory.
+/// How long the ends of links, new connections and signals may wait while messages come through memory.
 pub(crate) const GLANCE: Nanos = 50_000;
 
 /// The same for a loop that looks for messages instead of sleeping.

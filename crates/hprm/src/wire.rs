@@ -14,8 +14,8 @@ use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::Address;
-use crate::doorbell::Doorbell;
 use crate::link::{Arrival, Keys, Link, Listener, Purpose};
+use crate::notifier::Notifier;
 use crate::wait::Deadline;
 pub(crate) use memory::Hub;
 use memory::{MemoryGate, MemoryLink};
@@ -30,15 +30,15 @@ pub(crate) enum Wire {
 /// Where others connect.
 #[derive(Debug)]
 pub(crate) enum Gate {
-    Socket(Listener, Doorbell),
+    Socket(Listener, Notifier),
     Memory(MemoryGate),
 }
 
 /// Where addresses mean something.
 #[derive(Clone, Debug)]
 pub(crate) enum Network {
-    /// On this machine, and beyond. Who shares memory with this process rings the doorbell.
-    Sockets(Doorbell),
+    /// On this machine, and beyond. Processes that share memory with this one notify it.
+    Sockets(Notifier),
     /// In this process.
     Process(Arc<Hub>),
 }
@@ -46,18 +46,18 @@ pub(crate) enum Network {
 impl Network {
     /// This machine, and beyond.
     pub(crate) fn sockets() -> io::Result<Self> {
-        Doorbell::new().map(Self::Sockets)
+        Notifier::new().map(Self::Sockets)
     }
 
-    /// What others ring who have left something in memory.
-    pub(crate) fn doorbell(&self) -> Option<&Doorbell> {
+    /// By which processes that share memory with this one notify it.
+    pub(crate) fn notifier(&self) -> Option<&Notifier> {
         match self {
-            Self::Sockets(doorbell) => Some(doorbell),
+            Self::Sockets(notifier) => Some(notifier),
             Self::Process(_) => None,
         }
     }
 
-    /// Connects to an address at which somebody listens, by the deadline at the latest.
+    /// Connects to an address at which a process listens, by the deadline at the latest.
     pub(crate) fn connect(
         &self,
         address: &Address,
@@ -66,8 +66,8 @@ impl Network {
         deadline: Deadline,
     ) -> io::Result<Wire> {
         match self {
-            Self::Sockets(doorbell) => {
-                Link::connect(address, purpose, keys, doorbell, deadline).map(Wire::Socket)
+            Self::Sockets(notifier) => {
+                Link::connect(address, purpose, keys, notifier, deadline).map(Wire::Socket)
             }
             Self::Process(hub) => hub.connect(address).map(Wire::Memory),
         }
@@ -76,8 +76,8 @@ impl Network {
     /// Listens at an address.
     pub(crate) fn listen(&self, address: &Address) -> io::Result<Gate> {
         match self {
-            Self::Sockets(doorbell) => {
-                Listener::bind(address).map(|listener| Gate::Socket(listener, doorbell.clone()))
+            Self::Sockets(notifier) => {
+                Listener::bind(address).map(|listener| Gate::Socket(listener, notifier.clone()))
             }
             Self::Process(hub) => hub.listen(address).map(Gate::Memory),
         }
@@ -93,13 +93,13 @@ impl Gate {
         }
     }
 
-    /// The next connection, if one waits: of somebody who has not said who he is.
+    /// The next connection, if one waits; the process at its other end is not identified yet.
     pub(crate) fn accept(&self, purpose: Purpose, keys: &Keys) -> io::Result<Option<Wire>> {
         match self {
-            Self::Socket(listener, doorbell) => {
+            Self::Socket(listener, notifier) => {
                 while let Some(socket) = listener.accept()? {
-                    // A connection that is bad is nobody's loss.
-                    if let Ok(link) = Link::accepted(socket, purpose, keys, doorbell) {
+                    // A connection that fails is dropped.
+                    if let Ok(link) = Link::accepted(socket, purpose, keys, notifier) {
                         return Ok(Some(Wire::Socket(link)));
                     }
                 }
@@ -124,7 +124,7 @@ impl Wire {
     pub(crate) fn trust(&mut self) {
         match self {
             Self::Socket(link) => link.trust(),
-            // Nobody else is in this process.
+            // All threads of the process belong to the federation.
             Self::Memory(_) => {}
         }
     }
@@ -202,7 +202,7 @@ impl Wire {
         }
     }
 
-    /// Says that this process is about to sleep: whoever sends something then rings its doorbell. It
+    /// Announces that this process is about to sleep: a process that sends something notifies it then. It
     /// must look once more after that.
     pub(crate) fn fall_asleep(&mut self) {
         match self {

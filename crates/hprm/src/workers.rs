@@ -117,7 +117,7 @@ impl<V: Clone> Workers<V> {
         V: Send + Sync,
     {
         if self.team.is_none() && self.trace.is_none() && !self.lag.is_timing() {
-            // Most programs: nobody asks after each reaction whether there is anything else to do.
+            // Most programs: nothing else has to be done after each reaction.
             while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
                 run_alone(scheduler, host, reaction, body)?;
             }
@@ -226,7 +226,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         }
         match self.turns.as_slice() {
             [] => return Ok(false),
-            // Not worth waking anybody.
+            // Not worth waking up another thread.
             [turn] => {
                 scheduler.take_turn(turn);
                 if let Some(trace) = trace {
@@ -271,7 +271,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         let Self { threads, others, shared, turns, results } = self;
         let next = AtomicUsize::new(0);
         let work = || {
-            // Whoever is free takes the next turn.
+            // A thread that is free takes the next turn.
             loop {
                 let index = next.fetch_add(1, Ordering::Relaxed);
                 let (Some(turn), Some(result)) = (turns.get(index), results.get(index)) else {

@@ -45,8 +45,8 @@ fn a_reaction_that_fails_ends_the_federation_and_is_reported_once() {
             if id == start {
                 scheduler.set(out, hello);
             } else {
-                let who = requests.iter().position(|p| scheduler.port(*p).is_some()).unwrap();
-                scheduler.set(replies[who], hello);
+                let which = requests.iter().position(|p| scheduler.port(*p).is_some()).unwrap();
+                scheduler.set(replies[which], hello);
             }
             Ok(())
         };
@@ -79,7 +79,7 @@ fn a_timeout_ends_every_federate_at_its_tag() {
 }
 
 #[test]
-fn a_stranger_who_claims_to_send_much_is_hung_up_on() {
+fn a_client_that_claims_to_send_much_is_disconnected() {
     use std::io::{Read, Write};
 
     let program = Arc::new(gather(Coordination::Centralized, 1).program);
@@ -88,10 +88,10 @@ fn a_stranger_who_claims_to_send_much_is_hung_up_on() {
     let Address::Tcp(address) = rti.address().clone() else { unreachable!("it is TCP") };
     let handle = rti.handle();
     let rti = thread::spawn(move || rti.run(|_| {}));
-    let mut stranger = std::net::TcpStream::connect(address).unwrap();
+    let mut client = std::net::TcpStream::connect(address).unwrap();
     // A message of a gigabyte, or so it says.
-    stranger.write_all(&[0, 0, 0, 64, 1]).unwrap();
-    assert_eq!(stranger.read(&mut [0]).unwrap(), 0);
+    client.write_all(&[0, 0, 0, 64, 1]).unwrap();
+    assert_eq!(client.read(&mut [0]).unwrap(), 0);
     handle.abort();
     assert_eq!(rti.join().unwrap(), Ok(()));
 }

@@ -1,4 +1,4 @@
-//! Handshakes with whoever does not know the secret. `fuzz/` looks for more with the same function.
+//! Handshakes with processes that do not know the secret. `fuzz/` looks for more with the same function.
 
 #[path = "common/strange_bytes.rs"]
 mod common;
@@ -19,7 +19,7 @@ proptest! {
     }
 
     #[test]
-    fn who_knows_the_protocol_does_not_know_the_secret(
+    fn a_process_that_knows_the_protocol_does_not_know_the_secret(
         rest in prop::collection::vec(any::<u8>(), 0..200),
         accepts in any::<bool>(),
     ) {

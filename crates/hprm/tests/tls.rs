@@ -48,7 +48,7 @@ impl Authority {
         Security { tls: Some(tls), ..Security::default() }
     }
 
-    /// One certificate for everybody; the authority's folder must outlive its use.
+    /// One certificate for all processes; the authority's folder must outlive its use.
     fn member_for_all(self) -> (Self, Security) {
         let security = self.member("robot");
         (self, security)
@@ -133,7 +133,7 @@ fn overheard(security: &Security) -> Vec<u8> {
 }
 
 #[test]
-fn who_listens_in_does_not_see_what_is_said() {
+fn an_eavesdropper_does_not_see_what_is_sent() {
     let message = [7; 100];
     let shows = |seen: &[u8]| seen.windows(message.len()).any(|window| window == message);
     assert!(shows(&overheard(&Security::default())), "without TLS it is seen");

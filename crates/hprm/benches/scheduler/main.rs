@@ -3,8 +3,8 @@
 //! The last rows are about workers: a level of a hundred reactions, each of which computes for some
 //! microseconds. Where they compute nothing, to wake another thread costs more than to run them.
 //!
-//! Rates of one run on one machine; `bench/boomerang` sets them beside another runtime's. Whatever
-//! cargo passes on is ignored, but for words: then only workloads that contain one are run.
+//! Rates of one run on one machine; `bench/boomerang` sets them beside another runtime's. Options of
+//! cargo are ignored; with words, only workloads whose names contain one are run.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

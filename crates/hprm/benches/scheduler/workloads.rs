@@ -66,7 +66,7 @@ fn ping_pong(rounds: u64, properties: Properties) -> Runnable<u64> {
     app.build().expect("the program is fixed")
 }
 
-/// Passes on what it gets, and adds it up.
+/// Sends what it receives, and adds it up.
 fn relay(reactor: &mut Reactor<'_, u64, u64>) -> (Input, Output) {
     let (inp, out) = (reactor.input("inp"), reactor.output("out"));
     reactor.reaction().on(inp).sets(out).run(move |sum: &mut u64, ctx: &mut Context<'_, u64>| {

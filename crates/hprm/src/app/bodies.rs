@@ -70,7 +70,7 @@ pub(super) struct Site {
 
 /// All bodies of an app, and the states that they work on.
 ///
-/// Only workers lock anything, and nobody waits for a lock: two reactions of one reactor never run
+/// Only workers lock anything, and no worker waits for a lock: two reactions of one reactor never run
 /// at the same time.
 pub(super) struct Bodies<V> {
     /// Nothing for the main reactor, which has no body.

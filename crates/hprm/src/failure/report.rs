@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::exit_code;
 
 /// The longest text that travels to others, in bytes: less than the protocol cuts off.
-const ON_THE_WIRE: usize = 60_000;
+const LONGEST_SENT: usize = 60_000;
 
 /// What kind of failure it is. Programs may rely on the names.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
@@ -146,8 +146,8 @@ impl Report {
         matches!(self.kind, Kind::Exit | Kind::Interrupted | Kind::Left)
     }
 
-    /// What those read who look after several federates: which of them it is comes first. The RTI says
-    /// that itself.
+    /// The report for a reader of several federates: it begins with the federate. Reports of the RTI have
+    /// that already.
     #[must_use]
     pub fn named(self) -> Self {
         let Some(federate) = &self.federate else { return self };
@@ -207,7 +207,7 @@ impl Report {
         let mut report = self.clone();
         loop {
             let text = report.json();
-            if text.len() <= ON_THE_WIRE {
+            if text.len() <= LONGEST_SENT {
                 return text;
             }
             // The end of a long text is of the least interest.
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_failed_comes_first_and_once() {
+    fn the_federate_that_has_failed_comes_first_and_once() {
         let named = |report: Report| report.of("b").named().message;
         assert_eq!(named(Report::new(Kind::Reaction, "no")), "federate b: no");
         let lost = "the process of federate b ended";
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(Report::decoded(&sent.encoded()), Some(sent.clone()));
         let long = Report { details: Some("\u{1}ä".repeat(50_000)), ..sent };
         let text = long.encoded();
-        assert!(text.len() <= ON_THE_WIRE);
+        assert!(text.len() <= LONGEST_SENT);
         let heard = Report::heard("b", &text, 1);
         assert!(heard.details.is_some_and(|details| long.details.unwrap().starts_with(&details)));
         assert_eq!((heard.line, heard.federate.as_deref()), (Some(3), Some("b")));

@@ -68,8 +68,8 @@ impl Membership {
             wires.host(),
             wires.advertised(),
         );
-        let bell = inbox.clone();
-        let wake = Box::new(move || bell.ring());
+        let notified = inbox.clone();
+        let wake = Box::new(move || notified.notify());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
         let time = Time::new(&options.program, &wires);
         let mut membership = Self { machine, wires, objects, time };
@@ -94,7 +94,7 @@ impl Membership {
     pub(super) fn fail(&mut self, failure: Failure) -> Failure {
         let report = failure.report();
         let (message, code) = (report.encoded(), report.code);
-        // The machine may have ended already; then there is nobody left to tell.
+        // The machine may have ended already; then no other process is left to tell.
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
         self.tell_rti();
         self.wires.leave(FAREWELL, false);

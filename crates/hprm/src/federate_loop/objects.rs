@@ -110,7 +110,7 @@ impl Objects {
             .collect()
     }
 
-    /// Unmaps what an owner does not use any more, once nobody here views it.
+    /// Unmaps what an owner does not use any more, once no object of it is open here.
     pub(super) fn retired(&self, owner: FederateId, segments: &[u32]) {
         for segment in segments {
             self.store().detach(owner, *segment);

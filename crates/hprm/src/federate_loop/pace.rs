@@ -1,7 +1,7 @@
 //! Whether what a federate sends may wait for what it will send next.
 //!
 //! One write is cheaper than many, and wakes its reader once. While tags follow one another so quickly
-//! that nobody notices, messages wait for those of the next tags; a command must not wait for a long
+//! that the delay does not matter, messages wait for those of the next tags; a command must not wait for a long
 //! reaction. It decides by how long tags have taken, and knows nothing of links or tags.
 
 use hprm_core::{Nanos, PhysicalTime};
@@ -12,7 +12,7 @@ use nix::sys::time::TimeValLike;
 /// nanoseconds: about as long as it takes to wake up a process.
 pub(super) const LINGER: Nanos = 50_000;
 
-/// The same for what is to be written by who has been busy for long.
+/// The same for a federate that has been busy for long.
 const LONGEST_LINGER: Nanos = 500_000;
 
 /// How long a tag may usually take where messages wait for the next one.
@@ -116,8 +116,8 @@ impl Pace {
         (used.processor - before.processor - known).clamp(0, duration)
     }
 
-    /// Whether what the last tags have sent may wait for what the next one sends. Who has been busy for
-    /// long may take longer: what its messages wait for is not a small share of that.
+    /// Whether what the last tags have sent may wait for what the next one sends. A federate that has been
+    /// busy for long may take longer: what its messages wait for is not a small share of that.
     pub(super) fn may_linger(&self, now: PhysicalTime) -> bool {
         let busy = now.since(self.waited_at);
         let patience = (busy / 16).clamp(LINGER, LONGEST_LINGER);

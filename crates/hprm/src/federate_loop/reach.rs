@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn federates_know_with_whom_they_share_memory() {
+    fn federates_know_with_which_others_they_share_memory() {
         assert_eq!(host_id(true, false), host_id(true, true));
         assert_eq!(host_id(false, true), host_id(false, true));
         assert_ne!(host_id(false, false), host_id(false, false));

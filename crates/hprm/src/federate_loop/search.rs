@@ -1,5 +1,5 @@
-//! The search for the RTI: it may not be there yet, be busy with strangers, or have lost this federate
-//! before the federation has met.
+//! The search for the RTI: it may not run yet, be busy with unauthenticated clients, or have lost this
+//! federate before all federates have joined.
 
 use std::io;
 
@@ -19,7 +19,7 @@ const ATTEMPT: Nanos = 5_000_000_000;
 const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
 
 /// How often a link to a Unix socket may break while it is being opened, before that is no accident:
-/// there are no strangers there. Over TCP, that often until a person is told what it may be.
+/// no other processes connect there. Over TCP, that often until the user is told what it may be.
 const BREAKS: u32 = 5;
 
 /// See the module.
@@ -131,7 +131,7 @@ impl Search {
         let (address, reason) = (self.rti.clone(), error.to_string());
         let hint = match error.kind() {
             io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidData => {
-                return Failure::Stranger { address, reason };
+                return Failure::Unauthenticated { address, reason };
             }
             _ if is_break(error) => format!("it {CLOSES}"),
             _ if is_shortage(error) => {
@@ -152,13 +152,13 @@ impl Search {
 
 /// What an RTI may do to links, and why.
 const CLOSES: &str = "closes links at once: is it the RTI, of the same version of hprm, are `auth` \
-                      and TLS the same everywhere, and do strangers flood it?";
+                      and TLS the same everywhere, and do other processes flood it with connections?";
 
 fn patience(reach: &Reach) -> Nanos {
     Nanos::try_from(reach.patience.as_nanos()).unwrap_or(Nanos::MAX)
 }
 
-/// Whether whoever listens has closed the link.
+/// Whether the process that listens has closed the link.
 fn is_break(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
 }

@@ -15,7 +15,7 @@ use hprm_federated::{FederationId, Frame, HostId, Input};
 use super::FederateOptions;
 use super::reach;
 use super::search::Search;
-use crate::link::{Keys, Lobby, Purpose};
+use crate::link::{Keys, LinkAcceptor, Purpose};
 use crate::poller::{Broken, Door, Found, Line, Poller, Watched};
 use crate::spin;
 use crate::wait::{Interest, wait};
@@ -145,12 +145,13 @@ impl Wires {
         if decentralized {
             let (gates, addresses) = reach::listen(options, &rti, &keys, &network)?;
             let members = options.program.federates.len();
-            door = Some(Door::new(Lobby::new(gates, Purpose::Messages, keys.clone(), members)));
+            door =
+                Some(Door::new(LinkAcceptor::new(gates, Purpose::Messages, keys.clone(), members)));
             advertised = Some(addresses);
         }
         Ok(Self {
             host: reach::host_id(rti.is_local(), decentralized),
-            poller: Poller::new(network.doorbell(), spin::time(&options.program)),
+            poller: Poller::new(network.notifier(), spin::time(&options.program)),
             network,
             links: Links {
                 rti: Some(Line::new(rti)),
@@ -184,9 +185,9 @@ impl Wires {
         self.is_away.then(|| self.search.next())
     }
 
-    /// The federation runs: members come before strangers.
+    /// The federation runs: members come before pending links.
     pub(super) fn become_busy(&mut self) {
-        self.links.door.iter_mut().for_each(|door| door.lobby.become_busy());
+        self.links.door.iter_mut().for_each(|door| door.acceptor.become_busy());
     }
 
     /// Whether the RTI runs on this host.
@@ -341,14 +342,14 @@ impl Wires {
         self.read_peers(inputs)
     }
 
-    /// Waits until a link is ready, the bell rings, or `until` has come.
-    pub(super) fn wait(&mut self, bell: &impl AsFd, until: Option<PhysicalTime>) -> Found {
-        self.poller.wait(&mut self.links, bell, until)
+    /// Waits until a link is ready, the loop is notified, or `until` has come.
+    pub(super) fn wait(&mut self, inbox: &impl AsFd, until: Option<PhysicalTime>) -> Found {
+        self.poller.wait(&mut self.links, inbox, until)
     }
 
     /// Looks for what has come by now. It does not wait.
-    pub(super) fn look(&mut self, bell: &impl AsFd) -> Found {
-        self.poller.look(&mut self.links, bell)
+    pub(super) fn look(&mut self, inbox: &impl AsFd) -> Found {
+        self.poller.look(&mut self.links, inbox)
     }
 
     fn read_rti(&mut self, inputs: &mut Vec<(LineId, Input)>) -> Result<(), Failure> {

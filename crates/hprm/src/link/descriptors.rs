@@ -1,4 +1,4 @@
-//! How many descriptors this process may still open: strangers must not take the last ones.
+//! How many descriptors this process may still open: unauthenticated clients must not take the last ones.
 
 use std::io;
 
@@ -30,9 +30,9 @@ pub(crate) fn is_shortage(error: &io::Error) -> bool {
     })
 }
 
-/// Without a doorbell a process can join no federation.
-pub(crate) fn no_doorbell(error: &io::Error) -> Failure {
-    Failure::system("cannot make a doorbell", error)
+/// Without a notifier a process can join no federation.
+pub(crate) fn no_notifier(error: &io::Error) -> Failure {
+    Failure::system("cannot make an eventfd to wake up its loop", error)
 }
 
 /// What to do about an error, if a limit of this process or of the system is behind it.

@@ -1,4 +1,4 @@
-//! What a process knows that strangers do not, and on which links it wants that proved.
+//! The secret of a federation and certificates, and on which links they have to be proved.
 
 use std::io;
 
@@ -10,7 +10,7 @@ use super::rings::Rings;
 use super::socket::Socket;
 use super::stream::{Stream, Way};
 use super::tls::{Channel, Configs, TlsFiles};
-use crate::doorbell::Doorbell;
+use crate::notifier::Notifier;
 use crate::{Address, Failure};
 
 /// How the links of a federation are protected. All of its processes must agree on it.
@@ -64,14 +64,14 @@ impl Keys {
         &self,
         socket: Socket,
         role: Role,
-        doorbell: &Doorbell,
+        notifier: &Notifier,
     ) -> io::Result<Stream> {
         let way = match (&self.configs, role) {
             (_, Role::Opener) if socket.is_unix() => {
-                Way::Rings(Box::new(Rings::offered(doorbell.clone())))
+                Way::Rings(Box::new(Rings::offered(notifier.clone())))
             }
             (_, Role::Acceptor) if socket.is_unix() => {
-                Way::Rings(Box::new(Rings::expected(doorbell.clone())))
+                Way::Rings(Box::new(Rings::expected(notifier.clone())))
             }
             (Some(configs), role) => Way::Encrypted(Box::new(Channel::new(configs, role)?)),
             (None, _) => Way::Plain,

@@ -8,10 +8,10 @@
 //!                            <------------  1, proof (33 bytes), or 0 and nothing more to come
 //! ```
 //!
-//! A proof is an HMAC-SHA256, keyed with the secret, of the role of whoever proves, what the link is
+//! A proof is an HMAC-SHA256, keyed with the secret, of the role of the end that proves, what the link is
 //! for, the channel below (with TLS, what only its two ends know), and both nonces. So a recorded
 //! proof is worth nothing, and neither is one's own when it is sent back. The opener proves first:
-//! a stranger learns no more than that somebody listens. All lengths are fixed, and no frame is
+//! an unauthenticated client learns only that a process listens. All lengths are fixed, and no frame is
 //! decoded before this is over.
 //!
 //! This file is the machine, which reads no socket; [`Link`](super::Link) moves its bytes.
@@ -44,20 +44,20 @@ pub(crate) enum Purpose {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Role {
-    /// Who has connected.
+    /// The end that has connected.
     Opener,
-    /// Who has listened.
+    /// The end that has listened.
     Acceptor,
 }
 
-/// Why the other end is not believed, or does not believe.
+/// Why one of the ends refuses the other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
 pub(crate) enum Refused {
     /// It does not speak this protocol.
     #[error(
         "the other end does not prove that it belongs to the federation: is `auth` the same everywhere, and the version of hprm?"
     )]
-    Stranger,
+    OtherProtocol,
     /// It speaks TLS, and this end does not.
     #[error(
         "the other end uses TLS, and this process has no certificate: name the files with --tls-cert, \
@@ -144,12 +144,12 @@ impl Handshake {
     ) -> Result<(), Refused> {
         debug_assert!(bytes.len() <= self.wanted(), "no more than the handshake wants");
         self.inbound.extend_from_slice(bytes);
-        // Whoever does not speak this protocol is not kept waiting for the rest.
+        // A process that does not speak this protocol is refused before the rest arrives.
         let seen = self.inbound.len().min(MAGIC.len());
         if self.step == Step::Hello && self.inbound[..seen] != MAGIC[..seen] {
             self.step = Step::Refusing;
             if !is_tls(&self.inbound) {
-                return Err(Refused::Stranger);
+                return Err(Refused::OtherProtocol);
             }
             if self.role == Role::Acceptor {
                 // It finds out that this is not TLS, which closing the link would not tell.
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn who_knows_the_secret_is_let_in_however_the_bytes_come() {
+    fn a_process_with_the_secret_is_accepted_however_its_bytes_arrive() {
         for size in 1..=LONGEST {
             let (mut a, mut b) = (opener(SECRET, Purpose::Coordination), acceptor(2));
             meet(&mut a, &mut b, size).unwrap();
@@ -400,7 +400,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_a_stranger_says_it_is_not_let_in(
+        fn an_unauthenticated_client_is_refused_whatever_it_sends(
             bytes in prop::collection::vec(any::<u8>(), 0..200),
             greets in any::<bool>(),
         ) {

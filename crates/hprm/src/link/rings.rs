@@ -1,9 +1,9 @@
-//! Bytes to a process on the same machine: through rings in memory instead of its socket.
+//! The transport to a process on the same machine: ring buffers in shared memory instead of the socket.
 //!
-//! Who opens a link to a Unix socket makes two rings, and sends their memory and its doorbell with the
-//! first byte. Who is at the other end and trusts it answers with a doorbell of its own; from then on
-//! bytes go through the rings. A direction begins with its socket and goes on in its ring, at a
-//! position that the ring tells. Afterwards the socket still has two tasks: descriptors travel over it,
+//! The process that opens a link to a Unix socket makes two rings, and sends their memory and its notifier
+//! with the first byte. The process at the other end, if it trusts the first one, answers with a notifier
+//! of its own; from then on bytes go through the rings. A direction begins with its socket and goes on in
+//! its ring, at a position that the ring tells. Afterwards the socket still has two tasks: descriptors travel over it,
 //! each with one byte that means nothing, sent before the frame that it belongs to is in the ring; and
 //! its end tells that a process has ended, after which what is in the ring is still read.
 
@@ -15,7 +15,7 @@ use hprm_core::limits::EAGER_BUFFER;
 use hprm_store::{RING_CAPACITY, RingReader, RingWriter, map_ring_pair, ring_pair};
 
 use super::socket::Socket;
-use crate::doorbell::{Doorbell, Rope};
+use crate::notifier::{Notifier, RemoteNotifier};
 use crate::wait::is_hung_up;
 
 /// What a descriptor travels with.
@@ -27,16 +27,16 @@ const _: () = assert!(RING_CAPACITY >= EAGER_BUFFER);
 /// This end of two rings, from before the other end knows them.
 #[derive(Debug)]
 pub(super) struct Rings {
-    doorbell: Doorbell,
+    notifier: Notifier,
     ends: Option<(RingWriter, RingReader)>,
     /// Whether it is known whether there will be any.
     is_decided: bool,
     /// The memory of both, until it has been sent.
     offer: Option<OwnedFd>,
-    /// Whether the other end still waits for this one's doorbell.
-    owes_doorbell: bool,
-    /// The other end's doorbell: if it is known, what is to be written goes into a ring.
-    rope: Option<Rope>,
+    /// Whether the other end still waits for this one's notifier.
+    owes_notifier: bool,
+    /// The other end's notifier: if it is known, what is to be written goes into a ring.
+    remote: Option<RemoteNotifier>,
     /// How many bytes have gone through the socket, apart from carriers.
     sent: u64,
     received: u64,
@@ -45,10 +45,10 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// For who has opened the link. Without memory for them (`ulimit -f` may forbid any), there are none,
-    /// and the socket does it all.
-    pub(super) fn offered(doorbell: Doorbell) -> Self {
-        let mut rings = Self::expected(doorbell);
+    /// For the process that has opened the link. Without memory for rings (`ulimit -f` may forbid any),
+    /// there are none, and all bytes go through the socket.
+    pub(super) fn offered(notifier: Notifier) -> Self {
+        let mut rings = Self::expected(notifier);
         rings.is_decided = true;
         if let Ok((writer, reader, file)) = ring_pair() {
             rings.ends = Some((writer, reader));
@@ -57,15 +57,15 @@ impl Rings {
         rings
     }
 
-    /// For who has been connected to.
-    pub(super) fn expected(doorbell: Doorbell) -> Self {
+    /// For the process that has accepted the link.
+    pub(super) fn expected(notifier: Notifier) -> Self {
         Self {
-            doorbell,
+            notifier,
             ends: None,
             is_decided: false,
             offer: None,
-            owes_doorbell: false,
-            rope: None,
+            owes_notifier: false,
+            remote: None,
             sent: 0,
             received: 0,
             is_congested: false,
@@ -73,7 +73,7 @@ impl Rings {
     }
 
     /// Takes the rings that the other end has offered, if this one trusts it: they are the first two
-    /// descriptors that have come. Who offers none has a socket, and nothing else.
+    /// descriptors that have come. Without them, there is only the socket.
     pub(super) fn meet(
         &mut self,
         socket: &Socket,
@@ -81,15 +81,15 @@ impl Rings {
     ) -> io::Result<()> {
         if !std::mem::replace(&mut self.is_decided, true) && descriptors.len() >= 2 {
             let mut offered = descriptors.drain(..2);
-            let (file, rope) = (offered.next(), offered.next());
-            let (Some(file), Some(rope)) = (file, rope) else { return Ok(()) };
+            let (file, remote) = (offered.next(), offered.next());
+            let (Some(file), Some(remote)) = (file, remote) else { return Ok(()) };
             self.ends = Some(map_ring_pair(&file).map_err(io::Error::other)?);
-            self.open(rope)?;
-            self.owes_doorbell = true;
+            self.open(remote)?;
+            self.owes_notifier = true;
         }
-        if self.owes_doorbell {
-            match socket.send_with(&CARRIER, &[self.doorbell.as_fd()]) {
-                Ok(_) => self.owes_doorbell = false,
+        if self.owes_notifier {
+            match socket.send_with(&CARRIER, &[self.notifier.as_fd()]) {
+                Ok(_) => self.owes_notifier = false,
                 Err(error) if is_transient(&error) => {}
                 Err(error) => return Err(error),
             }
@@ -98,8 +98,8 @@ impl Rings {
     }
 
     /// What is written goes into the ring from now on.
-    fn open(&mut self, rope: OwnedFd) -> io::Result<()> {
-        self.rope = Some(Rope::new(rope)?);
+    fn open(&mut self, remote: OwnedFd) -> io::Result<()> {
+        self.remote = Some(RemoteNotifier::new(remote)?);
         if let Some((writer, _)) = &mut self.ends {
             writer.open(self.sent);
         }
@@ -108,12 +108,12 @@ impl Rings {
 
     /// Whether what is to be written waits for the socket, and not for the other end to read.
     pub(super) fn wait_for_socket(&self) -> bool {
-        self.rope.is_none() || self.is_congested
+        self.remote.is_none() || self.is_congested
     }
 
     /// Whether messages take no other way than through memory.
     pub(super) fn are_in_use(&self) -> bool {
-        self.rope.is_some() && self.is_reading()
+        self.remote.is_some() && self.is_reading()
     }
 
     /// Whether something can be read from the ring.
@@ -145,17 +145,17 @@ impl Rings {
         bytes: &[u8],
         descriptor: Option<BorrowedFd<'_>>,
     ) -> io::Result<usize> {
-        if self.rope.is_some() {
+        if self.remote.is_some() {
             return self.write(socket, bytes, descriptor);
         }
         let count = match (&self.offer, descriptor) {
             (None, None) => socket.send(bytes)?,
             (None, Some(descriptor)) => socket.send_with(bytes, &[descriptor])?,
             (Some(file), None) => {
-                socket.send_with(bytes, &[file.as_fd(), self.doorbell.as_fd()])?
+                socket.send_with(bytes, &[file.as_fd(), self.notifier.as_fd()])?
             }
             (Some(file), Some(descriptor)) => {
-                socket.send_with(bytes, &[file.as_fd(), self.doorbell.as_fd(), descriptor])?
+                socket.send_with(bytes, &[file.as_fd(), self.notifier.as_fd(), descriptor])?
             }
         };
         self.offer = None;
@@ -169,30 +169,30 @@ impl Rings {
         bytes: &[u8],
         descriptor: Option<BorrowedFd<'_>>,
     ) -> io::Result<usize> {
-        let (Some((writer, _)), Some(rope)) = (&mut self.ends, &self.rope) else {
+        let (Some((writer, _)), Some(remote)) = (&mut self.ends, &self.remote) else {
             return Err(io::ErrorKind::NotConnected.into());
         };
         // A descriptor goes first, and only if its frame can begin to follow.
-        let has_room = descriptor.is_none() || writer.has_room_or_waits().map_err(lie)?;
+        let has_room = descriptor.is_none() || writer.has_room_or_waits().map_err(violation)?;
         if let Some(descriptor) = descriptor.filter(|_| has_room) {
             let sent = socket.send_with(&CARRIER, &[descriptor]);
             self.is_congested = sent.as_ref().is_err_and(is_transient);
             sent?;
         }
-        let mut count = if has_room { writer.write(bytes).map_err(lie)? } else { 0 };
+        let mut count = if has_room { writer.write(bytes).map_err(violation)? } else { 0 };
         if count == 0 {
-            if !writer.has_room_or_waits().map_err(lie)? {
-                // Who has ended will not read.
+            if !writer.has_room_or_waits().map_err(violation)? {
+                // A process that has ended will not read.
                 let kind = match is_hung_up(socket.as_fd()) {
                     true => io::ErrorKind::BrokenPipe,
                     false => io::ErrorKind::WouldBlock,
                 };
                 return Err(kind.into());
             }
-            count = writer.write(bytes).map_err(lie)?;
+            count = writer.write(bytes).map_err(violation)?;
         }
         if writer.take_sleeping_reader() {
-            rope.ring();
+            remote.notify();
         }
         Ok(count)
     }
@@ -212,7 +212,7 @@ impl Rings {
             return Ok(count);
         }
         let carriers = self.receive_carriers(socket, descriptors)?;
-        // Who has ended may have written just before.
+        // A process that has ended may have written just before.
         match self.read(buffer)? {
             0 if carriers > 0 => Err(io::ErrorKind::WouldBlock.into()),
             count => Ok(count),
@@ -229,7 +229,7 @@ impl Rings {
             return Ok(0);
         }
         let count = receive(socket, &mut [0; 64], descriptors)?;
-        self.take_rope(descriptors)?;
+        self.take_remote(descriptors)?;
         Ok(count)
     }
 
@@ -240,9 +240,9 @@ impl Rings {
         descriptors: &mut VecDeque<OwnedFd>,
     ) -> io::Result<usize> {
         let count = receive(socket, buffer, descriptors)?;
-        self.take_rope(descriptors)?;
+        self.take_remote(descriptors)?;
         if count == 0 {
-            // Who has ended may have begun with the ring just before.
+            // A process that has ended may have begun with the ring just before.
             return if self.is_reading() { self.read(buffer) } else { Ok(0) };
         }
         let opened = self.ends.as_ref().and_then(|(_, reader)| reader.opened());
@@ -253,13 +253,13 @@ impl Rings {
         if count == 0 { Err(io::ErrorKind::WouldBlock.into()) } else { Ok(count) }
     }
 
-    /// The first descriptor that answers an offer is a doorbell.
-    fn take_rope(&mut self, descriptors: &mut VecDeque<OwnedFd>) -> io::Result<()> {
-        if self.rope.is_none()
+    /// The first descriptor that answers an offer is a notifier.
+    fn take_remote(&mut self, descriptors: &mut VecDeque<OwnedFd>) -> io::Result<()> {
+        if self.remote.is_none()
             && self.ends.is_some()
-            && let Some(rope) = descriptors.pop_front()
+            && let Some(remote) = descriptors.pop_front()
         {
-            self.open(rope)?;
+            self.open(remote)?;
         }
         Ok(())
     }
@@ -271,15 +271,15 @@ impl Rings {
 
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let Some((_, reader)) = &mut self.ends else { return Ok(0) };
-        let count = reader.read(buffer).map_err(lie)?;
+        let count = reader.read(buffer).map_err(violation)?;
         if count > 0 && reader.take_waiting_writer() {
-            self.rope.iter().for_each(Rope::ring);
+            self.remote.iter().for_each(RemoteNotifier::notify);
         }
         Ok(count)
     }
 }
 
-/// Receives once. Who has ended without reading everything has ended, too.
+/// Receives once. The end of a process that has not read everything is an end, too.
 fn receive(
     socket: &Socket,
     buffer: &mut [u8],
@@ -291,7 +291,7 @@ fn receive(
     }
 }
 
-fn lie(error: hprm_store::RingError) -> io::Error {
+fn violation(error: hprm_store::RingError) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, error)
 }
 

@@ -232,7 +232,7 @@ fn is_its_own_fault(error: Errno) -> bool {
 impl Drop for Listener {
     fn drop(&mut self) {
         if let Address::Path(path) = &self.address {
-            // Somebody may have removed it already, which is what this wants.
+            // It may have been removed already, which is as good.
             let _ = std::fs::remove_file(path);
         }
     }
@@ -257,7 +257,7 @@ fn resolve(host: &str, deadline: Deadline) -> io::Result<Vec<InternetAddr>> {
     let name = host.to_owned();
     thread::Builder::new().name("resolver".to_owned()).spawn(move || {
         let addresses = name.to_socket_addrs().map(Iterator::collect);
-        // Nobody may wait for it any more.
+        // The other end may not wait for it any more.
         let _ = answer.send(addresses);
     })?;
     loop {

@@ -97,7 +97,7 @@ impl Stream {
         }
     }
 
-    /// Whether what is to be written waits for the socket, rather than for a doorbell.
+    /// Whether what is to be written waits for the socket, rather than for a notifier.
     pub(super) fn waits_for_socket(&self) -> bool {
         match &self.way {
             Way::Rings(rings) => rings.wait_for_socket(),

@@ -86,7 +86,7 @@ impl Configs {
     fn connection(&self, role: Role) -> Result<Connection, Error> {
         Ok(match role {
             Role::Opener => {
-                // It must have one; nobody compares it.
+                // It must have one; it is not compared.
                 let name = ServerName::try_from("federation").expect("a word is a name");
                 ClientConnection::new(Arc::clone(&self.opener), name)?.into()
             }

@@ -3,11 +3,11 @@
 use hprm_federated::FederationId;
 
 use super::*;
-use crate::bell::Bell;
 use crate::link::{Keys, Purpose};
+use crate::pipe_notifier::PipeNotifier;
 use crate::wait::Deadline;
 use crate::wire::Network;
-use crate::{Address, Room, Security};
+use crate::{Address, Security, ValueExchange};
 
 /// Longer than any test takes.
 const LONG: Nanos = 3_600_000_000_000;
@@ -46,7 +46,7 @@ impl Links {
 
 /// A link that nothing has come over, and its other end.
 fn link() -> (Links, Wire) {
-    let network = Room::<()>::new().network();
+    let network = ValueExchange::<()>::new().network();
     let keys = Keys::new(FederationId(1), Security::default()).unwrap();
     let address: Address = "unix:@poller".parse().unwrap();
     let gate = network.listen(&address).unwrap();
@@ -68,12 +68,12 @@ fn send(far: &mut Wire) {
 fn a_frame_ends_a_wait_and_is_read_once() {
     for spin in [0, LONG] {
         let (mut links, mut far) = link();
-        let (mut poller, bell) = (Poller::new(None, spin), Bell::new().unwrap());
+        let (mut poller, wakeups) = (Poller::new(None, spin), PipeNotifier::new().unwrap());
         send(&mut far);
-        let found = poller.wait(&mut links, &bell, None);
+        let found = poller.wait(&mut links, &wakeups, None);
         assert_eq!(found, Found { news: true, ..Found::default() });
         assert_eq!(links.read(), (1, true));
-        assert_eq!(poller.look(&mut links, &bell), Found::default());
+        assert_eq!(poller.look(&mut links, &wakeups), Found::default());
         assert_eq!(links.read(), (0, true));
     }
 }
@@ -82,14 +82,14 @@ fn a_frame_ends_a_wait_and_is_read_once() {
 fn the_bell_ends_a_wait_and_rings_until_it_is_silenced() {
     for spin in [0, LONG] {
         let (mut links, _far) = link();
-        let (mut poller, bell) = (Poller::new(None, spin), Bell::new().unwrap());
-        bell.ring();
+        let (mut poller, wakeups) = (Poller::new(None, spin), PipeNotifier::new().unwrap());
+        wakeups.notify();
         for _ in 0..2 {
-            let found = poller.wait(&mut links, &bell, None);
-            assert_eq!(found, Found { bell: true, ..Found::default() });
+            let found = poller.wait(&mut links, &wakeups, None);
+            assert_eq!(found, Found { notified: true, ..Found::default() });
         }
-        bell.silence();
-        assert_eq!(poller.look(&mut links, &bell), Found::default());
+        wakeups.clear();
+        assert_eq!(poller.look(&mut links, &wakeups), Found::default());
     }
 }
 
@@ -97,9 +97,9 @@ fn the_bell_ends_a_wait_and_rings_until_it_is_silenced() {
 fn the_time_ends_a_wait_for_nothing() {
     for spin in [0, LONG] {
         let (mut links, _far) = link();
-        let (mut poller, bell) = (Poller::new(None, spin), Bell::new().unwrap());
+        let (mut poller, wakeups) = (Poller::new(None, spin), PipeNotifier::new().unwrap());
         let until = Clock::now().plus(1_000_000);
-        assert_eq!(poller.wait(&mut links, &bell, Some(until)), Found::default());
+        assert_eq!(poller.wait(&mut links, &wakeups, Some(until)), Found::default());
         assert!(Clock::now() >= until);
     }
 }
@@ -107,9 +107,9 @@ fn the_time_ends_a_wait_for_nothing() {
 #[test]
 fn an_end_that_is_closed_is_news() {
     let (mut links, far) = link();
-    let (mut poller, bell) = (Poller::new(None, 0), Bell::new().unwrap());
+    let (mut poller, wakeups) = (Poller::new(None, 0), PipeNotifier::new().unwrap());
     drop(far);
-    assert!(poller.wait(&mut links, &bell, None).news);
+    assert!(poller.wait(&mut links, &wakeups, None).news);
     assert_eq!(links.read(), (0, false));
 }
 
@@ -117,14 +117,14 @@ fn an_end_that_is_closed_is_news() {
 fn whoever_is_at_the_door_is_news_until_the_door_is_opened() {
     let network = Network::sockets().unwrap();
     let keys = Keys::new(FederationId(1), Security::default()).unwrap();
-    let lobby = Lobby::new(Vec::new(), Purpose::Messages, keys, 1);
-    let mut links = Links { lines: Vec::new(), door: Some(Door::new(lobby)) };
-    let (mut poller, bell) = (Poller::new(network.doorbell(), 0), Bell::new().unwrap());
-    assert!(poller.look(&mut links, &bell).news);
+    let acceptor = LinkAcceptor::new(Vec::new(), Purpose::Messages, keys, 1);
+    let mut links = Links { lines: Vec::new(), door: Some(Door::new(acceptor)) };
+    let (mut poller, wakeups) = (Poller::new(network.notifier(), 0), PipeNotifier::new().unwrap());
+    assert!(poller.look(&mut links, &wakeups).news);
     let door = links.door.as_mut().unwrap();
     assert!(door.is_ready());
     assert!(door.admit(Clock::local()).unwrap().is_empty());
-    assert!(!poller.look(&mut links, &bell).news);
+    assert!(!poller.look(&mut links, &wakeups).news);
 }
 
 #[test]

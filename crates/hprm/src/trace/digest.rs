@@ -9,7 +9,7 @@ use twox_hash::XxHash3_128;
 
 /// 128 bits that stand for a value: two values with equal digests are taken for equal.
 ///
-/// It is the hash XXH3, which is quick and not meant to resist somebody who looks for collisions.
+/// It is the hash XXH3, which is quick and not meant to resist a search for collisions.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Digest(pub u128);
 
@@ -30,7 +30,7 @@ pub struct Described {
 }
 
 impl Described {
-    /// A value that nobody can look into.
+    /// A value that is opaque.
     #[must_use]
     pub fn opaque(name: &str) -> Self {
         let mut digester = Digester::new();

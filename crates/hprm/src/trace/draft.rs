@@ -1,4 +1,4 @@
-//! A file that gets its name when it is complete: nobody takes half a trace for a whole one.
+//! A file that gets its name when it is complete: so a part of a trace is never taken for a whole one.
 //!
 //! What is there and is no plain file, such as a device, a pipe or a link, is written to instead. It
 //! must never be replaced by a file.

@@ -136,7 +136,7 @@ pub struct Schedule {
 pub enum Outcome {
     /// It will be present.
     At(At),
-    /// It will not, or nobody knows when.
+    /// It will not, or it is not known when.
     Not(Reason),
 }
 
@@ -181,7 +181,7 @@ pub struct End {
     /// Why not, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
-    /// Whether somebody asked for the end who may have seen something of the physical world.
+    /// Whether a reaction that may depend on the physical world asked for the end.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub physical: bool,
     /// How many reactions had an input that came too late.

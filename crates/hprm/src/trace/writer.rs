@@ -161,7 +161,7 @@ impl Trace {
     }
 }
 
-/// What a reaction finds at its inputs. To be called when its body begins, not before: whoever has a
+/// What a reaction finds at its inputs. To be called when its body begins, not before: code that has a
 /// value may change it at any time, and what counts is what this reaction reads.
 pub fn reads<V: Clone>(
     scheduler: &Scheduler<V>,

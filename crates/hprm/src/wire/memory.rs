@@ -199,7 +199,7 @@ impl<T> Lane<T> {
         let mut state = self.state();
         let item = state.items.pop_front();
         if state.items.is_empty() && !state.closed {
-            self.silence(&mut state);
+            self.clear(&mut state);
         }
         item
     }
@@ -211,7 +211,7 @@ impl<T> Lane<T> {
         taken.append(&mut state.items);
         // A closed lane goes on ringing until its reader has let go of it.
         if !state.closed {
-            self.silence(&mut state);
+            self.clear(&mut state);
         }
         match (empty, state.closed) {
             (false, _) => Arrival::Rest,
@@ -236,7 +236,7 @@ impl<T> Lane<T> {
         }
     }
 
-    fn silence(&self, state: &mut LaneState<T>) {
+    fn clear(&self, state: &mut LaneState<T>) {
         // It fails if the ring is still to come: then somebody has to silence it later.
         if state.rung && rustix::io::read(&self.signal, &mut [0; 8]).is_ok() {
             state.rung = false;

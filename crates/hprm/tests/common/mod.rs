@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use hprm::{
-    Address, Failure, FederateOptions, Host, Inbox, Reach, Room, Rti, RtiEvent, RtiOptions,
-    Security,
+    Address, Failure, FederateOptions, Host, Inbox, Reach, Rti, RtiEvent, RtiOptions, Security,
+    ValueExchange,
 };
 use hprm::{FederationId, Patience};
 use hprm_core::limits::INLINE_LIMIT;
@@ -142,15 +142,16 @@ pub(crate) fn federation_beside<T>(
     federation
 }
 
-/// The same for threads that share a room.
+/// The same for threads that share an exchange.
 pub(crate) fn federation_in(
-    room: &Room<Bytes>,
+    exchange: &ValueExchange<Bytes>,
     program: Program,
     react: &Arc<React>,
 ) -> Federation {
     let (program, security) = (Arc::new(program), Security::default());
-    let rti = room.rti(&rti_options(&program, "unix:@room".parse().unwrap(), &security)).unwrap();
-    run(rti, &program, &security, react, Some(room))
+    let rti =
+        exchange.rti(&rti_options(&program, "unix:@room".parse().unwrap(), &security)).unwrap();
+    run(rti, &program, &security, react, Some(exchange))
 }
 
 fn run(
@@ -158,7 +159,7 @@ fn run(
     program: &Arc<Program>,
     security: &Security,
     react: &Arc<React>,
-    room: Option<&Room<Bytes>>,
+    exchange: Option<&ValueExchange<Bytes>>,
 ) -> Federation {
     let address = rti.address().clone();
     let warnings = Arc::new(Mutex::new(Vec::new()));
@@ -171,8 +172,8 @@ fn run(
         .map(|federate| {
             let options = options(program, federate, &address, security);
             let (react, warnings) = (Arc::clone(react), Arc::clone(&warnings));
-            let room = room.cloned();
-            thread::spawn(move || federate_of(&options, react, warnings, room.as_ref()))
+            let exchange = exchange.cloned();
+            thread::spawn(move || federate_of(&options, react, warnings, exchange.as_ref()))
         })
         .collect();
     let outcomes = federates.into_iter().map(|federate| federate.join().unwrap()).collect();
@@ -232,15 +233,15 @@ fn federate_of(
     options: &FederateOptions,
     react: Arc<React>,
     warnings: Arc<Mutex<Vec<String>>>,
-    room: Option<&Room<Bytes>>,
+    exchange: Option<&ValueExchange<Bytes>>,
 ) -> Result<(), Failure> {
     let inbox = Inbox::new().unwrap();
     let load = || {
         let (me, encoded) = (options.federate, BTreeMap::new());
         Ok(Closures { me, react, warnings, encoded, _not_send: OnceCell::new() })
     };
-    match room {
-        Some(room) => hprm::run_federate_in(options, room, &inbox, load),
+    match exchange {
+        Some(exchange) => hprm::run_federate_in(options, exchange, &inbox, load),
         None => hprm::run_federate(options, &inbox, load),
     }
 }
@@ -325,8 +326,8 @@ pub(crate) fn rounds_of(
     let Gather { program, out, answers, requests, replies, start, round } =
         gather(coordination, CLIENTS);
     let seen = AtomicU32::new(0);
-    let message = move |round: u32, who: usize| -> Bytes {
-        let byte = u8::try_from((round as usize * 7 + who) % 251).unwrap();
+    let message = move |round: u32, sender: usize| -> Bytes {
+        let byte = u8::try_from((round as usize * 7 + sender) % 251).unwrap();
         Bytes::Own(Arc::new(vec![byte; len]))
     };
     let react = move |scheduler: &mut Scheduler<Bytes>, id: ReactionId, _: Body| {
@@ -334,9 +335,9 @@ pub(crate) fn rounds_of(
             scheduler.set(out, message(0, 0));
         } else if id == round {
             let done = seen.fetch_add(1, Ordering::Relaxed) + 1;
-            for (who, port) in answers.iter().enumerate() {
+            for (sender, port) in answers.iter().enumerate() {
                 let answer = scheduler.port(*port).expect("all answers have one tag");
-                assert!(answer.as_slice() == message(done - 1, who + 1).as_slice());
+                assert!(answer.as_slice() == message(done - 1, sender + 1).as_slice());
             }
             if done == rounds {
                 scheduler.request_stop();
@@ -344,10 +345,10 @@ pub(crate) fn rounds_of(
                 scheduler.set(out, message(done, 0));
             }
         } else {
-            let who = requests.iter().position(|port| scheduler.port(*port).is_some()).unwrap();
-            let request = scheduler.port(requests[who]).unwrap().as_slice();
-            let answer: Vec<u8> = request.iter().map(|b| (b + 1 + who as u8) % 251).collect();
-            scheduler.set(replies[who], Bytes::Own(Arc::new(answer)));
+            let sender = requests.iter().position(|port| scheduler.port(*port).is_some()).unwrap();
+            let request = scheduler.port(requests[sender]).unwrap().as_slice();
+            let answer: Vec<u8> = request.iter().map(|b| (b + 1 + sender as u8) % 251).collect();
+            scheduler.set(replies[sender], Bytes::Own(Arc::new(answer)));
         }
         Ok(())
     };

@@ -1,5 +1,5 @@
-//! The promise about a handshake with anybody: it ends, in bounded memory, and well only for who knows
-//! the secret. Shared with the fuzz target in `fuzz/`.
+//! A handshake with any process ends, in bounded memory, and succeeds only with a process that knows the
+//! secret. Shared with the fuzz target in `fuzz/`.
 
 use hprm_federated::FederationId;
 
@@ -17,7 +17,7 @@ pub(crate) fn strange_bytes(bytes: &[u8]) {
         loop {
             said += handshake.outbound().len();
             handshake.sent(handshake.outbound().len());
-            assert!(!handshake.is_over(), "a stranger has proved himself");
+            assert!(!handshake.is_over(), "a process without the secret has proved it");
             assert!(said <= 3 * LONGEST, "a handshake says little");
             let wanted = handshake.wanted();
             assert!(wanted <= LONGEST);

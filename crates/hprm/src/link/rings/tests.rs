@@ -13,10 +13,10 @@ use crate::Clock;
 use crate::link::{Arrival, Keys, Link, Listener, Purpose, Security};
 use crate::wait::{Deadline, Interest, wait};
 
-/// Two ends that are opened and trust one another, with their doorbells.
+/// Two ends that are opened and trust one another, with their notifiers.
 struct Pair {
-    near: (Link, Doorbell),
-    far: (Link, Doorbell),
+    near: (Link, Notifier),
+    far: (Link, Notifier),
 }
 
 fn soon() -> Deadline {
@@ -27,7 +27,7 @@ fn pair(name: &str) -> Pair {
     let keys = Keys::new(FederationId(7), Security::default()).unwrap();
     let address = format!("unix:@hprm-rings-{}-{name}", std::process::id()).parse().unwrap();
     let listener = Listener::bind(&address).unwrap();
-    let (here, there) = (Doorbell::new().unwrap(), Doorbell::new().unwrap());
+    let (here, there) = (Notifier::new().unwrap(), Notifier::new().unwrap());
     let near = Link::connect(&address, Purpose::Messages, &keys, &here, soon()).unwrap();
     let socket = listener.accept().unwrap().unwrap();
     let far = Link::accepted(socket, Purpose::Messages, &keys, &there).unwrap();
@@ -45,7 +45,7 @@ fn acquainted(name: &str) -> Pair {
     far.trust();
     far.queue(Frame::Pong, None);
     far.flush().unwrap();
-    // The first read brings the doorbell, without which this end does not know of the ring.
+    // The first read brings the notifier, without which this end does not know of the ring.
     assert_eq!(read_all(near), [Frame::Pong]);
     assert!(near.is_in_memory());
     near.queue(Frame::Resign, None);
@@ -76,37 +76,37 @@ fn read_all(link: &mut Link) -> Vec<Frame> {
     frames
 }
 
-fn is_rung(doorbell: &Doorbell) -> bool {
+fn is_notified(notifier: &Notifier) -> bool {
     let now = Some(PhysicalTime(0));
-    let ready = wait(&[Interest { fd: doorbell.as_fd(), write: false }], now);
-    doorbell.silence();
+    let ready = wait(&[Interest { fd: notifier.as_fd(), write: false }], now);
+    notifier.clear();
     ready[0].is_ready()
 }
 
 #[test]
-fn only_who_sleeps_is_rung_for() {
-    let Pair { near: (mut near, _), far: (mut far, bell) } = acquainted("sleep");
+fn only_a_process_that_sleeps_is_notified() {
+    let Pair { near: (mut near, _), far: (mut far, notifier) } = acquainted("sleep");
     near.queue(Frame::Ping, None);
     near.flush().unwrap();
-    assert!(!is_rung(&bell));
+    assert!(!is_notified(&notifier));
     assert!(far.has_unread());
     assert_eq!(read_all(&mut far), [Frame::Ping]);
     far.fall_asleep();
     assert!(!far.has_unread());
     near.queue(Frame::Ping, None);
     near.flush().unwrap();
-    assert!(is_rung(&bell));
+    assert!(is_notified(&notifier));
     // Once is enough.
     near.queue(Frame::Pong, None);
     near.flush().unwrap();
-    assert!(!is_rung(&bell));
+    assert!(!is_notified(&notifier));
     far.wake_up();
     assert_eq!(read_all(&mut far), [Frame::Ping, Frame::Pong]);
 }
 
 #[test]
 fn more_than_a_ring_holds_waits_and_comes_in_order() {
-    let Pair { near: (mut near, bell), far: (mut far, _) } = acquainted("full");
+    let Pair { near: (mut near, notifier), far: (mut far, _) } = acquainted("full");
     let frames: Vec<_> = (0..50).map(|number| failed(number, 10_007)).collect();
     frames.iter().for_each(|frame| near.queue(frame.clone(), None));
     near.flush().unwrap();
@@ -117,7 +117,7 @@ fn more_than_a_ring_holds_waits_and_comes_in_order() {
     while come.len() < frames.len() {
         let more = read_all(&mut far);
         assert!(!more.is_empty() || near.has_outbound());
-        assert_eq!(is_rung(&bell), near.has_outbound());
+        assert_eq!(is_notified(&notifier), near.has_outbound());
         near.flush().unwrap();
         come.extend(more);
     }
@@ -128,22 +128,22 @@ fn more_than_a_ring_holds_waits_and_comes_in_order() {
 #[test]
 fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
     let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("descriptors");
-    let mut ropes = Vec::new();
+    let mut writers = Vec::new();
     for number in 0..20 {
         near.queue(failed(number, 12_000), None);
-        let (ear, rope) = pipe().unwrap();
-        near.queue(segment(u32::try_from(number).unwrap()), Some(ear));
-        ropes.push(rope);
+        let (reader, writer) = pipe().unwrap();
+        near.queue(segment(u32::try_from(number).unwrap()), Some(reader));
+        writers.push(writer);
     }
     let (mut frames, mut next) = (0, 0);
-    while next < ropes.len() {
+    while next < writers.len() {
         near.flush().unwrap();
         far.read().unwrap();
         while let Some((frame, descriptor)) = far.next_frame().unwrap() {
             frames += 1;
             if let Frame::Segment { segment, .. } = frame {
                 assert_eq!(usize::try_from(segment), Ok(next));
-                rustix::io::write(&ropes[next], &[7]).unwrap();
+                rustix::io::write(&writers[next], &[7]).unwrap();
                 let mut byte = [0];
                 File::from(descriptor.unwrap()).read_exact(&mut byte).unwrap();
                 assert_eq!(byte, [7]);
@@ -185,8 +185,8 @@ fn long_messages_keep_their_place_among_frames_and_descriptors() {
 }
 
 #[test]
-fn who_has_not_said_who_he_is_sends_no_long_message() {
-    let Pair { near: (mut near, _), far: (mut far, _) } = pair("stranger");
+fn an_unauthenticated_client_sends_no_long_message() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair("unauthenticated");
     near.queue(long(1 << 20), None);
     near.flush().unwrap();
     far.read().unwrap();
@@ -231,7 +231,7 @@ fn an_end_before_the_first_answer_is_an_end() {
 }
 
 #[test]
-fn who_fills_the_ring_of_one_who_has_ended_hears_of_it() {
+fn a_process_that_fills_the_ring_of_one_that_has_ended_gets_an_error() {
     let Pair { near: (mut near, _), far: (far, _) } = acquainted("gone");
     drop(far);
     near.queue(failed(1, 200_000), None);
@@ -246,11 +246,11 @@ fn what_is_no_memory_for_rings_breaks_the_link() {
     let address = format!("unix:@hprm-rings-{}-lie", std::process::id()).parse().unwrap();
     let listener = Listener::bind(&address).unwrap();
     let liar = Socket::connect(&address, soon()).unwrap();
-    let doorbell = Doorbell::new().unwrap();
+    let notifier = Notifier::new().unwrap();
     let socket = listener.accept().unwrap().unwrap();
-    let mut link = Link::accepted(socket, Purpose::Messages, &keys, &doorbell).unwrap();
-    let (ear, rope) = pipe().unwrap();
-    liar.send_with(b"x", &[ear.as_fd(), rope.as_fd()]).unwrap();
+    let mut link = Link::accepted(socket, Purpose::Messages, &keys, &notifier).unwrap();
+    let (reader, writer) = pipe().unwrap();
+    liar.send_with(b"x", &[reader.as_fd(), writer.as_fd()]).unwrap();
     assert_eq!(link.read().unwrap(), Arrival::Bytes);
     link.trust();
     assert!(link.flush().is_err());

@@ -1,9 +1,9 @@
-//! Links that have been accepted and have not said who they are, and which of them has to go.
+//! Pending links: those that were accepted and have sent no frame yet, and which of them are closed.
 //!
-//! A link is as far as its other end has come: silent, speaking (it has begun the handshake), or proved
-//! (it has proved the secret, or the kernel vouches for its user). Each stage has places of its own, so
-//! a flood of one kind takes no place from links that have come further, and none from those that
-//! begin. When a stage is full, the address with the most links there loses its oldest one.
+//! A link is in one of three stages: silent, speaking (its other end has begun the handshake), or proved (its
+//! other end has proved the secret, or the kernel has told its user). Each stage has places of its own, so
+//! a flood of links in one stage takes no place from links in later or earlier stages. When a stage is
+//! full, the oldest link of the address with the most links in it is closed.
 
 use std::collections::BTreeMap;
 use std::collections::VecDeque;
@@ -24,9 +24,9 @@ pub(super) enum Stage {
     Proved,
 }
 
-const STRANGE: [Stage; 2] = [Stage::Silent, Stage::Speaking];
+const UNPROVED: [Stage; 2] = [Stage::Silent, Stage::Speaking];
 
-/// Where a link comes from. Whoever has an address of version 6 has all with the same first half.
+/// Where a link comes from. A host with an address of version 6 has all with the same first half.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum Origin {
     /// A process of the same user on this machine.
@@ -49,11 +49,11 @@ impl Origin {
 /// How many links may wait.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Places {
-    /// For each stage of strangers.
-    pub(super) strangers: usize,
-    /// For strangers of one address, in each stage.
+    /// For each stage before the last one.
+    pub(super) unproved: usize,
+    /// For links of one address, in each stage before the last one.
     pub(super) from_one: usize,
-    /// For links that have proved themselves.
+    /// For links in the last stage.
     pub(super) proved: usize,
 }
 
@@ -77,9 +77,9 @@ impl Waiting {
 
 /// See the module. The oldest link is first.
 #[derive(Debug, Default)]
-pub(super) struct Crowd(VecDeque<Waiting>);
+pub(super) struct PendingLinks(VecDeque<Waiting>);
 
-impl Crowd {
+impl PendingLinks {
     pub(super) fn push(&mut self, waiting: Waiting) {
         self.0.push_back(waiting);
     }
@@ -94,13 +94,13 @@ impl Crowd {
     }
 
     /// How many links have proved nothing.
-    pub(super) fn strangers(&self) -> usize {
+    pub(super) fn unproved(&self) -> usize {
         self.0.iter().filter(|waiting| waiting.stage() < Stage::Proved).count()
     }
 
-    /// Hangs up on those for whom there is no place.
+    /// Closes the links for which there is no place.
     pub(super) fn make_room(&mut self, places: Places) {
-        for stage in STRANGE {
+        for stage in UNPROVED {
             while let Some(victim) = self.one_too_many(stage, places) {
                 self.0.remove(victim);
             }
@@ -111,10 +111,11 @@ impl Crowd {
         }
     }
 
-    /// Hangs up on the oldest stranger, a silent one if there is one. Returns whether there was any.
+    /// Closes the oldest link that has proved nothing, a silent one if there is one. Returns whether there was
+    /// any.
     pub(super) fn hang_up(&mut self) -> bool {
         let first = |stage| self.0.iter().position(move |waiting| waiting.stage() == stage);
-        let oldest = STRANGE.into_iter().find_map(first);
+        let oldest = UNPROVED.into_iter().find_map(first);
         oldest.is_some_and(|at| self.0.remove(at).is_some())
     }
 
@@ -123,7 +124,7 @@ impl Crowd {
         let mut counts = BTreeMap::new();
         here().for_each(|(_, it)| *counts.entry(it.origin).or_insert(0) += 1);
         let (most, count) = counts.iter().max_by_key(|(_, count)| **count)?;
-        let is_full = *count > places.from_one || counts.values().sum::<usize>() > places.strangers;
+        let is_full = *count > places.from_one || counts.values().sum::<usize>() > places.unproved;
         let mut theirs = here().filter(|(_, it)| it.origin == *most);
         is_full.then(|| theirs.next().map(|(at, _)| at)).flatten()
     }

@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use hprm::Room;
+use hprm::ValueExchange;
 use hprm_core::{Body, ReactionId, Scheduler};
 
 use common::{BOTH, Bytes, Gather, React, federation_in, gather, rounds_of, well};
@@ -15,7 +15,7 @@ fn any_messages_in_a_room() {
     for coordination in BOTH {
         for (len, rounds) in [(64, 200), (3_000_000, 20)] {
             let (program, react) = rounds_of(coordination, len, rounds);
-            well(federation_in(&Room::new(), program, &react));
+            well(federation_in(&ValueExchange::new(), program, &react));
         }
     }
 }
@@ -40,11 +40,11 @@ fn in_a_room_the_value_itself_arrives() {
             }
             Ok(())
         };
-        let (room, react): (_, Arc<React>) = (Room::new(), Arc::new(react));
-        let federation = federation_in(&room, program, &react);
+        let (exchange, react): (_, Arc<React>) = (ValueExchange::new(), Arc::new(react));
+        let federation = federation_in(&exchange, program, &react);
         assert!(federation.outcomes.iter().all(Result::is_ok), "{:?}", federation.outcomes);
         assert_eq!(arrived.load(Ordering::Relaxed), 2);
         drop(react);
-        assert_eq!(Arc::strong_count(&sent), 1, "the room keeps nothing");
+        assert_eq!(Arc::strong_count(&sent), 1, "the exchange keeps nothing");
     }
 }

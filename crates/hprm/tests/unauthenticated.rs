@@ -1,5 +1,5 @@
-//! Strangers at the door of a federation, over real sockets: they are refused, and nobody else
-//! notices.
+//! Unauthenticated clients of a federation, over real sockets: they are refused, and no federate is
+//! affected.
 
 mod common;
 
@@ -32,19 +32,19 @@ fn all_that_comes(stream: &mut TcpStream) -> Vec<u8> {
     heard
 }
 
-/// Joins as somebody would who should not. Its reactions never run.
+/// Joins as a process that is no member. Its reactions never run.
 fn join(options: &FederateOptions) -> Failure {
-    let react: Arc<React> = Arc::new(|_, _, _| panic!("a stranger runs a reaction"));
+    let react: Arc<React> = Arc::new(|_, _, _| panic!("an unauthenticated client runs a reaction"));
     federate_with(options, react, Arc::new(Mutex::new(Vec::new()))).unwrap_err()
 }
 
 #[test]
-fn strangers_who_stay_do_not_keep_members_from_joining_and_running() {
+fn unauthenticated_clients_that_stay_do_not_keep_members_from_joining_and_running() {
     for coordination in BOTH {
         let (program, react) = rounds_of(coordination, 64, 50);
         let federation = federation_beside(program, TCP, &Security::default(), react, |rti| {
-            let mut crowd: Vec<_> = (0..100).map(|_| connect(rti)).collect();
-            for (number, stranger) in crowd.iter_mut().enumerate() {
+            let mut pending: Vec<_> = (0..100).map(|_| connect(rti)).collect();
+            for (number, client) in pending.iter_mut().enumerate() {
                 let hello = [&MAGIC[..], &[7; 32]].concat();
                 let words: &[u8] = match number % 4 {
                     0 => b"",
@@ -53,9 +53,9 @@ fn strangers_who_stay_do_not_keep_members_from_joining_and_running() {
                     _ => &hello,
                 };
                 // One that has been hung up on already may not even be able to say it.
-                let _ = stranger.write_all(words);
+                let _ = client.write_all(words);
             }
-            crowd
+            pending
         });
         let joined =
             well(federation).events.iter().filter(|e| matches!(e, RtiEvent::Joined(_))).count();
@@ -64,7 +64,7 @@ fn strangers_who_stay_do_not_keep_members_from_joining_and_running() {
 }
 
 #[test]
-fn who_knows_another_secret_is_refused_and_told_so() {
+fn a_federate_with_another_secret_is_refused_and_told_so() {
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
     let copy = Arc::new(program.clone());
     let federation = federation_beside(program, TCP, &Security::default(), react, |rti| {
@@ -95,18 +95,18 @@ fn a_wrong_secret_names_itself() {
 }
 
 #[test]
-fn a_stranger_gets_a_refusal_and_nothing_else() {
+fn an_unauthenticated_client_gets_a_refusal_and_nothing_else() {
     let program = Arc::new(gather(Coordination::Centralized, 1).program);
     let (address, handle) = alone(&program, &Security::default());
-    let mut stranger = connect(&address);
-    stranger.write_all(MAGIC).unwrap();
-    stranger.write_all(&[7; 32]).unwrap();
+    let mut client = connect(&address);
+    client.write_all(MAGIC).unwrap();
+    client.write_all(&[7; 32]).unwrap();
     let mut hello = [0; 40];
-    stranger.read_exact(&mut hello).unwrap();
+    client.read_exact(&mut hello).unwrap();
     assert_eq!(hello[..8], MAGIC[..]);
     // A proof that is none, and frames behind it.
-    stranger.write_all(&[9; 32]).unwrap();
-    assert_eq!(all_that_comes(&mut stranger), [0; 33]);
+    client.write_all(&[9; 32]).unwrap();
+    assert_eq!(all_that_comes(&mut client), [0; 33]);
     handle.abort();
 }
 
@@ -182,7 +182,11 @@ fn a_false_rti_that_sends_everything_back_is_not_believed() {
     });
     let failure = join(&options(&program, FederateId(0), &address, &Security::default()));
     assert!(failure.to_string().contains("does not know the secret"), "{failure}");
-    assert_eq!(echo.join().unwrap(), [0; 0], "no frame leaves for somebody who is not believed");
+    assert_eq!(
+        echo.join().unwrap(),
+        [0; 0],
+        "no frame is sent to a process that has not proved the secret"
+    );
 }
 
 #[test]
@@ -206,7 +210,7 @@ fn a_unix_socket_asks_for_proofs_too_if_the_program_says_so() {
 
 #[test]
 fn federates_wait_for_the_rti() {
-    // A port that is free: nobody else takes it, as long as the kernel has others.
+    // A port that is free: no other process gets it, as long as the kernel has others.
     let address = TcpListener::bind(TCP).unwrap().local_addr().unwrap();
     let address = Address::Tcp(address.to_string());
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
@@ -279,7 +283,7 @@ fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
 }
 
 #[test]
-fn who_is_reset_while_it_joins_joins_again() {
+fn a_federate_whose_link_is_reset_while_it_joins_joins_again() {
     for coordination in BOTH {
         let (program, react) = rounds_of(coordination, 64, 5);
         let program = Arc::new(program);
@@ -307,7 +311,7 @@ fn who_is_reset_while_it_joins_joins_again() {
 }
 
 #[test]
-fn an_rti_that_is_stopped_before_the_start_sends_everybody_home() {
+fn an_rti_that_is_stopped_before_the_start_ends_all_federates() {
     for listen in [TCP.to_owned(), format!("unix:@hprm-home-{}", std::process::id())] {
         let program = Arc::new(gather(Coordination::Centralized, 1).program);
         let rti = bind(&program, listen.parse().unwrap(), &Security::default());

@@ -1,0 +1,44 @@
+//! A notifier between threads, and for signal handlers.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use rustix::io::{read, write};
+use rustix::pipe::{PipeFlags, pipe_with};
+
+/// Wakes up a loop that waits on it. To be cleared before the loop looks for events.
+///
+/// A pipe, so that code which can only write a byte can notify it too: a signal handler.
+#[derive(Debug)]
+pub(crate) struct PipeNotifier {
+    reader: OwnedFd,
+    writer: OwnedFd,
+}
+
+impl PipeNotifier {
+    pub(crate) fn new() -> io::Result<Self> {
+        let (reader, writer) = pipe_with(PipeFlags::NONBLOCK | PipeFlags::CLOEXEC)?;
+        Ok(Self { reader, writer })
+    }
+
+    pub(crate) fn notify(&self) {
+        // Fails only when the pipe is full, and then the loop has been notified already.
+        let _ = write(&self.writer, &[0]);
+    }
+
+    pub(crate) fn clear(&self) {
+        // Fails only when it was not notified. Bytes that do not fit notify again.
+        let _ = read(&self.reader, &mut [0; 256]);
+    }
+
+    /// The descriptor to which a byte is written to notify the loop.
+    pub(crate) fn writer(&self) -> BorrowedFd<'_> {
+        self.writer.as_fd()
+    }
+}
+
+impl AsFd for PipeNotifier {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.reader.as_fd()
+    }
+}
