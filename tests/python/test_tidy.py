@@ -39,6 +39,7 @@ CLEANED_UP = (
     "crates/hprm-store/",
     "docs/",
     "python/",
+    "tests/lf/",
 )
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")
