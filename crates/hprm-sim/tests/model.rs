@@ -95,6 +95,13 @@ const CLOCK_CIRCLE: &str = "
     a: event > b
     b: on a > a
     a: on b";
+/// The federate that reads the clock waits for another one, which waits for nothing but that clock.
+const CLOCK_ON_A_CYCLE: &str = "
+    a: event > b
+    a: every 15000000
+    b: on a > a
+    a: on b
+    b > a after 1";
 const CLOCK_CHAIN: &str = "
     a: event > b
     b: on a > c
@@ -246,9 +253,10 @@ fn quiet_federates() {
         ("called", CALLED, 2, &[]),
         ("called", CALLED, 1, &[Stop(C)]),
     ];
-    let clocks: [Case; 2] = [
+    let clocks: [Case; 3] = [
         ("clock", CLOCK, 20_000_000, &[Event(A)]),
         ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
+        ("clock on a cycle", CLOCK_ON_A_CYCLE, 30_000_000, &[Event(A)]),
     ];
     let setting = Setting { quieting: Quieting::Eager, ..Setting::default() };
     look_with(Setting { start_delay: PAST, ..setting.clone() }, "centralized", &cases);
