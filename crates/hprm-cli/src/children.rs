@@ -9,6 +9,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use std::thread::{self, JoinHandle};
 
+use hprm::supervisor::{Observation, Signal};
 use hprm_core::FederateId;
 use rustix::process::{Pid, kill_process, kill_process_group};
 
@@ -16,8 +17,6 @@ use crate::follow::Followed;
 use crate::leftovers;
 use crate::limits::unstarted;
 use crate::message::{self, Error};
-use crate::signals::Signal;
-use crate::supervisor::Event;
 use crate::terminal::Lent;
 
 /// Where a federate reads and writes.
@@ -50,7 +49,7 @@ impl Children {
         (id, name): (FederateId, &str),
         mut command: Command,
         console: Console,
-        report: impl Fn(Event) + Send + 'static,
+        report: impl Fn(Observation) + Send + 'static,
     ) -> Result<(), Error> {
         if console == Console::Lines {
             command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -68,10 +67,10 @@ impl Children {
         let followed = followed.map_err(unstarted)?;
         let follow = move || {
             let how = followed.follow(|error| match error.kind() {
-                io::ErrorKind::BrokenPipe => report(Event::Signal(Signal::BROKEN_PIPE)),
-                _ => report(Event::Unwritable(message::unwritable(error))),
+                io::ErrorKind::BrokenPipe => report(Observation::Signal(Signal::BROKEN_PIPE)),
+                _ => report(Observation::Unwritable(Box::new(message::unwritable(error).into()))),
             });
-            report(Event::Exited { federate: id, how });
+            report(Observation::Ended { federate: id, how });
         };
         thread::Builder::new().name(name.to_owned()).spawn(follow).map_err(unstarted)?;
         Ok(())

@@ -14,8 +14,7 @@ use rustix::process::{Pid, PidfdFlags, WaitId, WaitIdOptions, pidfd_open, waitid
 
 use crate::message;
 use crate::output::Lines;
-use crate::signals::Signal;
-use crate::verdict::Ending;
+use hprm::supervisor::{Ending, Signal};
 
 /// Bytes that are read at once: what a pipe holds.
 const CHUNK: usize = 64 * 1024;

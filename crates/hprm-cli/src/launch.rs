@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use hprm::supervisor::{Ending, Members, Observation, Order, Supervisor};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Program};
@@ -25,9 +26,7 @@ use crate::python;
 use crate::registry::{self, Entry, Record};
 use crate::secret;
 use crate::signals;
-use crate::supervisor::{Event, Order, Supervisor};
 use crate::trace::Parts;
-use crate::verdict::Ending;
 
 /// Where a process finds the secret of its federation. On the command line, all users could see it.
 pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
@@ -66,7 +65,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     limits::check_files(program.federates.len())?;
     let (events, arrivals) = sync_channel(EVENTS);
     let signals = events.clone();
-    signals::watch(move |signal| signals.send(Event::Signal(signal)).is_ok())
+    signals::watch(move |signal| signals.send(Observation::Signal(signal)).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let parts = plan.logical_trace.as_deref().map(Parts::of).transpose()?;
     let federation = secret::random()?;
@@ -97,7 +96,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         let report = move |event| drop(events.send(event));
         children.start((id, &federate.name), command, console, report)?;
     }
-    let mut supervisor = Supervisor::new(program, plan.join_timeout);
+    let mut supervisor = Supervisor::new(program, Members::Processes, plan.join_timeout);
     let code = supervise(&mut supervisor, &mut children, &rti, &arrivals);
     rti.abort();
     if let Some(parts) = parts {
@@ -157,7 +156,7 @@ fn start_rti(
     compiled: &Compiled,
     federation: FederationId,
     plan: &Plan,
-    events: SyncSender<Event>,
+    events: SyncSender<Observation>,
 ) -> Result<(RtiHandle, Address), Error> {
     let options = RtiOptions {
         program: Arc::clone(&compiled.program),
@@ -178,8 +177,8 @@ fn start_rti(
         if entered.send(allowed).is_err() || refused {
             return;
         }
-        let outcome = rti.run(|event| drop(events.send(Event::Rti(event))));
-        drop(events.send(Event::RtiEnded(outcome)));
+        let outcome = rti.run(|event| drop(events.send(Observation::Rti(event))));
+        drop(events.send(Observation::RtiEnded(outcome)));
     };
     thread::Builder::new()
         .name("rti".to_owned())
@@ -195,7 +194,7 @@ fn supervise(
     supervisor: &mut Supervisor,
     children: &mut Children,
     rti: &RtiHandle,
-    arrivals: &Receiver<Event>,
+    arrivals: &Receiver<Observation>,
 ) -> i32 {
     let launched = Instant::now();
     loop {
@@ -210,8 +209,8 @@ fn supervise(
         let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
         match arrivals.recv_timeout(patience) {
             Ok(event) => {
-                if let Event::Exited { federate, how } = event {
-                    children.reap(federate, how == Ending::Code(0) && supervisor.is_well());
+                if let Observation::Ended { federate, how } = &event {
+                    children.reap(*federate, *how == Ending::Code(0) && supervisor.is_well());
                 }
                 supervisor.handle(launched.elapsed(), event);
             }
@@ -227,7 +226,7 @@ fn carry_out(order: Order, children: &Children, rti: &RtiHandle) {
     match order {
         Order::RequestStop => rti.request_stop(),
         Order::Send { signal, to } => children.send(signal, to),
-        Order::Report(error) => error.show(),
-        Order::Warn(error) => error.show_as_warning(),
+        Order::Report(report) => Error::from(*report).show(),
+        Order::Warn(report) => Error::from(*report).show_as_warning(),
     }
 }

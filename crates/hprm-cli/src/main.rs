@@ -33,12 +33,10 @@ mod secret;
 mod signals;
 mod sim;
 mod source;
-mod supervisor;
 mod terminal;
 mod threads;
 mod trace;
 mod variables;
-mod verdict;
 mod verify;
 
 use std::process::ExitCode;

@@ -31,11 +31,6 @@ impl Error {
         Self::from(self.0.hint(hint))
     }
 
-    /// Says which federate it is about.
-    pub(crate) fn federate(self, name: impl Into<String>) -> Self {
-        Self::from(self.0.of(name))
-    }
-
     /// Says what the command ends with.
     pub(crate) fn code(self, code: i32) -> Self {
         Self::from(Report { code, ..*self.0 })
@@ -70,6 +65,12 @@ impl Error {
 impl From<Report> for Error {
     fn from(report: Report) -> Self {
         Self(Box::new(report))
+    }
+}
+
+impl From<Error> for Report {
+    fn from(error: Error) -> Self {
+        *error.0
     }
 }
 

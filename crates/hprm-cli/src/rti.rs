@@ -9,15 +9,14 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use hprm::supervisor::{Signal, Verdict, on_answer, on_silent};
 use hprm::{Address, Kind, RtiEvent, RtiHandle, RtiOptions, Security};
 use hprm_core::{FederateId, Program};
 
 use crate::args::Rti;
 use crate::message::{self, Error};
 use crate::roster::Roster;
-use crate::signals::Signal;
-use crate::verdict::Verdict;
-use crate::{check, secret, signals, verdict};
+use crate::{check, secret, signals};
 
 /// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
 /// that the RTI can still tell the others.
@@ -82,9 +81,10 @@ pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
         }
         return Ok(exit_code(signal.exit_code()));
     }
-    let failure = failure.or_else(|| outcome.err().map(|failure| Verdict::on_rti(&failure)));
+    let failure =
+        failure.or_else(|| outcome.err().map(|failure| Box::new(Verdict::on_rti(&failure))));
     Ok(failure.map_or(ExitCode::SUCCESS, |verdict| {
-        verdict.error.show();
+        Error::from(verdict.report).show();
         exit_code(verdict.code)
     }))
 }
@@ -117,8 +117,7 @@ pub(crate) fn require_federation(program: &Program, file: &Path) -> Result<(), E
 fn unfinished(signal: Signal) -> Error {
     let limit = ORDERLY.as_secs();
     let said = format!(
-        "the federation has not stopped in order within {limit} s after signal {}: the RTI ends now",
-        signal.description()
+        "the federation has not stopped in order within {limit} s after signal {signal}: the RTI ends now"
     );
     Error::of(Kind::Unfinished, said).code(signal.exit_code()).hint(
         "a federate does not answer, or a reaction takes longer; the federates lose their RTI",
@@ -163,7 +162,7 @@ impl Interruption {
 }
 
 /// What a person reads about an event, or what has gone wrong.
-fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
+fn told(program: &Program, event: RtiEvent) -> Result<String, Box<Verdict>> {
     let name = |federate: FederateId| program.federates[federate].name.as_str();
     match event {
         RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
@@ -172,10 +171,10 @@ fn told(program: &Program, event: RtiEvent) -> Result<String, Verdict> {
             Ok(format!("federate {} has left before the start; it may join again", name(federate)))
         }
         RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
-        RtiEvent::Silent { federate, silence } => Ok(verdict::on_silent(name(federate), silence)),
-        RtiEvent::Answers { federate, silence } => Ok(verdict::on_answer(name(federate), silence)),
+        RtiEvent::Silent { federate, silence } => Ok(on_silent(name(federate), silence)),
+        RtiEvent::Answers { federate, silence } => Ok(on_answer(name(federate), silence)),
         RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
-            Err(Verdict::on_federate(name(federate), true, Some(&report), None))
+            Err(Box::new(Verdict::on_federate(name(federate), true, Some(&report), None)))
         }
     }
 }

@@ -5,38 +5,9 @@
 use std::io;
 use std::thread;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGKILL, SIGPIPE, SIGTERM};
+use hprm::supervisor::Signal;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-
-/// A signal, by its number.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Signal(pub(crate) i32);
-
-impl Signal {
-    /// The reader of the output has closed it. Rust turns the signal into an error; this turns it back.
-    pub(crate) const BROKEN_PIPE: Self = Self(SIGPIPE);
-    /// The signal that no process can refuse.
-    pub(crate) const KILL: Self = Self(SIGKILL);
-    /// What asks a process to end.
-    pub(crate) const TERMINATE: Self = Self(SIGTERM);
-    /// The terminal is gone.
-    pub(crate) const HANG_UP: Self = Self(SIGHUP);
-    /// Ctrl-C.
-    pub(crate) const INTERRUPT: Self = Self(SIGINT);
-
-    /// The exit code of a process that ended because of it, as shells have it.
-    pub(crate) fn exit_code(self) -> i32 {
-        128 + self.0
-    }
-
-    /// `9 (SIGKILL)`.
-    pub(crate) fn description(self) -> String {
-        match signal_hook::low_level::signal_name(self.0) {
-            Some(name) => format!("{} ({name})", self.0),
-            None => self.0.to_string(),
-        }
-    }
-}
 
 /// From now on, Ctrl-C, SIGTERM and the end of the terminal do not end this process but call
 /// `report`, until it returns false.
@@ -73,6 +44,8 @@ fn ignores(status: &str, signal: i32) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use signal_hook::consts::SIGPIPE;
+
     use super::*;
 
     #[test]
@@ -80,12 +53,5 @@ mod tests {
         let status = "SigBlk:\t0000000000000000\nSigIgn:\t0000000000001001\n";
         assert!(ignores(status, SIGHUP) && ignores(status, SIGPIPE));
         assert!(!ignores(status, SIGTERM) && !ignores("", SIGHUP));
-    }
-
-    #[test]
-    fn signals_have_names_and_exit_codes() {
-        assert_eq!(Signal::KILL.description(), "9 (SIGKILL)");
-        assert_eq!(Signal(63).description(), "63");
-        assert_eq!(Signal::INTERRUPT.exit_code(), 130);
     }
 }

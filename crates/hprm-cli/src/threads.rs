@@ -8,13 +8,14 @@ use std::path::Path;
 use std::process::{Command, ExitCode, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use hprm::supervisor::Signal;
 use hprm_core::Program;
 use rustix::process::{Pid, kill_process};
 
 use crate::args::Run;
 use crate::message::{self, Error};
 use crate::run::replace;
-use crate::signals::{self, Signal};
+use crate::signals;
 use crate::trace::Parts;
 
 /// Has `python` run the federates of a program as its threads.
@@ -42,7 +43,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         Some(signal) => {
             let signal = Signal(signal);
             if !ways.contains(&signal) {
-                let said = format!("the program was killed by signal {}", signal.description());
+                let said = format!("the program was killed by signal {signal}");
                 Error::new(said).show();
             }
             signal.exit_code()

@@ -1,21 +1,21 @@
 //! Running a federation in this process: a thread for each federate, and one for the RTI.
 //!
-//! The main thread looks after them: it alone gets Ctrl-C. It reports the first failure, once, and
-//! lets the others end in order; threads that do not end by themselves end with the process.
+//! The main thread looks after them: it alone gets Ctrl-C. What is to be done is up to the
+//! [`Supervisor`], as for a federation of processes.
 
-use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
+use std::time::{Duration, Instant};
 
+use hprm::supervisor::{Ending, Members, Observation, Order, Signal, Supervisor};
 use hprm::{
-    Address, Clock, Failure, FederateOptions, Inbox, Kind, Reach, Report, RtiEvent, RtiHandle,
-    RtiOptions, Security, ValueExchange,
+    Address, Clock, Failure, FederateOptions, FederationId, Inbox, Kind, Label, Patience, Reach,
+    Report, RtiHandle, RtiOptions, Security, ValueExchange,
 };
-use hprm::{FederationId, Patience};
-use hprm_core::{FederateId, Nanos, PhysicalTime, Scope};
+use hprm_core::{Nanos, Scope};
 use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
@@ -29,13 +29,6 @@ use crate::value::Value;
 
 /// As much as the main thread has on most systems: Python code recurses.
 const STACK: usize = 8 << 20;
-
-/// How long the others may take to end after a failure.
-const AFTER_FAILURE: Nanos = 2_000_000_000;
-/// How long an orderly stop may take.
-const AFTER_INTERRUPT: Nanos = 5_000_000_000;
-
-const SECOND: Nanos = 1_000_000_000;
 
 /// Runs a federation in this process to its end. Returns the exit code.
 ///
@@ -72,23 +65,15 @@ fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
     Ok(())
 }
 
-/// What the threads report to the main thread.
-enum ThreadEvent {
-    Rti(RtiEvent),
-    RtiEnded(Result<(), Failure>),
-    /// A federate has ended, or its thread has panicked.
-    Ended(FederateId, Result<Result<(), Failure>, Box<dyn Any + Send>>),
-}
-
 /// Reports events to the main thread.
 #[derive(Clone)]
 struct Reporter {
-    events: Sender<ThreadEvent>,
+    events: Sender<Observation>,
     wakeups: Inbox<Value>,
 }
 
 impl Reporter {
-    fn tell(&self, event: ThreadEvent) {
+    fn tell(&self, event: Observation) {
         // The receiver is gone once the process is about to end.
         let _ = self.events.send(event);
         self.wakeups.notify();
@@ -131,14 +116,15 @@ fn start(
         patience: Patience::default(),
     };
     let rti = exchange.rti(&options)?;
-    let watch = Watch::new(compiled, arrivals, wakeups.clone(), rti.handle());
+    let supervisor = Supervisor::new(program, Members::Threads, Duration::MAX);
+    let watch = Watch { supervisor, arrivals, wakeups: wakeups.clone(), rti: rti.handle() };
     let reports = reporter.clone();
     let asked = Arc::clone(program);
     spawn("rti", move || {
         // The federates ask for the same, and say so if it is refused.
         let _ = hprm::enter_realtime(&asked.properties, None);
-        let outcome = rti.run(|event| reports.tell(ThreadEvent::Rti(event)));
-        reports.tell(ThreadEvent::RtiEnded(outcome));
+        let outcome = rti.run(|event| reports.tell(Observation::Rti(event)));
+        reports.tell(Observation::RtiEnded(outcome));
     })?;
     for (id, federate) in program.federates.iter() {
         let options = FederateOptions {
@@ -156,7 +142,8 @@ fn start(
             (Arc::clone(compiled), exchange.clone(), reporter.clone());
         spawn(&federate.name, move || {
             let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &exchange));
-            reports.tell(ThreadEvent::Ended(id, catch_unwind(run)));
+            let how = ending(&compiled.program.federates[id].name, catch_unwind(run));
+            reports.tell(Observation::Ended { federate: id, how });
         })?;
     }
     Ok(watch)
@@ -188,153 +175,64 @@ fn run_federate(
     })
 }
 
-/// The state of the federation, as the main thread knows it.
+/// How a federate has ended whose thread has come to this, or has panicked.
+fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> Ending {
+    let report = match outcome {
+        Ok(Ok(())) => return Ending::Code(0),
+        Ok(Err(failure @ Failure::Interrupted { .. })) => return Ending::Code(failure.exit_code()),
+        // It names the one that has failed.
+        Ok(Err(Failure::Abandoned(report))) => *report,
+        Ok(Err(failure)) => failure.report().of(name),
+        Err(_) => Report::new(Kind::Lost, "its thread panicked, which is a bug").of(name),
+    };
+    Ending::Failed(Box::new(report))
+}
+
+/// The loop of the main thread: it brings events to the supervisor, and carries out its orders.
 struct Watch {
-    compiled: Arc<Compiled>,
-    arrivals: Receiver<ThreadEvent>,
+    supervisor: Supervisor,
+    arrivals: Receiver<Observation>,
     wakeups: Inbox<Value>,
     rti: RtiHandle,
-    /// The federates that have not ended.
-    running: Vec<FederateId>,
-    started: bool,
-    rti_ended: bool,
-    /// Set by the first failure, or by Ctrl-C.
-    code: Option<i32>,
-    reported: bool,
-    /// The first federate that has failed, of which the RTI may not know.
-    suspect: Option<(FederateId, Failure)>,
-    /// When the process ends, also if threads have not ended.
-    until: Option<PhysicalTime>,
 }
 
 impl Watch {
-    fn new(
-        compiled: &Arc<Compiled>,
-        arrivals: Receiver<ThreadEvent>,
-        wakeups: Inbox<Value>,
-        rti: RtiHandle,
-    ) -> Self {
-        Self {
-            compiled: Arc::clone(compiled),
-            arrivals,
-            wakeups,
-            rti,
-            running: compiled.program.federates.ids().collect(),
-            started: false,
-            rti_ended: false,
-            code: None,
-            reported: false,
-            suspect: None,
-            until: None,
-        }
-    }
-
     /// Waits until all has ended, or must. Returns the exit code.
     fn run(mut self, py: Python<'_>, interrupt: &Interrupt) -> i32 {
+        let launched = Instant::now();
         loop {
             while let Ok(event) = self.arrivals.try_recv() {
-                self.hear(event);
+                self.supervisor.handle(launched.elapsed(), event);
             }
             if interrupt.take(py) {
-                let code = Failure::Interrupted { signal: interrupt.signal() }.exit_code();
-                if self.code.is_some() || !self.started {
-                    return code;
-                }
-                self.code = Some(code);
-                self.until = Some(Clock::now().plus(AFTER_INTERRUPT));
-                self.rti.request_stop();
+                let signal = Observation::Signal(Signal(interrupt.signal()));
+                self.supervisor.handle(launched.elapsed(), signal);
             }
-            if self.running.is_empty() && self.rti_ended {
-                self.accuse();
-                return self.code.unwrap_or(0);
+            let now = launched.elapsed();
+            self.supervisor.tick(now);
+            while let Some(order) = self.supervisor.poll() {
+                self.carry_out(order);
             }
-            if self.until.is_some_and(|until| Clock::now() >= until) {
-                self.accuse();
-                let names: Vec<_> = self.running.iter().map(|id| self.name(*id)).collect();
-                if !names.is_empty() {
-                    say(&format!("warning: did not end by itself: {}", names.join(", ")));
-                }
-                return self.code.unwrap_or(1);
+            if let Some(code) = self.supervisor.outcome(now) {
+                return code;
             }
-            let (wakeups, until) = (&self.wakeups, self.until);
+            let patience = self.supervisor.next_wakeup(now).map(|at| at.saturating_sub(now));
+            let until = patience.map(|patience| Clock::now().plus(nanoseconds(patience)));
+            let wakeups = &self.wakeups;
             py.detach(|| wakeups.sleep(until));
         }
     }
 
-    fn hear(&mut self, event: ThreadEvent) {
-        match event {
-            ThreadEvent::Rti(RtiEvent::Started(_)) => self.started = true,
-            ThreadEvent::Rti(RtiEvent::Silent { federate, silence }) => {
-                let (name, seconds) = (self.name(federate), silence / SECOND);
-                say(&format!("warning: federate {name} has not answered for {seconds} s"));
-            }
-            ThreadEvent::Rti(RtiEvent::Answers { federate, .. }) => {
-                say(&format!("warning: federate {} answers again", self.name(federate)));
-            }
-            // None is transient.
-            ThreadEvent::Rti(
-                RtiEvent::Dropped { report, .. } | RtiEvent::Failed { report, .. },
-            ) => {
-                self.fail(report.named());
-            }
-            // No process can join this federation.
-            ThreadEvent::Rti(
-                RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Refused { .. },
-            ) => {}
-            ThreadEvent::RtiEnded(outcome) => {
-                self.rti_ended = true;
-                if let Err(failure) = outcome {
-                    self.fail(failure.report());
-                }
-            }
-            ThreadEvent::Ended(federate, outcome) => {
-                self.running.retain(|running| *running != federate);
-                match outcome {
-                    Ok(Ok(())) => {}
-                    // The RTI, which knows which failure was first, has been told or soon notices.
-                    Ok(Err(failure)) => {
-                        self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
-                        self.suspect.get_or_insert((federate, failure));
-                    }
-                    Err(_) => {
-                        let report = Report::new(
-                            Kind::Lost,
-                            format!(
-                                "federate {}: its thread panicked, which is a bug",
-                                self.name(federate)
-                            ),
-                        );
-                        self.fail(report.of(self.name(federate)));
-                    }
-                }
-            }
+    fn carry_out(&self, order: Order) {
+        match order {
+            Order::RequestStop => self.rti.request_stop(),
+            Order::Report(report) => show(&report),
+            Order::Warn(report) => say(&report.text(Label::Warning, false)),
+            Order::Send { .. } => unreachable!("no thread can be sent a signal"),
         }
     }
+}
 
-    /// Reports the failure of a federate if the RTI has reported none.
-    fn accuse(&mut self) {
-        if let Some((federate, failure)) = self.suspect.take().filter(|_| self.code.is_none()) {
-            let report = failure.report();
-            let report = match failure {
-                // It names the one that has failed.
-                Failure::Abandoned(_) => report,
-                _ => report.of(self.name(federate)),
-            };
-            self.fail(report.named());
-        }
-    }
-
-    /// The first failure decides; what it leads to is not told.
-    fn fail(&mut self, report: Report) {
-        self.until.get_or_insert_with(|| Clock::now().plus(AFTER_FAILURE));
-        self.code.get_or_insert(hprm::exit_code(report.code));
-        if !self.reported {
-            self.reported = true;
-            show(&report);
-        }
-    }
-
-    fn name(&self, federate: FederateId) -> &str {
-        &self.compiled.program.federates[federate].name
-    }
+fn nanoseconds(duration: Duration) -> Nanos {
+    duration.as_nanos().try_into().unwrap_or(Nanos::MAX)
 }

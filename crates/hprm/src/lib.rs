@@ -27,6 +27,7 @@ mod spin;
 mod staging;
 mod stall;
 mod store_limits;
+pub mod supervisor;
 pub mod trace;
 mod value_exchange;
 mod wait;

@@ -2,77 +2,91 @@
 //!
 //! Two witnesses tell of a federate's end: the RTI, which has its report or has lost its link, and the
 //! system, which has its exit status. They make one report. Which federate is to blame, and when enough
-//! has been heard, is decided by the [`supervisor`](crate::supervisor).
+//! has been heard, is decided by the [`supervisor`](super).
 
-use hprm::{Failure, Kind, Report, exit_code};
 use hprm_core::Nanos;
 
-use crate::message::Error;
-use crate::signals::Signal;
+use super::Signal;
+use crate::{Failure, Kind, Report, exit_code};
 
 const SECOND: Nanos = 1_000_000_000;
 
-/// How a process ended.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Ending {
+/// How a federate ended: its process or, with a report, its thread.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Ending {
     /// By itself, with an exit code.
     Code(i32),
     /// By a signal.
     Signal(Signal),
+    /// By a failure that it has told of.
+    Failed(Box<Report>),
 }
 
 /// What to say about a failure, and the exit code that it leads to: never zero.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Verdict {
-    pub(crate) error: Error,
-    pub(crate) code: i32,
+pub struct Verdict {
+    /// What to say.
+    pub report: Report,
+    /// The exit code.
+    pub code: i32,
 }
 
 impl Verdict {
     /// A federate was the first to fail. `heard` is what the RTI knows of it.
-    pub(crate) fn on_federate(
+    #[must_use]
+    pub fn on_federate(
         name: &str,
         joined: bool,
         heard: Option<&Report>,
-        ending: Option<Ending>,
+        ending: Option<&Ending>,
     ) -> Self {
         let announced = heard.map(|report| report.code);
         let code = match ending {
-            Some(Ending::Code(code)) if code != 0 => exit_code(code),
+            Some(Ending::Code(code)) if *code != 0 => exit_code(*code),
             Some(Ending::Signal(_)) => 1,
+            Some(Ending::Failed(report)) => exit_code(report.code),
             _ => announced.unwrap_or(1),
         };
-        let error = match (ending, heard) {
-            (Some(Ending::Signal(signal)), _) => killed(name, signal),
-            (Some(Ending::Code(ended)), _) if announced != Some(ended) => {
-                exited(name, joined, ended, heard)
+        let report = match (ending, heard) {
+            (Some(Ending::Signal(signal)), _) => killed(name, *signal),
+            (Some(Ending::Code(ended)), _) if announced != Some(*ended) => {
+                exited(name, joined, *ended, heard)
             }
-            (_, Some(report)) => Error::from(report.clone().named()),
+            // The RTI may know no more than that it has lost the federate.
+            (Some(Ending::Failed(report)), heard)
+                if heard.is_none_or(|heard| heard.kind == Kind::Lost) =>
+            {
+                report.clone().named()
+            }
+            (_, Some(report)) => report.clone().named(),
             (_, None) => exited(name, joined, code, None),
         };
-        Self { error: error.federate(name).code(code), code }
+        let federate = report.federate.clone().unwrap_or_else(|| name.to_owned());
+        Self { report: Report { code, ..report.of(federate) }, code }
     }
 
     /// Some federates did not join in time.
-    pub(crate) fn on_absent(names: &[&str], seconds: f64) -> Self {
+    pub(super) fn on_absent(names: &[&str], seconds: f64) -> Self {
         let (noun, names) = match names {
             [name] => ("federate", (*name).to_owned()),
             _ => ("federates", names.join(", ")),
         };
         let said = format!("{noun} {names} did not join within {seconds} s");
-        let error = Error::of(Kind::Absent, said)
+        let report = Report::new(Kind::Absent, said)
             .hint("programs that take long to load need a longer --join-timeout");
-        Self { error, code: 1 }
+        Self { report, code: 1 }
     }
 
     /// The RTI itself could not go on.
-    pub(crate) fn on_rti(failure: &Failure) -> Self {
-        Self { error: Error::from(failure), code: exit_code(failure.exit_code()) }
+    #[must_use]
+    pub fn on_rti(failure: &Failure) -> Self {
+        Self { report: failure.report(), code: exit_code(failure.exit_code()) }
     }
 }
 
 /// A federate does not answer.
-pub(crate) fn on_silent(name: &str, silence: Nanos) -> String {
+#[must_use]
+pub fn on_silent(name: &str, silence: Nanos) -> String {
     let seconds = silence / SECOND;
     format!(
         "federate {name} has not answered for {seconds} s; federates that need its messages wait"
@@ -80,24 +94,25 @@ pub(crate) fn on_silent(name: &str, silence: Nanos) -> String {
 }
 
 /// A federate that did not answer does so again.
-pub(crate) fn on_answer(name: &str, silence: Nanos) -> String {
+#[must_use]
+pub fn on_answer(name: &str, silence: Nanos) -> String {
     let tenths = silence / (SECOND / 10);
     format!("federate {name} answers again, after {}.{} s", tenths / 10, tenths % 10)
 }
 
-fn killed(name: &str, signal: Signal) -> Error {
-    let said = format!("federate {name} was killed by signal {}", signal.description());
-    let error = Error::of(Kind::Killed, said);
+fn killed(name: &str, signal: Signal) -> Report {
+    let said = format!("federate {name} was killed by signal {signal}");
+    let report = Report::new(Kind::Killed, said);
     match signal {
         Signal::KILL => {
-            error.hint("if you did not kill it, the system may have had no memory left: see dmesg")
+            report.hint("if you did not kill it, the system may have had no memory left: see dmesg")
         }
-        _ => error,
+        _ => report,
     }
 }
 
 /// What is `heard` adds what the exit code does not tell; that the process has ended, it does tell.
-fn exited(name: &str, joined: bool, code: i32, heard: Option<&Report>) -> Error {
+fn exited(name: &str, joined: bool, code: i32, heard: Option<&Report>) -> Report {
     let heard = heard.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
     let when = match (joined, code) {
         (false, _) => " before it joined",
@@ -107,13 +122,13 @@ fn exited(name: &str, joined: bool, code: i32, heard: Option<&Report>) -> Error 
     let exited = format!("federate {name} exited with code {code}{when}");
     if let Some(report) = heard {
         let message = format!("{exited}: {}", report.message);
-        return Error::from(Report { message, rendered: None, ..report.clone() });
+        return Report { message, rendered: None, ..report.clone() };
     }
-    let error = Error::of(Kind::Exit, exited);
+    let report = Report::new(Kind::Exit, exited);
     if joined {
-        return error;
+        return report;
     }
-    error.hint("if its own output does not say why, see what hprm doctor says")
+    report.hint("if its own output does not say why, see what hprm doctor says")
 }
 
 #[cfg(test)]
@@ -134,10 +149,10 @@ mod tests {
 
     /// What is said, and with which exit code.
     fn verdict(heard: Option<&Report>, ending: Option<Ending>) -> (String, i32) {
-        let Verdict { error, code } = Verdict::on_federate("b", true, heard, ending);
-        assert_eq!(error.report().code, code);
-        assert_eq!(error.report().federate.as_deref(), Some("b"));
-        (error.report().message.clone(), code)
+        let Verdict { report, code } = Verdict::on_federate("b", true, heard, ending.as_ref());
+        assert_eq!(report.code, code);
+        assert_eq!(report.federate.as_deref(), Some("b"));
+        (report.message.clone(), code)
     }
 
     #[test]
@@ -145,9 +160,9 @@ mod tests {
         let said = raised("reaction Main.b.1 raised ValueError: no");
         let expected = "federate b: reaction Main.b.1 raised ValueError: no";
         for ending in [None, Some(Ending::Code(1))] {
-            assert_eq!(verdict(Some(&said), ending), (expected.to_owned(), 1));
-            let error = Verdict::on_federate("b", true, Some(&said), ending).error;
-            assert_eq!((error.report().kind, error.report().line), (Kind::Reaction, Some(3)));
+            assert_eq!(verdict(Some(&said), ending.clone()), (expected.to_owned(), 1));
+            let report = Verdict::on_federate("b", true, Some(&said), ending.as_ref()).report;
+            assert_eq!((report.kind, report.line), (Kind::Reaction, Some(3)));
         }
     }
 
@@ -181,6 +196,16 @@ mod tests {
     }
 
     #[test]
+    fn a_thread_tells_of_its_failure_itself() {
+        let failed = Ending::Failed(Box::new(Report { code: 3, ..raised("no").of("b") }));
+        let expected = ("federate b: no".to_owned(), 3);
+        assert_eq!(verdict(None, Some(failed.clone())), expected);
+        // That its link has ended is a consequence.
+        assert_eq!(verdict(Some(&lost()), Some(failed.clone())), expected);
+        assert_eq!(verdict(Some(&raised("yes")), Some(failed)).0, "federate b: yes");
+    }
+
+    #[test]
     fn what_the_exit_code_tells_is_not_told_twice() {
         let (said, _) = verdict(Some(&lost()), Some(Ending::Code(4)));
         assert_eq!(said, "federate b exited with code 4");
@@ -198,15 +223,15 @@ mod tests {
 
     #[test]
     fn the_missing_are_named() {
-        let absent = |names: &[&str]| Verdict::on_absent(names, 0.5).error.report().message.clone();
+        let absent = |names: &[&str]| Verdict::on_absent(names, 0.5).report.message.clone();
         assert_eq!(absent(&["a"]), "federate a did not join within 0.5 s");
         assert_eq!(absent(&["a", "b"]), "federates a, b did not join within 0.5 s");
     }
 
     #[test]
     fn before_joining_the_output_tells_more() {
-        let error = Verdict::on_federate("b", false, None, Some(Ending::Code(3))).error;
-        assert_eq!(error.report().message, "federate b exited with code 3 before it joined");
-        assert!(error.report().hint.as_ref().is_some_and(|hint| hint.contains("hprm doctor")));
+        let report = Verdict::on_federate("b", false, None, Some(&Ending::Code(3))).report;
+        assert_eq!(report.message, "federate b exited with code 3 before it joined");
+        assert!(report.hint.as_ref().is_some_and(|hint| hint.contains("hprm doctor")));
     }
 }

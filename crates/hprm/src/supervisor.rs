@@ -1,21 +1,26 @@
-//! What to do about a federation of processes, as a machine without processes.
+//! What to do about the federates of a federation that this process has launched, as a machine without
+//! processes and threads.
 //!
 //! It is told what happens, and when; it orders what is to be done. The first failure is reported,
 //! once the true cause is known; what it leads to is not. After that the federates may end by
-//! themselves, then they are asked to, then they are killed: in the end none is left.
+//! themselves. Processes that do not are asked to, then they are killed: in the end none is left.
+//! Threads end with the process.
 //!
-//! Time is counted from the launch. Processes and signals are [`launch`](crate::launch)'s.
+//! Time is counted from the launch. Processes, threads and signals are the driver's: the command's
+//! launcher for processes, the Python package for threads.
+
+mod signal;
+mod verdict;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use hprm::Refusal;
-use hprm::{Failure, Report, RtiEvent};
 use hprm_core::{FederateId, Program, Table};
+use hprm_federated::Refusal;
 
-use crate::message::Error;
-use crate::signals::Signal;
-use crate::verdict::{self, Ending, Verdict};
+use crate::{Failure, Kind, Report, RtiEvent};
+pub use signal::Signal;
+pub use verdict::{Ending, Verdict, on_answer, on_silent};
 
 /// How long to wait for the second witness of a failure.
 const GRACE: Duration = Duration::from_millis(500);
@@ -31,32 +36,51 @@ const REMINDER: Duration = Duration::from_secs(2);
 /// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
 const AFTER_SIGNAL: Duration = Duration::from_secs(1);
 
+/// What federates are.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Members {
+    /// Processes, which can be asked to end, and killed.
+    Processes,
+    /// Threads of this process, which cannot.
+    Threads,
+}
+
 /// Something that has happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) enum Event {
-    /// A process has ended, and all that it wrote has been forwarded.
-    Exited { federate: FederateId, how: Ending },
+pub enum Observation {
+    /// A federate has ended, and all that it wrote has been forwarded.
+    Ended {
+        /// Which.
+        federate: FederateId,
+        /// In which way.
+        how: Ending,
+    },
     /// The RTI has something to tell.
     Rti(RtiEvent),
     /// The RTI has come to its end.
     RtiEnded(Result<(), Failure>),
     /// What federates write cannot be forwarded.
-    Unwritable(Error),
+    Unwritable(Box<Report>),
     /// A signal asks this process to stop.
     Signal(Signal),
 }
 
 /// Something to do.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) enum Order {
+pub enum Order {
     /// Ask the federation to stop at its next tag.
     RequestStop,
     /// Send a signal to a process, which has not been seen to end.
-    Send { signal: Signal, to: FederateId },
+    Send {
+        /// The signal.
+        signal: Signal,
+        /// The federate whose process it is.
+        to: FederateId,
+    },
     /// Show an error.
-    Report(Error),
+    Report(Box<Report>),
     /// Show a warning.
-    Warn(Error),
+    Warn(Box<Report>),
 }
 
 /// What is known of a federate.
@@ -96,9 +120,10 @@ enum Phase {
     Killing { until: Duration },
 }
 
-/// The machine.
+/// See the module.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Supervisor {
+pub struct Supervisor {
+    members: Members,
     federates: Table<FederateId, Federate>,
     join_until: Duration,
     started: bool,
@@ -122,8 +147,9 @@ pub(crate) struct Supervisor {
 }
 
 impl Supervisor {
-    /// A supervisor of processes that have just been started.
-    pub(crate) fn new(program: &Program, join_timeout: Duration) -> Self {
+    /// A supervisor of federates that have just been started.
+    #[must_use]
+    pub fn new(program: &Program, members: Members, join_timeout: Duration) -> Self {
         let federates = program.federates.values().map(|federate| Federate {
             name: federate.name.clone(),
             transient: federate.transient,
@@ -134,6 +160,7 @@ impl Supervisor {
             ending: None,
         });
         Self {
+            members,
             federates: federates.collect(),
             join_until: join_timeout,
             started: false,
@@ -151,27 +178,27 @@ impl Supervisor {
     }
 
     /// Takes note of an event.
-    pub(crate) fn handle(&mut self, now: Duration, event: Event) {
-        match event {
-            Event::Exited { federate, how } => {
+    pub fn handle(&mut self, now: Duration, observed: Observation) {
+        match observed {
+            Observation::Ended { federate, how } => {
                 self.federates[federate].ending.get_or_insert((how, now));
             }
-            Event::Rti(event) => self.hear(now, event),
-            Event::RtiEnded(outcome) => {
+            Observation::Rti(event) => self.hear(now, event),
+            Observation::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 self.rti_failure = outcome.err().map(|failure| (failure, now));
             }
-            Event::Unwritable(error) if self.exit_code.is_none() => {
-                self.fail(now, Verdict { error, code: 1 });
+            Observation::Unwritable(report) if self.exit_code.is_none() => {
+                self.fail(now, Verdict { report: *report, code: 1 });
             }
-            Event::Unwritable(_) => {}
-            Event::Signal(signal) => self.interrupt(now, signal),
+            Observation::Unwritable(_) => {}
+            Observation::Signal(signal) => self.interrupt(now, signal),
         }
         self.tick(now);
     }
 
     /// Does what is due.
-    pub(crate) fn tick(&mut self, now: Duration) {
+    pub fn tick(&mut self, now: Duration) {
         let listening = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
         if listening
             && !self.reported
@@ -187,7 +214,12 @@ impl Supervisor {
             self.send_all(Signal::INTERRUPT);
         }
         match self.phase {
-            Phase::Stopping { until } if now >= until => self.terminate(now),
+            Phase::Stopping { until } if now >= until => {
+                if self.members == Members::Threads {
+                    self.warn_of_the_stubborn();
+                }
+                self.terminate(now);
+            }
             Phase::Terminating { until } if now >= until => {
                 self.warn_of_the_stubborn();
                 self.kill(now);
@@ -197,12 +229,12 @@ impl Supervisor {
     }
 
     /// The next order, if there is one.
-    pub(crate) fn poll(&mut self) -> Option<Order> {
+    pub fn poll(&mut self) -> Option<Order> {
         self.orders.pop_front()
     }
 
     /// When to call [`Self::tick`] if nothing happens.
-    pub(crate) fn next_wakeup(&self, now: Duration) -> Option<Duration> {
+    pub fn next_wakeup(&self, now: Duration) -> Option<Duration> {
         let phase = match self.phase {
             Phase::Watching => None,
             Phase::Stopping { until } | Phase::Terminating { until } | Phase::Killing { until } => {
@@ -210,10 +242,10 @@ impl Supervisor {
             }
         };
         let joining = (!self.all_joined()).then_some(self.join_until);
-        let endings = self.federates.values().filter_map(|federate| federate.ending);
+        let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
         let dropped = self.federates.values().filter_map(|federate| federate.dropped.as_ref());
         let heard = endings
-            .map(|(_, at)| at)
+            .map(|(_, at)| *at)
             .chain(dropped.map(|(_, at)| *at))
             .chain(self.accused.as_ref().map(|(_, _, at)| *at))
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
@@ -228,7 +260,7 @@ impl Supervisor {
     }
 
     /// The exit code, once all is over.
-    pub(crate) fn outcome(&self, now: Duration) -> Option<i32> {
+    pub fn outcome(&self, now: Duration) -> Option<i32> {
         let gone = self.all_ended();
         let over = match self.phase {
             // A process that was killed may not have been noticed yet: its output may be stuck.
@@ -241,12 +273,12 @@ impl Supervisor {
     }
 
     /// Whether nothing has gone wrong so far.
-    pub(crate) fn is_well(&self) -> bool {
+    pub fn is_well(&self) -> bool {
         self.exit_code.is_none()
     }
 
     /// Whether a signal has stopped the federation.
-    pub(crate) fn is_interrupted(&self) -> bool {
+    pub fn is_interrupted(&self) -> bool {
         self.interrupted.is_some()
     }
 
@@ -255,8 +287,10 @@ impl Supervisor {
             // It came while the federation was ending, and hears of that itself.
             RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
             RtiEvent::Refused { name, reason } => {
-                let warning = format!("the RTI refuses a process as federate {name}: {reason}");
-                self.orders.push_back(Order::Warn(Error::new(warning)));
+                self.warn(
+                    Kind::Refused,
+                    format!("the RTI refuses a process as federate {name}: {reason}"),
+                );
             }
             RtiEvent::Joined(federate) => {
                 let federate = &mut self.federates[federate];
@@ -266,15 +300,16 @@ impl Supervisor {
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
-                let warning = Error::new(verdict::on_silent(name, silence));
-                let hint =
-                    "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
-                self.orders.push_back(Order::Warn(warning.hint(hint)));
+                let mut report = Report::new(Kind::Lost, on_silent(name, silence));
+                if self.members == Members::Processes {
+                    let hint = "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
+                    report = report.hint(hint);
+                }
+                self.orders.push_back(Order::Warn(Box::new(report)));
             }
             RtiEvent::Answers { federate, silence } => {
                 let name = &self.federates[federate].name;
-                let warning = Error::new(verdict::on_answer(name, silence));
-                self.orders.push_back(Order::Warn(warning));
+                self.warn(Kind::Lost, on_answer(name, silence));
             }
             RtiEvent::Dropped { federate, report } => {
                 self.federates[federate].dropped = Some((report, now));
@@ -293,6 +328,7 @@ impl Supervisor {
             let federate = &mut self.federates[id];
             let failed = federate
                 .ending
+                .clone()
                 .filter(|(how, _)| federate.transient && *how != Ending::Code(0) && !federate.told);
             let complete = match (&federate.dropped, &failed) {
                 (None, None) => false,
@@ -305,10 +341,11 @@ impl Supervisor {
             federate.told |= failed.is_some();
             let heard = federate.dropped.take().map(|(report, _)| report);
             let ending = failed.map(|(how, _)| how);
-            let verdict = Verdict::on_federate(&federate.name, true, heard.as_ref(), ending);
+            let verdict =
+                Verdict::on_federate(&federate.name, true, heard.as_ref(), ending.as_ref());
             self.dropped.get_or_insert(verdict.code);
             if self.exit_code.is_none() {
-                self.orders.push_back(Order::Report(verdict.error));
+                self.orders.push_back(Order::Report(Box::new(verdict.report)));
             }
         }
     }
@@ -339,29 +376,42 @@ impl Supervisor {
     fn fail(&mut self, now: Duration, verdict: Verdict) {
         self.reported = true;
         self.exit_code.get_or_insert(verdict.code);
-        self.orders.push_back(Order::Report(verdict.error));
+        self.orders.push_back(Order::Report(Box::new(verdict.report)));
         self.reminder = None;
-        // The RTI tells the others. Those that have not started need no time to end in order.
-        if self.started {
+        // The RTI tells the others. Processes that have not started need no time to end in order.
+        if self.started || self.members == Members::Threads {
             self.phase = Phase::Stopping { until: now + AFTER_FAILURE };
         } else {
             self.terminate(now);
         }
     }
 
+    /// Asks processes to end; threads cannot be asked.
     fn terminate(&mut self, now: Duration) {
+        if self.members == Members::Threads {
+            return self.kill(now);
+        }
         self.reminder = None;
         self.phase = Phase::Terminating { until: now + AFTER_SIGNAL };
         self.send_all(Signal::TERMINATE);
     }
 
+    /// Ends processes; threads end with this process, at once.
     fn kill(&mut self, now: Duration) {
         self.reminder = None;
-        self.phase = Phase::Killing { until: now + AFTER_SIGNAL };
+        let patience = match self.members {
+            Members::Processes => AFTER_SIGNAL,
+            Members::Threads => Duration::ZERO,
+        };
+        self.phase = Phase::Killing { until: now + patience };
         self.send_all(Signal::KILL);
     }
 
+    /// Sends a signal to the processes that have not ended; threads have none of their own.
     fn send_all(&mut self, signal: Signal) {
+        if self.members == Members::Threads {
+            return;
+        }
         let living = self.federates.iter().filter(|(_, federate)| federate.ending.is_none());
         self.orders.extend(living.map(|(to, _)| Order::Send { signal, to }));
     }
@@ -370,9 +420,17 @@ impl Supervisor {
         let living = self.federates.values().filter(|federate| federate.ending.is_none());
         let names: Vec<_> = living.map(|federate| federate.name.as_str()).collect();
         if !names.is_empty() {
-            let warning = format!("killed what did not end by itself: {}", names.join(", "));
-            self.orders.push_back(Order::Warn(Error::new(warning)));
+            let names = names.join(", ");
+            let warning = match self.members {
+                Members::Processes => format!("killed what did not end by itself: {names}"),
+                Members::Threads => format!("did not end by itself: {names}"),
+            };
+            self.warn(Kind::Unfinished, warning);
         }
+    }
+
+    fn warn(&mut self, kind: Kind, warning: String) {
+        self.orders.push_back(Order::Warn(Box::new(Report::new(kind, warning))));
     }
 
     /// The cause of a failure, as soon as it is known.
@@ -406,7 +464,7 @@ impl Supervisor {
         let federate = &self.federates[id];
         let accused = self.accused.as_ref().filter(|(accused, _, _)| *accused == id);
         let heard = accused.map(|(_, report, _)| report);
-        let ending = federate.ending.map(|(how, _)| how);
+        let ending = federate.ending.as_ref().map(|(how, _)| how);
         Verdict::on_federate(&federate.name, federate.joined, heard, ending)
     }
 
@@ -420,12 +478,12 @@ impl Supervisor {
     /// The first federate that the others need whose end is of that kind, and when it ended.
     fn first_ending(
         &self,
-        is: impl Fn(&Federate, Ending) -> bool,
+        is: impl Fn(&Federate, &Ending) -> bool,
     ) -> Option<(FederateId, Duration)> {
         let lasting = self.federates.iter().filter(|(_, federate)| !federate.transient);
         let ended = lasting.filter_map(|(id, federate)| {
-            let (how, at) = federate.ending?;
-            is(federate, how).then_some((id, at))
+            let (how, at) = federate.ending.as_ref()?;
+            is(federate, how).then_some((id, *at))
         });
         ended.min_by_key(|(_, at)| *at)
     }
@@ -433,23 +491,23 @@ impl Supervisor {
     /// Whether no report can come any more that contradicts a good end.
     fn undisputed(&self, now: Duration) -> bool {
         let good = |federate: &Federate| {
-            let well = federate.ending.is_some_and(|(how, _)| self.is_good(how));
+            let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_good(how));
             match federate.transient {
                 true => federate.dropped.is_none() && (well || federate.told),
                 false => federate.joined && well,
             }
         };
-        let last = self.federates.values().filter_map(|federate| federate.ending).map(|(_, at)| at);
-        let late = last.max().is_none_or(|at| now >= at + GRACE);
+        let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
+        let late = endings.map(|(_, at)| *at).max().is_none_or(|at| now >= at + GRACE);
         let settled = self.accused.is_none() && self.rti_failure.is_none();
         settled && self.federates.values().all(good) && (self.rti_ended || late)
     }
 
     /// Whether a process that ends like that has ended in order. The signal that has stopped this one
     /// may have reached it too.
-    fn is_good(&self, how: Ending) -> bool {
-        how == Ending::Code(0)
-            || self.is_interrupted() && how == Ending::Code(Signal::INTERRUPT.exit_code())
+    fn is_good(&self, how: &Ending) -> bool {
+        *how == Ending::Code(0)
+            || self.is_interrupted() && *how == Ending::Code(Signal::INTERRUPT.exit_code())
     }
 
     fn all_joined(&self) -> bool {

@@ -1,6 +1,5 @@
 //! The supervisor under a script: events at times, and the orders that follow.
 
-use hprm::Kind;
 use hprm_core::{Nanos, PhysicalTime, ProgramBuilder, Properties};
 
 use super::*;
@@ -38,7 +37,10 @@ impl Stage {
     }
 
     fn of(program: &Program) -> Self {
-        let supervisor = Supervisor::new(program, JOIN);
+        Self::with(Supervisor::new(program, Members::Processes, JOIN))
+    }
+
+    fn with(supervisor: Supervisor) -> Self {
         let (reports, sent, stops) = (Vec::new(), Vec::new(), 0);
         Self { supervisor, now: Duration::ZERO, reports, sent, stops }
     }
@@ -46,23 +48,33 @@ impl Stage {
     /// All have joined and run.
     fn running() -> Self {
         let mut stage = Self::empty();
-        stage.rti(RtiEvent::Joined(A));
-        stage.rti(RtiEvent::Joined(B));
-        stage.rti(RtiEvent::Started(PhysicalTime(0)));
+        stage.start();
         stage
     }
 
-    fn event(&mut self, event: Event) {
+    /// The same with threads instead of processes.
+    fn threads() -> Self {
+        let forever = Duration::MAX;
+        Self::with(Supervisor::new(&program(false), Members::Threads, forever))
+    }
+
+    fn start(&mut self) {
+        self.rti(RtiEvent::Joined(A));
+        self.rti(RtiEvent::Joined(B));
+        self.rti(RtiEvent::Started(PhysicalTime(0)));
+    }
+
+    fn event(&mut self, event: Observation) {
         self.supervisor.handle(self.now, event);
         self.collect();
     }
 
     fn rti(&mut self, event: RtiEvent) {
-        self.event(Event::Rti(event));
+        self.event(Observation::Rti(event));
     }
 
     fn exits(&mut self, federate: FederateId, how: Ending) {
-        self.event(Event::Exited { federate, how });
+        self.event(Observation::Ended { federate, how });
     }
 
     fn fails(&mut self, federate: FederateId, message: &str, code: i32) {
@@ -122,7 +134,7 @@ fn all_is_well_once_all_federates_and_the_rti_have_ended() {
     assert_eq!(stage.outcome(), None, "a federate may leave long before the others");
     stage.exits(B, Ending::Code(0));
     assert_eq!(stage.outcome(), None, "the RTI may still tell of a failure");
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
     assert!(stage.reports.is_empty() && stage.sent.is_empty());
 }
@@ -267,7 +279,7 @@ fn news_of_joining_may_come_after_the_end() {
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Joined(B));
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
     assert!(stage.reports.is_empty());
 }
@@ -286,11 +298,11 @@ fn the_missing_are_waited_for_until_the_time_is_over() {
 #[test]
 fn an_interrupt_stops_in_order() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
     stage.exits(A, Ending::Code(0));
     stage.exits(B, Ending::Code(0));
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(130));
     assert!(stage.reports.is_empty());
 }
@@ -298,13 +310,13 @@ fn an_interrupt_stops_in_order() {
 #[test]
 fn a_second_interrupt_kills() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     stage.exits(A, Ending::Code(0));
     // The same one, by another way.
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
     stage.pass(100);
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
     stage.exits(B, Ending::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(130));
@@ -314,7 +326,7 @@ fn a_second_interrupt_kills() {
 #[test]
 fn an_orderly_stop_takes_five_seconds_at_most() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::TERMINATE));
+    stage.event(Observation::Signal(Signal::TERMINATE));
     stage.pass(1_999);
     assert!(stage.sent.is_empty());
     stage.pass(1);
@@ -334,17 +346,17 @@ fn an_orderly_stop_takes_five_seconds_at_most() {
 #[test]
 fn an_interrupt_may_reach_the_federates_too() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::INTERRUPT));
-    let interrupted = Ending::Code(Signal::INTERRUPT.exit_code());
-    stage.exits(A, interrupted);
-    stage.exits(B, interrupted);
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
+    let interrupted = || Ending::Code(Signal::INTERRUPT.exit_code());
+    stage.exits(A, interrupted());
+    stage.exits(B, interrupted());
+    stage.event(Observation::RtiEnded(Ok(())));
     stage.pass(2_000);
     assert_eq!((stage.reports.len(), stage.outcome()), (0, Some(130)));
     assert!(stage.supervisor.is_interrupted());
     // Without a signal here, it is a failure like any other.
     let mut stage = Stage::running();
-    stage.exits(A, interrupted);
+    stage.exits(A, interrupted());
     stage.pass(2_000);
     stage.reported_once("federate a exited with code 130");
     assert!(!stage.supervisor.is_interrupted());
@@ -353,7 +365,7 @@ fn an_interrupt_may_reach_the_federates_too() {
 #[test]
 fn a_failure_while_stopping_is_reported_but_the_interrupt_counts() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     stage.fails(A, "shutdown raised ValueError", 1);
     stage.exits(A, Ending::Code(1));
     stage.exits(B, Ending::Code(1));
@@ -366,7 +378,7 @@ fn an_interrupt_after_a_failure_kills_and_keeps_the_code() {
     let mut stage = Stage::running();
     stage.fails(A, "", 3);
     stage.exits(A, Ending::Code(3));
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
     stage.exits(B, Ending::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(3));
@@ -376,7 +388,7 @@ fn an_interrupt_after_a_failure_kills_and_keeps_the_code() {
 fn an_interrupt_before_the_start_ends_all_at_once() {
     let mut stage = Stage::empty();
     stage.rti(RtiEvent::Joined(A));
-    stage.event(Event::Signal(Signal::INTERRUPT));
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
     stage.exits(A, Ending::Signal(Signal::TERMINATE));
     stage.exits(B, Ending::Signal(Signal::TERMINATE));
@@ -387,12 +399,12 @@ fn an_interrupt_before_the_start_ends_all_at_once() {
 #[test]
 fn a_broken_pipe_is_not_a_second_interrupt() {
     let mut stage = Stage::running();
-    stage.event(Event::Signal(Signal::BROKEN_PIPE));
-    stage.event(Event::Signal(Signal::BROKEN_PIPE));
+    stage.event(Observation::Signal(Signal::BROKEN_PIPE));
+    stage.event(Observation::Signal(Signal::BROKEN_PIPE));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
     stage.exits(A, Ending::Code(0));
     stage.exits(B, Ending::Code(0));
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(141));
 }
 
@@ -400,7 +412,10 @@ fn a_broken_pipe_is_not_a_second_interrupt() {
 fn output_that_cannot_be_written_is_one_failure() {
     let mut stage = Stage::running();
     for _ in 0..2 {
-        stage.event(Event::Unwritable(Error::new("the disk is full")));
+        stage.event(Observation::Unwritable(Box::new(Report::new(
+            Kind::Command,
+            "the disk is full",
+        ))));
     }
     stage.reported_once("the disk is full");
     stage.pass(2_000);
@@ -414,7 +429,7 @@ fn output_that_cannot_be_written_is_one_failure() {
 fn the_end_of_the_rti_explains_the_end_of_the_others() {
     let mut stage = Stage::running();
     let failure = Failure::System { message: "no descriptor left".to_owned(), hint: None };
-    stage.event(Event::RtiEnded(Err(failure)));
+    stage.event(Observation::RtiEnded(Err(failure)));
     stage.exits(A, Ending::Code(1));
     stage.exits(B, Ending::Code(1));
     stage.pass(500);
@@ -442,7 +457,7 @@ fn a_transient_federate_need_not_join() {
     for federate in [B, A] {
         stage.exits(federate, Ending::Code(0));
     }
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
 }
 
@@ -460,7 +475,7 @@ fn a_transient_federate_fails_alone() {
     stage.pass(500);
     assert_eq!(stage.reports.len(), 2);
     stage.exits(A, Ending::Code(0));
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(7));
 }
 
@@ -471,9 +486,54 @@ fn an_end_of_a_transient_federate_without_a_word_is_told_after_the_grace() {
     stage.pass(499);
     assert!(stage.reports.is_empty());
     stage.exits(A, Ending::Code(0));
-    stage.event(Event::RtiEnded(Ok(())));
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), None);
     stage.pass(1);
     stage.reported_once("federate b was killed by signal 9");
     assert_eq!(stage.outcome(), Some(1));
+}
+
+#[test]
+fn threads_that_do_not_end_end_with_the_process() {
+    let mut stage = Stage::threads();
+    stage.start();
+    stage.exits(A, Ending::Failed(Box::new(said("no", 3).of("a"))));
+    stage.pass(500);
+    stage.reported_once("federate a: no");
+    stage.pass(1_999);
+    assert_eq!(stage.outcome(), None);
+    stage.pass(1);
+    assert_eq!(stage.outcome(), Some(3));
+    assert!(stage.reports[1].contains("did not end by itself: b"), "{:?}", stage.reports);
+    assert_eq!((stage.sent.len(), stage.stops), (0, 0));
+}
+
+#[test]
+fn threads_have_time_to_end_before_the_start_too() {
+    let mut stage = Stage::threads();
+    stage.exits(A, Ending::Failed(Box::new(said("no", 1).of("a"))));
+    stage.pass(500);
+    assert_eq!(stage.outcome(), None);
+    stage.exits(B, Ending::Failed(Box::new(said("federate a has failed", 1).of("a"))));
+    assert_eq!(stage.outcome(), Some(1));
+    stage.reported_once("federate a: no");
+}
+
+#[test]
+fn a_second_interrupt_ends_threads_at_once() {
+    let mut stage = Stage::threads();
+    stage.start();
+    stage.event(Observation::Signal(Signal::INTERRUPT));
+    assert_eq!((stage.stops, stage.outcome()), (1, None));
+    stage.pass(4_000);
+    stage.event(Observation::Signal(Signal::INTERRUPT));
+    assert_eq!((stage.sent.len(), stage.outcome()), (0, Some(130)));
+}
+
+#[test]
+fn an_interrupt_before_the_start_ends_threads_at_once() {
+    let mut stage = Stage::threads();
+    stage.event(Observation::Signal(Signal::TERMINATE));
+    assert_eq!((stage.stops, stage.outcome()), (0, Some(143)));
+    assert!(stage.reports.is_empty());
 }
