@@ -267,6 +267,7 @@ impl ProgramBuilder {
             physical: false,
             serializer: None,
             absent_after: 0,
+            bound: None,
             mode: None,
         })
     }

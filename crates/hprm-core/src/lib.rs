@@ -10,6 +10,7 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
+mod bound;
 mod builder;
 mod clock_sync;
 mod fingerprint;
@@ -32,6 +33,7 @@ mod wiring;
 
 pub mod limits;
 
+pub use bound::{Bound, Overflow};
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use clock_sync::{ClockSyncMode, ClockSyncOptions};
 pub use fingerprint::{Content, Fact, Fingerprint, show_time};

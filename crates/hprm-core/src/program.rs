@@ -8,8 +8,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionId, ClockSyncOptions, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos, PortId,
-    ReactionId, ReactorId, Spacing, Table, TimerId, Transition,
+    ActionId, Bound, ClockSyncOptions, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos,
+    PortId, ReactionId, ReactorId, Spacing, Table, TimerId, Transition,
 };
 
 /// How federates agree on when a tag is safe to process.
@@ -207,6 +207,8 @@ pub struct Connection {
     pub serializer: Option<String>,
     /// How much longer than `maxwait` a decentralized receiver waits for this input.
     pub absent_after: Nanos,
+    /// How many of its messages may wait, if it is physical; none if any number may.
+    pub bound: Option<Bound>,
     /// The mode that it is declared in.
     pub mode: Option<ModeId>,
 }

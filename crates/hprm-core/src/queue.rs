@@ -103,6 +103,19 @@ impl<V> EventQueue<V> {
         }
     }
 
+    /// Removes the message of the connection at `tag`.
+    pub(crate) fn remove_message(&mut self, tag: Tag, of: ConnectionId) {
+        let mut events = self.events.spare();
+        self.take(tag, &mut events);
+        events.retain(
+            |event| !matches!(event, QueuedEvent::Message { connection, .. } if *connection == of),
+        );
+        for event in events.drain(..) {
+            self.insert(tag, event);
+        }
+        self.events.recycle(events);
+    }
+
     /// Exchanges the events of `tag` for an empty vector, whose memory is used for future tags.
     #[inline]
     pub(crate) fn take(&mut self, tag: Tag, events: &mut Vec<QueuedEvent<V>>) {

@@ -25,6 +25,7 @@ pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
 use self::record::Recorder;
+use crate::bound::Waiting;
 use crate::order::{Batch, Position};
 use crate::queue::{EventQueue, QueuedEvent};
 use crate::wiring::{PortRoute, Wiring};
@@ -114,6 +115,8 @@ pub struct Scheduler<V> {
     current: CurrentTag<V>,
     /// What persistent ports remember.
     kept: BTreeMap<PortId, V>,
+    /// The messages of physical connections with a bound.
+    bounded: BTreeMap<ConnectionId, Waiting>,
     /// The latest tag given to an event of each action.
     last_scheduled: Table<ActionId, Option<Tag>>,
     /// The deadlines in force: the declared ones, unless they have been changed.
@@ -152,6 +155,7 @@ impl<V: Clone> Scheduler<V> {
             taken_events: Vec::new(),
             current: CurrentTag::new(program.ports.len(), program.actions.len()),
             kept: BTreeMap::new(),
+            bounded: BTreeMap::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
             deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,

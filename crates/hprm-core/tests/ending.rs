@@ -197,6 +197,7 @@ fn an_end_that_the_clock_decides_on_is_said_to_be_physical() {
             physical,
             serializer: None,
             absent_after: 0,
+            bound: None,
             mode: None,
         });
         let mut scheduler = Scheduler::new(Arc::new(b.build().unwrap()), Scope::Whole);

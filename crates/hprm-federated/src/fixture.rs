@@ -74,6 +74,7 @@ fn connect(
         physical,
         serializer,
         absent_after,
+        bound: None,
         mode: None,
     });
     let effects = vec![Effect::Port(output)];

@@ -101,6 +101,7 @@ fn join(
         .map_or(Some(Delay::None), |written| environment.time(written, report).map(Delay::after));
     let wait = attributes::argument(&decl.attributes, "absent_after");
     let absent_after = wait.and_then(|written| environment.time(written, report));
+    let bound = attributes::bound(&decl.attributes).filter(|_| decl.physical);
     // A wrong delay has been reported; a microstep keeps it from looking like a causality loop too.
     let delay = delay.unwrap_or(Delay::Microstep);
     let repeats = if decl.iterated { usize::MAX } else { 1 };
@@ -113,6 +114,7 @@ fn join(
             physical: decl.physical,
             serializer: decl.serializer.as_ref().map(|name| name.text.clone()),
             absent_after: absent_after.unwrap_or_default(),
+            bound,
             mode,
         };
         let states_wait = absent_after.is_some_and(|wait| wait > 0);

@@ -101,6 +101,7 @@ fn connect(
                 physical,
                 serializer: None,
                 absent_after: 0,
+                bound: None,
                 mode: None,
             });
         }

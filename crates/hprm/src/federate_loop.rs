@@ -127,6 +127,7 @@ where
     }
     let outcome = federate.run();
     inbox.close();
+    federate.workers.report_dropped(&federate.scheduler, &mut federate.host);
     federate.leave(outcome)
 }
 

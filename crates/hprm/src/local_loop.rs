@@ -51,6 +51,7 @@ where
     scheduler.start(Clock::now().next_multiple(program.properties.start_time_multiple));
     let outcome = run(&mut scheduler, &mut workers, host, inbox);
     inbox.close();
+    workers.report_dropped(&scheduler, host);
     let traced = workers.end_trace(&scheduler, &outcome);
     outcome.and(traced)
 }

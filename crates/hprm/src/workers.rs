@@ -103,6 +103,25 @@ impl<V: Clone> Workers<V> {
         }
     }
 
+    /// Reports how many messages were dropped because a physical connection has a bound.
+    pub(crate) fn report_dropped<H: Host<Value = V>>(
+        &self,
+        scheduler: &Scheduler<V>,
+        host: &mut H,
+    ) {
+        let program = scheduler.program();
+        for (connection, dropped) in scheduler.dropped_messages() {
+            let connection = &program.connections[connection];
+            let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
+            let messages = connection.bound.map_or(0, |bound| bound.messages);
+            let were = if dropped == 1 { "message was" } else { "messages were" };
+            host.warn(&format!(
+                "{dropped} {were} dropped on the connection {from} ~> {to}: {messages} may wait \
+                 (`@bound`)"
+            ));
+        }
+    }
+
     /// Runs the reactions of the current tag.
     ///
     /// # Errors

@@ -9,9 +9,9 @@ use std::fmt::Write as _;
 use super::{Fact, Fingerprint};
 use crate::spacing::Policy;
 use crate::{
-    Action, ClockSyncMode, Connection, Coordination, Delay, Direction, Effect, FederateId, ModeId,
-    Nanos, Origin, PortId, Program, Reaction, ReactionId, ReactorId, Table, Timer, Transition,
-    Trigger,
+    Action, Bound, ClockSyncMode, Connection, Coordination, Delay, Direction, Effect, FederateId,
+    ModeId, Nanos, Origin, Overflow, PortId, Program, Reaction, ReactionId, ReactorId, Table,
+    Timer, Transition, Trigger,
 };
 
 impl Program {
@@ -165,6 +165,13 @@ impl Program {
         }
         if connection.absent_after != 0 {
             let _ = write!(text, ", absent after {}", show_time(connection.absent_after));
+        }
+        if let Some(Bound { messages, overflow }) = connection.bound {
+            let policy = match overflow {
+                Overflow::Drop => "drop",
+                Overflow::Replace => "replace",
+            };
+            let _ = write!(text, ", bound {messages}, {policy}");
         }
         text + &self.in_mode(connection.mode)
     }

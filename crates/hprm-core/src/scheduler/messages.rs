@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::{OutboundMessage, Scheduler};
+use crate::bound::Admission;
 use crate::queue::QueuedEvent;
 use crate::{
     Channel, ChannelId, Connection, ConnectionId, Delay, FederateId, PhysicalTime, PortId, Reading,
@@ -53,8 +54,39 @@ impl<V: Clone> Scheduler<V> {
         value: V,
     ) -> Option<Tag> {
         let connection = self.program.channels[channel].connection;
+        self.insert_by_clock(connection, now, value)
+    }
+
+    /// The physical connections of which messages were dropped, and how many.
+    pub fn dropped_messages(&self) -> impl Iterator<Item = (ConnectionId, u64)> {
+        let dropped =
+            self.bounded.iter().map(|(connection, waiting)| (*connection, waiting.dropped()));
+        dropped.filter(|(_, dropped)| *dropped > 0)
+    }
+
+    /// Inserts a message of a physical connection, unless too many wait already.
+    fn insert_by_clock(
+        &mut self,
+        connection: ConnectionId,
+        now: PhysicalTime,
+        value: V,
+    ) -> Option<Tag> {
+        let bound = self.program.connections[connection].bound;
+        if let Some(bound) = bound {
+            let waiting = self.bounded.entry(connection).or_default();
+            waiting.processed(self.tag);
+            match waiting.admit(bound) {
+                Admission::Insert => {}
+                Admission::Drop => return None,
+                Admission::Displace(oldest) => self.queue.remove_message(oldest, connection),
+            }
+        }
         let tag = self.assign(connection, self.physical_tag(connection, now));
-        self.insert_message(connection, tag, (value, None, true))
+        let inserted = self.insert_message(connection, tag, (value, None, true));
+        if let (Some(tag), Some(waiting)) = (inserted, self.bounded.get_mut(&connection)) {
+            waiting.inserted(tag);
+        }
+        inserted
     }
 
     /// Sends the values of present ports along delayed connections and to other federates.
@@ -84,10 +116,12 @@ impl<V: Clone> Scheduler<V> {
                 continue;
             }
             let Connection { physical, delay, .. } = self.program.connections[*connection];
-            let computed =
-                if physical { self.physical_tag(*connection, now) } else { delay.shift(self.tag) };
-            let tag = self.assign(*connection, computed);
-            self.insert_message(*connection, tag, (value.clone(), None, marked || physical));
+            if physical {
+                self.insert_by_clock(*connection, now, value.clone());
+                continue;
+            }
+            let tag = self.assign(*connection, delay.shift(self.tag));
+            self.insert_message(*connection, tag, (value.clone(), None, marked));
         }
         let sent = self.current.sent_ports.contains(&root);
         for channel in &wiring.outgoing[root] {

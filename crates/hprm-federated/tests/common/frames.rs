@@ -95,6 +95,7 @@ pub(crate) fn program() -> Program {
             physical: false,
             serializer: None,
             absent_after: 0,
+            bound: None,
             mode: None,
         });
     }

@@ -1,5 +1,7 @@
 //! Attributes: which exist, where they belong, and which take a value.
 
+use hprm_core::{Bound, Overflow};
+
 use crate::ast::{Attribute, Expression, ExpressionKind, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::Model;
@@ -23,7 +25,7 @@ const PROPERTIES: [&str; 7] =
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Place {
     Instance,
-    Connection,
+    Connection { physical: bool },
     Elsewhere,
 }
 
@@ -40,7 +42,6 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
         .chain(declared.actions.iter().flat_map(|action| &action.attributes))
         .chain(declared.reactions.iter().flat_map(|reaction| &reaction.attributes));
     let instances = declared.instances.iter().flat_map(|instance| &instance.decl.attributes);
-    let connections = declared.connections.iter().flat_map(|connection| &connection.attributes);
     let federated = declared.decl.kind == ReactorKind::Federated;
     for attribute in elsewhere {
         attribute_fits(attribute, Place::Elsewhere, federated, report);
@@ -48,8 +49,11 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     for attribute in instances {
         attribute_fits(attribute, Place::Instance, federated, report);
     }
-    for attribute in connections {
-        attribute_fits(attribute, Place::Connection, federated, report);
+    for connection in &declared.connections {
+        let place = Place::Connection { physical: connection.physical };
+        for attribute in &connection.attributes {
+            attribute_fits(attribute, place, federated, report);
+        }
     }
 }
 
@@ -58,6 +62,7 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
     match name.as_str() {
         name if DRAWING.contains(&name) => drawing(attribute, name, report),
         "maxwait" | "absent_after" => wait(attribute, &name, place, federated, report),
+        "bound" => bounded(attribute, place, report),
         "transient" if place != Place::Instance || !federated => {
             report.add(misplaced(attribute, &name, "an instance"));
         }
@@ -86,7 +91,7 @@ fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
         let property = name.replace('_', "-");
         format!("write it as a target property: `target Python {{ {property}: ... }}`")
     } else {
-        let known = DRAWING.into_iter().chain(["maxwait", "absent_after", "transient"]);
+        let known = DRAWING.into_iter().chain(["maxwait", "absent_after", "bound", "transient"]);
         existing(name, "attributes", known)
     };
     report.add(Diagnostic::error("LF0211", attribute.span, message).hint(hint));
@@ -94,16 +99,17 @@ fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
 
 /// How long to wait for inputs: of a federate, or of one connection between two.
 fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report: &mut Report) {
-    let (home, description) = match name {
-        "maxwait" => (Place::Instance, "an instance"),
-        _ => (Place::Connection, "a connection"),
+    let on_connection = matches!(place, Place::Connection { .. });
+    let (is_home, description) = match name {
+        "maxwait" => (place == Place::Instance, "an instance"),
+        _ => (on_connection, "a connection"),
     };
-    if federated && place == Place::Connection && name == "maxwait" {
+    if federated && on_connection && name == "maxwait" {
         report.add(
             Diagnostic::warning("LF0220", attribute.span, "`@maxwait` has no effect here")
                 .hint("write it at the instance, or `@absent_after` at the connection"),
         );
-    } else if !federated || place != home {
+    } else if !federated || !is_home {
         report.add(misplaced(attribute, name, description));
     }
     if attribute.arguments.len() != 1 {
@@ -113,6 +119,45 @@ fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report
                 .hint(format!("write `@{name}(10 ms)`")),
         );
     }
+}
+
+/// How many messages of a physical connection may wait, and what becomes of one that is too many.
+fn bounded(attribute: &Attribute, place: Place, report: &mut Report) {
+    if !matches!(place, Place::Connection { physical: true }) {
+        let message = "`@bound` does not belong here";
+        report.add(
+            Diagnostic::error("LF0212", attribute.span, message)
+                .hint("it belongs to a physical connection: `~>`"),
+        );
+    } else if read_bound(attribute).is_none() {
+        let message = "`@bound` takes a number of messages, and what to do when more arrive";
+        report.add(
+            Diagnostic::error("LF0212", attribute.span, message)
+                .hint("write `@bound(10, \"replace\")`, or \"drop\" to keep the first 10"),
+        );
+    }
+}
+
+fn read_bound(attribute: &Attribute) -> Option<Bound> {
+    let (number, policy) = match attribute.arguments.as_slice() {
+        [number] => (number, "drop"),
+        [number, Expression { kind: ExpressionKind::String(policy), .. }] => (number, &**policy),
+        _ => return None,
+    };
+    let ExpressionKind::Integer(messages) = number.kind else { return None };
+    let overflow = match policy {
+        "drop" => Overflow::Drop,
+        "replace" => Overflow::Replace,
+        _ => return None,
+    };
+    let messages = u32::try_from(messages).ok().filter(|messages| *messages > 0)?;
+    Some(Bound { messages, overflow })
+}
+
+/// The bound that is among `attributes`, if it is right.
+pub(crate) fn bound(attributes: &[Attribute]) -> Option<Bound> {
+    let named = |attribute: &&Attribute| attribute.name.text.eq_ignore_ascii_case("bound");
+    attributes.iter().find(named).and_then(read_bound)
 }
 
 /// An attribute that says all by its name.

@@ -1,0 +1,120 @@
+//! Bounds of physical connections: how many messages may wait for their receiver, and what happens to one
+//! that is too many.
+//!
+//! A message waits from its arrival until its tag is processed. The scheduler applies the policy, so
+//! it is the same within a process, between processes and between threads.
+
+use std::collections::VecDeque;
+
+use crate::Tag;
+
+/// How many messages of a physical connection may wait.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Bound {
+    /// The largest number; at least one.
+    pub messages: u32,
+    /// What happens to a message that is too many.
+    pub overflow: Overflow,
+}
+
+/// What happens when a message arrives and as many as may wait are waiting.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum Overflow {
+    /// The message that arrives is dropped.
+    #[default]
+    Drop,
+    /// The message that has waited longest is dropped.
+    Replace,
+}
+
+/// The messages of one bounded connection that wait.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+pub(crate) struct Waiting {
+    /// Their tags, which increase.
+    tags: VecDeque<Tag>,
+    dropped: u64,
+}
+
+/// What to do with a message that has arrived.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Admission {
+    /// There is room.
+    Insert,
+    /// The message is dropped.
+    Drop,
+    /// The waiting message of that tag is dropped, and there is room.
+    Displace(Tag),
+}
+
+impl Waiting {
+    /// Counts a message that has arrived, and decides what to do with it.
+    pub(crate) fn admit(&mut self, bound: Bound) -> Admission {
+        if self.tags.len() < bound.messages.max(1) as usize {
+            return Admission::Insert;
+        }
+        self.dropped += 1;
+        match (bound.overflow, self.tags.pop_front()) {
+            (Overflow::Replace, Some(oldest)) => Admission::Displace(oldest),
+            (_, oldest) => {
+                self.tags.extend(oldest);
+                self.tags.rotate_right(usize::from(oldest.is_some()));
+                Admission::Drop
+            }
+        }
+    }
+
+    /// A message waits at `tag`, which is after those of all others.
+    pub(crate) fn inserted(&mut self, tag: Tag) {
+        self.tags.push_back(tag);
+    }
+
+    /// The messages through `tag` have been processed.
+    pub(crate) fn processed(&mut self, tag: Tag) {
+        while self.tags.front().is_some_and(|first| *first <= tag) {
+            self.tags.pop_front();
+        }
+    }
+
+    /// How many messages have been dropped.
+    pub(crate) fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn filled(overflow: Overflow) -> (Waiting, Bound) {
+        let (mut waiting, bound) = (Waiting::default(), Bound { messages: 2, overflow });
+        for time in [1, 2] {
+            assert_eq!(waiting.admit(bound), Admission::Insert);
+            waiting.inserted(Tag::new(time, 0));
+        }
+        (waiting, bound)
+    }
+
+    #[test]
+    fn a_message_that_is_too_many_is_dropped_until_one_is_processed() {
+        let (mut waiting, bound) = filled(Overflow::Drop);
+        assert_eq!(waiting.admit(bound), Admission::Drop);
+        assert_eq!(waiting.admit(bound), Admission::Drop);
+        assert_eq!(waiting.dropped(), 2);
+        waiting.processed(Tag::new(1, 0));
+        assert_eq!(waiting.admit(bound), Admission::Insert);
+        waiting.inserted(Tag::new(3, 0));
+        assert_eq!(waiting.admit(bound), Admission::Drop);
+        waiting.processed(Tag::new(3, 0));
+        assert_eq!(waiting, Waiting { tags: VecDeque::new(), dropped: 3 });
+    }
+
+    #[test]
+    fn the_oldest_message_makes_room_for_a_new_one() {
+        let (mut waiting, bound) = filled(Overflow::Replace);
+        for time in 3..9 {
+            assert_eq!(waiting.admit(bound), Admission::Displace(Tag::new(time - 2, 0)));
+            waiting.inserted(Tag::new(time, 0));
+        }
+        assert_eq!((waiting.tags.len(), waiting.dropped()), (2, 6));
+    }
+}
