@@ -1,8 +1,8 @@
 //! Programs in Rust: reactors whose bodies are closures.
 //!
 //! An [`App`] is put together, then run. Values have one type, chosen by the program: a number, an
-//! `Arc` of something large, an enum of everything that travels. What runs when is decided by the
-//! scheduler, as for any other program; an app runs in one process.
+//! `Arc` of something large, an enum of everything that travels. The scheduler decides what runs when, as
+//! for any other program; an app runs in one process.
 
 mod bodies;
 mod context;
@@ -19,7 +19,7 @@ use crate::{Failure, Inbox, run_whole};
 use bodies::Bodies;
 pub use bodies::Outcome;
 pub use context::Context;
-pub use handle::{Input, LogicalAction, Output, PhysicalAction, Readable, Timer};
+pub use handle::{InputPort, LogicalAction, OutputPort, PhysicalAction, Readable, Timer};
 pub use reactor::{NewReaction, Reactor};
 
 /// A program that is being put together.
@@ -27,10 +27,10 @@ pub use reactor::{NewReaction, Reactor};
 /// ```
 /// use std::time::Duration;
 ///
-/// use hprm::{App, Context, Input, Output, Properties, Reactor};
+/// use hprm::{App, Context, InputPort, OutputPort, Properties, Reactor};
 ///
 /// /// Counts up every ten milliseconds.
-/// fn counter(reactor: &mut Reactor<'_, u64, u64>) -> Output {
+/// fn counter(reactor: &mut Reactor<'_, u64, u64>) -> OutputPort {
 ///     let tick = reactor.timer("tick", Duration::ZERO, Duration::from_millis(10));
 ///     let out = reactor.output("out");
 ///     reactor.reaction().on(tick).sets(out).run(move |count, ctx| {
@@ -41,7 +41,7 @@ pub use reactor::{NewReaction, Reactor};
 /// }
 ///
 /// /// Adds up what it gets, and stops the program when it is enough.
-/// fn adder(reactor: &mut Reactor<'_, u64, u64>) -> Input {
+/// fn adder(reactor: &mut Reactor<'_, u64, u64>) -> InputPort {
 ///     let inp = reactor.input("inp");
 ///     reactor.reaction().on(inp).run(move |sum, ctx: &mut Context<'_, u64>| {
 ///         *sum += ctx.get(inp).copied().unwrap_or_default();
@@ -92,7 +92,7 @@ impl<V: Clone + Send + Sync + 'static> App<V> {
     }
 
     /// Adds a reactor. `assemble` gives it its ports, timers, actions and reactions, and returns
-    /// what others need of it: usually its ports.
+    /// what other parts of the app need of it: usually its ports.
     pub fn reactor<S: Send + 'static, R>(
         &mut self,
         name: &str,

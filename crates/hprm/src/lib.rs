@@ -35,8 +35,8 @@ mod wire;
 mod workers;
 
 pub use app::{
-    App, Context, Input, LogicalAction, NewReaction, Outcome, Output, PhysicalAction, Reactor,
-    Readable, Runnable, Sender, Timer,
+    App, Context, InputPort, LogicalAction, NewReaction, Outcome, OutputPort, PhysicalAction,
+    Reactor, Readable, Runnable, Sender, Timer,
 };
 pub use clock::Clock;
 pub use disk::Disk;

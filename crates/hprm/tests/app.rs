@@ -157,7 +157,7 @@ fn another_thread_schedules_and_stops() {
     assert!(!sender.schedule(key, Duration::ZERO, None));
 }
 
-fn with_an_undeclared(body: fn(&mut Context<'_, u32>, hprm::Output, hprm::LogicalAction)) {
+fn with_an_undeclared(body: fn(&mut Context<'_, u32>, hprm::OutputPort, hprm::LogicalAction)) {
     let mut app = App::<u32>::new("Main", fast());
     app.reactor("a", (), |a| {
         let (out, action) = (a.output("out"), a.logical_action("act", MS));

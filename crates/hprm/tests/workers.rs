@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hprm::{App, Context, Input, Output, Policy, Properties, Reactor, Spacing, Trigger};
+use hprm::{App, Context, InputPort, OutputPort, Policy, Properties, Reactor, Spacing, Trigger};
 use proptest::prelude::*;
 
 /// Far longer than anything here takes.
@@ -61,7 +61,7 @@ fn assemble(
     reactor: &mut Reactor<'_, State, u64>,
     node: &Node,
     inputs: usize,
-) -> (Vec<Input>, Output) {
+) -> (Vec<InputPort>, OutputPort) {
     let inputs: Vec<_> = (0..inputs).map(|i| reactor.input(&format!("inp[{i}]"))).collect();
     let out = reactor.output("out");
     let ns = Duration::from_nanos;
@@ -114,7 +114,7 @@ fn assemble(
 fn run(nodes: &[Node], workers: u32) -> Vec<Vec<String>> {
     let mut app = App::new("Main", properties(workers));
     let logs: Vec<_> = nodes.iter().map(|_| Log::default()).collect();
-    let mut ends: Vec<(Vec<Input>, Output)> = Vec::new();
+    let mut ends: Vec<(Vec<InputPort>, OutputPort)> = Vec::new();
     let mut connections = Vec::new();
     for (i, node) in nodes.iter().enumerate() {
         let state = State { seen: i as u64, log: Arc::clone(&logs[i]) };
@@ -128,7 +128,7 @@ fn run(nodes: &[Node], workers: u32) -> Vec<Vec<String>> {
         connections.extend(reads.into_iter().zip(0..).map(|(read, input)| (i, input, read)));
     }
     for (to, input, (from, delay)) in connections {
-        let (out, inp): (Output, Input) = (ends[from].1, ends[to].0[input]);
+        let (out, inp): (OutputPort, InputPort) = (ends[from].1, ends[to].0[input]);
         match delay {
             Some(nanos) => app.connect_after(out, inp, Duration::from_nanos(nanos)),
             None => app.connect(out, inp),
@@ -163,7 +163,7 @@ fn side_by_side(
     app
 }
 
-/// Tells the other one, then waits until it has been told.
+/// Signals the other reaction, then waits for the signal of that one.
 fn meet(sender: &Sender<()>, receiver: &Receiver<()>) {
     sender.send(()).unwrap();
     receiver.recv_timeout(PATIENCE).unwrap();

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use hprm::{App, Context, Input, Output, Properties, Reactor, Runnable, Trigger};
+use hprm::{App, Context, InputPort, OutputPort, Properties, Reactor, Runnable, Trigger};
 
 /// How many reactors a chain has, how many readers a fan-out, how many timers a storm.
 pub(crate) const WIDTH: u64 = 100;
@@ -67,7 +67,7 @@ fn ping_pong(rounds: u64, properties: Properties) -> Runnable<u64> {
 }
 
 /// Sends what it receives, and adds it up.
-fn relay(reactor: &mut Reactor<'_, u64, u64>) -> (Input, Output) {
+fn relay(reactor: &mut Reactor<'_, u64, u64>) -> (InputPort, OutputPort) {
     let (inp, out) = (reactor.input("inp"), reactor.output("out"));
     reactor.reaction().on(inp).sets(out).run(move |sum: &mut u64, ctx: &mut Context<'_, u64>| {
         let value = ctx.get(inp).copied().unwrap_or_default();
@@ -136,7 +136,7 @@ fn fan_out(reactions: u64, properties: Properties) -> Runnable<u64> {
 }
 
 /// Sets an output `limit` times, then stops the program.
-fn source(app: &mut App<u64>, limit: u64) -> Output {
+fn source(app: &mut App<u64>, limit: u64) -> OutputPort {
     app.reactor("source", 0, |reactor| {
         let tick = reactor.timer("tick", Duration::ZERO, Duration::from_nanos(1));
         let out = reactor.output("out");

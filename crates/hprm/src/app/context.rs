@@ -23,7 +23,7 @@ pub struct Context<'a, V> {
 pub(super) enum Access<'a, V> {
     /// It runs alone.
     Alone(&'a mut Scheduler<V>),
-    /// It runs beside others.
+    /// It runs at the same time as other reactions.
     Shared(&'a Scheduler<V>, &'a mut Effects<V>),
 }
 

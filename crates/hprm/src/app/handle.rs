@@ -23,10 +23,10 @@ macro_rules! handles {
 }
 
 handles! {
-    /// An input of a reactor.
-    Input(PortId) = Port;
-    /// An output of a reactor.
-    Output(PortId) = Port;
+    /// An input port of a reactor.
+    InputPort(PortId) = Port;
+    /// An output port of a reactor.
+    OutputPort(PortId) = Port;
     /// A timer of a reactor.
     Timer(TimerId) = Timer;
     /// An action that is scheduled relative to the current tag.
@@ -74,8 +74,8 @@ macro_rules! readable {
 }
 
 readable! {
-    Input = Port;
-    Output = Port;
+    InputPort = Port;
+    OutputPort = Port;
     LogicalAction = Action;
     PhysicalAction = Action;
 }

@@ -8,7 +8,7 @@ use hprm_core::{
 };
 
 use super::bodies::{BodyFn, Code, Outcome};
-use super::handle::{Input, LogicalAction, Output, PhysicalAction, Timer};
+use super::handle::{InputPort, LogicalAction, OutputPort, PhysicalAction, Timer};
 use super::{Context, Graph, nanos};
 
 /// A reactor that is being assembled. `S` is its state, which its reactions share, `V` what ports
@@ -32,14 +32,14 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
         assemble(&mut Reactor { graph, id, state: PhantomData })
     }
 
-    /// An input.
-    pub fn input(&mut self, name: &str) -> Input {
-        Input(self.graph.builder.port(self.id, name, Direction::Input))
+    /// Adds an input port.
+    pub fn input(&mut self, name: &str) -> InputPort {
+        InputPort(self.graph.builder.port(self.id, name, Direction::Input))
     }
 
-    /// An output.
-    pub fn output(&mut self, name: &str) -> Output {
-        Output(self.graph.builder.port(self.id, name, Direction::Output))
+    /// Adds an output port.
+    pub fn output(&mut self, name: &str) -> OutputPort {
+        OutputPort(self.graph.builder.port(self.id, name, Direction::Output))
     }
 
     /// A timer: its first event is at `offset`, the others at each `period` after that. There are
