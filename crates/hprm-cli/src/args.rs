@@ -54,8 +54,8 @@ pub(crate) enum Command {
     Check(Check),
     Diff(Diff),
     Verify(Verify),
-    Rti(Rti),
-    Federate(Federate),
+    Rti(RtiArguments),
+    Federate(FederateArguments),
     Sim(Sim),
     Doctor(Doctor),
 }
@@ -285,12 +285,12 @@ pub(crate) struct Diff {
     #[arg(value_name = "B")]
     pub(crate) b: PathBuf,
     #[command(flatten)]
-    pub(crate) verdict: Verdict,
+    pub(crate) verdict: VerdictArguments,
 }
 
 /// How two traces are compared, and how the result is shown.
 #[derive(Args, Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Verdict {
+pub(crate) struct VerdictArguments {
     /// Also compare what stems from the physical world.
     #[arg(long)]
     pub(crate) physical: bool,
@@ -326,7 +326,7 @@ pub(crate) struct Verify {
     #[arg(long, value_name = "FOLDER")]
     pub(crate) keep: Option<PathBuf>,
     #[command(flatten)]
-    pub(crate) verdict: Verdict,
+    pub(crate) verdict: VerdictArguments,
     #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]
@@ -422,7 +422,7 @@ Example, in three terminals:
 Across machines, each with a copy of the program and of the secret:
   hprm rti Main.lf --listen 0.0.0.0:15045 --federation-file secret
   hprm federate Main.lf camera --rti robot.local:15045 --federation-file secret")]
-pub(crate) struct Rti {
+pub(crate) struct RtiArguments {
     /// The program, with a federated reactor.
     #[arg(value_name = "FILE.lf")]
     pub(crate) file: PathBuf,
@@ -451,7 +451,7 @@ Example:
   hprm federate Main.lf camera --rti unix:@robot --federation-file secret
   HPRM_FEDERATION_ID=0123456789abcdef0123456789abcdef \\
       hprm federate Main.lf camera --rti robot.local:15045")]
-pub(crate) struct Federate {
+pub(crate) struct FederateArguments {
     /// The program.
     #[arg(value_name = "FILE.lf")]
     pub(crate) file: PathBuf,

@@ -14,7 +14,7 @@ use rustix::process::{Pid, PidfdFlags, WaitId, WaitIdOptions, pidfd_open, waitid
 
 use crate::message;
 use crate::output::Lines;
-use hprm::supervisor::{Ending, Signal};
+use hprm::supervisor::{FederateEnding, Signal};
 
 /// Bytes that are read at once: what a pipe holds.
 const CHUNK: usize = 64 * 1024;
@@ -69,7 +69,7 @@ impl Followed {
 
     /// Forwards everything until the process ends, and returns how it did. It still has to be
     /// reaped. Calls `broken` once if the output goes nowhere.
-    pub(crate) fn follow(mut self, broken: impl FnOnce(&io::Error)) -> Ending {
+    pub(crate) fn follow(mut self, broken: impl FnOnce(&io::Error)) -> FederateEnding {
         let mut broken = Some(broken);
         let mut buffer = vec![0; CHUNK];
         loop {
@@ -105,18 +105,19 @@ impl Followed {
         }
     }
 
-    fn ending(&self) -> Ending {
+    fn ending(&self) -> FederateEnding {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
         loop {
             match waitid(WaitId::Pid(self.pid), options) {
                 Ok(Some(status)) => {
-                    let signal = status.terminating_signal().map(|it| Ending::Signal(Signal(it)));
-                    let code = status.exit_status().map(Ending::Code);
+                    let signal =
+                        status.terminating_signal().map(|it| FederateEnding::Signal(Signal(it)));
+                    let code = status.exit_status().map(FederateEnding::Code);
                     return signal.or(code).expect("an end is one of the two");
                 }
                 Ok(None) | Err(Errno::INTR) => {}
                 // It was reaped elsewhere; nothing is known but that it has ended.
-                Err(_) => return Ending::Code(1),
+                Err(_) => return FederateEnding::Code(1),
             }
         }
     }

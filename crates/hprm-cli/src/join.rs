@@ -2,7 +2,7 @@
 
 use hprm::Address;
 
-use crate::args::Federate;
+use crate::args::FederateArguments;
 use crate::message::Error;
 use crate::registry::{self, Record};
 
@@ -12,7 +12,7 @@ use crate::registry::{self, Record};
 /// # Errors
 ///
 /// If the user does not say where it is, and no federation of the program runs, or several do.
-pub(crate) fn running(arguments: &Federate) -> Result<Option<Record>, Error> {
+pub(crate) fn running(arguments: &FederateArguments) -> Result<Option<Record>, Error> {
     let secret = &arguments.secret;
     if let Some(rti) = &arguments.rti {
         let known = secret.federation.is_some() || secret.federation_file.is_some();
@@ -34,7 +34,10 @@ pub(crate) fn running(arguments: &Federate) -> Result<Option<Record>, Error> {
 /// # Errors
 ///
 /// If what is on record is no address.
-pub(crate) fn address(arguments: &Federate, running: Option<&Record>) -> Result<Address, Error> {
+pub(crate) fn address(
+    arguments: &FederateArguments,
+    running: Option<&Record>,
+) -> Result<Address, Error> {
     match (&arguments.rti, running) {
         (Some(rti), _) => Ok(rti.clone()),
         (None, Some(record)) => record

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::supervisor::{Ending, Members, Observation, Order, Supervisor};
+use hprm::supervisor::{FederateEnding, Members, Observation, Order, Supervisor};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Program};
@@ -210,7 +210,8 @@ fn supervise(
         match arrivals.recv_timeout(patience) {
             Ok(event) => {
                 if let Observation::Ended { federate, how } = &event {
-                    children.reap(*federate, *how == Ending::Code(0) && supervisor.is_well());
+                    children
+                        .reap(*federate, *how == FederateEnding::Code(0) && supervisor.is_well());
                 }
                 supervisor.handle(launched.elapsed(), event);
             }

@@ -13,7 +13,7 @@ use hprm::supervisor::{Signal, Verdict, on_answer, on_silent};
 use hprm::{Address, Kind, RtiEvent, RtiHandle, RtiOptions, Security};
 use hprm_core::{FederateId, Program};
 
-use crate::args::Rti;
+use crate::args::RtiArguments;
 use crate::message::{self, Error};
 use crate::roster::Roster;
 use crate::{check, secret, signals};
@@ -27,7 +27,7 @@ const ORDERLY: Duration = Duration::from_secs(6);
 /// # Errors
 ///
 /// If it cannot listen, or the federation fails.
-pub(crate) fn rti(arguments: Rti) -> Result<ExitCode, Error> {
+pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
     let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };

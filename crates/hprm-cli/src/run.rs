@@ -9,7 +9,7 @@ use std::process::{Command, ExitCode};
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
 
-use crate::args::{Federate, Run};
+use crate::args::{FederateArguments, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
@@ -80,7 +80,7 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
 /// # Errors
 ///
 /// If it cannot be started.
-pub(crate) fn federate(arguments: &Federate) -> Result<ExitCode, Error> {
+pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error> {
     let mut properties = arguments.properties.clone();
     let running = join::running(arguments)?;
     if let Ok(inherited) = std::env::var(PROPERTIES) {

@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::supervisor::{Ending, Members, Observation, Order, Signal, Supervisor};
+use hprm::supervisor::{FederateEnding, Members, Observation, Order, Signal, Supervisor};
 use hprm::{
     Address, Clock, Failure, FederateOptions, FederationId, Inbox, Kind, Label, Patience, Reach,
     Report, RtiHandle, RtiOptions, Security, ValueExchange,
@@ -176,16 +176,18 @@ fn run_federate(
 }
 
 /// How a federate has ended whose thread has come to this, or has panicked.
-fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> Ending {
+fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> FederateEnding {
     let report = match outcome {
-        Ok(Ok(())) => return Ending::Code(0),
-        Ok(Err(failure @ Failure::Interrupted { .. })) => return Ending::Code(failure.exit_code()),
+        Ok(Ok(())) => return FederateEnding::Code(0),
+        Ok(Err(failure @ Failure::Interrupted { .. })) => {
+            return FederateEnding::Code(failure.exit_code());
+        }
         // It names the one that has failed.
         Ok(Err(Failure::Abandoned(report))) => *report,
         Ok(Err(failure)) => failure.report().of(name),
         Err(_) => Report::new(Kind::Lost, "its thread panicked, which is a bug").of(name),
     };
-    Ending::Failed(Box::new(report))
+    FederateEnding::Failed(Box::new(report))
 }
 
 /// The loop of the main thread: it brings events to the supervisor, and carries out its orders.

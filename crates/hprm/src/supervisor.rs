@@ -1,10 +1,10 @@
 //! What to do about the federates of a federation that this process has launched, as a machine without
 //! processes and threads.
 //!
-//! It is told what happens, and when; it orders what is to be done. The first failure is reported,
-//! once the true cause is known; what it leads to is not. After that the federates may end by
-//! themselves. Processes that do not are asked to, then they are killed: in the end none is left.
-//! Threads end with the process.
+//! The driver tells it what happens, and when; it orders what is to be done. It reports the first failure, once
+//! the true cause is known, and not the failures that follow from it. After that the federates may end by
+//! themselves. Processes that do not are asked to end, then they are killed: in the end none is left. Threads
+//! end with the process.
 //!
 //! Time is counted from the launch. Processes, threads and signals are the driver's: the command's
 //! launcher for processes, the Python package for threads.
@@ -20,9 +20,9 @@ use hprm_federated::Refusal;
 
 use crate::{Failure, Kind, Report, RtiEvent};
 pub use signal::Signal;
-pub use verdict::{Ending, Verdict, on_answer, on_silent};
+pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
 
-/// How long to wait for the second witness of a failure.
+/// How long to wait for the second source of a failure.
 const GRACE: Duration = Duration::from_millis(500);
 /// How long the others may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
@@ -53,9 +53,9 @@ pub enum Observation {
         /// Which.
         federate: FederateId,
         /// In which way.
-        how: Ending,
+        how: FederateEnding,
     },
-    /// The RTI has something to tell.
+    /// The RTI reports an event.
     Rti(RtiEvent),
     /// The RTI has come to its end.
     RtiEnded(Result<(), Failure>),
@@ -85,7 +85,7 @@ pub enum Order {
 
 /// What is known of a federate.
 #[derive(Clone, PartialEq, Eq, Debug)]
-struct Federate {
+struct FederateState {
     name: String,
     /// Whether the others go on without it.
     transient: bool,
@@ -97,10 +97,10 @@ struct Federate {
     /// Whether its link has ended before all had joined, and it has not joined again.
     left: bool,
     /// How its process ended, and when that was known.
-    ending: Option<(Ending, Duration)>,
+    ending: Option<(FederateEnding, Duration)>,
 }
 
-impl Federate {
+impl FederateState {
     /// Whether it has joined, and not left again.
     fn is_in(&self) -> bool {
         self.joined && !self.left
@@ -124,7 +124,7 @@ enum Phase {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Supervisor {
     members: Members,
-    federates: Table<FederateId, Federate>,
+    federates: Table<FederateId, FederateState>,
     join_until: Duration,
     started: bool,
     rti_ended: bool,
@@ -150,7 +150,7 @@ impl Supervisor {
     /// A supervisor of federates that have just been started.
     #[must_use]
     pub fn new(program: &Program, members: Members, join_timeout: Duration) -> Self {
-        let federates = program.federates.values().map(|federate| Federate {
+        let federates = program.federates.values().map(|federate| FederateState {
             name: federate.name.clone(),
             transient: federate.transient,
             dropped: None,
@@ -326,10 +326,9 @@ impl Supervisor {
         let due = |at: Duration| now >= at + GRACE;
         for id in self.federates.ids() {
             let federate = &mut self.federates[id];
-            let failed = federate
-                .ending
-                .clone()
-                .filter(|(how, _)| federate.transient && *how != Ending::Code(0) && !federate.told);
+            let failed = federate.ending.clone().filter(|(how, _)| {
+                federate.transient && *how != FederateEnding::Code(0) && !federate.told
+            });
             let complete = match (&federate.dropped, &failed) {
                 (None, None) => false,
                 (Some(_), Some(_)) => true,
@@ -440,7 +439,7 @@ impl Supervisor {
     /// report.
     fn verdict(&self, now: Duration) -> Option<Verdict> {
         let due = |at: Duration| now >= at + GRACE;
-        let signalled = self.first_ending(|_, how| matches!(how, Ending::Signal(_)));
+        let signalled = self.first_ending(|_, how| matches!(how, FederateEnding::Signal(_)));
         if let Some((federate, _)) = signalled {
             return Some(self.blame(federate));
         }
@@ -478,7 +477,7 @@ impl Supervisor {
     /// The first federate that the others need whose end is of that kind, and when it ended.
     fn first_ending(
         &self,
-        is: impl Fn(&Federate, &Ending) -> bool,
+        is: impl Fn(&FederateState, &FederateEnding) -> bool,
     ) -> Option<(FederateId, Duration)> {
         let lasting = self.federates.iter().filter(|(_, federate)| !federate.transient);
         let ended = lasting.filter_map(|(id, federate)| {
@@ -490,7 +489,7 @@ impl Supervisor {
 
     /// Whether no report can come any more that contradicts a good end.
     fn undisputed(&self, now: Duration) -> bool {
-        let good = |federate: &Federate| {
+        let good = |federate: &FederateState| {
             let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_good(how));
             match federate.transient {
                 true => federate.dropped.is_none() && (well || federate.told),
@@ -505,9 +504,9 @@ impl Supervisor {
 
     /// Whether a process that ends like that has ended in order. The signal that has stopped this one
     /// may have reached it too.
-    fn is_good(&self, how: &Ending) -> bool {
-        *how == Ending::Code(0)
-            || self.is_interrupted() && *how == Ending::Code(Signal::INTERRUPT.exit_code())
+    fn is_good(&self, how: &FederateEnding) -> bool {
+        *how == FederateEnding::Code(0)
+            || self.is_interrupted() && *how == FederateEnding::Code(Signal::INTERRUPT.exit_code())
     }
 
     fn all_joined(&self) -> bool {

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Seek};
 
 use hprm::trace::line::{
-    At, End, Ending, Enter, Entry, Outcome, Read, Reason, Schedule, Set, Which,
+    At, End, Enter, Entry, Read, Reason, RunEnding, Schedule, ScheduleOutcome, Set, Which,
 };
 use hprm::trace::{Digest, Digester};
 
@@ -118,7 +118,7 @@ impl Judge {
         let agreed = found.stops && (a.header.federated || b.header.federated);
         let by_chance = agreed
             || found.left_out > 0
-            || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != Ending::Done);
+            || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != RunEnding::Done);
         if a.end.end != b.end.end && (!by_chance || self.physical) {
             let (tag, what) = (a.end.end.min(b.end.end), Difference::End([a.end.end, b.end.end]));
             found.diverge(Divergence { tag, reaction: String::new(), what });
@@ -190,10 +190,14 @@ impl Judge {
 
     /// A call as far as it can be compared: what happens after the limit depends on the end, and the
     /// tag of a physical action on the clock.
-    fn seen(self, call: &Schedule, limit: Option<At>) -> (&str, Option<Outcome>, Option<Digest>) {
+    fn seen(
+        self,
+        call: &Schedule,
+        limit: Option<At>,
+    ) -> (&str, Option<ScheduleOutcome>, Option<Digest>) {
         let at = match call.at {
-            Outcome::At(at) if limit.is_some_and(|limit| at >= limit) => {
-                Outcome::Not(Reason::AfterStop)
+            ScheduleOutcome::At(at) if limit.is_some_and(|limit| at >= limit) => {
+                ScheduleOutcome::Not(Reason::AfterStop)
             }
             other => other,
         };
@@ -286,7 +290,7 @@ pub(crate) fn digest<R: BufRead + Seek>(
 
 /// The first tag that cannot be compared, if the runs ended differently.
 fn limit(a: &End, b: &End) -> Option<At> {
-    let in_order = |end: &End| matches!(end.outcome, Ending::Done | Ending::Interrupted);
+    let in_order = |end: &End| matches!(end.outcome, RunEnding::Done | RunEnding::Interrupted);
     let same = a.end == b.end && in_order(a) && in_order(b);
     (!same).then_some(a.end.min(b.end))
 }

@@ -5,7 +5,7 @@ use std::io::{BufRead, Seek};
 use std::path::Path;
 
 use hprm::trace::Draft;
-use hprm::trace::line::{End, Ending, Entry, Header, Line, VERSION};
+use hprm::trace::line::{End, Entry, Header, Line, RunEnding, VERSION};
 use hprm_core::{Program, ReactionId};
 
 use super::Reader;
@@ -49,8 +49,8 @@ pub(crate) fn merge<R: BufRead + Seek>(
         }
     }
     let mut end = common_end(shares.iter().map(|share| &share.end), missing);
-    if interrupted && end.outcome == Ending::Done {
-        end.outcome = Ending::Interrupted;
+    if interrupted && end.outcome == RunEnding::Done {
+        end.outcome = RunEnding::Interrupted;
     }
     draft.write(&Line::End(end)).and_then(|()| draft.publish()).map_err(unwritten)
 }
@@ -60,7 +60,7 @@ pub(crate) fn merge<R: BufRead + Seek>(
 fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) -> End {
     let absent = missing.map(|name| End {
         end: (0, 0),
-        outcome: Ending::Failed,
+        outcome: RunEnding::Failed,
         message: Some(format!("federate {name} has left no trace")),
         physical: false,
         tardy: 0,

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use hprm::trace::line::{At, End, Ending, Entry, Header, Line, VERSION};
+use hprm::trace::line::{At, End, Entry, Header, Line, RunEnding, VERSION};
 
 use crate::message::Error;
 
@@ -143,7 +143,7 @@ fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<(End, bool)> {
     };
     let message = Some("the trace breaks off: its process has not ended in order".to_owned());
     Ok((
-        End { end, outcome: Ending::Failed, message, physical: false, tardy: 0, early: false },
+        End { end, outcome: RunEnding::Failed, message, physical: false, tardy: 0, early: false },
         false,
     ))
 }
@@ -182,7 +182,7 @@ pub(super) mod tests {
             "{\"tag\":[0,0],\"reaction\":\"M.1\"}\n{\"tag\":[0,0],\"reaction\":\"M.2\"}\n\
              {\"tag\":[0,1],\"reaction\":\"M.1\"}\n{\"end\":[0,1],\"outcome\":\"done\"}\n",
         );
-        assert_eq!((reader.end.end, reader.end.outcome), ((0, 1), Ending::Done));
+        assert_eq!((reader.end.end, reader.end.outcome), ((0, 1), RunEnding::Done));
         let sizes = [Some(((0, 0), 2)), Some(((0, 1), 1)), None];
         for expected in sizes {
             let group = reader.group().unwrap();
@@ -196,7 +196,7 @@ pub(super) mod tests {
         for cut in 1..=line.len() {
             let reader = trace("a", &format!("{line}{}", &line[..cut - 1]));
             assert!(!reader.whole);
-            assert_eq!((reader.end.end, reader.end.outcome), ((5, 0), Ending::Failed));
+            assert_eq!((reader.end.end, reader.end.outcome), ((5, 0), RunEnding::Failed));
         }
         assert_eq!(trace("a", "").end.end, (0, 0));
     }

@@ -1,7 +1,7 @@
 //! Differences in sentences for people, and how much was compared.
 
 use hprm::trace::Described;
-use hprm::trace::line::{At, How, Outcome, Read, Reason, Schedule, Set, Which};
+use hprm::trace::line::{At, How, Read, Reason, Schedule, ScheduleOutcome, Set, Which};
 
 use super::compare::{Comparison, Difference, Divergence};
 
@@ -139,12 +139,14 @@ fn values_of(values: [Option<&Described>; 2], does: &str, does_not: &str) -> [St
     })
 }
 
-fn outcome(outcome: Outcome) -> String {
+fn outcome(outcome: ScheduleOutcome) -> String {
     match outcome {
-        Outcome::At(at) => format!("for {}", moment(at)),
-        Outcome::Not(Reason::Dropped) => "in vain, too close to the event before".to_owned(),
-        Outcome::Not(Reason::AfterStop) => "for after the end".to_owned(),
-        Outcome::Not(Reason::Suspended) => "for when its mode is active".to_owned(),
+        ScheduleOutcome::At(at) => format!("for {}", moment(at)),
+        ScheduleOutcome::Not(Reason::Dropped) => {
+            "in vain, too close to the event before".to_owned()
+        }
+        ScheduleOutcome::Not(Reason::AfterStop) => "for after the end".to_owned(),
+        ScheduleOutcome::Not(Reason::Suspended) => "for when its mode is active".to_owned(),
     }
 }
 

@@ -73,7 +73,7 @@ impl Stage {
         self.event(Observation::Rti(event));
     }
 
-    fn exits(&mut self, federate: FederateId, how: Ending) {
+    fn exits(&mut self, federate: FederateId, how: FederateEnding) {
         self.event(Observation::Ended { federate, how });
     }
 
@@ -129,10 +129,10 @@ const KILL: i32 = Signal::KILL.0;
 #[test]
 fn all_is_well_once_all_federates_and_the_rti_have_ended() {
     let mut stage = Stage::running();
-    stage.exits(A, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
     stage.pass(60_000);
     assert_eq!(stage.outcome(), None, "a federate may leave long before the others");
-    stage.exits(B, Ending::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     assert_eq!(stage.outcome(), None, "the RTI may still tell of a failure");
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
@@ -142,8 +142,8 @@ fn all_is_well_once_all_federates_and_the_rti_have_ended() {
 #[test]
 fn an_rti_that_does_not_end_is_not_waited_for() {
     let mut stage = Stage::running();
-    stage.exits(A, Ending::Code(0));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.pass(499);
     assert_eq!(stage.outcome(), None);
     stage.pass(1);
@@ -154,9 +154,9 @@ fn an_rti_that_does_not_end_is_not_waited_for() {
 fn the_first_failure_is_reported_and_what_follows_is_not() {
     let mut stage = Stage::running();
     stage.fails(B, "reaction Main.b.1 raised ValueError: no", 1);
-    stage.exits(A, Ending::Code(1));
+    stage.exits(A, FederateEnding::Code(1));
     assert!(stage.reports.is_empty(), "the exit status of b is not known yet");
-    stage.exits(B, Ending::Code(1));
+    stage.exits(B, FederateEnding::Code(1));
     stage.reported_once("federate b: reaction Main.b.1 raised ValueError: no");
     assert_eq!(stage.outcome(), Some(1));
     assert!(stage.sent.is_empty());
@@ -165,10 +165,10 @@ fn the_first_failure_is_reported_and_what_follows_is_not() {
 #[test]
 fn a_consequence_seen_first_is_not_the_cause() {
     let mut stage = Stage::running();
-    stage.exits(A, Ending::Code(1));
+    stage.exits(A, FederateEnding::Code(1));
     stage.pass(100);
     stage.fails(B, "", 3);
-    stage.exits(B, Ending::Code(3));
+    stage.exits(B, FederateEnding::Code(3));
     stage.reported_once("federate b exited with code 3");
     assert_eq!(stage.outcome(), Some(3));
 }
@@ -181,11 +181,11 @@ fn a_killed_federate_is_told_from_a_lost_link() {
             stage.fails(B, "its process ended before its last tag", 1);
             stage.pass(10);
         }
-        stage.exits(B, Ending::Signal(Signal::KILL));
+        stage.exits(B, FederateEnding::Signal(Signal::KILL));
         if !rti_first {
             stage.fails(B, "its process ended before its last tag", 1);
         }
-        stage.exits(A, Ending::Code(1));
+        stage.exits(A, FederateEnding::Code(1));
         stage.reported_once("federate b was killed by signal 9 (SIGKILL)");
         assert_eq!(stage.outcome(), Some(1));
     }
@@ -197,7 +197,7 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
     stage.fails(B, "bad", 4);
     stage.pass(500);
     stage.reported_once("federate b: bad");
-    stage.exits(A, Ending::Code(1));
+    stage.exits(A, FederateEnding::Code(1));
     stage.pass(1_999);
     assert_eq!(stage.sent, []);
     stage.pass(1);
@@ -205,7 +205,7 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
     stage.pass(1_000);
     assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
     assert!(stage.reports[1].contains("killed what did not end by itself: b"));
-    stage.exits(B, Ending::Signal(Signal::KILL));
+    stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.reports.len(), 2, "the end that was ordered is no news");
     assert_eq!(stage.outcome(), Some(4));
 }
@@ -213,7 +213,7 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
 #[test]
 fn an_end_without_a_word_is_a_failure_after_the_grace() {
     let mut stage = Stage::running();
-    stage.exits(B, Ending::Code(3));
+    stage.exits(B, FederateEnding::Code(3));
     stage.pass(499);
     assert!(stage.reports.is_empty());
     stage.pass(1);
@@ -224,11 +224,11 @@ fn an_end_without_a_word_is_a_failure_after_the_grace() {
 fn before_the_start_the_others_are_ended_at_once() {
     let mut stage = Stage::empty();
     stage.rti(RtiEvent::Joined(A));
-    stage.exits(B, Ending::Code(3));
+    stage.exits(B, FederateEnding::Code(3));
     stage.pass(500);
     stage.reported_once("federate b exited with code 3 before it joined");
     assert_eq!(stage.sent, [(TERM, A)]);
-    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!(stage.reports.len(), 1);
     assert_eq!(stage.outcome(), Some(3));
 }
@@ -237,10 +237,10 @@ fn before_the_start_the_others_are_ended_at_once() {
 fn leaving_before_joining_is_a_failure_even_with_code_zero() {
     let mut stage = Stage::empty();
     stage.rti(RtiEvent::Joined(A));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.pass(500);
     stage.reported_once("federate b exited with code 0 before it joined");
-    stage.exits(A, Ending::Signal(Signal::TERMINATE));
+    stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!(stage.outcome(), Some(1));
 }
 
@@ -249,10 +249,10 @@ fn leaving_after_joining_is_a_failure_too_if_the_others_have_not_joined() {
     let mut stage = Stage::empty();
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Left(A));
-    stage.exits(A, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
     stage.pass(500);
     stage.reported_once("federate a exited with code 0 before its last tag");
-    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!(stage.outcome(), Some(1));
 }
 
@@ -264,8 +264,8 @@ fn a_federate_that_has_left_and_joined_again_is_not_missed() {
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Joined(B));
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
-    stage.exits(A, Ending::Code(0));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.pass(500);
     assert_eq!(stage.reports.len(), 0);
     assert_eq!(stage.outcome(), Some(0));
@@ -274,8 +274,8 @@ fn a_federate_that_has_left_and_joined_again_is_not_missed() {
 #[test]
 fn news_of_joining_may_come_after_the_end() {
     let mut stage = Stage::empty();
-    stage.exits(A, Ending::Code(0));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Joined(B));
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
@@ -300,8 +300,8 @@ fn an_interrupt_stops_in_order() {
     let mut stage = Stage::running();
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
-    stage.exits(A, Ending::Code(0));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(130));
     assert!(stage.reports.is_empty());
@@ -311,14 +311,14 @@ fn an_interrupt_stops_in_order() {
 fn a_second_interrupt_kills() {
     let mut stage = Stage::running();
     stage.event(Observation::Signal(Signal::INTERRUPT));
-    stage.exits(A, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
     // The same one, by another way.
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
     stage.pass(100);
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
-    stage.exits(B, Ending::Signal(Signal::KILL));
+    stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(130));
     assert!(stage.reports.is_empty());
 }
@@ -347,7 +347,7 @@ fn an_orderly_stop_takes_five_seconds_at_most() {
 fn an_interrupt_may_reach_the_federates_too() {
     let mut stage = Stage::running();
     stage.event(Observation::Signal(Signal::INTERRUPT));
-    let interrupted = || Ending::Code(Signal::INTERRUPT.exit_code());
+    let interrupted = || FederateEnding::Code(Signal::INTERRUPT.exit_code());
     stage.exits(A, interrupted());
     stage.exits(B, interrupted());
     stage.event(Observation::RtiEnded(Ok(())));
@@ -367,8 +367,8 @@ fn a_failure_while_stopping_is_reported_but_the_interrupt_counts() {
     let mut stage = Stage::running();
     stage.event(Observation::Signal(Signal::INTERRUPT));
     stage.fails(A, "shutdown raised ValueError", 1);
-    stage.exits(A, Ending::Code(1));
-    stage.exits(B, Ending::Code(1));
+    stage.exits(A, FederateEnding::Code(1));
+    stage.exits(B, FederateEnding::Code(1));
     stage.reported_once("federate a: shutdown raised ValueError");
     assert_eq!(stage.outcome(), Some(130));
 }
@@ -377,10 +377,10 @@ fn a_failure_while_stopping_is_reported_but_the_interrupt_counts() {
 fn an_interrupt_after_a_failure_kills_and_keeps_the_code() {
     let mut stage = Stage::running();
     stage.fails(A, "", 3);
-    stage.exits(A, Ending::Code(3));
+    stage.exits(A, FederateEnding::Code(3));
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
-    stage.exits(B, Ending::Signal(Signal::KILL));
+    stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(3));
 }
 
@@ -390,8 +390,8 @@ fn an_interrupt_before_the_start_ends_all_at_once() {
     stage.rti(RtiEvent::Joined(A));
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
-    stage.exits(A, Ending::Signal(Signal::TERMINATE));
-    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
+    stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!(stage.outcome(), Some(130));
     assert!(stage.reports.is_empty());
 }
@@ -402,8 +402,8 @@ fn a_broken_pipe_is_not_a_second_interrupt() {
     stage.event(Observation::Signal(Signal::BROKEN_PIPE));
     stage.event(Observation::Signal(Signal::BROKEN_PIPE));
     assert_eq!((stage.stops, stage.sent.len()), (1, 0));
-    stage.exits(A, Ending::Code(0));
-    stage.exits(B, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(141));
 }
@@ -420,8 +420,8 @@ fn output_that_cannot_be_written_is_one_failure() {
     stage.reported_once("the disk is full");
     stage.pass(2_000);
     assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
-    stage.exits(A, Ending::Signal(Signal::TERMINATE));
-    stage.exits(B, Ending::Signal(Signal::TERMINATE));
+    stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
+    stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1));
 }
 
@@ -430,8 +430,8 @@ fn the_end_of_the_rti_explains_the_end_of_the_others() {
     let mut stage = Stage::running();
     let failure = Failure::System { message: "no descriptor left".to_owned(), hint: None };
     stage.event(Observation::RtiEnded(Err(failure)));
-    stage.exits(A, Ending::Code(1));
-    stage.exits(B, Ending::Code(1));
+    stage.exits(A, FederateEnding::Code(1));
+    stage.exits(B, FederateEnding::Code(1));
     stage.pass(500);
     stage.reported_once("no descriptor left");
     assert_eq!(stage.outcome(), Some(1));
@@ -455,7 +455,7 @@ fn a_transient_federate_need_not_join() {
     stage.pass(40_000);
     assert!(stage.reports.is_empty());
     for federate in [B, A] {
-        stage.exits(federate, Ending::Code(0));
+        stage.exits(federate, FederateEnding::Code(0));
     }
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
@@ -466,7 +466,7 @@ fn a_transient_federate_fails_alone() {
     let mut stage = without_the_transient();
     stage.rti(dropped("no", 7));
     assert!(stage.reports.is_empty());
-    stage.exits(B, Ending::Code(7));
+    stage.exits(B, FederateEnding::Code(7));
     stage.reported_once("federate b: no");
     stage.pass(10_000);
     assert!(stage.sent.is_empty() && stage.stops == 0);
@@ -474,7 +474,7 @@ fn a_transient_federate_fails_alone() {
     stage.rti(dropped("no again", 1));
     stage.pass(500);
     assert_eq!(stage.reports.len(), 2);
-    stage.exits(A, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(7));
 }
@@ -482,10 +482,10 @@ fn a_transient_federate_fails_alone() {
 #[test]
 fn an_end_of_a_transient_federate_without_a_word_is_told_after_the_grace() {
     let mut stage = without_the_transient();
-    stage.exits(B, Ending::Signal(Signal::KILL));
+    stage.exits(B, FederateEnding::Signal(Signal::KILL));
     stage.pass(499);
     assert!(stage.reports.is_empty());
-    stage.exits(A, Ending::Code(0));
+    stage.exits(A, FederateEnding::Code(0));
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), None);
     stage.pass(1);
@@ -497,7 +497,7 @@ fn an_end_of_a_transient_federate_without_a_word_is_told_after_the_grace() {
 fn threads_that_do_not_end_end_with_the_process() {
     let mut stage = Stage::threads();
     stage.start();
-    stage.exits(A, Ending::Failed(Box::new(said("no", 3).of("a"))));
+    stage.exits(A, FederateEnding::Failed(Box::new(said("no", 3).of("a"))));
     stage.pass(500);
     stage.reported_once("federate a: no");
     stage.pass(1_999);
@@ -511,10 +511,10 @@ fn threads_that_do_not_end_end_with_the_process() {
 #[test]
 fn threads_have_time_to_end_before_the_start_too() {
     let mut stage = Stage::threads();
-    stage.exits(A, Ending::Failed(Box::new(said("no", 1).of("a"))));
+    stage.exits(A, FederateEnding::Failed(Box::new(said("no", 1).of("a"))));
     stage.pass(500);
     assert_eq!(stage.outcome(), None);
-    stage.exits(B, Ending::Failed(Box::new(said("federate a has failed", 1).of("a"))));
+    stage.exits(B, FederateEnding::Failed(Box::new(said("federate a has failed", 1).of("a"))));
     assert_eq!(stage.outcome(), Some(1));
     stage.reported_once("federate a: no");
 }

@@ -1,8 +1,8 @@
 //! Why a federation failed, in words and as an exit code.
 //!
-//! Two witnesses tell of a federate's end: the RTI, which has its report or has lost its link, and the
-//! system, which has its exit status. They make one report. Which federate is to blame, and when enough
-//! has been heard, is decided by the [`supervisor`](super).
+//! Two sources tell how a federate ended: the RTI, which has its report or has lost its link, and the system,
+//! which has its exit status. A verdict makes one report of both. The [`supervisor`](super) decides which
+//! federate has caused the failure, and when it knows enough.
 
 use hprm_core::Nanos;
 
@@ -13,12 +13,12 @@ const SECOND: Nanos = 1_000_000_000;
 
 /// How a federate ended: its process or, with a report, its thread.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Ending {
+pub enum FederateEnding {
     /// By itself, with an exit code.
     Code(i32),
     /// By a signal.
     Signal(Signal),
-    /// By a failure that it has told of.
+    /// By a failure that it has reported.
     Failed(Box<Report>),
 }
 
@@ -38,22 +38,22 @@ impl Verdict {
         name: &str,
         joined: bool,
         heard: Option<&Report>,
-        ending: Option<&Ending>,
+        ending: Option<&FederateEnding>,
     ) -> Self {
         let announced = heard.map(|report| report.code);
         let code = match ending {
-            Some(Ending::Code(code)) if *code != 0 => exit_code(*code),
-            Some(Ending::Signal(_)) => 1,
-            Some(Ending::Failed(report)) => exit_code(report.code),
+            Some(FederateEnding::Code(code)) if *code != 0 => exit_code(*code),
+            Some(FederateEnding::Signal(_)) => 1,
+            Some(FederateEnding::Failed(report)) => exit_code(report.code),
             _ => announced.unwrap_or(1),
         };
         let report = match (ending, heard) {
-            (Some(Ending::Signal(signal)), _) => killed(name, *signal),
-            (Some(Ending::Code(ended)), _) if announced != Some(*ended) => {
+            (Some(FederateEnding::Signal(signal)), _) => killed(name, *signal),
+            (Some(FederateEnding::Code(ended)), _) if announced != Some(*ended) => {
                 exited(name, joined, *ended, heard)
             }
             // The RTI may know no more than that it has lost the federate.
-            (Some(Ending::Failed(report)), heard)
+            (Some(FederateEnding::Failed(report)), heard)
                 if heard.is_none_or(|heard| heard.kind == Kind::Lost) =>
             {
                 report.clone().named()
@@ -148,7 +148,7 @@ mod tests {
     }
 
     /// What is said, and with which exit code.
-    fn verdict(heard: Option<&Report>, ending: Option<Ending>) -> (String, i32) {
+    fn verdict(heard: Option<&Report>, ending: Option<FederateEnding>) -> (String, i32) {
         let Verdict { report, code } = Verdict::on_federate("b", true, heard, ending.as_ref());
         assert_eq!(report.code, code);
         assert_eq!(report.federate.as_deref(), Some("b"));
@@ -159,7 +159,7 @@ mod tests {
     fn a_federate_speaks_for_itself() {
         let said = raised("reaction Main.b.1 raised ValueError: no");
         let expected = "federate b: reaction Main.b.1 raised ValueError: no";
-        for ending in [None, Some(Ending::Code(1))] {
+        for ending in [None, Some(FederateEnding::Code(1))] {
             assert_eq!(verdict(Some(&said), ending.clone()), (expected.to_owned(), 1));
             let report = Verdict::on_federate("b", true, Some(&said), ending.as_ref()).report;
             assert_eq!((report.kind, report.line), (Kind::Reaction, Some(3)));
@@ -169,16 +169,16 @@ mod tests {
     #[test]
     fn an_exit_without_words_is_told_by_its_code() {
         let expected = ("federate b exited with code 3".to_owned(), 3);
-        assert_eq!(verdict(Some(&exit(3)), Some(Ending::Code(3))), expected);
+        assert_eq!(verdict(Some(&exit(3)), Some(FederateEnding::Code(3))), expected);
         assert_eq!(verdict(Some(&exit(3)), None), expected);
-        assert_eq!(verdict(None, Some(Ending::Code(3))), expected);
+        assert_eq!(verdict(None, Some(FederateEnding::Code(3))), expected);
         // It has said another code than the one that it ended with.
-        assert_eq!(verdict(Some(&exit(4)), Some(Ending::Code(3))), expected);
+        assert_eq!(verdict(Some(&exit(4)), Some(FederateEnding::Code(3))), expected);
     }
 
     #[test]
     fn a_signal_explains_a_lost_link() {
-        let (said, code) = verdict(Some(&lost()), Some(Ending::Signal(Signal(11))));
+        let (said, code) = verdict(Some(&lost()), Some(FederateEnding::Signal(Signal(11))));
         assert_eq!((said.as_str(), code), ("federate b was killed by signal 11 (SIGSEGV)", 1));
         // Without a status there is only what the RTI saw, and it names the federate already.
         let (said, _) = verdict(Some(&lost()), None);
@@ -188,16 +188,16 @@ mod tests {
     #[test]
     fn witnesses_that_differ_are_both_heard() {
         let said = Report::new(Kind::Link, "its link is broken").of("b");
-        let (told, code) = verdict(Some(&said), Some(Ending::Code(3)));
+        let (told, code) = verdict(Some(&said), Some(FederateEnding::Code(3)));
         assert_eq!((told.as_str(), code), ("federate b exited with code 3: its link is broken", 3));
-        let (told, code) = verdict(Some(&said), Some(Ending::Code(0)));
+        let (told, code) = verdict(Some(&said), Some(FederateEnding::Code(0)));
         let expected = "federate b exited with code 0 before its last tag: its link is broken";
         assert_eq!((told.as_str(), code), (expected, 1));
     }
 
     #[test]
     fn a_thread_tells_of_its_failure_itself() {
-        let failed = Ending::Failed(Box::new(Report { code: 3, ..raised("no").of("b") }));
+        let failed = FederateEnding::Failed(Box::new(Report { code: 3, ..raised("no").of("b") }));
         let expected = ("federate b: no".to_owned(), 3);
         assert_eq!(verdict(None, Some(failed.clone())), expected);
         // That its link has ended is a consequence.
@@ -207,14 +207,14 @@ mod tests {
 
     #[test]
     fn what_the_exit_code_tells_is_not_told_twice() {
-        let (said, _) = verdict(Some(&lost()), Some(Ending::Code(4)));
+        let (said, _) = verdict(Some(&lost()), Some(FederateEnding::Code(4)));
         assert_eq!(said, "federate b exited with code 4");
     }
 
     #[test]
     fn no_failure_has_exit_code_zero() {
         for code in [0, -1, 256, i32::MIN] {
-            assert_eq!(verdict(None, Some(Ending::Code(code))).1, 1);
+            assert_eq!(verdict(None, Some(FederateEnding::Code(code))).1, 1);
             let heard = Report { code, ..lost() };
             let failure = Failure::Federate(Box::new(heard));
             assert_eq!(Verdict::on_rti(&failure).code, 1);
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn before_joining_the_output_tells_more() {
-        let report = Verdict::on_federate("b", false, None, Some(&Ending::Code(3))).report;
+        let report = Verdict::on_federate("b", false, None, Some(&FederateEnding::Code(3))).report;
         assert_eq!(report.message, "federate b exited with code 3 before it joined");
         assert!(report.hint.as_ref().is_some_and(|hint| hint.contains("hprm doctor")));
     }

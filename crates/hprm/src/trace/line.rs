@@ -25,11 +25,11 @@ pub fn at(tag: Tag) -> At {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Line {
-    /// The first.
+    /// The first line.
     Header(Header),
-    /// The last.
+    /// The last line.
     End(End),
-    /// Any between them.
+    /// Any line between them.
     Entry(Entry),
 }
 
@@ -121,7 +121,7 @@ pub struct Schedule {
     /// Its full name.
     pub action: String,
     /// What became of that.
-    pub at: Outcome,
+    pub at: ScheduleOutcome,
     /// Whether the clock decides on its tag.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub physical: bool,
@@ -133,7 +133,7 @@ pub struct Schedule {
 /// What became of a call to schedule an action.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum Outcome {
+pub enum ScheduleOutcome {
     /// It will be present.
     At(At),
     /// It will not, or it is not known when.
@@ -177,7 +177,7 @@ pub struct End {
     /// The last tag. It is complete if the run ended in order.
     pub end: At,
     /// Whether it did.
-    pub outcome: Ending,
+    pub outcome: RunEnding,
     /// Why not, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
@@ -192,10 +192,10 @@ pub struct End {
     pub early: bool,
 }
 
-/// How a run ends, from good to bad.
+/// How a run ended, from good to bad.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Ending {
+pub enum RunEnding {
     /// At its last tag.
     Done,
     /// At its last tag, which the user chose.
@@ -222,7 +222,7 @@ impl From<Body> for Which {
     }
 }
 
-impl From<Scheduled> for Outcome {
+impl From<Scheduled> for ScheduleOutcome {
     fn from(scheduled: Scheduled) -> Self {
         match scheduled {
             Scheduled::At(tag) => Self::At(at(tag)),
@@ -273,7 +273,7 @@ mod tests {
             let line: Line = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&line).unwrap(), text);
         }
-        assert_eq!(entry(&full).schedules[1].at, Outcome::Not(Reason::AfterStop));
+        assert_eq!(entry(&full).schedules[1].at, ScheduleOutcome::Not(Reason::AfterStop));
     }
 
     #[test]

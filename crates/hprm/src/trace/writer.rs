@@ -12,7 +12,7 @@ use hprm_core::{
     Tag,
 };
 
-use super::line::{End, Ending, Enter, Entry, Header, Line, Read, Schedule, Set, VERSION, at};
+use super::line::{End, Enter, Entry, Header, Line, Read, RunEnding, Schedule, Set, VERSION, at};
 use super::{Described, Draft};
 use crate::{Failure, Host};
 
@@ -100,10 +100,10 @@ impl Trace {
         outcome: &Result<(), Failure>,
     ) -> Result<(), Failure> {
         let (ending, message) = match outcome {
-            Ok(()) => (Ending::Done, None),
-            Err(Failure::Left) => (Ending::Left, None),
-            Err(Failure::Interrupted { .. }) => (Ending::Interrupted, None),
-            Err(failure) => (Ending::Failed, Some(failure.to_string())),
+            Ok(()) => (RunEnding::Done, None),
+            Err(Failure::Left) => (RunEnding::Left, None),
+            Err(Failure::Interrupted { .. }) => (RunEnding::Interrupted, None),
+            Err(failure) => (RunEnding::Failed, Some(failure.to_string())),
         };
         let end = End {
             end: at(scheduler.tag().max(Tag::START)),
