@@ -37,6 +37,7 @@ CLEANED_UP = (
     "crates/hprm-lf/",
     "crates/hprm-python/",
     "crates/hprm-store/",
+    "crates/hprm/",
     "docs/",
     "python/",
     "tests/lf/",

@@ -1,7 +1,7 @@
 //! The physical clock of this process. The only place that reads one.
 //!
-//! In a federate on another host than the RTI it is led to the RTI's time. How far the two are apart
-//! is found out in `hprm_federated::ClockSync`.
+//! In a federate on another host than the RTI, the clock follows the time of the RTI.
+//! `hprm_federated::ClockSync` finds out how far the two are apart.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{LazyLock, PoisonError, RwLock};

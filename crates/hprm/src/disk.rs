@@ -1,4 +1,4 @@
-//! Files for the front end, which itself opens none: their text, what lies in a folder, and where
+//! Files for the front end, which opens no file itself: their text, what lies in a folder, and where
 //! packages are.
 
 use std::collections::BTreeMap;

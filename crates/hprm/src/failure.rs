@@ -43,10 +43,10 @@ pub enum Failure {
         /// As the program has named it.
         code: i32,
     },
-    /// The program has chosen its last words.
+    /// The program has ended itself with a text.
     #[error("{said}")]
     Quit {
-        /// These.
+        /// The text.
         said: String,
     },
     /// Code of the program cannot go on.
@@ -314,7 +314,7 @@ impl Failure {
         }
     }
 
-    /// Whether the user needs no report: the end is as it was asked for, or another process reports it.
+    /// Whether the user needs no report: the program ended as asked, or another process reports the failure.
     #[must_use]
     pub fn is_quiet(&self) -> bool {
         matches!(
@@ -373,7 +373,7 @@ impl Raised {
     }
 }
 
-/// What of a failure's code the system can carry, and nothing takes for success.
+/// The exit code for the code of a failure: one that the system can carry, and that does not mean success.
 #[must_use]
 pub fn exit_code(code: i32) -> i32 {
     if (1..=255).contains(&code) { code } else { 1 }

@@ -5,16 +5,16 @@
 //!     yes: run the tag, hand its messages to the machine;  no: write, then wait
 //! ```
 //!
-//! The loop owns the links, the store and the clock, and decides nothing: the scheduler says what
-//! is next, and the federate's machine whether it may be begun.
+//! The loop owns the links, the store and the clock, and decides nothing: the scheduler says which tag is next,
+//! and the federate's machine whether that tag may begin.
 
+mod links;
 mod membership;
 mod objects;
 mod pace;
 mod reach;
 mod search;
 mod time;
-mod wires;
 
 use std::mem;
 use std::sync::Arc;
@@ -24,22 +24,22 @@ use hprm_core::{
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
+use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
 use crate::trace::Trace;
-use crate::wire::Network;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
 pub use membership::FederateOptions;
 pub use reach::Reach;
 
+use links::LinkSerial;
 use membership::Membership;
 use objects::Changes;
 use pace::{LINGER, Pace, Used};
-use wires::LineId;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
-/// that all federates load at the same time, and the RTI hears of whatever fails from then on.
+/// that all federates load at the same time, and the federate reports any failure from then on to the RTI.
 ///
 /// # Errors
 ///
@@ -134,22 +134,22 @@ where
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
     workers: Workers<H::Value>,
-    /// The clock, as this round of the loop has read it.
+    /// The time at which this round of the loop has read the clock.
     now: PhysicalTime,
     inbox: &'a Inbox<H::Value>,
     host: H,
     federation: Membership,
-    /// Where the values of messages are, if the federation is in this process.
+    /// Holds the values of messages, if the federation is in this process.
     exchange: Option<ValueExchange<H::Value>>,
     phase: Phase,
-    /// Whether the machine knows that this federate could start.
+    /// Whether the machine knows that this federate is ready to start.
     loaded: bool,
     interrupted: bool,
-    /// What has come from links. Empty, but with room.
-    inputs: Vec<(LineId, Input)>,
-    /// When the links were last looked at: what had come by then has been read.
+    /// What has come over links. Empty between rounds; its memory is used again.
+    inputs: Vec<(LinkSerial, Input)>,
+    /// When the loop last looked at the links: it has read what had come by then.
     looked_at: PhysicalTime,
-    /// Whether messages may wait for more.
+    /// Decides whether messages may wait for more of them.
     pace: Pace,
 }
 
@@ -173,8 +173,8 @@ where
         let mut moved = false;
         while self.phase != Phase::Done {
             self.compare_clocks();
-            // Before the inbox: whatever is scheduled from now on has a later time, so what the
-            // machine promises the others by this reading stays true.
+            // Before the inbox: an action that is scheduled from now on has a later time, so what the machine
+            // promises to other federates by this reading of the clock stays true.
             let before = mem::replace(&mut self.now, Clock::now());
             if moved {
                 self.pace.took(self.now.since(before), Used::by_this_thread);
@@ -197,7 +197,7 @@ where
         Ok(())
     }
 
-    /// Ends well or badly, so that the others know which.
+    /// Ends in order or with a failure, and tells the federation which.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         let traced = self.end_trace(&outcome);
         match outcome.and(traced) {
@@ -209,12 +209,12 @@ where
                 }
             }
             Err(Failure::Left) => {
-                // The program chose to leave: for the others that is an ordinary end.
+                // The program chose to leave: for other federates that is an ordinary end.
                 let ended = self.handle(Input::Leave);
                 self.federation.say_goodbye();
                 ended
             }
-            // Python's exception does not tell which signal it was.
+            // The exception of Python does not tell which signal it was.
             Err(Failure::Interrupted { .. }) => {
                 let interruption = self.interruption();
                 Err(self.federation.fail(interruption))
@@ -238,9 +238,9 @@ where
     fn read_links(&mut self) -> Result<(), Failure> {
         let mut inputs = mem::take(&mut self.inputs);
         self.federation.read(&mut inputs)?;
-        for (line, input) in inputs.drain(..) {
+        for (serial, input) in inputs.drain(..) {
             match input {
-                input if self.federation.wires.is_past(line, &input) => {}
+                input if self.federation.links.is_past(serial, &input) => {}
                 Input::FromRti(frame @ Frame::ClockReply { .. }) => {
                     if self.federation.time.answered(&frame) {
                         self.now = Clock::now();
@@ -254,11 +254,12 @@ where
     }
 
     fn compare_clocks(&mut self) {
-        let Membership { time, wires, .. } = &mut self.federation;
-        time.ask(wires);
+        let Membership { time, links, .. } = &mut self.federation;
+        time.ask(links);
     }
 
-    /// Says once that this federate could start: what it says is by a clock that is right.
+    /// Tells the machine once that this federate is ready to start; only after the clock has been set right,
+    /// because the machine sends times of that clock.
     fn get_ready(&mut self) -> Result<(), Failure> {
         if self.loaded || !self.federation.time.is_settled() {
             return Ok(());
@@ -270,7 +271,8 @@ where
     fn read_inbox(&mut self) -> Result<(), Failure> {
         let mut stop = self.inbox.take_stop()?;
         if self.host.interrupted() {
-            // To stop in order needs the other federates; a second interrupt does not wait for them.
+            // An orderly stop needs the other federates; after a second interrupt this one does not wait for
+            // them.
             if self.interrupted || self.phase == Phase::Joining {
                 return Err(self.interruption());
             }
@@ -280,7 +282,7 @@ where
         let is_running = matches!(self.phase, Phase::Running | Phase::Processing);
         if is_running && self.inbox.has_requests() {
             for request in self.inbox.take_requests() {
-                // Its time may have been read from a clock that was still ahead.
+                // The time of the request may come from a clock that was still ahead.
                 let at = request.at.min(Clock::now());
                 self.scheduler.schedule(request.action, request.extra, request.value, at);
             }
@@ -300,7 +302,7 @@ where
         Ok(())
     }
 
-    /// Tells owners of objects that nothing here refers to them any more.
+    /// Tells the owners of objects which of them this federate does not use any more.
     fn send_releases(&mut self) -> Result<(), Failure> {
         for (owner, serials) in self.federation.objects.dropped() {
             self.handle(Input::Release { owner, serials })?;
@@ -308,7 +310,7 @@ where
         Ok(())
     }
 
-    /// Runs the next tag if it may be begun. Returns whether it did.
+    /// Runs the next tag if it may begin. Returns whether it did.
     fn step(&mut self) -> Result<bool, Failure> {
         self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         let tag = self.scheduler.next_tag();
@@ -321,12 +323,12 @@ where
         }
         if self.should_look(tag) {
             self.looked_at = self.now;
-            if self.federation.wires.look(self.inbox).news {
+            if self.federation.links.look(self.inbox).readable {
                 // Perhaps a message for this tag, or an earlier one.
                 return Ok(true);
             }
         }
-        if !self.pace.may_linger(self.now) || self.federation.wires.have_much_to_write() {
+        if !self.pace.may_linger(self.now) || self.federation.links.have_much_to_write() {
             self.flush();
         }
         tracing::trace!("begins tag {tag}");
@@ -337,9 +339,9 @@ where
         self.go_on()
     }
 
-    /// Whether something may have come that is to be read before a tag begins. What had come when the
-    /// tag became safe is there if it was safe when the links were looked at; but other requests to this
-    /// federate must not wait for long either.
+    /// Whether something may have come that the loop must read before a tag begins. If the tag was already safe
+    /// when the loop last looked at the links, it has read all that had come when the tag became safe; but
+    /// other requests to this federate must not wait for long either.
     fn should_look(&self, tag: Tag) -> bool {
         let was_safe = tag.due(self.scheduler.start_time()) <= self.looked_at
             && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
@@ -348,10 +350,10 @@ where
 
     fn flush(&mut self) {
         self.pace.flushed(self.now);
-        self.federation.wires.flush();
+        self.federation.links.flush();
     }
 
-    /// Runs the rest of the current tag as far as it may. Returns whether that was all.
+    /// Runs the rest of the current tag as far as the machine permits. Returns false if it has to wait.
     fn go_on(&mut self) -> Result<bool, Failure> {
         while self.federation.machine.is_stepwise() {
             let level = self.scheduler.next_level();
@@ -361,9 +363,10 @@ where
                 return Ok(false);
             }
             if self.federation.machine.may_pass(level, self.looked_at) != Permission::Granted {
-                // Time has made it safe, so what had come by then is to be read before.
+                // The passing of time has made the level safe, so the loop must first read what had come by
+                // then.
                 self.looked_at = now;
-                if self.federation.wires.look(self.inbox).news {
+                if self.federation.links.look(self.inbox).readable {
                     return Ok(true);
                 }
             }
@@ -384,7 +387,7 @@ where
         if self.scheduler.take_stop_request() {
             self.handle(Input::RequestStop)?;
         }
-        // Before anything else is said of what is next.
+        // Before the machine hears of the next event.
         if self.scheduler.take_departure() && !last {
             self.handle(Input::Depart)?;
         }
@@ -396,7 +399,7 @@ where
     }
 
     fn send_all(&mut self) -> Result<(), Failure> {
-        // First: a receiver of a message of this tag can then use the memory of earlier ones again.
+        // First: a receiver of a message of this tag can then use the memory of its earlier objects again.
         self.send_releases()?;
         while let Some(message) = self.scheduler.poll_outbound() {
             self.send(message)?;
@@ -408,7 +411,7 @@ where
         let OutboundMessage { channel, tag, value, physical } = message;
         let route = self.scheduler.program().channels[channel];
         let to = route.to;
-        let Membership { machine, objects, wires, .. } = &mut self.federation;
+        let Membership { machine, objects, links, .. } = &mut self.federation;
         if !machine.is_live(to) {
             return Ok(());
         }
@@ -418,9 +421,9 @@ where
             return self.handle(Input::Send { channel, tag, payload });
         }
         let shares_memory = machine.shares_memory_with(to);
-        let near = shares_memory && wires.is_beside(to);
+        let near = shares_memory && links.is_beside(to);
         let payload = self.host.encode(&mut objects.store(), channel, &value, near)?;
-        let (mut payload, changes) = if shares_memory && wires.pass_descriptors(to, route.physical)
+        let (mut payload, changes) = if shares_memory && links.pass_descriptors(to, route.physical)
         {
             let changes = objects.share(&payload, to)?;
             (payload, changes)
@@ -437,7 +440,7 @@ where
         self.handle(Input::Send { channel, tag, payload })
     }
 
-    /// Gives the machine an input, and does what it wants done.
+    /// Gives the machine an input, and carries out its outputs.
     fn handle(&mut self, input: Input) -> Result<(), Failure> {
         let handled = self.federation.machine.handle(self.now, input);
         while let Some(output) = self.federation.machine.poll() {
@@ -447,27 +450,27 @@ where
     }
 
     fn apply(&mut self, output: Output) -> Result<(), Failure> {
-        let Membership { wires, objects, machine, .. } = &mut self.federation;
+        let Membership { links, objects, machine, .. } = &mut self.federation;
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.tell_rti(Report::in_frame(frame), descriptor);
+                links.tell_rti(Report::in_frame(frame), descriptor);
             }
             Output::ToPeer { to, frame } => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                wires.tell_peer(to, frame, descriptor);
+                links.tell_peer(to, frame, descriptor);
             }
             Output::Connect { peer, listen } => {
                 let same_host = machine.shares_memory_with(peer);
                 let hello = machine.peer_hello();
-                let connected = wires.connect_peer(peer, &listen, same_host, hello);
+                let connected = links.connect_peer(peer, &listen, same_host, hello);
                 if let Err(reason) = connected {
                     self.handle(Input::Unreachable { peer, reason })?;
                 }
             }
-            Output::Rejoin => wires.lose_rti()?,
+            Output::Rejoin => links.lose_rti()?,
             Output::Start { at, first } => {
-                wires.become_busy();
+                links.become_busy();
                 self.scheduler.start_late(at, first);
                 self.phase = Phase::Running;
             }
@@ -481,11 +484,11 @@ where
                 let value = self.receive(channel, payload)?;
                 self.scheduler.deliver_physical(channel, Clock::now(), value);
             }
-            Output::Disconnect(peer) => wires.disconnect(peer),
+            Output::Disconnect(peer) => links.disconnect(peer),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
             Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
             Output::Segment { owner, segment, len } => {
-                objects.attach(owner, segment, len, wires.take_descriptor(owner, segment))?;
+                objects.attach(owner, segment, len, links.take_descriptor(owner, segment))?;
             }
             Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
@@ -496,7 +499,8 @@ where
                 if let Failure::Abandoned(report) = &failure {
                     self.host.abandoned(report);
                 }
-                // It was to end anyway, and the others could not wait for it, nor it for them.
+                // An interrupted federate was to end anyway, and neither could it wait for the others, nor the
+                // others for it.
                 return Err(if self.interrupted { self.interruption() } else { failure });
             }
         }
@@ -508,12 +512,12 @@ where
             let me = self.scheduler.program().channels[channel].to;
             let value = exchange
                 .take(me, &payload)
-                .expect("its sender has put it there before the message");
+                .expect("the sender puts the value there before it sends the message");
             return Ok(self.host.take_over(channel, value, Clock::now()));
         }
         let from = self.scheduler.program().channels[channel].from;
-        let Membership { machine, objects, wires, .. } = &mut self.federation;
-        let near = machine.shares_memory_with(from) && wires.is_beside(from);
+        let Membership { machine, objects, links, .. } = &mut self.federation;
+        let near = machine.shares_memory_with(from) && links.is_beside(from);
         let opened = objects.open(&payload)?;
         Ok(self.host.receive(channel, payload, opened, Clock::now(), near))
     }
@@ -527,19 +531,19 @@ where
             self.scheduler.next_tag(),
             self.now
         );
-        let Membership { wires, .. } = &mut self.federation;
+        let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
-        let found = inbox.may_sleep().then(|| self.host.idle(|| wires.wait(inbox, until)));
+        let found = inbox.may_sleep().then(|| self.host.idle(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
         self.looked_at = Clock::now();
         self.pace.waited(self.looked_at);
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
-        let Membership { machine, time, wires, .. } = &self.federation;
+        let Membership { machine, time, links, .. } = &self.federation;
         match self.phase {
             Phase::Joining => {
-                let wakeups = [machine.next_wakeup(), time.next_wakeup(), wires.next_wakeup()];
+                let wakeups = [machine.next_wakeup(), time.next_wakeup(), links.next_wakeup()];
                 return wakeups.into_iter().flatten().min();
             }
             Phase::Done => return None,

@@ -106,7 +106,7 @@ pub trait Host {
         Described::opaque("value")
     }
 
-    /// Where a reaction is written, as `FILE:LINE`, for what is told of it.
+    /// Where a reaction is written, as `FILE:LINE`, for what is reported of it.
     fn place(&self, reaction: ReactionId) -> Option<String> {
         let _ = reaction;
         None

@@ -1,4 +1,4 @@
-//! Running programs: the only room with sockets, threads and clocks.
+//! Running programs: the only place with sockets, threads and clocks.
 //!
 //! The pure crates decide; this one waits, reads, writes and asks. [`run_whole`] runs a program in
 //! one process, [`run_federate`] one federate of it, [`Rti`] coordinates a federation. What a value
@@ -31,7 +31,6 @@ pub mod supervisor;
 pub mod trace;
 mod value_exchange;
 mod wait;
-mod wire;
 mod workers;
 
 pub use app::{

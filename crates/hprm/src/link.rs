@@ -1,10 +1,10 @@
-//! Links: ordered frames in, ordered frames out, and a typed end.
+//! Links: ordered, reliable connections that carry frames, to another process or to another thread.
 //!
-//! A link is a Unix stream socket on one machine, with memory through which the bytes go, and TCP
-//! without Nagle's delay otherwise (paper, section III-C, real-time sockets). Its buffers are allocated once; a message that fits into the
-//! eager limit is read and written without another allocation. It knows frames, not what they mean.
-//! Before the first frame, both ends prove that they belong to the federation (`proof`), unless the
-//! kernel vouches for the other end.
+//! A [`Link`] is one of two kinds. A [`StreamLink`] leads to another process; its transport carries bytes: a
+//! Unix socket with ring buffers, TCP or TLS. A [`QueueLink`] leads to another thread of this process; its
+//! transport is a pair of queues, which carry frames as they are. A [`Network`] is where addresses mean
+//! something, so it makes links of one kind. Under this module are the transports, the handshake, and the
+//! acceptor of new links.
 
 mod acceptor;
 mod address;
@@ -13,67 +13,37 @@ mod ends;
 mod keys;
 mod outbound;
 mod proof;
+mod queue_link;
 mod rings;
 mod socket;
 mod stream;
+mod stream_link;
 mod tls;
 
-use std::collections::VecDeque;
 use std::io;
+use std::net::SocketAddr;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
 
-use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
-use hprm_federated::codec::{CodecError, Decoded, Decoder};
+use hprm_federated::codec::CodecError;
 
 use crate::notifier::Notifier;
-use crate::wait::{Deadline, Interest, wait};
+use crate::wait::Deadline;
 pub(crate) use acceptor::LinkAcceptor;
 pub use address::{Address, AddressError};
 pub(crate) use keys::Keys;
 pub use keys::Security;
-use outbound::Outbound;
 pub(crate) use proof::Purpose;
-use proof::{Handshake, Refused, Role};
-pub(crate) use socket::Listener;
-use socket::Socket;
-use stream::Stream;
+pub(crate) use queue_link::Hub;
+use queue_link::{QueueLink, QueueListener};
+use socket::SocketListener;
+use stream_link::StreamLink;
 pub use tls::TlsFiles;
 
-/// The longest frame of a process that has not joined yet, in bytes.
-const UNPROVED_LIMIT: usize = 4096;
-
-/// The most reads from one link before the others get their turn: a sender that is faster than
-/// this process must not keep it from doing anything else.
+/// The most reads from one link before the loop reads the others: a sender that is faster than this
+/// process must not keep it from doing anything else.
 pub(crate) const READS: usize = 64;
-
-/// One end of a connection to the RTI or to another federate.
-#[derive(Debug)]
-pub(crate) struct Link {
-    stream: Stream,
-    /// What both ends prove to one another, until that is over.
-    handshake: Option<Box<Handshake>>,
-    /// Whether the other end is known to belong to the federation.
-    trusted: bool,
-    /// Whether nothing can be written any more.
-    mute: bool,
-    inbound: Inbound,
-    outbound: Outbound,
-    /// Whether some of a long message has moved.
-    has_moved: bool,
-}
-
-/// Bytes that have arrived and are not frames yet.
-#[derive(Debug)]
-struct Inbound {
-    buffer: Vec<u8>,
-    start: usize,
-    end: usize,
-    /// How many more bytes the frame under way needs, as far as that is known.
-    missing: usize,
-    decoder: Decoder,
-    descriptors: VecDeque<OwnedFd>,
-}
 
 /// Whether the other end is still there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -88,413 +58,309 @@ pub(crate) enum Arrival {
     Closed,
 }
 
-impl Link {
-    /// Connects to a listening address, by the deadline at the latest. What is queued leaves once the
-    /// other end has proved itself; [`Self::establish`] waits for that.
+/// One end of a link to the RTI or to another federate.
+#[derive(Debug)]
+pub(crate) enum Link {
+    Stream(StreamLink),
+    Queue(QueueLink),
+}
+
+/// Accepts links at one address.
+#[derive(Debug)]
+pub(crate) enum LinkListener {
+    Socket(SocketListener, Notifier),
+    Queue(QueueListener),
+}
+
+/// Where addresses mean something, and so where links begin and end.
+#[derive(Clone, Debug)]
+pub(crate) enum Network {
+    /// On this machine, and beyond. Processes that share memory with this one notify it.
+    Sockets(Notifier),
+    /// In this process.
+    Process(Arc<Hub>),
+}
+
+impl Network {
+    /// This machine, and beyond.
+    pub(crate) fn sockets() -> io::Result<Self> {
+        Notifier::new().map(Self::Sockets)
+    }
+
+    /// What processes use to notify this one, with which they share memory.
+    pub(crate) fn notifier(&self) -> Option<&Notifier> {
+        match self {
+            Self::Sockets(notifier) => Some(notifier),
+            Self::Process(_) => None,
+        }
+    }
+
+    /// Connects to an address at which a process listens, by the deadline at the latest.
     pub(crate) fn connect(
+        &self,
         address: &Address,
         purpose: Purpose,
         keys: &Keys,
-        notifier: &Notifier,
         deadline: Deadline,
-    ) -> io::Result<Self> {
-        let socket = Socket::connect(address, deadline)?;
-        let mut link = Self::new(socket, Role::Opener, purpose, keys, notifier)?;
-        link.trust();
-        Ok(link)
+    ) -> io::Result<Link> {
+        match self {
+            Self::Sockets(notifier) => {
+                StreamLink::connect(address, purpose, keys, notifier, deadline).map(Link::Stream)
+            }
+            Self::Process(hub) => hub.connect(address).map(Link::Queue),
+        }
     }
 
-    /// A link that another process has opened, which has not been identified yet.
-    pub(crate) fn accepted(
-        socket: Socket,
-        purpose: Purpose,
-        keys: &Keys,
-        notifier: &Notifier,
-    ) -> io::Result<Self> {
-        Self::new(socket, Role::Acceptor, purpose, keys, notifier)
+    /// Listens at an address.
+    pub(crate) fn listen(&self, address: &Address) -> io::Result<LinkListener> {
+        match self {
+            Self::Sockets(notifier) => SocketListener::bind(address)
+                .map(|listener| LinkListener::Socket(listener, notifier.clone())),
+            Self::Process(hub) => hub.listen(address).map(LinkListener::Queue),
+        }
+    }
+}
+
+impl LinkListener {
+    /// Where it listens; a port of zero has become a real one.
+    pub(crate) fn address(&self) -> &Address {
+        match self {
+            Self::Socket(listener, _) => listener.address(),
+            Self::Queue(listener) => listener.address(),
+        }
     }
 
-    fn new(
-        socket: Socket,
-        role: Role,
-        purpose: Purpose,
-        keys: &Keys,
-        notifier: &Notifier,
-    ) -> io::Result<Self> {
-        let handshake = keys.handshake(&socket, role, purpose)?;
-        Ok(Self {
-            stream: keys.stream(socket, role, notifier)?,
-            handshake: handshake.map(Box::new),
-            trusted: false,
-            mute: false,
-            inbound: Inbound {
-                // A process that has not been identified costs little memory.
-                buffer: vec![0; UNPROVED_LIMIT],
-                start: 0,
-                end: 0,
-                missing: 0,
-                decoder: Decoder::default(),
-                descriptors: VecDeque::new(),
-            },
-            outbound: Outbound::default(),
-            has_moved: false,
-        })
+    /// The next connection, if one waits; the process at its other end is not identified yet.
+    pub(crate) fn accept(&self, purpose: Purpose, keys: &Keys) -> io::Result<Option<Link>> {
+        match self {
+            Self::Socket(listener, notifier) => {
+                while let Some(socket) = listener.accept()? {
+                    // A connection that fails is dropped.
+                    if let Ok(link) = StreamLink::accepted(socket, purpose, keys, notifier) {
+                        return Ok(Some(Link::Stream(link)));
+                    }
+                }
+                Ok(None)
+            }
+            Self::Queue(listener) => Ok(listener.accept().map(Link::Queue)),
+        }
     }
+}
 
+impl AsFd for LinkListener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Socket(listener, _) => listener.as_fd(),
+            Self::Queue(listener) => listener.as_fd(),
+        }
+    }
+}
+
+impl Link {
     /// The other end belongs to the federation.
     pub(crate) fn trust(&mut self) {
-        self.trusted = true;
-        self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
-        self.outbound.prepare();
+        match self {
+            Self::Stream(link) => link.trust(),
+            // All threads of the process belong to the federation.
+            Self::Queue(_) => {}
+        }
     }
 
     /// Whether both ends have proved what they have to.
     pub(crate) fn is_established(&self) -> bool {
-        self.handshake.is_none()
+        match self {
+            Self::Stream(link) => link.is_established(),
+            Self::Queue(_) => true,
+        }
     }
 
     /// Whether the other end is known to be one of the same federation, or at least of the same user.
     pub(crate) fn is_proved(&self) -> bool {
-        self.is_established() || self.is_local()
+        match self {
+            Self::Stream(link) => link.is_proved(),
+            Self::Queue(_) => true,
+        }
     }
 
-    /// Whether the other end has begun to prove that, as far as can be told.
+    /// Whether the other end has begun to prove that, as far as this process can tell.
     pub(crate) fn has_spoken(&self) -> bool {
-        self.handshake.as_ref().is_none_or(|handshake| handshake.is_greeted())
-            || self.stream.has_spoken()
+        match self {
+            Self::Stream(link) => link.has_spoken(),
+            Self::Queue(_) => true,
+        }
+    }
+
+    /// The address of the other end on the network.
+    pub(crate) fn peer_address(&self) -> io::Result<SocketAddr> {
+        match self {
+            Self::Stream(link) => link.peer_address(),
+            Self::Queue(_) => Err(io::ErrorKind::Unsupported.into()),
+        }
     }
 
     /// Waits until both ends have proved what they have to, until the deadline at the latest.
     pub(crate) fn establish(&mut self, deadline: Deadline) -> io::Result<()> {
-        loop {
-            self.flush()?;
-            if self.is_established() {
-                return Ok(());
-            }
-            match self.read()? {
-                Arrival::Bytes | Arrival::Rest => continue,
-                Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
-                Arrival::Nothing => deadline.check()?,
-            }
-            let interest = Interest { fd: self.as_fd(), write: self.has_outbound() };
-            wait(&[interest], Some(deadline.until));
+        match self {
+            Self::Stream(link) => link.establish(deadline),
+            Self::Queue(_) => Ok(()),
         }
     }
 
-    /// Whether both ends are on one host.
+    /// The address of this end on the network.
+    pub(crate) fn local_address(&self) -> io::Result<SocketAddr> {
+        match self {
+            Self::Stream(link) => link.local_address(),
+            Self::Queue(_) => Err(io::ErrorKind::Unsupported.into()),
+        }
+    }
+
+    /// Whether the other end is on this machine, as far as its address tells.
     pub(crate) fn is_within_host(&self) -> bool {
-        let socket = self.stream.socket();
-        let same = |other: std::net::SocketAddr| {
-            socket.local_address().is_ok_and(|here| here.ip() == other.ip())
-        };
-        socket.is_unix() || socket.peer_address().is_ok_and(same)
-    }
-
-    /// The address of the other end, if it is TCP.
-    pub(crate) fn peer_address(&self) -> io::Result<std::net::SocketAddr> {
-        match self.is_local() {
-            true => Err(io::ErrorKind::Unsupported.into()),
-            false => self.stream.socket().peer_address(),
+        match self {
+            Self::Stream(link) => link.is_within_host(),
+            Self::Queue(_) => true,
         }
     }
 
-    /// The address of this end.
-    pub(crate) fn local_address(&self) -> io::Result<std::net::SocketAddr> {
-        self.stream.socket().local_address()
+    /// Whether something has been received that the kernel does not report any more.
+    pub(crate) fn has_unread(&self) -> bool {
+        match self {
+            Self::Stream(link) => link.has_unread(),
+            Self::Queue(_) => false,
+        }
     }
 
-    /// Whether descriptors can travel over this link.
+    /// Whether this process sees what comes in shared memory, without asking the kernel; only the end of the
+    /// peer it does not see there.
+    pub(crate) fn is_in_memory(&self) -> bool {
+        match self {
+            Self::Stream(link) => link.is_in_memory(),
+            // The descriptor of the queue shows it.
+            Self::Queue(_) => false,
+        }
+    }
+
+    /// Announces that this process is about to sleep: from then on a peer that sends something notifies it.
+    /// After the announcement this process must look once more for what has come.
+    pub(crate) fn fall_asleep(&mut self) {
+        match self {
+            Self::Stream(link) => link.fall_asleep(),
+            Self::Queue(_) => {}
+        }
+    }
+
+    /// Announces that this process does not sleep any more.
+    pub(crate) fn wake_up(&mut self) {
+        match self {
+            Self::Stream(link) => link.wake_up(),
+            Self::Queue(_) => {}
+        }
+    }
+
+    /// Whether something is to be written that waits until the descriptor can be written.
+    pub(crate) fn waits_for_socket(&self) -> bool {
+        match self {
+            Self::Stream(link) => link.waits_for_socket(),
+            Self::Queue(link) => link.has_outbound(),
+        }
+    }
+
+    /// Whether the link carries descriptors.
     pub(crate) fn is_local(&self) -> bool {
-        self.stream.socket().is_unix()
-    }
-
-    /// Appends a frame to what is to be written, perhaps with a descriptor.
-    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
-        if !self.mute {
-            self.outbound.queue(frame, descriptor);
+        match self {
+            Self::Stream(link) => link.is_local(),
+            Self::Queue(_) => true,
         }
     }
 
-    /// How many bytes of frames are to be written, unless the other end took no more the last time.
-    pub(crate) fn writable_len(&self) -> usize {
-        self.outbound.writable_len()
+    /// Queues a frame, perhaps with a descriptor that travels with it.
+    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        match self {
+            Self::Stream(link) => link.queue(frame, descriptor),
+            Self::Queue(link) => link.queue(frame, descriptor),
+        }
     }
 
     /// Whether some of a message that is longer than a frame has come or left since this was asked.
     pub(crate) fn take_moved(&mut self) -> bool {
-        std::mem::take(&mut self.has_moved)
+        match self {
+            Self::Stream(link) => link.take_moved(),
+            // A frame is there at once.
+            Self::Queue(_) => false,
+        }
     }
 
-    /// Whether something is to be written, and may be.
+    /// How many bytes are to be written; zero if the other end took no more the last time. Frames to another
+    /// thread have no bytes.
+    pub(crate) fn writable_len(&self) -> usize {
+        match self {
+            Self::Stream(link) => link.writable_len(),
+            Self::Queue(_) => 0,
+        }
+    }
+
+    /// Whether something is still to be written.
     pub(crate) fn has_outbound(&self) -> bool {
-        let more = match &self.handshake {
-            Some(handshake) => !handshake.outbound().is_empty(),
-            None => self.outbound.is_some(),
-        };
-        !self.mute && (more || self.stream.has_outbound())
+        match self {
+            Self::Stream(link) => link.has_outbound(),
+            Self::Queue(link) => link.has_outbound(),
+        }
     }
 
-    /// Whether something is to be written, and can be once the socket takes more. If it is to be
-    /// written into memory, the notifier wakes up the loop then.
-    pub(crate) fn waits_for_socket(&self) -> bool {
-        self.has_outbound() && self.stream.waits_for_socket()
-    }
-
-    /// Whether what comes is seen without asking the system, apart from the other end's end.
-    pub(crate) fn is_in_memory(&self) -> bool {
-        self.stream.is_in_memory()
-    }
-
-    /// Announces that this process is about to sleep: a process that sends something notifies it then. It
-    /// must look once more after that.
-    pub(crate) fn fall_asleep(&mut self) {
-        self.stream.fall_asleep();
-    }
-
-    /// Says that this process does not sleep any more.
-    pub(crate) fn wake_up(&mut self) {
-        self.stream.wake_up();
-    }
-
-    /// Whether something has been received of which the socket knows nothing any more.
-    pub(crate) fn has_unread(&self) -> bool {
-        self.stream.has_unread()
-    }
-
-    /// Writes as much as the socket takes.
+    /// Writes as much as the other end takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
-        if self.mute {
-            self.outbound.clear();
-            return Ok(());
+        match self {
+            Self::Stream(link) => link.flush(),
+            Self::Queue(link) => link.flush(),
         }
-        self.stream.pump()?;
-        self.flush_handshake()?;
-        if !self.is_established() {
-            return Ok(());
-        }
-        self.meet()?;
-        while self.outbound.fill()? {
-            match self.outbound.write(&mut self.stream) {
-                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(_) => self.has_moved |= self.outbound.is_long(),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-        self.outbound.clear();
-        Ok(())
     }
 
-    /// Forgets what was to be written: the other end cannot read it.
+    /// Discards what was to be written.
     pub(crate) fn discard(&mut self) {
-        self.mute = true;
-        self.outbound.clear();
+        match self {
+            Self::Stream(link) => link.discard(),
+            Self::Queue(link) => link.discard(),
+        }
     }
 
     /// Tells the other end that nothing more will come.
     pub(crate) fn finish(&mut self) {
-        // Fails only if the other end is closed already.
-        let _ = self.stream.finish();
+        match self {
+            Self::Stream(link) => link.finish(),
+            Self::Queue(link) => link.finish(),
+        }
     }
 
-    /// Throws away what comes. Returns whether the other end is still open.
+    /// Reads and discards what comes. Returns whether the other end is still open.
     pub(crate) fn is_open(&mut self) -> bool {
-        loop {
-            (self.inbound.start, self.inbound.end) = (0, 0);
-            match self.read() {
-                Ok(Arrival::Bytes | Arrival::Rest) => {}
-                Ok(Arrival::Nothing) => return true,
-                Ok(Arrival::Closed) | Err(_) => return false,
-            }
+        match self {
+            Self::Stream(link) => link.is_open(),
+            Self::Queue(link) => link.is_open(),
         }
-    }
-
-    /// Takes what the other end offers, once it is trusted.
-    fn meet(&mut self) -> io::Result<()> {
-        if self.trusted { self.stream.meet(&mut self.inbound.descriptors) } else { Ok(()) }
-    }
-
-    /// Writes what the handshake has to say, and notices when it is over.
-    fn flush_handshake(&mut self) -> io::Result<()> {
-        let Some(handshake) = &mut self.handshake else { return Ok(()) };
-        while !handshake.outbound().is_empty() {
-            match self.stream.send(handshake.outbound()) {
-                Ok(count) => handshake.sent(count),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-        if handshake.is_over() {
-            self.handshake = None;
-        }
-        Ok(())
-    }
-
-    /// Reads what the handshake wants, and nothing beyond. A refusal is an error, which leaves
-    /// before it is returned.
-    fn read_handshake(&mut self) -> io::Result<Arrival> {
-        let Some(handshake) = &mut self.handshake else { return Ok(Arrival::Bytes) };
-        let mut buffer = [0; proof::LONGEST];
-        let wanted = handshake.wanted();
-        if wanted == 0 {
-            // It waits until its last words have left.
-            self.flush_handshake()?;
-            return Ok(if self.is_established() { Arrival::Bytes } else { Arrival::Nothing });
-        }
-        let received = self.stream.receive(&mut buffer[..wanted], &mut self.inbound.descriptors);
-        let arrival = arrival(received)?;
-        let taken = match arrival {
-            Ok(count) => {
-                let binding = self.stream.binding()?;
-                handshake.take(&buffer[..count], || binding)
-            }
-            Err(arrival) => return Ok(arrival),
-        };
-        if taken == Err(Refused::Encrypted) {
-            // A socket that is closed with bytes unread may take the answer with it.
-            let mut rest = [0; UNPROVED_LIMIT];
-            let _ = self.stream.receive(&mut rest, &mut self.inbound.descriptors);
-        }
-        self.flush_handshake()?;
-        taken.map_err(refused)?;
-        Ok(Arrival::Bytes)
     }
 
     /// Reads once.
     pub(crate) fn read(&mut self) -> io::Result<Arrival> {
-        if self.handshake.is_some() {
-            return self.read_handshake();
+        match self {
+            Self::Stream(link) => link.read(),
+            Self::Queue(link) => Ok(link.read()),
         }
-        self.meet()?;
-        self.inbound.make_room()?;
-        let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
-        let (room, held) = (buffer.len() - *end, descriptors.len());
-        let received = self.stream.receive(&mut buffer[*end..], descriptors);
-        Ok(match arrival(received)? {
-            Ok(count) => {
-                *end += count;
-                // A read ends at a descriptor, too, and at the end of what was encrypted at once.
-                let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
-                if is_rest { Arrival::Rest } else { Arrival::Bytes }
-            }
-            Err(arrival) => arrival,
-        })
     }
 
     /// The next whole frame that has been read, with the descriptor that came with it.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
-        let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;
-        let frame = loop {
-            let (more, of) = match decoder.next(&buffer[*start..*end])? {
-                Decoded::Frame(frame, len) => {
-                    *start += len;
-                    break frame;
-                }
-                Decoded::Part { taken, of } => {
-                    *start += taken;
-                    self.has_moved = true;
-                    (0, of)
-                }
-                Decoded::Missing(more) => (more, *end - *start + more),
-            };
-            let limit = UNPROVED_LIMIT;
-            if !self.trusted && of > limit {
-                return Err(CodecError::TooLong { len: of, limit });
-            }
-            if more > 0 {
-                *missing = more;
-                return Ok(None);
-            }
-        };
-        let descriptor = match frame {
-            Frame::Segment { .. } => {
-                self.stream.receive_descriptor(descriptors);
-                descriptors.pop_front()
-            }
-            _ => None,
-        };
-        Ok(Some((frame, descriptor)))
+        match self {
+            Self::Stream(link) => link.next_frame(),
+            Self::Queue(link) => Ok(link.next_frame()),
+        }
     }
-}
-
-/// How many bytes have come, or what else a read tells.
-fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
-    match received {
-        Ok(0) => Ok(Err(Arrival::Closed)),
-        Ok(count) => Ok(Ok(count)),
-        Err(error) => match error.kind() {
-            io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Err(Arrival::Nothing)),
-            io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe => Ok(Err(Arrival::Closed)),
-            _ => Err(error),
-        },
-    }
-}
-
-/// What is read and written needs memory, which the system may not have.
-fn no_memory(error: CodecError) -> io::Error {
-    io::Error::new(io::ErrorKind::OutOfMemory, error)
-}
-
-fn refused(refused: Refused) -> io::Error {
-    io::Error::new(io::ErrorKind::PermissionDenied, refused)
 }
 
 impl AsFd for Link {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.stream.as_fd()
-    }
-}
-
-impl Inbound {
-    /// Makes sure that a read can bring something: moves what is left to the front, and grows to
-    /// the frame that is under way.
-    fn make_room(&mut self) -> io::Result<()> {
-        if self.start == self.end {
-            (self.start, self.end) = (0, 0);
-            if self.buffer.len() > 4 * EAGER_BUFFER {
-                self.buffer = vec![0; EAGER_BUFFER];
-            }
+        match self {
+            Self::Stream(link) => link.as_fd(),
+            Self::Queue(link) => link.as_fd(),
         }
-        if self.end + self.missing.max(1) > self.buffer.len() {
-            self.buffer.copy_within(self.start..self.end, 0);
-            (self.start, self.end) = (0, self.end - self.start);
-            // No faster than bytes arrive: a process that only claims to send much costs nothing.
-            let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
-            let more = wanted.saturating_sub(self.buffer.len());
-            self.buffer
-                .try_reserve_exact(more)
-                .map_err(|_| CodecError::NoMemory(wanted))
-                .map_err(no_memory)?;
-            self.buffer.resize(self.buffer.len() + more, 0);
-        }
-        Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use hprm_federated::FederationId;
-
-    use super::*;
-
-    #[test]
-    fn a_link_that_cannot_be_written_waits_for_nothing() {
-        let listener = Listener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
-        let keys = Keys::new(FederationId(7), Security::default()).unwrap();
-        let deadline = Deadline::at(crate::Clock::now().plus(10_000_000_000));
-        let notifier = Notifier::new().unwrap();
-        let address = listener.address();
-        let connect = Link::connect(address, Purpose::Messages, &keys, &notifier, deadline);
-        let mut link = connect.unwrap();
-        link.queue(Frame::Resign, None);
-        assert!(link.has_outbound());
-        link.finish();
-        assert!(link.flush().is_err());
-        link.discard();
-        assert!(!link.has_outbound());
-        link.queue(Frame::Resign, None);
-        assert!(link.flush().is_ok() && !link.has_outbound());
     }
 }

@@ -42,7 +42,7 @@ impl AsFd for Notifier {
 impl RemoteNotifier {
     /// The descriptor that the other process has sent.
     pub(crate) fn new(fd: OwnedFd) -> io::Result<Self> {
-        // Whatever it is: a notification must not block.
+        // Whatever descriptor it is: a notification must not block.
         fcntl_setfl(&fd, fcntl_getfl(&fd)? | OFlags::NONBLOCK)?;
         Ok(Self(fd))
     }

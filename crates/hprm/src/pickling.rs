@@ -1,8 +1,8 @@
 //! Which federates may send pickles to which: `HPRM_PICKLE`.
 //!
-//! Reading a pickle runs what its sender likes. A process of the same user on the same machine could
-//! do so anyway; another machine could not. What a pickle is, and what needs none, is the host's
-//! business.
+//! A process that reads a pickle runs any code that the sender has put into it. A process of the same user on
+//! the same machine could run that code anyway; another machine could not. The host decides what a pickle is,
+//! and what needs none.
 
 use std::ffi::OsStr;
 

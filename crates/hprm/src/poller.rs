@@ -1,9 +1,9 @@
-//! How a loop waits for its links: it glances at what has come through memory, then looks for a while
-//! without sleeping, then announces that it sleeps, and does.
+//! How a loop waits for its links: it looks at what has come through shared memory, then busy-polls for a while,
+//! then announces that it sleeps, and sleeps.
 //!
-//! What comes is up to the loops. Reading one link is in [`line`](mod@line).
+//! The loops decide what to do with what comes. Reading one link is in `polled_link`.
 
-mod line;
+mod polled_link;
 
 use std::io;
 use std::os::fd::AsFd;
@@ -12,56 +12,58 @@ use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::Frame;
 
 use crate::Clock;
-use crate::link::LinkAcceptor;
+use crate::link::{Link, LinkAcceptor};
 use crate::notifier::Notifier;
-use crate::wait::{GLANCE, Interest, Interests, Ready, SPIN_GLANCE, wait};
-use crate::wire::Wire;
-pub(crate) use line::{Broken, Line};
+use crate::wait::{
+    Interest, Interests, KERNEL_POLL_INTERVAL, Ready, SPIN_KERNEL_POLL_INTERVAL, wait,
+};
+pub(crate) use polled_link::{Broken, PolledLink};
 
 /// A time that has come, whatever the clock says.
 const NOW: PhysicalTime = PhysicalTime(0);
 
-/// The links of a loop, and the acceptor of new ones.
-pub(crate) trait Watched {
-    /// All links, each time in the same order.
-    fn lines(&self) -> impl Iterator<Item = &Line>;
+/// What a loop polls: its links, and the acceptor of new ones.
+pub(crate) trait PollSet {
+    /// All links, always in the same order.
+    fn polled_links(&self) -> impl Iterator<Item = &PolledLink>;
 
     /// The same, in the same order.
-    fn lines_mut(&mut self) -> impl Iterator<Item = &mut Line>;
+    fn polled_links_mut(&mut self) -> impl Iterator<Item = &mut PolledLink>;
 
-    /// Where links are opened, if they are.
-    fn door(&self) -> Option<&Door>;
-
-    /// The same.
-    fn door_mut(&mut self) -> Option<&mut Door>;
-
-    /// Whether there is something to read, or may be.
-    fn has_news(&self) -> bool {
-        self.door().is_some_and(|door| door.is_ready) || self.lines().any(Line::may_be_read)
-    }
-
-    /// All links themselves.
-    fn wires(&self) -> impl Iterator<Item = &Wire> {
-        self.lines().map(|line| &line.wire)
-    }
+    /// The acceptor of new links, if the loop accepts any.
+    fn acceptor(&self) -> Option<&PolledAcceptor>;
 
     /// The same.
-    fn wires_mut(&mut self) -> impl Iterator<Item = &mut Wire> {
-        self.lines_mut().map(|line| &mut line.wire)
+    fn acceptor_mut(&mut self) -> Option<&mut PolledAcceptor>;
+
+    /// Whether there may be something to read or to accept.
+    fn may_be_readable(&self) -> bool {
+        self.acceptor().is_some_and(|acceptor| acceptor.is_ready)
+            || self.polled_links().any(PolledLink::may_be_read)
+    }
+
+    /// All links, without the state of polling.
+    fn links(&self) -> impl Iterator<Item = &Link> {
+        self.polled_links().map(|polled| &polled.link)
+    }
+
+    /// The same.
+    fn links_mut(&mut self) -> impl Iterator<Item = &mut Link> {
+        self.polled_links_mut().map(|polled| &mut polled.link)
     }
 }
 
 /// An acceptor, and whether there may be a link to accept.
 #[derive(Debug)]
-pub(crate) struct Door {
-    pub(crate) acceptor: LinkAcceptor,
+pub(crate) struct PolledAcceptor {
+    pub(crate) inner: LinkAcceptor,
     is_ready: bool,
 }
 
-impl Door {
-    /// A link may have been opened before this is watched.
+impl PolledAcceptor {
+    /// A peer may have opened a link before the loop polls, so the acceptor is ready at first.
     pub(crate) fn new(acceptor: LinkAcceptor) -> Self {
-        Self { acceptor, is_ready: true }
+        Self { inner: acceptor, is_ready: true }
     }
 
     /// Whether there may be new or pending links.
@@ -69,42 +71,42 @@ impl Door {
         self.is_ready
     }
 
-    /// The links that have come, each with its first frame, by the local time.
+    /// The links whose first frame has come, each with that frame. It is `now` by the local clock.
     ///
     /// # Errors
     ///
-    /// If none can come any more.
-    pub(crate) fn admit(&mut self, now: PhysicalTime) -> io::Result<Vec<(Wire, Frame)>> {
+    /// If no link can be accepted any more.
+    pub(crate) fn admit(&mut self, now: PhysicalTime) -> io::Result<Vec<(Link, Frame)>> {
         self.is_ready = false;
-        self.acceptor.admit(now)
+        self.inner.admit(now)
     }
 }
 
 /// What a wait has brought.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Found {
-    /// Another thread has notified the loop, and the notifier is not cleared yet.
+    /// Another thread has notified the loop, which has not cleared the notifier yet.
     pub(crate) notified: bool,
-    /// Another process has written to shared memory, or has read from it.
-    pub(crate) stirred: bool,
-    /// There is something to read, or may be.
-    pub(crate) news: bool,
+    /// Another process has written to a ring buffer or has read from one, or a socket takes more.
+    pub(crate) peer_activity: bool,
+    /// There may be something to read or to accept.
+    pub(crate) readable: bool,
 }
 
 impl Found {
     fn is_anything(self) -> bool {
-        self.notified || self.stirred || self.news
+        self.notified || self.peer_activity || self.readable
     }
 }
 
-/// What waits for the links of one loop.
+/// Waits for the links of one loop.
 #[derive(Debug)]
 pub(crate) struct Poller {
-    /// By which other processes notify this loop that have written to shared memory.
+    /// What other processes use to notify this loop when they have written to shared memory.
     notifier: Option<Notifier>,
     /// How long to busy-poll before sleeping.
     spin: Nanos,
-    /// When the system was last asked what has come.
+    /// When this poller last asked the kernel what has come.
     asked_at: PhysicalTime,
 }
 
@@ -113,17 +115,20 @@ impl Poller {
         Self { notifier: notifier.cloned(), spin, asked_at: NOW }
     }
 
-    /// Waits until a link is ready, the loop is notified, or `until` has come; for the first nanoseconds,
-    /// perhaps, without going to sleep.
+    /// Waits until a link is ready, the loop is notified, or `until` has come. The poller may busy-poll for
+    /// some time before it sleeps.
     pub(crate) fn wait(
         &mut self,
-        on: &mut impl Watched,
+        on: &mut impl PollSet,
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
-        let in_memory = on.wires().all(Wire::is_in_memory);
-        if in_memory && Clock::local().since(self.asked_at) < GLANCE && on.has_news() {
-            return Found { news: true, ..Found::default() };
+        let in_memory = on.links().all(Link::is_in_memory);
+        if in_memory
+            && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL
+            && on.may_be_readable()
+        {
+            return Found { readable: true, ..Found::default() };
         }
         if self.spin > 0 {
             let give_up = Clock::local().plus(self.spin);
@@ -132,10 +137,10 @@ impl Poller {
                 if now >= give_up {
                     break;
                 }
-                let found = if !in_memory || now.since(self.asked_at) > SPIN_GLANCE {
+                let found = if !in_memory || now.since(self.asked_at) > SPIN_KERNEL_POLL_INTERVAL {
                     self.sleep(on, wakeups, Some(NOW))
                 } else {
-                    Found { news: on.has_news(), ..Found::default() }
+                    Found { readable: on.may_be_readable(), ..Found::default() }
                 };
                 if found.is_anything() || until.is_some_and(|until| until <= Clock::now()) {
                     return found;
@@ -145,26 +150,26 @@ impl Poller {
         self.sleep(on, wakeups, until)
     }
 
-    /// Looks for what has come by now. It does not wait.
-    pub(crate) fn look(&mut self, on: &mut impl Watched, wakeups: &impl AsFd) -> Found {
-        let in_memory = on.wires().all(Wire::is_in_memory);
-        if in_memory && Clock::local().since(self.asked_at) < GLANCE {
-            return Found { news: on.has_news(), ..Found::default() };
+    /// Looks for what has come by now, without waiting.
+    pub(crate) fn look(&mut self, on: &mut impl PollSet, wakeups: &impl AsFd) -> Found {
+        let in_memory = on.links().all(Link::is_in_memory);
+        if in_memory && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL {
+            return Found { readable: on.may_be_readable(), ..Found::default() };
         }
         self.sleep(on, wakeups, Some(NOW))
     }
 
-    /// Writes what is to be written within `patience`; with `all`, as long as it moves.
-    pub(crate) fn drain(&self, on: &mut impl Watched, patience: Nanos, all: bool) {
+    /// Writes what is to be written within `patience`; with `all`, as long as some of it leaves.
+    pub(crate) fn drain(&self, on: &mut impl PollSet, patience: Nanos, all: bool) {
         let mut until = Clock::now().plus(patience);
         while Clock::now() < until {
-            // A link that cannot be written has no reader any more.
-            on.wires_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
-            let moved = on.wires_mut().fold(false, |moved, link| link.take_moved() | moved);
+            // Nothing reads a link any more that cannot be written.
+            on.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
+            let moved = on.links_mut().fold(false, |moved, link| link.take_moved() | moved);
             if all && moved {
                 until = Clock::now().plus(patience);
             }
-            let blocked = on.wires().filter(|link| link.has_outbound());
+            let blocked = on.links().filter(|link| link.has_outbound());
             let mut interests: Interests<'_> = blocked.map(interest).collect();
             if interests.is_empty() {
                 return;
@@ -175,21 +180,21 @@ impl Poller {
         }
     }
 
-    /// Asks the system what has come, and sleeps until then; not if `until` is [`NOW`].
+    /// Asks the kernel what has come, and sleeps until something has; not if `until` is [`NOW`].
     fn sleep(
         &mut self,
-        on: &mut impl Watched,
+        on: &mut impl PollSet,
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
         let sleeps = until != Some(NOW);
         if sleeps {
-            on.wires_mut().for_each(Wire::fall_asleep);
+            on.links_mut().for_each(Link::fall_asleep);
         }
-        // After that: a process that has not seen this one sleep has written something.
+        // Only after the announcement: a peer that did not see it has already written what it had to write.
         let found = self.ask(on, wakeups, until);
         if sleeps {
-            on.wires_mut().for_each(Wire::wake_up);
+            on.links_mut().for_each(Link::wake_up);
         }
         self.asked_at = Clock::local();
         found
@@ -197,41 +202,42 @@ impl Poller {
 
     fn ask(
         &self,
-        on: &mut impl Watched,
+        on: &mut impl PollSet,
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
-        let impatience = on.door().and_then(|door| door.acceptor.next_wakeup()).map(Clock::at);
-        let unread = on.lines().any(Line::may_be_read).then(Clock::now);
-        let until = until.into_iter().chain(impatience).chain(unread).min();
+        let acceptor_wakeup =
+            on.acceptor().and_then(|acceptor| acceptor.inner.next_wakeup()).map(Clock::at);
+        let unread = on.polled_links().any(PolledLink::may_be_read).then(Clock::now);
+        let until = until.into_iter().chain(acceptor_wakeup).chain(unread).min();
         let mut ready = wait(&self.interests(on, wakeups), until).into_iter();
         let notified = ready.next().is_some_and(Ready::is_ready);
-        let mut stirred = false;
+        let mut peer_activity = false;
         if let Some(notifier) = &self.notifier
             && ready.next().is_some_and(Ready::is_ready)
         {
             notifier.clear();
-            stirred = true;
+            peer_activity = true;
         }
-        on.lines_mut().zip(&mut ready).for_each(|(line, ready)| {
-            line.note(ready.can_be_read());
-            stirred |= ready.can_be_written();
+        on.polled_links_mut().zip(&mut ready).for_each(|(polled, ready)| {
+            polled.note(ready.can_be_read());
+            peer_activity |= ready.can_be_written();
         });
-        if let Some(door) = on.door_mut() {
-            // A pending link may have taken too long, which no descriptor tells.
-            let too_long = impatience.is_some_and(|at| at <= Clock::now());
-            door.is_ready |= too_long || ready.any(Ready::is_ready);
+        if let Some(acceptor) = on.acceptor_mut() {
+            // A pending link may have taken too long, which no descriptor shows.
+            let too_long = acceptor_wakeup.is_some_and(|at| at <= Clock::now());
+            acceptor.is_ready |= too_long || ready.any(Ready::is_ready);
         }
-        Found { notified, stirred, news: on.has_news() }
+        Found { notified, peer_activity, readable: on.may_be_readable() }
     }
 
-    /// The wakeups, the notifier, the links in their order, and the door.
-    fn interests<'a>(&'a self, on: &'a impl Watched, wakeups: &'a impl AsFd) -> Interests<'a> {
+    /// The wakeups, the notifier, the links in their order, and the acceptor.
+    fn interests<'a>(&'a self, on: &'a impl PollSet, wakeups: &'a impl AsFd) -> Interests<'a> {
         let mut interests = Interests::new();
         interests.push(to_read(wakeups));
         interests.extend(self.notifier.iter().map(to_read));
-        interests.extend(on.wires().map(interest));
-        interests.extend(on.door().into_iter().flat_map(|door| door.acceptor.interests()));
+        interests.extend(on.links().map(interest));
+        interests.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.interests()));
         interests
     }
 }
@@ -240,7 +246,7 @@ fn to_read(fd: &impl AsFd) -> Interest<'_> {
     Interest { fd: fd.as_fd(), write: false }
 }
 
-fn interest(link: &Wire) -> Interest<'_> {
+fn interest(link: &Link) -> Interest<'_> {
     Interest { fd: link.as_fd(), write: link.waits_for_socket() }
 }
 

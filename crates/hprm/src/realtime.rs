@@ -1,9 +1,9 @@
 //! Asking the system for real-time treatment: a priority before ordinary threads, memory that is never
-//! swapped out, and a processor of one's own.
+//! swapped out, and a processor for the process alone.
 //!
-//! A program gets all that it asks for, or an error that says what the system requires for it. What a program gains
-//! is up to its author: a thread of this kind that never sleeps keeps the others of its processor from
-//! running.
+//! A program gets all that it asks for, or an error that says what the system requires for it. Whether the
+//! program gains by that depends on its author: a thread of this kind that never sleeps keeps the other threads
+//! of its processor from running.
 
 use hprm_core::Properties;
 use rustix::io::Errno;

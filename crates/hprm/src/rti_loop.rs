@@ -1,7 +1,7 @@
 //! Running the RTI: one loop over the links of all federates.
 //!
-//! Whatever one round of reading causes leaves in one write per link, so a message and the grant
-//! that it makes possible travel together. Which frames those are is the machine's business.
+//! The loop sends all frames that one round of reading causes in one write per link, so a message and the grant
+//! that it makes possible travel together. The machine decides which frames those are.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -16,16 +16,15 @@ use hprm_federated::{
 };
 
 use crate::link::descriptors::{advice, no_notifier};
-use crate::link::{Keys, LinkAcceptor, Purpose};
+use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::log::log_names;
 use crate::pipe_notifier::PipeNotifier;
-use crate::poller::{Broken, Door, Line, Poller, Watched};
+use crate::poller::{Broken, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
-use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure, Report, Security};
 
-/// Time between the last federate's being ready and the start of the program: enough for the start
-/// time to reach all processes of one machine.
+/// How long after the last federate is ready the program starts: enough for the start time to reach all
+/// processes of one machine.
 const START_DELAY: Nanos = 10_000_000;
 
 /// The same, if federates may be on other machines.
@@ -36,18 +35,18 @@ const START_DELAY_ACROSS: Nanos = 250_000_000;
 pub struct RtiOptions {
     /// The program of the federation.
     pub program: Arc<Program>,
-    /// What federates must have alike: that of the program, or more.
+    /// The fingerprint that all federates must have: that of the program, or of more.
     pub fingerprint: Arc<Fingerprint>,
-    /// Its secret.
+    /// The secret of the federation.
     pub federation: FederationId,
     /// Where to listen.
     pub listen: Address,
-    /// Where to listen as well: on a Unix socket for this machine, perhaps, where federates share
+    /// Other addresses to listen at: for example a Unix socket, over which federates of this machine share
     /// memory.
     pub also_listen: Vec<Address>,
-    /// How its links are protected.
+    /// How the links of the federation are protected.
     pub security: Security,
-    /// When it is a failure that a federate does not answer.
+    /// How long a federate may take to answer before that is a failure.
     pub patience: Patience,
 }
 
@@ -63,11 +62,12 @@ pub enum RtiEvent {
         /// Why.
         reason: Refusal,
     },
-    /// A federate's link has ended before all had joined. It may join again; the others wait for it.
+    /// The link of a federate has ended before all federates had joined. The federate may join again; the
+    /// other federates wait for it.
     Left(FederateId),
     /// All have joined; the program starts at this time.
     Started(PhysicalTime),
-    /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
+    /// A federate has not answered for that many nanoseconds. It may be in a long computation, or hang.
     Silent {
         /// The federate.
         federate: FederateId,
@@ -81,18 +81,18 @@ pub enum RtiEvent {
         /// After how long.
         silence: Nanos,
     },
-    /// A transient federate could not go on. The others do.
+    /// A transient federate could not continue. The other federates continue.
     Dropped {
         /// The federate.
         federate: FederateId,
-        /// What has become of it.
+        /// Why it failed.
         report: Report,
     },
-    /// The first failure of a federate. The others are being told to end.
+    /// The first failure of a federate. The RTI tells the other federates to end.
     Failed {
         /// The federate that failed.
         federate: FederateId,
-        /// What has become of it.
+        /// Why it failed.
         report: Report,
     },
 }
@@ -102,52 +102,52 @@ pub enum RtiEvent {
 pub struct Rti {
     program: Arc<Program>,
     machine: hprm_federated::Rti,
-    /// The first address that it listens at.
+    /// The first address at which it listens.
     address: Address,
-    links: Links,
+    links: RtiLinks,
     poller: Poller,
-    /// The links that may hold something. Empty, but with room.
+    /// The links that may hold something. Empty between rounds; its memory is used again.
     ready: Vec<LinkId>,
-    /// What has come over a link. Empty, but with room.
+    /// What has come over a link. Empty between rounds; its memory is used again.
     frames: Vec<(Frame, Option<OwnedFd>)>,
     next_link: u32,
-    /// Descriptors of segments on their way from owner to reader.
+    /// Descriptors of segments that the RTI forwards from owner to reader.
     descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
-    /// Links to be closed once everything has been written.
+    /// Links that the RTI closes once it has written everything to them.
     closing: Vec<LinkId>,
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
 }
 
-/// The links of the RTI.
+/// The open links of the RTI, and the acceptor of new ones.
 #[derive(Debug)]
-struct Links {
-    lines: BTreeMap<LinkId, Line>,
-    door: Door,
+struct RtiLinks {
+    by_id: BTreeMap<LinkId, PolledLink>,
+    acceptor: PolledAcceptor,
 }
 
-impl Watched for Links {
-    fn lines(&self) -> impl Iterator<Item = &Line> {
-        self.lines.values()
+impl PollSet for RtiLinks {
+    fn polled_links(&self) -> impl Iterator<Item = &PolledLink> {
+        self.by_id.values()
     }
 
-    fn lines_mut(&mut self) -> impl Iterator<Item = &mut Line> {
-        self.lines.values_mut()
+    fn polled_links_mut(&mut self) -> impl Iterator<Item = &mut PolledLink> {
+        self.by_id.values_mut()
     }
 
-    fn door(&self) -> Option<&Door> {
-        Some(&self.door)
+    fn acceptor(&self) -> Option<&PolledAcceptor> {
+        Some(&self.acceptor)
     }
 
-    fn door_mut(&mut self) -> Option<&mut Door> {
-        Some(&mut self.door)
+    fn acceptor_mut(&mut self) -> Option<&mut PolledAcceptor> {
+        Some(&mut self.acceptor)
     }
 }
 
-impl Links {
-    fn get(&mut self, link: LinkId) -> Option<&mut Wire> {
-        self.lines.get_mut(&link).map(|line| &mut line.wire)
+impl RtiLinks {
+    fn get(&mut self, link: LinkId) -> Option<&mut Link> {
+        self.by_id.get_mut(&link).map(|polled| &mut polled.link)
     }
 }
 
@@ -165,7 +165,7 @@ struct Control {
 }
 
 impl RtiHandle {
-    /// Asks the federation to stop in order; before the start, all are sent home.
+    /// Asks the federation to stop in order; before the start, the RTI refuses all federates.
     pub fn request_stop(&self) {
         self.control.stop.store(true, Ordering::Release);
         self.control.wakeups.notify();
@@ -199,7 +199,7 @@ impl Rti {
         let delay = if addresses.any(Address::is_open) { START_DELAY_ACROSS } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.patience);
-        let gates = std::iter::once(&options.listen)
+        let listeners = std::iter::once(&options.listen)
             .chain(&options.also_listen)
             .map(|address| {
                 keys.suffice_for(address)?;
@@ -209,11 +209,11 @@ impl Rti {
         Ok(Self {
             program: Arc::clone(&options.program),
             machine,
-            address: gates[0].address().clone(),
-            links: Links {
-                lines: BTreeMap::new(),
-                door: Door::new(LinkAcceptor::new(
-                    gates,
+            address: listeners[0].address().clone(),
+            links: RtiLinks {
+                by_id: BTreeMap::new(),
+                acceptor: PolledAcceptor::new(LinkAcceptor::new(
+                    listeners,
                     Purpose::Coordination,
                     keys,
                     options.program.federates.len(),
@@ -235,18 +235,18 @@ impl Rti {
         })
     }
 
-    /// Where it listens.
+    /// The first address at which it listens.
     #[must_use]
     pub fn address(&self) -> &Address {
         &self.address
     }
 
-    /// Everywhere it listens.
+    /// All addresses at which it listens.
     pub fn addresses(&self) -> impl Iterator<Item = &Address> {
-        self.links.door.acceptor.addresses()
+        self.links.acceptor.inner.addresses()
     }
 
-    /// A handle for other threads.
+    /// A handle by which other threads reach this RTI.
     #[must_use]
     pub fn handle(&self) -> RtiHandle {
         RtiHandle { control: Arc::clone(&self.control) }
@@ -256,7 +256,7 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// The first failure of a federate, which has been reported as well.
+    /// The first failure of a federate, which `report` has got as well.
     pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let mut wakeup = None::<PhysicalTime>;
         loop {
@@ -266,11 +266,11 @@ impl Rti {
             if self.control.stop.swap(false, Ordering::AcqRel) {
                 self.handle_input(RtiInput::RequestStop);
             }
-            if self.links.door.is_ready() {
+            if self.links.acceptor.is_ready() {
                 self.accept(&mut report)?;
             }
             self.read_all();
-            // After what has come: an answer that is there is not late.
+            // Only after reading: an answer that has come is not late.
             if wakeup.is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
             }
@@ -290,20 +290,20 @@ impl Rti {
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let failed = |error| Failure::system("the RTI cannot accept links", &error);
-        let admitted = self.links.door.admit(Clock::local()).map_err(failed)?;
+        let admitted = self.links.acceptor.admit(Clock::local()).map_err(failed)?;
         if !admitted.is_empty() {
-            // Ends of other links that came before these must be noticed first.
-            self.links.lines.values_mut().for_each(|line| line.note(true));
+            // Links that ended before these were opened must be noticed first.
+            self.links.by_id.values_mut().for_each(|polled| polled.note(true));
             self.read_all();
         }
         for (link, hello) in admitted {
             let id = LinkId(self.next_link);
             self.next_link += 1;
             let hello = if link.is_local() { hello } else { from_elsewhere(hello) };
-            self.links.lines.insert(id, Line::new(link));
+            self.links.by_id.insert(id, PolledLink::new(link));
             self.frame(id, hello, None);
             self.apply(report);
-            // More may have come with it.
+            // More frames may have come with the first one.
             self.read(id);
         }
         Ok(())
@@ -312,20 +312,20 @@ impl Rti {
     /// Reads the links that may hold something.
     fn read_all(&mut self) {
         let mut ready = mem::take(&mut self.ready);
-        let lines = self.links.lines.iter().filter(|(_, line)| line.may_be_read());
-        ready.extend(lines.map(|(link, _)| *link));
+        let readable = self.links.by_id.iter().filter(|(_, polled)| polled.may_be_read());
+        ready.extend(readable.map(|(link, _)| *link));
         ready.drain(..).for_each(|link| self.read(link));
         self.ready = ready;
     }
 
     /// Reads what a link holds; one that is broken is closed, and no other link is affected.
     fn read(&mut self, id: LinkId) {
-        let Some(line) = self.links.lines.get_mut(&id) else { return };
+        let Some(polled) = self.links.by_id.get_mut(&id) else { return };
         let mut frames = mem::take(&mut self.frames);
-        let open = line.read(|frame, descriptor| frames.push((frame, descriptor)));
+        let open = polled.read(|frame, descriptor| frames.push((frame, descriptor)));
         for (frame, descriptor) in frames.drain(..) {
-            // One of them may be its last.
-            if self.links.lines.contains_key(&id) {
+            // After one of them, the link may be closed.
+            if self.links.by_id.contains_key(&id) {
                 self.frame(id, frame, descriptor);
             }
         }
@@ -349,13 +349,13 @@ impl Rti {
     }
 
     fn close(&mut self, link: LinkId) {
-        if self.links.lines.remove(&link).is_some() {
+        if self.links.by_id.remove(&link).is_some() {
             self.closing.retain(|closing| *closing != link);
             self.handle_input(RtiInput::Closed { link });
         }
     }
 
-    /// A fault is the peer's, and costs it its link.
+    /// Gives the machine an input. A fault in a frame is the peer's, and the RTI closes its link.
     fn handle_input(&mut self, input: RtiInput) {
         let from = match &input {
             RtiInput::Frame { link, .. } => Some(*link),
@@ -391,7 +391,7 @@ impl Rti {
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Started { at } => {
-                    self.links.door.acceptor.become_busy();
+                    self.links.acceptor.inner.become_busy();
                     report(RtiEvent::Started(at));
                 }
                 RtiOutput::Silent { federate, silence } => {
@@ -414,7 +414,7 @@ impl Rti {
                 RtiOutput::Finished => self.finished = true,
             }
         }
-        // What is left was for federates that have ended.
+        // The descriptors that are left were for federates that have ended.
         self.descriptors.clear();
     }
 
@@ -435,36 +435,36 @@ impl Rti {
 
     fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {
         let mut lacks = Vec::new();
-        for (id, Line { wire: link, .. }) in &mut self.links.lines {
+        for (id, PolledLink { link, .. }) in &mut self.links.by_id {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
                     lacks.push((*id, error.to_string()));
                 }
-                // The other end is closed. What it said before is still to be read, so its end is
-                // noticed there and not here.
+                // The other end is closed. What it sent before is still to be read, so the loop notices the
+                // end when it reads, and not here.
                 Err(_) => link.discard(),
             }
         }
         lacks.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
         let moved: Vec<_> = self
             .links
-            .lines
+            .by_id
             .iter_mut()
-            .filter_map(|(id, line)| line.wire.take_moved().then_some(*id))
+            .filter_map(|(id, polled)| polled.link.take_moved().then_some(*id))
             .collect();
         moved.into_iter().for_each(|link| self.handle_input(RtiInput::Moved { link }));
         let done: Vec<_> = self
             .closing
             .iter()
             .copied()
-            .filter(|id| self.links.lines.get(id).is_none_or(|line| !line.wire.has_outbound()))
+            .filter(|id| self.links.by_id.get(id).is_none_or(|polled| !polled.link.has_outbound()))
             .collect();
         for link in done {
             self.close(link);
             self.closing.retain(|closing| *closing != link);
         }
-        // Closing may have caused more to say; it is written before the next wait.
+        // Closing a link may cause more frames, which are written before the next wait.
         self.apply(report);
     }
 }

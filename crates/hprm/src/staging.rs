@@ -1,9 +1,9 @@
 //! The files that a program names in `files:`, side by side in a folder of their own.
 //!
 //! Lingua Franca copies them flat into the folder of the module that it generates, and programs find them
-//! there by `__file__`. Nothing is generated here, so a [`Stage`] has a link to each. It goes away with
-//! the run. What a process that was killed has left behind is removed when the next one makes a stage:
-//! a lock on the folder, which ends with the process, tells whether it is in use.
+//! there by `__file__`. HPRM generates no module, so a [`Stage`] has a symbolic link to each file. The run removes
+//! it at its end. What a process that was killed has left behind, the next one removes when it makes a stage: a
+//! lock on the folder, which ends with the process, tells whether the folder is in use.
 
 use std::fs::{self, File};
 use std::io;

@@ -1,4 +1,4 @@
-//! The stall watch: which reactions have been running for long, and which of them to tell about.
+//! The stall watch: which reactions have been running for long, and which of them to report.
 //!
 //! The caller samples what runs, about twice a second, and shows it here. A run has a number, so the same number
 //! in two samples is one reaction that has not returned in between; to find that out costs the loops
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use hprm_core::ReactionId;
 
-/// How long a reaction may go on after the user has asked the program to stop, before that is told.
+/// How long a reaction may go on after the user has asked the program to stop, before that is reported.
 const AFTER_SIGNAL: Duration = Duration::from_secs(1);
 
 /// One run of a reaction.
@@ -23,7 +23,7 @@ pub struct ReactionRun {
     pub number: u64,
 }
 
-/// A reaction that is to be told about.
+/// A reaction that is to be reported.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Stall {
     /// What runs.
@@ -37,10 +37,10 @@ pub struct Stall {
 /// See the module.
 #[derive(Debug)]
 pub struct StallWatch {
-    /// None if a long run alone is nothing to tell.
+    /// None if a long run alone is not reported.
     limit: Option<Duration>,
     seen: BTreeMap<ReactionRun, Seen>,
-    /// The reactions that have been told about: once each.
+    /// The reactions that have been reported: once each.
     told: BTreeSet<(usize, ReactionId)>,
     /// When the user was first known to wait for the end.
     asked: Option<Duration>,
@@ -49,19 +49,19 @@ pub struct StallWatch {
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     since: Duration,
-    /// Whether it has been told that the end waits for it.
+    /// Whether it has been reported that the end waits for it.
     keeps: bool,
 }
 
 impl StallWatch {
-    /// Tells of reactions that take longer than `limit`.
+    /// Reports reactions that take longer than `limit`.
     #[must_use]
     pub fn new(limit: Option<Duration>) -> Self {
         Self { limit, seen: BTreeMap::new(), told: BTreeSet::new(), asked: None }
     }
 
     /// Takes a sample of what runs at the time `now`, and whether the user has `asked` the program to stop.
-    /// Returns what to tell.
+    /// Returns what to report.
     pub fn look(
         &mut self,
         now: Duration,
@@ -91,7 +91,7 @@ impl StallWatch {
         stalls
     }
 
-    /// The user breaks into what runs. Returns what has not been told since the program was asked to
+    /// The user breaks into what runs. Returns what has not been reported since the program was asked to
     /// stop.
     pub fn break_in(
         &mut self,
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn who_keeps_the_end_waiting_is_told_again() {
+    fn a_reaction_that_keeps_the_end_waiting_is_told_again() {
         let mut watch = five();
         assert_eq!(look(&mut watch, (0, 8), |_| vec![run(3, 1)], false).len(), 1);
         let told = look(&mut watch, (8, 20), |_| vec![run(3, 1)], true);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_broken_into_is_told_unless_that_is_known() {
+    fn a_reaction_that_the_user_breaks_into_is_told_unless_that_is_known() {
         let mut watch = five();
         watch.look(Duration::from_secs(1), [run(3, 1)], false);
         let now = Duration::from_secs(3);

@@ -1,7 +1,7 @@
 //! How much memory an object store may take on this machine, as far as it is not set.
 //!
-//! A container that runs out of memory is not told so: the system kills a process in it. So where
-//! there is a limit, a store stays clear of it and says itself when it is full.
+//! A container that runs out of memory gets no error: the system kills a process in it. So where there is a
+//! limit, a store stays below it and reports itself when it is full.
 
 use hprm_core::StoreOptions;
 use hprm_store::StoreLimits;
@@ -10,7 +10,7 @@ use hprm_store::StoreLimits;
 const GROUP_LIMITS: [&str; 2] =
     ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
 
-/// What is as much as no limit: no machine has that many bytes.
+/// From this value on, a limit means none: no machine has that many bytes.
 const NO_LIMIT: u64 = 1 << 60;
 
 /// The limits of one federate's store: what has been said, and otherwise what suits this machine.

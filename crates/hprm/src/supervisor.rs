@@ -24,7 +24,7 @@ pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
 
 /// How long to wait for the second source of a failure.
 const GRACE: Duration = Duration::from_millis(500);
-/// How long the others may take to end by themselves after a failure.
+/// How long the other federates may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
 /// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
 const TOGETHER: Duration = Duration::from_millis(100);
@@ -36,12 +36,12 @@ const REMINDER: Duration = Duration::from_secs(2);
 /// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
 const AFTER_SIGNAL: Duration = Duration::from_secs(1);
 
-/// What federates are.
+/// Whether federates are processes or threads.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Members {
     /// Processes, which can be asked to end, and killed.
     Processes,
-    /// Threads of this process, which cannot.
+    /// Threads of this process, which can neither be asked nor killed.
     Threads,
 }
 
@@ -87,9 +87,9 @@ pub enum Order {
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct FederateState {
     name: String,
-    /// Whether the others go on without it.
+    /// Whether the other federates continue without it.
     transient: bool,
-    /// Of a transient one that could not go on: what the RTI said, and when.
+    /// Of a transient federate that could not continue: what the RTI reported, and when.
     dropped: Option<(Report, Duration)>,
     /// Whether the failure of its process has been reported.
     told: bool,

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_core::{FederateId, Payload};
 
-use crate::wire::{Hub, Network};
+use crate::link::{Hub, Network};
 use crate::{Failure, Rti, RtiOptions};
 
 /// What the threads of a federation share. Clones share one exchange.

@@ -10,11 +10,12 @@ use smallvec::SmallVec;
 
 use crate::Clock;
 
-/// How long the ends of links, new connections and signals may wait while messages come through memory.
-pub(crate) const GLANCE: Nanos = 50_000;
+/// How long a loop that reads messages from shared memory does not ask the kernel: so long may ends of links,
+/// new connections and signals wait.
+pub(crate) const KERNEL_POLL_INTERVAL: Nanos = 50_000;
 
-/// The same for a loop that looks for messages instead of sleeping.
-pub(crate) const SPIN_GLANCE: Nanos = 5_000;
+/// The same for a loop that busy-polls instead of sleeping.
+pub(crate) const SPIN_KERNEL_POLL_INTERVAL: Nanos = 5_000;
 
 /// As many as a federate of usual size has: waiting for that many allocates nothing.
 type Few<T> = SmallVec<[T; 16]>;

@@ -1,8 +1,8 @@
 //! Running the reactions of a tag: one after the other, or those that do not depend on one another
 //! in several threads.
 //!
-//! Threads read the scheduler and write down what their reactions ask for. It is done afterwards, in
-//! the order of the program, so a program's logical behaviour is the same with any number of
+//! Threads read the scheduler and write down what their reactions ask for. The loop's thread does that
+//! afterwards, in the order of the program, so a program's logical behaviour is the same with any number of
 //! workers. Waiting, links and messages stay with the loop's thread.
 
 use std::mem;
@@ -25,17 +25,17 @@ use crate::{Clock, Failure, Host};
 pub(crate) struct Workers<V> {
     /// None if there is one worker: the loop's own thread.
     team: Option<Team<V>>,
-    /// Where what they do is written down, if it is.
+    /// The trace of what the reactions do, if there is one.
     trace: Option<Trace>,
     /// Whose reactions run here.
     scope: Scope,
     lag: LagWatch,
 }
 
-/// The loop's thread and others.
+/// The loop's thread and further worker threads.
 struct Team<V> {
     threads: ThreadPool,
-    /// How many others.
+    /// How many further threads.
     others: usize,
     /// A scheduler of no use, which stands in for the loop's while that is shared.
     shared: Arc<Scheduler<V>>,
@@ -191,7 +191,7 @@ impl<V: Clone> Workers<V> {
             },
         };
         if let Some(trace) = trace {
-            // At once: a value may change later, when others have it.
+            // At once: a value may change later, when other reactions have it.
             while let Some(record) = scheduler.poll_record() {
                 trace.add(host, record)?;
             }
@@ -319,7 +319,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         self.swap(scheduler);
     }
 
-    /// Does what the reactions have asked for. A failed one is as far as it goes.
+    /// Does what the reactions have asked for, up to the first that failed.
     fn commit(&mut self, scheduler: &mut Scheduler<V>) -> Result<(), Failure> {
         for (turn, result) in self.turns.iter().zip(&mut self.results) {
             let ran = result.get_mut().unwrap_or_else(PoisonError::into_inner);

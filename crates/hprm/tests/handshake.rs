@@ -9,7 +9,7 @@ mod proof;
 
 use proptest::prelude::*;
 
-/// What an opener says first, but for the rest of its number.
+/// What an opener sends first, without the rest of its nonce.
 const GREETING: [u8; 9] = *b"\x07HPRM-L01";
 
 proptest! {

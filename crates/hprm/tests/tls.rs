@@ -78,7 +78,7 @@ fn a_federation_runs_encrypted() {
     }
 }
 
-/// Passes everything on between one client and `target`, and keeps what it sees.
+/// Forwards everything between one client and `target`, and keeps what it sees.
 fn listen_in(target: &Address) -> (Address, Arc<Mutex<Vec<u8>>>) {
     let Address::Tcp(target) = target.clone() else { panic!("it is TCP") };
     let listener = TcpListener::bind(TCP).unwrap();
@@ -148,7 +148,7 @@ fn a_certificate_of_another_authority_is_refused_by_both_ends() {
     let (address, handle) = alone(&program, &ours.member("rti"));
     let message = in_vain(&options(&program, FederateId(0), &address, &theirs.member("camera")));
     assert!(message.contains("TLS: invalid peer certificate"), "{message}");
-    // It believes the RTI, and the RTI does not believe it.
+    // It accepts the certificate of the RTI, and the RTI does not accept its certificate.
     let mut half = theirs.member("camera");
     half.tls.as_mut().unwrap().authority = ours.folder.path().join("ca.pem");
     let message = in_vain(&options(&program, FederateId(0), &address, &half));
@@ -199,7 +199,7 @@ fn a_program_that_wants_tls_does_not_run_without() {
     let rti: Address = "127.0.0.1:1".parse().unwrap();
     let message = in_vain(&options(&program, FederateId(0), &rti, &security));
     assert!(message.contains("comm-type: TLS"), "{message}");
-    // Within a machine nothing travels that could be read.
+    // Within a machine, no bytes travel that an eavesdropper could read.
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
     well(federation_beside(program, "unix:@hprm-tls-UNIQUE", &security, react, |_| ()));
 }

@@ -24,7 +24,7 @@ fn connect(address: &Address) -> TcpStream {
     TcpStream::connect(address).unwrap()
 }
 
-/// What comes until the other end hangs up.
+/// What comes until the other end closes the connection.
 fn all_that_comes(stream: &mut TcpStream) -> Vec<u8> {
     let mut heard = Vec::new();
     // A connection may also be reset; what came before is here.
@@ -52,7 +52,7 @@ fn unauthenticated_clients_that_stay_do_not_keep_members_from_joining_and_runnin
                     2 => &hello[..number % hello.len()],
                     _ => &hello,
                 };
-                // One that has been hung up on already may not even be able to say it.
+                // If the connection has been closed already, even this may fail.
                 let _ = client.write_all(words);
             }
             pending
@@ -104,13 +104,13 @@ fn an_unauthenticated_client_gets_a_refusal_and_nothing_else() {
     let mut hello = [0; 40];
     client.read_exact(&mut hello).unwrap();
     assert_eq!(hello[..8], MAGIC[..]);
-    // A proof that is none, and frames behind it.
+    // A false proof, and frames behind it.
     client.write_all(&[9; 32]).unwrap();
     assert_eq!(all_that_comes(&mut client), [0; 33]);
     handle.abort();
 }
 
-/// Passes everything on between a client and `target`, once, and returns what the client said.
+/// Forwards everything between a client and `target`, once, and returns what the client sent.
 fn tap(target: Address) -> (Address, thread::JoinHandle<Vec<u8>>) {
     let listener = TcpListener::bind(TCP).unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
@@ -139,7 +139,7 @@ fn tap(target: Address) -> (Address, thread::JoinHandle<Vec<u8>>) {
 }
 
 #[test]
-fn a_recorded_handshake_does_not_open_the_door_again() {
+fn a_recorded_handshake_does_not_authenticate_again() {
     let (program, react) = rounds_of(Coordination::Centralized, 64, 5);
     let program = Arc::new(program);
     let rti = bind(&program, TCP.parse().unwrap(), &Security::default());
@@ -158,7 +158,7 @@ fn a_recorded_handshake_does_not_open_the_door_again() {
     thief.read_exact(&mut [0; 40]).unwrap();
     thief.write_all(&said[40..]).unwrap();
     assert_eq!(all_that_comes(&mut thief), [0; 33]);
-    // The federation goes on.
+    // The federation continues.
     let others: Vec<_> = (1..4).map(|id| run(FederateId(id), &address)).collect();
     assert_eq!(first.join().unwrap(), Ok(()));
     assert!(others.into_iter().all(|federate| federate.join().unwrap() == Ok(())));
@@ -166,7 +166,7 @@ fn a_recorded_handshake_does_not_open_the_door_again() {
 }
 
 #[test]
-fn a_false_rti_that_sends_everything_back_is_not_believed() {
+fn a_false_rti_that_sends_everything_back_is_refused() {
     let program = Arc::new(gather(Coordination::Centralized, 1).program);
     let listener = TcpListener::bind(TCP).unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
@@ -252,7 +252,7 @@ fn note(text: &str) {
 /// More often than a link to a Unix socket may break while it is opened.
 const RESETS: usize = 6;
 
-/// Passes connections on to `target`. The first ones are reset before the handshake is over, and one
+/// Forwards connections to `target`. The first ones are reset before the handshake is over, and one
 /// when `cut` says so.
 fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
     let listener = TcpListener::bind(TCP).unwrap();

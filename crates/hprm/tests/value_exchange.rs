@@ -1,4 +1,4 @@
-//! Federations of threads: values change hands as they are.
+//! Federations of threads, which exchange values as they are.
 
 mod common;
 
@@ -11,7 +11,7 @@ use hprm_core::{Body, ReactionId, Scheduler};
 use common::{BOTH, Bytes, Gather, React, federation_in, gather, rounds_of, well};
 
 #[test]
-fn any_messages_in_a_room() {
+fn any_messages_within_a_process() {
     for coordination in BOTH {
         for (len, rounds) in [(64, 200), (3_000_000, 20)] {
             let (program, react) = rounds_of(coordination, len, rounds);
@@ -21,7 +21,7 @@ fn any_messages_in_a_room() {
 }
 
 #[test]
-fn in_a_room_the_value_itself_arrives() {
+fn within_a_process_the_value_itself_arrives() {
     for coordination in BOTH {
         let Gather { program, out, start, requests, .. } = gather(coordination, 2);
         let sent: Arc<Vec<u8>> = Arc::new(vec![7; 3_000_000]);

@@ -1,7 +1,7 @@
-//! Belonging to a federation, before there is anything to run.
+//! What connects a federate to its federation, from before its program is loaded.
 //!
-//! A federate joins first and loads its program then, so that all federates load at the same time,
-//! and one that cannot load says so to the others.
+//! A federate joins first and loads its program then, so that all federates load at the same time, and a
+//! federate that cannot load reports that to the federation.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,11 +10,11 @@ use hprm_core::{FederateId, Fingerprint, Nanos, Program};
 use hprm_federated::{Federate, FederationId, Input, Output};
 use hprm_store::{Store, StoreLimits};
 
+use super::links::{FederateLinks, LinkSerial};
 use super::objects::Objects;
 use super::reach::Reach;
 use super::time::Time;
-use super::wires::{LineId, Wires};
-use crate::wire::Network;
+use crate::link::Network;
 use crate::{Address, Clock, Failure, Inbox, Security};
 
 /// How long a federate that ends waits until its last frames have arrived.
@@ -25,7 +25,7 @@ const FAREWELL: Nanos = 2_000_000_000;
 pub struct FederateOptions {
     /// The program of the federation.
     pub program: Arc<Program>,
-    /// What it must have like the RTI: that of the program, or more.
+    /// The fingerprint, which must be that of the RTI: of the program, or of more.
     pub fingerprint: Arc<Fingerprint>,
     /// Which federate of it.
     pub federate: FederateId,
@@ -33,9 +33,9 @@ pub struct FederateOptions {
     pub rti: Address,
     /// The secret of the federation.
     pub federation: FederationId,
-    /// How its links are protected.
+    /// How the links of the federation are protected.
     pub security: Security,
-    /// How long to look for the RTI, and where others find this federate.
+    /// How long to look for the RTI, and where peers find this federate.
     pub reach: Reach,
     /// How much memory its object store may take.
     pub store: StoreLimits,
@@ -46,7 +46,7 @@ pub struct FederateOptions {
 /// What connects a federate to its federation.
 pub(super) struct Membership {
     pub(super) machine: Federate,
-    pub(super) wires: Wires,
+    pub(super) links: FederateLinks,
     pub(super) objects: Objects,
     pub(super) time: Time,
 }
@@ -59,23 +59,23 @@ impl Membership {
         inbox: &Inbox<V>,
         network: Network,
     ) -> Result<Self, Failure> {
-        let wires = Wires::connect(options, network)?;
+        let links = FederateLinks::connect(options, network)?;
         let machine = Federate::new(
             options.federate,
             &options.program,
-            wires.federation(),
+            links.federation(),
             Arc::clone(&options.fingerprint),
-            wires.host(),
-            wires.advertised(),
+            links.host(),
+            links.advertised(),
         );
         let notified = inbox.clone();
         let wake = Box::new(move || notified.notify());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
-        let time = Time::new(&options.program, &wires);
-        let mut membership = Self { machine, wires, objects, time };
-        // The greeting leaves before the program is loaded.
+        let time = Time::new(&options.program, &links);
+        let mut membership = Self { machine, links, objects, time };
+        // The first frame leaves before the program is loaded.
         membership.tell_rti();
-        membership.wires.flush();
+        membership.links.flush();
         Ok(membership)
     }
 
@@ -85,31 +85,31 @@ impl Membership {
     }
 
     /// Adds what has come from links.
-    pub(super) fn read(&mut self, inputs: &mut Vec<(LineId, Input)>) -> Result<(), Failure> {
-        let Self { machine, wires, .. } = self;
-        wires.read(|hello| machine.admit(hello).ok(), inputs)
+    pub(super) fn read(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
+        let Self { machine, links, .. } = self;
+        links.read(|hello| machine.admit(hello).ok(), inputs)
     }
 
-    /// Tells the others why this federate ends, and returns it.
+    /// Tells the federation why this federate ends, and returns the failure.
     pub(super) fn fail(&mut self, failure: Failure) -> Failure {
         let report = failure.report();
         let (message, code) = (report.encoded(), report.code);
         // The machine may have ended already; then no other process is left to tell.
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
         self.tell_rti();
-        self.wires.leave(FAREWELL, false);
+        self.links.leave(FAREWELL, false);
         failure
     }
 
-    /// Makes sure that what has been said arrives, however long it is.
+    /// Makes sure that all frames that were sent arrive, however long they are.
     pub(super) fn say_goodbye(&mut self) {
-        self.wires.leave(FAREWELL, true);
+        self.links.leave(FAREWELL, true);
     }
 
     fn tell_rti(&mut self) {
         while let Some(output) = self.machine.poll() {
             if let Output::ToRti(frame) = output {
-                self.wires.tell_rti(frame, None);
+                self.links.tell_rti(frame, None);
             }
         }
     }

@@ -1,6 +1,6 @@
-//! A federate's side of the object store: what it shares, and what it has been given.
+//! The objects of a federate: those that it shares, and those that it has received.
 //!
-//! The store knows memory; this knows which descriptor goes with which frame.
+//! The store manages memory; this file decides which descriptor travels with which frame.
 
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
@@ -10,7 +10,7 @@ use hprm_core::{FederateId, Part, Payload, copy_of};
 use hprm_federated::Frame;
 use hprm_store::{Announcement, Object, Store, StoreAllocator};
 
-use super::wires::no_memory;
+use super::links::no_memory;
 use crate::Failure;
 
 /// The store, and the descriptors of its segments that are about to leave.
@@ -33,7 +33,7 @@ impl Objects {
         Self { allocator: Arc::new(StoreAllocator::new(store)), leaving: BTreeMap::new() }
     }
 
-    /// The store, and memory in it for values that are being made.
+    /// The store, and memory in it for values that the program is making.
     pub(super) fn allocator(&self) -> &Arc<StoreAllocator> {
         &self.allocator
     }
@@ -68,7 +68,7 @@ impl Objects {
         let mut store = self.store();
         for part in &mut payload.parts {
             if let Part::Object(object) = part {
-                // A hold of its own, for opening ends one.
+                // It needs a hold of its own, because opening an object ends one.
                 let owner = object.owner;
                 store.add_reader(object.serial, owner).map_err(|error| Failure::store(&error))?;
                 let bytes = store.open(*object).map_err(|error| Failure::store(&error))?;
@@ -110,21 +110,21 @@ impl Objects {
             .collect()
     }
 
-    /// Unmaps what an owner does not use any more, once no object of it is open here.
+    /// Unmaps segments that an owner does not use any more, once no object of them is open here.
     pub(super) fn retired(&self, owner: FederateId, segments: &[u32]) {
         for segment in segments {
             self.store().detach(owner, *segment);
         }
     }
 
-    /// Takes back holds. One that is not known is a reader's error, and no harm is done.
+    /// Ends holds of a reader. A hold that the store does not know is an error of the reader, and harmless.
     pub(super) fn released(&self, reader: FederateId, serials: &[u64]) {
         for serial in serials {
             let _ = self.store().release(*serial, reader);
         }
     }
 
-    /// The objects of others that nothing here refers to any more, by owner.
+    /// The objects of other federates that this one does not use any more, by owner.
     pub(super) fn dropped(&self) -> BTreeMap<FederateId, Vec<u64>> {
         let mut serials: BTreeMap<_, Vec<u64>> = BTreeMap::new();
         for object in self.store().drain_releases() {

@@ -2,7 +2,7 @@
 //!
 //! One write is cheaper than many, and wakes its reader once. While tags follow one another so quickly
 //! that the delay does not matter, messages wait for those of the next tags; a command must not wait for a long
-//! reaction. It decides by how long tags have taken, and knows nothing of links or tags.
+//! reaction. The machine here decides by how long tags have taken, and knows nothing of links or tags.
 
 use hprm_core::{Nanos, PhysicalTime};
 use nix::sys::resource::{UsageWho, getrusage};
@@ -26,17 +26,17 @@ const BURST: u32 = 16;
 /// follows from waiting for more than a hundred.
 const MEMORY: Nanos = 64;
 
-/// What a thread has had from the system so far.
+/// What a thread has used of a processor so far.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Used {
     /// Time on a processor.
     processor: Nanos,
-    /// How often it gave its processor up because it had to wait for something.
+    /// How often it left its processor because it had to wait for something.
     pauses: i64,
 }
 
 impl Used {
-    /// Of the thread that asks; nothing where the system does not say.
+    /// What the calling thread has used; zero where the system does not tell.
     pub(super) fn by_this_thread() -> Self {
         getrusage(UsageWho::RUSAGE_THREAD).map_or_else(
             |_| Self::default(),
@@ -48,7 +48,7 @@ impl Used {
     }
 }
 
-/// How a federate has been getting on.
+/// How long the tags of a federate have taken, and how busy it has been.
 #[derive(Debug)]
 pub(super) struct Pace {
     /// When its links were last written.
@@ -104,9 +104,9 @@ impl Pace {
         self.usual_tag += own / MEMORY - self.usual_tag / MEMORY;
     }
 
-    /// How much of a tag's time is its own doing. While others have the processor the tag looks long,
-    /// and if every message were written at once for that, its readers would take the processor again.
-    /// A body that sleeps or waits for a file is slow itself.
+    /// How much of the duration of a tag is due to the tag itself. While other processes have the processor,
+    /// the tag seems long; if the federate therefore wrote every message at once, the readers would take the
+    /// processor again. A body that sleeps or waits for a file is slow itself.
     fn own_share(&mut self, duration: Nanos, used: Used) -> Nanos {
         let before = std::mem::replace(&mut self.used, used);
         let known = std::mem::take(&mut self.known);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_others_had_the_processor_does_not_count() {
+    fn time_in_which_other_processes_ran_does_not_count() {
         let mut busy = Busy::new();
         for _ in 0..100 {
             busy.tag(LONG, QUICK, 0);

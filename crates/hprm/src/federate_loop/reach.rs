@@ -1,6 +1,6 @@
-//! Where federates find one another: how long to look, where to listen, and which way to take.
+//! How federates reach one another: how long to look, where to listen, and which address to use.
 //!
-//! The search for the RTI is in `search`. What travels over the links that result is in `wires`.
+//! The search for the RTI is in `search`. What travels over the resulting links is in `links`.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -11,15 +11,14 @@ use hprm_core::Nanos;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
-use crate::link::{Keys, Purpose};
+use crate::link::{Keys, Link, LinkListener, Network, Purpose};
 use crate::wait::Deadline;
-use crate::wire::{Gate, Network, Wire};
 use crate::{Address, Clock, Failure};
 
 /// How long a peer that listens may take to answer.
 const PEER_PATIENCE: Nanos = 20_000_000_000;
 
-/// How long to look for the RTI, and where others find this federate.
+/// How long to look for the RTI, and where peers find this federate.
 #[derive(Clone, Debug)]
 pub struct Reach {
     /// How long to try to reach the RTI, which may be started later.
@@ -27,9 +26,9 @@ pub struct Reach {
     /// `HOST` or `HOST:PORT` under which other machines reach this federate, if that is not where
     /// its connection to the RTI begins.
     pub advertise: Option<String>,
-    /// Hears that the RTI is not there yet, once.
+    /// Called once if the RTI is not there yet, with a message for the user.
     pub notice: Option<fn(&str)>,
-    /// Whether the user wants no more of it.
+    /// Whether the user has interrupted the search.
     pub interrupted: Option<fn() -> bool>,
 }
 
@@ -43,13 +42,13 @@ impl Default for Reach {
 ///
 /// # Errors
 ///
-/// Where it cannot be reached, and why.
+/// At which addresses the peer cannot be reached, and why.
 pub(super) fn peer(
     addresses: &str,
     same_host: bool,
     keys: &Keys,
     network: &Network,
-) -> Result<Wire, String> {
+) -> Result<Link, String> {
     let unreachable = |error: &dyn std::fmt::Display| format!("at {addresses}: {error}");
     let mut parsed = Vec::new();
     for text in addresses.split_whitespace() {
@@ -70,14 +69,14 @@ pub(super) fn peer(
     link.map_err(|error| unreachable(&error))
 }
 
-/// Listens for peers. Returns also where they find this federate, as they read it.
+/// Listens for peers. Returns also the addresses of this federate, as peers read them.
 pub(super) fn listen(
     options: &FederateOptions,
-    rti: &Wire,
+    rti: &Link,
     keys: &Keys,
     network: &Network,
-) -> Result<(Vec<Gate>, String), Failure> {
-    let mut gates = Vec::new();
+) -> Result<(Vec<LinkListener>, String), Failure> {
+    let mut listeners = Vec::new();
     let mut addresses: Vec<String> = Vec::new();
     // With the number of the process: a transient federate may have a predecessor.
     let mine = format!("{}-{}", options.federate.0, std::process::id());
@@ -87,26 +86,26 @@ pub(super) fn listen(
         // For peers on the same host, which share memory.
         Address::Tcp(_) => Address::Abstract(format!("hprm-{}", uuid())),
     };
-    gates.push(bind(network, &unix)?);
+    listeners.push(bind(network, &unix)?);
     addresses.push(unix.to_string());
     if let Some(advertise) = &options.reach.advertise {
         let (host, port) = host_and_port(advertise)?;
         let any = if host.starts_with('[') { "[::]" } else { "0.0.0.0" };
         let any = Address::Tcp(format!("{any}:{port}"));
         keys.suffice_for(&any)?;
-        let gate = bind(network, &any)?;
-        addresses.push(format!("tcp:{host}:{}", port_of(gate.address())));
-        gates.push(gate);
+        let listener = bind(network, &any)?;
+        addresses.push(format!("tcp:{host}:{}", port_of(listener.address())));
+        listeners.push(listener);
     } else if !rti.is_local() {
         let here = rti.local_address().map_err(|error| cannot_listen(&options.rti, &error))?;
-        let gate = bind(network, &Address::Tcp(SocketAddr::new(here.ip(), 0).to_string()))?;
-        addresses.push(gate.address().to_string());
-        gates.push(gate);
+        let listener = bind(network, &Address::Tcp(SocketAddr::new(here.ip(), 0).to_string()))?;
+        addresses.push(listener.address().to_string());
+        listeners.push(listener);
     }
-    Ok((gates, addresses.join(" ")))
+    Ok((listeners, addresses.join(" ")))
 }
 
-fn bind(network: &Network, address: &Address) -> Result<Gate, Failure> {
+fn bind(network: &Network, address: &Address) -> Result<LinkListener, Failure> {
     network.listen(address).map_err(|error| cannot_listen(address, &error))
 }
 
@@ -114,7 +113,7 @@ fn cannot_listen(address: &Address, error: &io::Error) -> Failure {
     Failure::listen(false, address, error)
 }
 
-/// `HOST`, `HOST:PORT`, or an address of IPv6 with or without brackets.
+/// Parses `HOST`, `HOST:PORT`, or an IPv6 address with or without brackets.
 fn host_and_port(advertise: &str) -> Result<(String, u16), Failure> {
     if let Ok(IpAddr::V6(ip)) = advertise.parse() {
         return Ok((format!("[{ip}]"), 0));
@@ -140,9 +139,9 @@ fn port_of(address: &Address) -> &str {
     }
 }
 
-/// Which federates share memory: those with the same number. The links of those that have joined
-/// over Unix sockets carry descriptors; of those that have joined over TCP only links among
-/// themselves do, for which they must be in one network namespace and belong to one user.
+/// The number of this host; federates with the same number share memory. The links of federates that have
+/// joined over Unix sockets carry descriptors. Of federates that have joined over TCP, only links with one
+/// another do, for which they must be in one network namespace and belong to one user.
 pub(super) fn host_id(local: bool, decentralized: bool) -> HostId {
     let read = |name| std::fs::read_to_string(format!("/proc/sys/kernel/random/{name}"));
     let number = |text: String| {

@@ -7,9 +7,8 @@ use hprm_core::{Nanos, PhysicalTime};
 
 use super::{FederateOptions, Reach};
 use crate::link::descriptors::is_shortage;
-use crate::link::{Keys, Purpose};
+use crate::link::{Keys, Link, Network, Purpose};
 use crate::wait::{Deadline, wait};
-use crate::wire::{Network, Wire};
 use crate::{Address, Clock, Failure};
 
 /// How long one attempt to connect may take.
@@ -18,8 +17,9 @@ const ATTEMPT: Nanos = 5_000_000_000;
 /// Between two attempts; it doubles from the first to the last of these.
 const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
 
-/// How often a link to a Unix socket may break while it is being opened, before that is no accident:
-/// no other processes connect there. Over TCP, that often until the user is told what it may be.
+/// How often a link to a Unix socket may break while it is being opened; after that, it is not by chance,
+/// because no other processes connect there. Over TCP, the user gets a message with the possible cause after
+/// this many times.
 const BREAKS: u32 = 5;
 
 /// See the module.
@@ -46,7 +46,7 @@ impl Search {
     }
 
     /// Connects to the RTI. If it is not there yet, waits for it.
-    pub(super) fn find(&mut self, keys: &Keys, network: &Network) -> Result<Wire, Failure> {
+    pub(super) fn find(&mut self, keys: &Keys, network: &Network) -> Result<Link, Failure> {
         keys.suffice_for(&self.rti)?;
         let is_over = self.reach.interrupted.unwrap_or(|| false);
         loop {
@@ -59,8 +59,8 @@ impl Search {
         }
     }
 
-    /// The link to the RTI has ended before the federation has met. The time to find it again counts
-    /// from the first time on.
+    /// Notes that the link to the RTI has ended before all federates have joined. The time to find the RTI
+    /// again counts from the first such end.
     pub(super) fn lost(&mut self) -> Result<(), Failure> {
         if !std::mem::replace(&mut self.again, true) {
             (self.pause, self.told) = (PAUSES.0, false);
@@ -74,22 +74,22 @@ impl Search {
         self.next
     }
 
-    /// Tries again if it is time. Any signal ends the attempt, which is repeated then: the caller knows
-    /// what signals mean.
-    pub(super) fn look(&mut self, keys: &Keys, network: &Network) -> Result<Option<Wire>, Failure> {
+    /// Tries again if it is time. Any signal ends the attempt, and a later call repeats it: the caller decides
+    /// what a signal means.
+    pub(super) fn look(&mut self, keys: &Keys, network: &Network) -> Result<Option<Link>, Failure> {
         if Clock::now() < self.next {
             return Ok(None);
         }
         Ok(self.attempt(keys, network, || true)?.0)
     }
 
-    /// Tries once. Returns also whether a signal has ended that.
+    /// Tries once. Returns also whether a signal has ended the attempt.
     fn attempt(
         &mut self,
         keys: &Keys,
         network: &Network,
         is_over: fn() -> bool,
-    ) -> Result<(Option<Wire>, bool), Failure> {
+    ) -> Result<(Option<Link>, bool), Failure> {
         let deadline = Deadline { until: Clock::now().plus(ATTEMPT), is_over };
         let link = network.connect(&self.rti, Purpose::Coordination, keys, deadline);
         match link.and_then(|mut link| link.establish(deadline).map(|()| link)) {
@@ -99,7 +99,7 @@ impl Search {
         }
     }
 
-    /// Decides whether to go on, and when.
+    /// Decides whether to try again, and when.
     fn failed(&mut self, error: &io::Error) -> Result<(), Failure> {
         self.breaks += u32::from(is_break(error));
         let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
@@ -150,7 +150,7 @@ impl Search {
     }
 }
 
-/// What an RTI may do to links, and why.
+/// What is wrong with an RTI that closes links, and possible causes.
 const CLOSES: &str = "closes links at once: is it the RTI, of the same version of hprm, are `auth` \
                       and TLS the same everywhere, and do other processes flood it with connections?";
 
@@ -163,7 +163,7 @@ fn is_break(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
 }
 
-/// Whether it may go better next time.
+/// Whether a later attempt may succeed.
 fn passes(error: &io::Error) -> bool {
     use io::ErrorKind;
     !matches!(

@@ -1,12 +1,11 @@
-//! Having the same time as the RTI, as far as the program wants that.
+//! Keeps the clock of a federate at the time of the RTI, as far as the program wants that.
 //!
-//! `hprm_federated::ClockSync` knows what to ask and what answers mean; here are the link and the
-//! clock.
+//! `hprm_federated::ClockSync` decides what to ask and what answers mean; here are the link and the clock.
 
 use hprm_core::{ClockSyncMode, PhysicalTime, Program};
 use hprm_federated::{ClockSync, Correction, Frame};
 
-use super::wires::Wires;
+use super::links::FederateLinks;
 use crate::Clock;
 
 /// Compares clocks, if there is a reason to.
@@ -15,10 +14,10 @@ pub(super) struct Time {
 }
 
 impl Time {
-    /// Prepares for it. On the RTI's host clocks are the same.
-    pub(super) fn new(program: &Program, wires: &Wires) -> Self {
+    /// Prepares the comparison. A federate on the host of the RTI has the same clock.
+    pub(super) fn new(program: &Program, links: &FederateLinks) -> Self {
         let mut options = program.properties.clock_sync;
-        if wires.is_beside_rti() && !options.local_federates {
+        if links.is_beside_rti() && !options.local_federates {
             options.mode = ClockSyncMode::Off;
         }
         if options.mode != ClockSyncMode::Off && options.test_offset != 0 {
@@ -33,14 +32,14 @@ impl Time {
     }
 
     /// Asks for the time if it is time for that.
-    pub(super) fn ask(&mut self, wires: &mut Wires) {
+    pub(super) fn ask(&mut self, links: &mut FederateLinks) {
         if let Some(question) = self.sync.ask(Clock::local()) {
-            wires.tell_rti(question, None);
+            links.tell_rti(question, None);
         }
     }
 
-    /// Takes an answer. Returns whether the clock has been set to another time: what has been read
-    /// from it before is worth nothing then.
+    /// Takes an answer. Returns whether it has set the clock to another time: earlier readings of the clock
+    /// must not be used then.
     pub(super) fn answered(&mut self, answer: &Frame) -> bool {
         let Frame::ClockReply { asked, received, sent } = *answer else { return false };
         let correction = self.sync.answered(Clock::local(), asked, received, sent);

@@ -7,16 +7,16 @@ use rustix::process::{Resource, getrlimit};
 
 use crate::Failure;
 
-/// What the process may open at all (`ulimit -n`).
+/// How many descriptors this process may have (`ulimit -n`).
 pub(crate) fn limit() -> usize {
     let limit = getrlimit(Resource::Nofile).current;
     limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(usize::MAX)
 }
 
-/// What it may open now, as far as the system tells. Other threads of the program may be quicker.
+/// How many it may open now, as far as the system tells. Other threads of the program may open some meanwhile.
 pub(crate) fn left() -> usize {
     match std::fs::read_dir("/proc/self/fd") {
-        // The folder is one of them.
+        // The descriptor of the folder itself is one of them.
         Ok(open) => limit().saturating_sub(open.count().saturating_sub(1)),
         Err(error) if is_shortage(&error) => 0,
         Err(_) => limit() / 2,
@@ -35,7 +35,7 @@ pub(crate) fn no_notifier(error: &io::Error) -> Failure {
     Failure::system("cannot make an eventfd to wake up its loop", error)
 }
 
-/// What to do about an error, if a limit of this process or of the system is behind it.
+/// What to do about an error, if a limit of this process or of the system is its cause.
 pub(crate) fn advice(error: &io::Error) -> Option<&'static str> {
     match Errno::from_io_error(error)? {
         Errno::MFILE => Some("let a process open more files: ulimit -n 1024"),

@@ -1,5 +1,5 @@
-//! Ends of links, of which a process that the program forks lets go: as long as that has them too,
-//! nothing tells the other side that this process has ended.
+//! Closes the sockets of links in child processes that the program forks: as long as a child has them open
+//! too, the peer cannot see that this process has ended.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -13,7 +13,8 @@ static ENDS: Mutex<BTreeSet<RawFd>> = Mutex::new(BTreeSet::new());
 static WATCHING: Once = Once::new();
 
 thread_local! {
-    /// From before a fork until after it, on its thread: so the list is right in the new process.
+    /// The thread that forks holds the lock from before the fork until after it: so the list is right in the
+    /// child.
     static HELD: RefCell<Option<MutexGuard<'static, BTreeSet<RawFd>>>> = const { RefCell::new(None) };
 }
 
@@ -30,18 +31,18 @@ extern "C" fn in_parent() {
 extern "C" fn in_child() {
     let Some(ends) = HELD.try_with(RefCell::take).ok().flatten() else { return };
     for descriptor in ends.iter() {
-        // Without a descriptor to put there, the link stays open as long as this process runs.
+        // Without a descriptor to put there, the link stays open as long as the child runs.
         let _ = replace_with_null(*descriptor);
     }
 }
 
-/// An end of a link, as long as this lives: it goes before the descriptor is closed.
+/// Keeps a socket in the list, as long as this lives: it is dropped before the descriptor is closed.
 #[derive(Debug)]
-pub(super) struct End(RawFd);
+pub(super) struct CloseInChild(RawFd);
 
-impl End {
+impl CloseInChild {
     pub(super) fn of(socket: &impl AsRawFd) -> Self {
-        // If the system does not tell of forks, forked processes keep links open.
+        // If the system does not report forks, children keep links open.
         WATCHING.call_once(|| drop(at_fork(prepare, in_parent, in_child)));
         let descriptor = socket.as_raw_fd();
         ends().insert(descriptor);
@@ -49,7 +50,7 @@ impl End {
     }
 }
 
-impl Drop for End {
+impl Drop for CloseInChild {
     fn drop(&mut self) {
         ends().remove(&self.0);
     }
@@ -68,7 +69,7 @@ mod tests {
     #[test]
     fn an_end_is_listed_as_long_as_it_lives() {
         let (socket, _other) = UnixStream::pair().unwrap();
-        let end = End::of(&socket);
+        let end = CloseInChild::of(&socket);
         assert!(ends().contains(&socket.as_raw_fd()));
         drop(end);
         assert!(!ends().contains(&socket.as_raw_fd()));

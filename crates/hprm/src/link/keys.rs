@@ -1,4 +1,4 @@
-//! The secret of a federation and certificates, and on which links they have to be proved.
+//! The secret of a federation and its certificates, and on which links the ends have to prove them.
 
 use std::io;
 
@@ -8,8 +8,8 @@ use rustix::rand::{GetRandomFlags, getrandom};
 use super::proof::{self, Handshake, Nonce, Purpose, Role};
 use super::rings::Rings;
 use super::socket::Socket;
-use super::stream::{Stream, Way};
-use super::tls::{Channel, Configs, TlsFiles};
+use super::stream::{Stream, Transport};
+use super::tls::{Configs, TlsChannel, TlsFiles};
 use crate::notifier::Notifier;
 use crate::{Address, Failure};
 
@@ -17,8 +17,8 @@ use crate::{Address, Failure};
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Security {
     /// The target property `auth`: the ends of a Unix socket prove that they know the secret too.
-    /// Those of a TCP connection always do; that both ends of a Unix socket belong to the same user
-    /// is known from the kernel.
+    /// The ends of a TCP connection always do; the kernel tells that both ends of a Unix socket belong to the
+    /// same user.
     pub auth: bool,
     /// The target property `comm-type: TLS`: no TCP connection is without TLS.
     pub encrypt: bool,
@@ -41,7 +41,7 @@ impl Keys {
         Ok(Self { secret, security, configs })
     }
 
-    /// What frames may say instead of the secret.
+    /// The name of the federation, which frames contain instead of the secret.
     pub(crate) fn name(&self) -> FederationId {
         proof::name_of(self.secret)
     }
@@ -59,7 +59,8 @@ impl Keys {
         })
     }
 
-    /// A new connection, encrypted if it should be, and with memory if both ends can share it.
+    /// The stream of a new connection: encrypted if it should be, and with ring buffers if both ends can share
+    /// memory.
     pub(super) fn stream(
         &self,
         socket: Socket,
@@ -68,18 +69,20 @@ impl Keys {
     ) -> io::Result<Stream> {
         let way = match (&self.configs, role) {
             (_, Role::Opener) if socket.is_unix() => {
-                Way::Rings(Box::new(Rings::offered(notifier.clone())))
+                Transport::Rings(Box::new(Rings::offered(notifier.clone())))
             }
             (_, Role::Acceptor) if socket.is_unix() => {
-                Way::Rings(Box::new(Rings::expected(notifier.clone())))
+                Transport::Rings(Box::new(Rings::expected(notifier.clone())))
             }
-            (Some(configs), role) => Way::Encrypted(Box::new(Channel::new(configs, role)?)),
-            (None, _) => Way::Plain,
+            (Some(configs), role) => {
+                Transport::Encrypted(Box::new(TlsChannel::new(configs, role)?))
+            }
+            (None, _) => Transport::Plain,
         };
         Ok(Stream::new(socket, way))
     }
 
-    /// The handshake that a new connection begins with, if it needs one.
+    /// The handshake with which a new connection begins, if it needs one.
     pub(super) fn handshake(
         &self,
         socket: &Socket,

@@ -1,7 +1,8 @@
 //! What is to be written to a link: frames in order, each with the descriptor that it travels with.
 //!
-//! Short frames are bytes at once, in one buffer, so that one write takes many. A long message stays as it
-//! is until those before it have left, and then becomes bytes part by part: it is never there twice.
+//! Short frames become bytes at once, in one buffer, so that one write takes many of them. A long message stays
+//! as it is until the frames before it have left, and then becomes bytes part by part: memory never holds it
+//! twice.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -11,8 +12,8 @@ use hprm_core::limits::EAGER_BUFFER;
 use hprm_federated::Frame;
 use hprm_federated::codec::{self, Outgoing};
 
-use super::no_memory;
 use super::stream::Stream;
+use super::stream_link::no_memory;
 
 /// Frames that have not left yet.
 #[derive(Debug, Default)]
@@ -25,7 +26,7 @@ pub(super) struct Outbound {
     descriptors: BTreeMap<usize, OwnedFd>,
     /// The message whose parts follow what is in the buffer.
     long: Option<Box<Outgoing>>,
-    /// What follows that.
+    /// The frames that follow that message.
     waiting: VecDeque<(Frame, Option<OwnedFd>)>,
 }
 
@@ -122,8 +123,8 @@ impl Outbound {
         Ok(count)
     }
 
-    /// Forgets what has left, once that is the larger half: a reader that always lags a little would
-    /// otherwise keep all of it here.
+    /// Removes what has left, once that is the larger half: for a reader that always lags a little, the buffer
+    /// would otherwise keep all of it.
     fn compact(&mut self) {
         if self.written > EAGER_BUFFER && self.written > self.buffer.len() / 2 {
             self.buffer.drain(..self.written);
@@ -133,7 +134,7 @@ impl Outbound {
         }
     }
 
-    /// Forgets everything.
+    /// Discards everything.
     pub(super) fn clear(&mut self) {
         self.long = None;
         self.waiting.clear();
@@ -141,7 +142,7 @@ impl Outbound {
         self.start_over();
     }
 
-    /// Forgets the bytes.
+    /// Discards the bytes.
     fn start_over(&mut self) {
         self.descriptors.clear();
         self.buffer.clear();

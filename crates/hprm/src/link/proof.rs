@@ -10,11 +10,12 @@
 //!
 //! A proof is an HMAC-SHA256, keyed with the secret, of the role of the end that proves, what the link is
 //! for, the channel below (with TLS, what only its two ends know), and both nonces. So a recorded
-//! proof is worth nothing, and neither is one's own when it is sent back. The opener proves first:
+//! proof is worth nothing, and neither is a proof that is sent back to its sender. The opener proves first:
 //! an unauthenticated client learns only that a process listens. All lengths are fixed, and no frame is
 //! decoded before this is over.
 //!
-//! This file is the machine, which reads no socket; [`Link`](super::Link) moves its bytes.
+//! This file is the machine, which reads no socket; a [`StreamLink`](super::stream_link::StreamLink) moves its
+//! bytes.
 
 use hmac::{Hmac, Mac};
 use hprm_federated::FederationId;
@@ -67,7 +68,7 @@ pub(crate) enum Refused {
     /// Its proof is wrong.
     #[error("the other end does not know the secret of this federation: check the federation id")]
     WrongProof,
-    /// It refuses ours.
+    /// It refuses the proof of this end.
     #[error(
         "the other end refuses this process: the secret is that of another federation, so check the federation id"
     )]
@@ -77,11 +78,11 @@ pub(crate) enum Refused {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Step {
     Hello,
-    /// The acceptor waits for the opener's proof.
+    /// The acceptor waits for the proof of the opener.
     Proof {
         other: Nonce,
     },
-    /// The opener waits for the acceptor's.
+    /// The opener waits for the proof of the acceptor.
     Verdict {
         other: Nonce,
     },
@@ -152,7 +153,7 @@ impl Handshake {
                 return Err(Refused::OtherProtocol);
             }
             if self.role == Role::Acceptor {
-                // It finds out that this is not TLS, which closing the link would not tell.
+                // The answer tells the other end that this is not TLS; closing the link would not.
                 self.outbound.extend_from_slice(&MAGIC);
             }
             return Err(Refused::Encrypted);
@@ -306,7 +307,7 @@ mod tests {
         Handshake::new(SECRET, Role::Acceptor, Purpose::Coordination, [nonce; NONCE])
     }
 
-    /// Moves what `from` has to say to `to`, in pieces of `size`. Returns the bytes.
+    /// Moves the bytes that `from` sends to `to`, in pieces of `size`. Returns the bytes.
     fn hand(
         from: &mut Handshake,
         to: &mut Handshake,

@@ -2,10 +2,11 @@
 //!
 //! The process that opens a link to a Unix socket makes two rings, and sends their memory and its notifier
 //! with the first byte. The process at the other end, if it trusts the first one, answers with a notifier
-//! of its own; from then on bytes go through the rings. A direction begins with its socket and goes on in
-//! its ring, at a position that the ring tells. Afterwards the socket still has two tasks: descriptors travel over it,
-//! each with one byte that means nothing, sent before the frame that it belongs to is in the ring; and
-//! its end tells that a process has ended, after which what is in the ring is still read.
+//! of its own; from then on bytes go through the rings. Each direction begins with the socket and continues in
+//! its ring, at a position that the ring tells. Afterwards the socket still has two tasks. Descriptors travel
+//! over it, each with one byte that means nothing; the writer sends a descriptor before it puts the frame that
+//! the descriptor belongs to into the ring. And the end of the socket shows that a process has ended; the other
+//! process then still reads what is in the ring.
 
 use std::collections::VecDeque;
 use std::io;
@@ -18,24 +19,24 @@ use super::socket::Socket;
 use crate::notifier::{Notifier, RemoteNotifier};
 use crate::wait::is_hung_up;
 
-/// What a descriptor travels with.
+/// The byte that a descriptor travels with.
 const CARRIER: [u8; 1] = [0];
 
 /// A message that travels inside its frame fits.
 const _: () = assert!(RING_CAPACITY >= EAGER_BUFFER);
 
-/// This end of two rings, from before the other end knows them.
+/// This end of two ring buffers; it exists before the other end knows of them.
 #[derive(Debug)]
 pub(super) struct Rings {
     notifier: Notifier,
     ends: Option<(RingWriter, RingReader)>,
-    /// Whether it is known whether there will be any.
+    /// Whether this end knows whether there will be rings.
     is_decided: bool,
     /// The memory of both, until it has been sent.
     offer: Option<OwnedFd>,
     /// Whether the other end still waits for this one's notifier.
     owes_notifier: bool,
-    /// The other end's notifier: if it is known, what is to be written goes into a ring.
+    /// The notifier of the other end. Once it has come, this end writes into the ring.
     remote: Option<RemoteNotifier>,
     /// How many bytes have gone through the socket, apart from carriers.
     sent: u64,
@@ -74,7 +75,7 @@ impl Rings {
 
     /// Takes the rings that the other end has offered, if this one trusts it: they are the first two
     /// descriptors that have come. Without them, there is only the socket.
-    pub(super) fn meet(
+    pub(super) fn take_offer(
         &mut self,
         socket: &Socket,
         descriptors: &mut VecDeque<OwnedFd>,
@@ -97,7 +98,7 @@ impl Rings {
         Ok(())
     }
 
-    /// What is written goes into the ring from now on.
+    /// From now on this end writes into the ring.
     fn open(&mut self, remote: OwnedFd) -> io::Result<()> {
         self.remote = Some(RemoteNotifier::new(remote)?);
         if let Some((writer, _)) = &mut self.ends {
@@ -111,7 +112,7 @@ impl Rings {
         self.remote.is_none() || self.is_congested
     }
 
-    /// Whether messages take no other way than through memory.
+    /// Whether all messages go through the rings.
     pub(super) fn are_in_use(&self) -> bool {
         self.remote.is_some() && self.is_reading()
     }
@@ -121,7 +122,7 @@ impl Rings {
         self.is_reading() && self.ends.as_ref().is_some_and(|(_, reader)| !reader.is_empty())
     }
 
-    /// Says that this process is about to sleep. It must look once more after that.
+    /// Announces that this process is about to sleep. After that it must look once more for what has come.
     pub(super) fn fall_asleep(&mut self) {
         if let Some((_, reader)) = &mut self.ends {
             reader.announce_sleep();
@@ -172,7 +173,7 @@ impl Rings {
         let (Some((writer, _)), Some(remote)) = (&mut self.ends, &self.remote) else {
             return Err(io::ErrorKind::NotConnected.into());
         };
-        // A descriptor goes first, and only if its frame can begin to follow.
+        // The descriptor leaves first, and only if at least the beginning of its frame fits into the ring.
         let has_room = descriptor.is_none() || writer.has_room_or_waits().map_err(violation)?;
         if let Some(descriptor) = descriptor.filter(|_| has_room) {
             let sent = socket.send_with(&CARRIER, &[descriptor]);
@@ -197,7 +198,7 @@ impl Rings {
         Ok(count)
     }
 
-    /// Receives bytes; over the socket, too, as long as some come that way.
+    /// Receives bytes; also over the socket, as long as the other end still uses it.
     pub(super) fn receive(
         &mut self,
         socket: &Socket,
@@ -212,14 +213,14 @@ impl Rings {
             return Ok(count);
         }
         let carriers = self.receive_carriers(socket, descriptors)?;
-        // A process that has ended may have written just before.
+        // A process that has ended may have written to the ring just before.
         match self.read(buffer)? {
             0 if carriers > 0 => Err(io::ErrorKind::WouldBlock.into()),
             count => Ok(count),
         }
     }
 
-    /// Receives descriptors, which have been sent before what has been read from the ring.
+    /// Receives descriptors; the peer has sent them before the bytes that this end has read from the ring.
     pub(super) fn receive_carriers(
         &mut self,
         socket: &Socket,
@@ -242,12 +243,12 @@ impl Rings {
         let count = receive(socket, buffer, descriptors)?;
         self.take_remote(descriptors)?;
         if count == 0 {
-            // A process that has ended may have begun with the ring just before.
+            // A process that has ended may have begun to use the ring just before.
             return if self.is_reading() { self.read(buffer) } else { Ok(0) };
         }
         let opened = self.ends.as_ref().and_then(|(_, reader)| reader.opened());
         let before = opened.unwrap_or(u64::MAX).saturating_sub(self.received);
-        // What follows are carriers.
+        // The bytes after these are carriers.
         let count = count.min(usize::try_from(before).unwrap_or(usize::MAX));
         self.received += count as u64;
         if count == 0 { Err(io::ErrorKind::WouldBlock.into()) } else { Ok(count) }
@@ -264,7 +265,7 @@ impl Rings {
         Ok(())
     }
 
-    /// Whether what comes now comes through the ring.
+    /// Whether this end now reads from the ring.
     fn is_reading(&self) -> bool {
         self.ends.as_ref().is_some_and(|(_, reader)| reader.opened() == Some(self.received))
     }
@@ -279,7 +280,8 @@ impl Rings {
     }
 }
 
-/// Receives once. The end of a process that has not read everything is an end, too.
+/// Receives once. A process that ends before it has read everything resets the connection, which is an end,
+/// too.
 fn receive(
     socket: &Socket,
     buffer: &mut [u8],
@@ -295,7 +297,7 @@ fn violation(error: hprm_store::RingError) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, error)
 }
 
-/// Whether it will go later.
+/// Whether a later attempt will succeed.
 fn is_transient(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }

@@ -1,4 +1,4 @@
-//! Sockets: Unix and TCP behind one face, never blocking.
+//! Sockets: Unix and TCP with one interface, never blocking.
 
 use std::collections::VecDeque;
 use std::io::{self, IoSlice, IoSliceMut};
@@ -19,11 +19,11 @@ use rustix::net::{
 };
 
 use super::Address;
-use super::ends::End;
+use super::ends::CloseInChild;
 use crate::wait::{Deadline, Interest, wait};
 
-/// How soon a TCP connection to a machine that has vanished ends: this long after the last word the
-/// kernel asks, and then as often, at these intervals.
+/// How soon a TCP connection to a machine that has vanished ends. This long after the last bytes the kernel
+/// sends the first question (keepalive), and then this many, at these intervals.
 const SILENCE: Duration = Duration::from_secs(5);
 const QUESTIONS: u32 = 5;
 const QUESTION_INTERVAL: Duration = Duration::from_secs(2);
@@ -44,21 +44,21 @@ const BACKLOG: i32 = 1024;
 /// A connected socket.
 #[derive(Debug)]
 pub(crate) struct Socket {
-    _end: End,
+    _end: CloseInChild,
     fd: OwnedFd,
     unix: bool,
 }
 
 /// A listening socket.
 #[derive(Debug)]
-pub(crate) struct Listener {
-    _end: End,
-    kind: Kind,
+pub(crate) struct SocketListener {
+    _end: CloseInChild,
+    kind: SocketKind,
     address: Address,
 }
 
 #[derive(Debug)]
-enum Kind {
+enum SocketKind {
     Unix(UnixListener),
     Tcp(TcpListener),
 }
@@ -84,7 +84,7 @@ impl Socket {
 
     fn unix(stream: UnixStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
-        // An abstract name has no permissions: the kernel's word on the peer is the check.
+        // An abstract name has no permissions, so this process checks what the kernel tells about the peer.
         let peer = sockopt::socket_peercred(&stream)?;
         if peer.uid != rustix::process::geteuid() {
             return Err(io::Error::new(
@@ -92,7 +92,7 @@ impl Socket {
                 "the process at the other end belongs to another user",
             ));
         }
-        Ok(Self { _end: End::of(&stream), fd: stream.into(), unix: true })
+        Ok(Self { _end: CloseInChild::of(&stream), fd: stream.into(), unix: true })
     }
 
     fn tcp(stream: TcpStream) -> io::Result<Self> {
@@ -103,7 +103,7 @@ impl Socket {
         sockopt::set_tcp_keepintvl(&stream, QUESTION_INTERVAL)?;
         sockopt::set_tcp_keepcnt(&stream, QUESTIONS)?;
         sockopt::set_tcp_user_timeout(&stream, UNHEARD)?;
-        Ok(Self { _end: End::of(&stream), fd: stream.into(), unix: false })
+        Ok(Self { _end: CloseInChild::of(&stream), fd: stream.into(), unix: false })
     }
 
     /// The address of the other end, if it is TCP.
@@ -156,7 +156,7 @@ impl Socket {
             }
         }
         if message.flags.contains(ReturnFlags::CTRUNC) {
-            // One that is lost cannot be told from others that come later.
+            // If one were lost, this process could not tell it from others that come later.
             return Err(io::Error::from(Errno::MFILE));
         }
         Ok(message.bytes)
@@ -169,22 +169,22 @@ impl AsFd for Socket {
     }
 }
 
-impl Listener {
+impl SocketListener {
     pub(crate) fn bind(address: &Address) -> io::Result<Self> {
         let (end, kind, address) = match address {
             Address::Abstract(_) | Address::Path(_) => {
                 let listener = UnixListener::bind_addr(&unix_address(address)?)?;
                 listener.set_nonblocking(true)?;
-                (End::of(&listener), Kind::Unix(listener), address.clone())
+                (CloseInChild::of(&listener), SocketKind::Unix(listener), address.clone())
             }
             Address::Tcp(host) => {
                 let listener = TcpListener::bind(host.as_str())?;
-                // Beside a flood, the kernel keeps the connections of members that come meanwhile.
+                // During a flood, the kernel keeps the connections of members that come meanwhile.
                 rustix::net::listen(&listener, BACKLOG)?;
                 listener.set_nonblocking(true)?;
                 // The port may have been zero.
                 let address = Address::Tcp(listener.local_addr()?.to_string());
-                (End::of(&listener), Kind::Tcp(listener), address)
+                (CloseInChild::of(&listener), SocketKind::Tcp(listener), address)
             }
         };
         Ok(Self { _end: end, kind, address })
@@ -198,11 +198,12 @@ impl Listener {
     /// The next connection, if one waits.
     pub(crate) fn accept(&self) -> io::Result<Option<Socket>> {
         let accepted = match &self.kind {
-            Kind::Unix(listener) => listener.accept().map(|(stream, _)| Socket::unix(stream)),
-            Kind::Tcp(listener) => listener.accept().map(|(stream, _)| Socket::tcp(stream)),
+            SocketKind::Unix(listener) => listener.accept().map(|(stream, _)| Socket::unix(stream)),
+            SocketKind::Tcp(listener) => listener.accept().map(|(stream, _)| Socket::tcp(stream)),
         };
         match accepted {
-            // One that is not ours to serve, or is gone, is no reason to stop listening.
+            // A connection that this process must not serve, or that has ended, is no reason to stop
+            // listening.
             Ok(socket) => Ok(socket.ok()),
             Err(error) if Errno::from_io_error(&error).is_some_and(is_its_own_fault) => Ok(None),
             Err(error) => Err(error),
@@ -229,7 +230,7 @@ fn is_its_own_fault(error: Errno) -> bool {
     )
 }
 
-impl Drop for Listener {
+impl Drop for SocketListener {
     fn drop(&mut self) {
         if let Address::Path(path) = &self.address {
             // It may have been removed already, which is as good.
@@ -238,11 +239,11 @@ impl Drop for Listener {
     }
 }
 
-impl AsFd for Listener {
+impl AsFd for SocketListener {
     fn as_fd(&self) -> BorrowedFd<'_> {
         match &self.kind {
-            Kind::Unix(listener) => listener.as_fd(),
-            Kind::Tcp(listener) => listener.as_fd(),
+            SocketKind::Unix(listener) => listener.as_fd(),
+            SocketKind::Tcp(listener) => listener.as_fd(),
         }
     }
 }

@@ -1,4 +1,5 @@
-//! A socket, and what lies beside or above it: rings on one machine, perhaps TLS between machines.
+//! A stream of bytes: a socket, with ring buffers beside it on one machine, or perhaps TLS above it between
+//! machines.
 
 use std::collections::VecDeque;
 use std::io;
@@ -6,29 +7,29 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use super::rings::Rings;
 use super::socket::Socket;
-use super::tls::Channel;
+use super::tls::TlsChannel;
 
-/// A connection.
+/// A connection, by whichever transport.
 #[derive(Debug)]
 pub(super) struct Stream {
     socket: Socket,
-    way: Way,
+    transport: Transport,
 }
 
-/// The way that bytes take.
+/// What carries the bytes of a stream.
 #[derive(Debug)]
-pub(super) enum Way {
-    /// As they are, over the socket.
+pub(super) enum Transport {
+    /// The socket, with the bytes as they are.
     Plain,
-    /// Encrypted, over the socket.
-    Encrypted(Box<Channel>),
-    /// Through memory, as soon as both ends know it.
+    /// The socket, with encrypted bytes.
+    Encrypted(Box<TlsChannel>),
+    /// Ring buffers in shared memory, as soon as both ends know of them.
     Rings(Box<Rings>),
 }
 
 impl Stream {
-    pub(super) fn new(socket: Socket, way: Way) -> Self {
-        Self { socket, way }
+    pub(super) fn new(socket: Socket, transport: Transport) -> Self {
+        Self { socket, transport }
     }
 
     pub(super) fn socket(&self) -> &Socket {
@@ -40,18 +41,19 @@ impl Stream {
         buffer: &mut [u8],
         descriptors: &mut VecDeque<OwnedFd>,
     ) -> io::Result<usize> {
-        match &mut self.way {
-            Way::Plain => self.socket.receive(buffer, descriptors),
-            Way::Encrypted(channel) => channel.receive(&self.socket, buffer),
-            Way::Rings(rings) => rings.receive(&self.socket, buffer, descriptors),
+        match &mut self.transport {
+            Transport::Plain => self.socket.receive(buffer, descriptors),
+            Transport::Encrypted(channel) => channel.receive(&self.socket, buffer),
+            Transport::Rings(rings) => rings.receive(&self.socket, buffer, descriptors),
         }
     }
 
-    /// Receives a descriptor of which a frame that has been received tells, if it has not come with
-    /// it.
+    /// Receives the descriptor that belongs to a frame that has been received, if it did not come with the
+    /// frame.
     pub(super) fn receive_descriptor(&mut self, descriptors: &mut VecDeque<OwnedFd>) {
-        if let Way::Rings(rings) = &mut self.way {
-            // If there is none, the frame goes without; whether it can, others know.
+        if let Transport::Rings(rings) = &mut self.transport {
+            // If there is none, the frame arrives without it; the receiver of the frame decides whether
+            // that is an error.
             while descriptors.is_empty()
                 && rings.receive_carriers(&self.socket, descriptors).is_ok_and(|count| count > 0)
             {
@@ -60,89 +62,89 @@ impl Stream {
     }
 
     pub(super) fn send(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.way {
-            Way::Plain => self.socket.send(bytes),
-            Way::Encrypted(channel) => channel.send(&self.socket, bytes),
-            Way::Rings(rings) => rings.send(&self.socket, bytes),
+        match &mut self.transport {
+            Transport::Plain => self.socket.send(bytes),
+            Transport::Encrypted(channel) => channel.send(&self.socket, bytes),
+            Transport::Rings(rings) => rings.send(&self.socket, bytes),
         }
     }
 
     /// Sends bytes, and a descriptor with the first of them; only for Unix sockets.
     pub(super) fn send_with(&mut self, bytes: &[u8], fd: BorrowedFd<'_>) -> io::Result<usize> {
-        match &mut self.way {
-            Way::Rings(rings) => rings.send_with(&self.socket, bytes, Some(fd)),
-            Way::Plain | Way::Encrypted(_) => self.socket.send_with(bytes, &[fd]),
+        match &mut self.transport {
+            Transport::Rings(rings) => rings.send_with(&self.socket, bytes, Some(fd)),
+            Transport::Plain | Transport::Encrypted(_) => self.socket.send_with(bytes, &[fd]),
         }
     }
 
-    /// The other end is trusted: takes what it has offered.
-    pub(super) fn meet(&mut self, descriptors: &mut VecDeque<OwnedFd>) -> io::Result<()> {
-        match &mut self.way {
-            Way::Rings(rings) => rings.meet(&self.socket, descriptors),
-            Way::Plain | Way::Encrypted(_) => Ok(()),
+    /// The other end is trusted: takes the ring buffers that it has offered.
+    pub(super) fn take_offer(&mut self, descriptors: &mut VecDeque<OwnedFd>) -> io::Result<()> {
+        match &mut self.transport {
+            Transport::Rings(rings) => rings.take_offer(&self.socket, descriptors),
+            Transport::Plain | Transport::Encrypted(_) => Ok(()),
         }
     }
 
-    /// Says that this process is about to sleep. It must look once more after that.
+    /// Announces that this process is about to sleep. After that it must look once more for what has come.
     pub(super) fn fall_asleep(&mut self) {
-        if let Way::Rings(rings) = &mut self.way {
+        if let Transport::Rings(rings) = &mut self.transport {
             rings.fall_asleep();
         }
     }
 
-    /// Says that this process does not sleep any more.
+    /// Announces that this process does not sleep any more.
     pub(super) fn wake_up(&mut self) {
-        if let Way::Rings(rings) = &mut self.way {
+        if let Transport::Rings(rings) = &mut self.transport {
             rings.wake_up();
         }
     }
 
     /// Whether what is to be written waits for the socket, rather than for a notifier.
     pub(super) fn waits_for_socket(&self) -> bool {
-        match &self.way {
-            Way::Rings(rings) => rings.wait_for_socket(),
-            Way::Plain | Way::Encrypted(_) => true,
+        match &self.transport {
+            Transport::Rings(rings) => rings.wait_for_socket(),
+            Transport::Plain | Transport::Encrypted(_) => true,
         }
     }
 
-    /// Whether what comes is seen without asking the system.
+    /// Whether this process sees what comes in shared memory, without asking the kernel.
     pub(super) fn is_in_memory(&self) -> bool {
-        matches!(&self.way, Way::Rings(rings) if rings.are_in_use())
+        matches!(&self.transport, Transport::Rings(rings) if rings.are_in_use())
     }
 
     /// Writes what has been sent and has not left.
     pub(super) fn pump(&mut self) -> io::Result<()> {
-        match &mut self.way {
-            Way::Encrypted(channel) => channel.pump(&self.socket),
-            Way::Plain | Way::Rings(_) => Ok(()),
+        match &mut self.transport {
+            Transport::Encrypted(channel) => channel.pump(&self.socket),
+            Transport::Plain | Transport::Rings(_) => Ok(()),
         }
     }
 
     /// Whether the other end has begun to speak TLS, if it has to.
     pub(super) fn has_spoken(&self) -> bool {
-        matches!(&self.way, Way::Encrypted(channel) if channel.has_spoken())
+        matches!(&self.transport, Transport::Encrypted(channel) if channel.has_spoken())
     }
 
     /// Whether bytes come as they were sent.
     pub(super) fn is_plain(&self) -> bool {
-        !matches!(self.way, Way::Encrypted(_))
+        !matches!(self.transport, Transport::Encrypted(_))
     }
 
     pub(super) fn has_outbound(&self) -> bool {
-        matches!(&self.way, Way::Encrypted(channel) if channel.has_outbound())
+        matches!(&self.transport, Transport::Encrypted(channel) if channel.has_outbound())
     }
 
     pub(super) fn has_unread(&self) -> bool {
-        match &self.way {
-            Way::Plain => false,
-            Way::Encrypted(channel) => channel.has_unread(),
-            Way::Rings(rings) => rings.have_unread(),
+        match &self.transport {
+            Transport::Plain => false,
+            Transport::Encrypted(channel) => channel.has_unread(),
+            Transport::Rings(rings) => rings.have_unread(),
         }
     }
 
     /// Nothing more will be sent.
     pub(super) fn finish(&mut self) -> io::Result<()> {
-        if let Way::Encrypted(channel) = &mut self.way {
+        if let Transport::Encrypted(channel) = &mut self.transport {
             channel.finish(&self.socket)?;
         }
         self.socket.finish()
@@ -150,9 +152,9 @@ impl Stream {
 
     /// What only the two ends know, if it is encrypted; else nothing.
     pub(super) fn binding(&self) -> io::Result<Vec<u8>> {
-        match &self.way {
-            Way::Encrypted(channel) => channel.binding(),
-            Way::Plain | Way::Rings(_) => Ok(Vec::new()),
+        match &self.transport {
+            Transport::Encrypted(channel) => channel.binding(),
+            Transport::Plain | Transport::Rings(_) => Ok(Vec::new()),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! TLS 1.3 on a TCP connection: what is encrypted, and with whose certificates.
 //!
 //! Both ends show certificates that an authority of the user has signed. The names in them are not
-//! compared with addresses: every member of a federation may play every part in it anyway, and the
+//! compared with addresses: every member of a federation may take every role in it anyway, and the
 //! proof of the secret, which follows, is bound to this channel (`proof`). Nothing here waits; the
 //! record layer is fed from the socket and drained into it.
 
@@ -158,13 +158,13 @@ impl ServerCertVerifier for AnyName {
 
 /// An encrypted channel over a socket.
 #[derive(Debug)]
-pub(super) struct Channel {
+pub(super) struct TlsChannel {
     connection: Connection,
     /// Bytes that have been decrypted and not been read.
     unread: usize,
 }
 
-impl Channel {
+impl TlsChannel {
     pub(super) fn new(configs: &Configs, role: Role) -> io::Result<Self> {
         let connection = configs.connection(role).map_err(invalid)?;
         Ok(Self { connection, unread: 0 })
@@ -174,7 +174,7 @@ impl Channel {
         loop {
             match self.connection.reader().read(buffer) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                // Whether the other end said goodbye is for the frames to tell.
+                // Whether the other end has ended in order is up to its frames.
                 Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(0),
                 Err(error) => return Err(error),
                 Ok(count) => {
@@ -186,7 +186,7 @@ impl Channel {
             match self.connection.process_new_packets() {
                 Ok(state) => self.unread = state.plaintext_bytes_to_read(),
                 Err(error) => {
-                    // The other end should hear what is wrong; more cannot be done about it.
+                    // The alert tells the other end what is wrong; this end can do no more.
                     let _ = self.pump(socket);
                     return Err(invalid(error));
                 }
@@ -226,12 +226,12 @@ impl Channel {
         self.connection.wants_write()
     }
 
-    /// Whether the other end has said how it wants to speak.
+    /// Whether the first message of TLS has come from the other end.
     pub(super) fn has_spoken(&self) -> bool {
         self.connection.protocol_version().is_some()
     }
 
-    /// Whether bytes wait of which the socket knows nothing any more.
+    /// Whether received bytes wait that the socket does not report any more.
     pub(super) fn has_unread(&self) -> bool {
         self.unread > 0
     }

@@ -11,10 +11,11 @@ use hprm_federated::FederationId;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::*;
-use crate::link::{Link, Security};
+use crate::link::Network;
+use crate::link::Security;
+use crate::link::stream_link::StreamLink;
 use crate::notifier::Notifier;
 use crate::wait::Deadline;
-use crate::wire::Network;
 
 const NOW: PhysicalTime = PhysicalTime(1_000);
 
@@ -31,8 +32,9 @@ fn acceptor() -> (LinkAcceptor, String) {
 
 fn acceptor_at(addresses: &[String], security: Security) -> LinkAcceptor {
     let network = Network::sockets().unwrap();
-    let gates = addresses.iter().map(|at| network.listen(&at.parse().unwrap()).unwrap()).collect();
-    LinkAcceptor::new(gates, Purpose::Coordination, keys(security), 2)
+    let listeners =
+        addresses.iter().map(|at| network.listen(&at.parse().unwrap()).unwrap()).collect();
+    LinkAcceptor::new(listeners, Purpose::Coordination, keys(security), 2)
 }
 
 fn keys(security: Security) -> Keys {
@@ -56,19 +58,25 @@ fn flood(acceptor: &mut LinkAcceptor, address: &str, count: usize, words: &[u8])
 
 /// Whether connections wait to be accepted.
 fn has_arrivals(acceptor: &LinkAcceptor) -> bool {
-    let gates =
-        acceptor.gates.iter().map(|gate| PollFd::from_borrowed_fd(gate.as_fd(), PollFlags::IN));
-    let mut gates: Vec<_> = gates.collect();
-    poll(&mut gates, Some(&Timespec::default())).unwrap() > 0
+    let listeners = acceptor
+        .listeners
+        .iter()
+        .map(|listener| PollFd::from_borrowed_fd(listener.as_fd(), PollFlags::IN));
+    let mut listeners: Vec<_> = listeners.collect();
+    poll(&mut listeners, Some(&Timespec::default())).unwrap() > 0
 }
 
 /// A member, whose link goes on as far as `until` says.
-fn member(acceptor: &mut LinkAcceptor, address: &str, until: impl Fn(&Link) -> bool) -> Link {
+fn member(
+    acceptor: &mut LinkAcceptor,
+    address: &str,
+    until: impl Fn(&StreamLink) -> bool,
+) -> StreamLink {
     let address = Address::Tcp(address.to_owned());
     let notifier = Notifier::new().unwrap();
     let patience = Deadline::at(Clock::now().plus(10_000_000_000));
     let keys = keys(Security::default());
-    let link = Link::connect(&address, Purpose::Coordination, &keys, &notifier, patience);
+    let link = StreamLink::connect(&address, Purpose::Coordination, &keys, &notifier, patience);
     let mut link = link.unwrap();
     while !until(&link) {
         link.flush().unwrap();
@@ -79,7 +87,7 @@ fn member(acceptor: &mut LinkAcceptor, address: &str, until: impl Fn(&Link) -> b
 }
 
 /// The first frame of a member arrives.
-fn is_admitted(acceptor: &mut LinkAcceptor, mut link: Link) -> bool {
+fn is_admitted(acceptor: &mut LinkAcceptor, mut link: StreamLink) -> bool {
     link.queue(Frame::Resign, None);
     for _ in 0..1000 {
         if link.flush().is_err() || link.read().is_err() {
@@ -94,7 +102,7 @@ fn is_admitted(acceptor: &mut LinkAcceptor, mut link: Link) -> bool {
     false
 }
 
-/// Whether the other end has hung up without a word.
+/// Whether the other end has closed the link without an answer.
 fn is_hung_up(stream: &mut TcpStream) -> bool {
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     stream
@@ -141,7 +149,7 @@ fn the_number_of_pending_links_is_bounded_and_the_latest_has_a_place() {
 fn a_link_that_has_proved_the_secret_stays_whatever_others_come() {
     for words in [&b""[..], b"HPRM-", &HELLO] {
         let (mut acceptor, address) = acceptor();
-        let link = member(&mut acceptor, &address, Link::is_established);
+        let link = member(&mut acceptor, &address, StreamLink::is_established);
         drop(flood(&mut acceptor, &address, 3 * MOST_UNPROVED, words));
         assert!(is_admitted(&mut acceptor, link));
     }
@@ -166,7 +174,7 @@ fn a_link_that_has_begun_the_handshake_stays_whatever_silent_links_come() {
 fn a_link_has_a_place_beside_a_flood_of_those_that_begin_the_handshake() {
     let (mut acceptor, address) = acceptor();
     let pending = flood(&mut acceptor, &address, 3 * MOST_UNPROVED, &HELLO);
-    let link = member(&mut acceptor, &address, Link::is_established);
+    let link = member(&mut acceptor, &address, StreamLink::is_established);
     assert!(is_admitted(&mut acceptor, link));
     drop(pending);
 }
@@ -216,14 +224,14 @@ fn connect_from(here: &str, port: &str) -> TcpStream {
 
 #[test]
 fn pending_links_take_a_part_of_the_descriptors_that_are_left() {
-    let taken = |free| 2 * places_for(3, free).unproved;
+    let taken = |free| 2 * limits_for(3, free).unproved;
     assert_eq!(taken(1_000_000), 2 * MOST_UNPROVED);
     assert_eq!(taken(100), 24);
     assert_eq!(taken(16), 4);
     // Even then, a member must be able to get in.
     assert_eq!(taken(0), 2);
     assert!(
-        places_for(200, 1_000_000).from_one >= 200,
+        limits_for(200, 1_000_000).from_one >= 200,
         "many federates of one machine come at once"
     );
 }

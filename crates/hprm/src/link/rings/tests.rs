@@ -1,4 +1,4 @@
-//! Two links to one another on one machine.
+//! The two ends of a link on one machine.
 
 use std::fs::File;
 use std::io::Read;
@@ -10,13 +10,15 @@ use rustix::pipe::pipe;
 
 use super::*;
 use crate::Clock;
-use crate::link::{Arrival, Keys, Link, Listener, Purpose, Security};
+use crate::link::socket::SocketListener;
+use crate::link::stream_link::StreamLink;
+use crate::link::{Arrival, Keys, Purpose, Security};
 use crate::wait::{Deadline, Interest, wait};
 
 /// Two ends that are opened and trust one another, with their notifiers.
 struct Pair {
-    near: (Link, Notifier),
-    far: (Link, Notifier),
+    near: (StreamLink, Notifier),
+    far: (StreamLink, Notifier),
 }
 
 fn soon() -> Deadline {
@@ -26,16 +28,16 @@ fn soon() -> Deadline {
 fn pair(name: &str) -> Pair {
     let keys = Keys::new(FederationId(7), Security::default()).unwrap();
     let address = format!("unix:@hprm-rings-{}-{name}", std::process::id()).parse().unwrap();
-    let listener = Listener::bind(&address).unwrap();
+    let listener = SocketListener::bind(&address).unwrap();
     let (here, there) = (Notifier::new().unwrap(), Notifier::new().unwrap());
-    let near = Link::connect(&address, Purpose::Messages, &keys, &here, soon()).unwrap();
+    let near = StreamLink::connect(&address, Purpose::Messages, &keys, &here, soon()).unwrap();
     let socket = listener.accept().unwrap().unwrap();
-    let far = Link::accepted(socket, Purpose::Messages, &keys, &there).unwrap();
+    let far = StreamLink::accepted(socket, Purpose::Messages, &keys, &there).unwrap();
     Pair { near: (near, here), far: (far, there) }
 }
 
-/// The same, through rings by now.
-fn acquainted(name: &str) -> Pair {
+/// The same, with rings that both ends already use.
+fn pair_with_rings(name: &str) -> Pair {
     let mut pair = pair(name);
     let (near, far) = (&mut pair.near.0, &mut pair.far.0);
     near.queue(Frame::Ping, None);
@@ -66,7 +68,7 @@ fn segment(number: u32) -> Frame {
 }
 
 /// The frames that have come by now.
-fn read_all(link: &mut Link) -> Vec<Frame> {
+fn read_all(link: &mut StreamLink) -> Vec<Frame> {
     let mut frames = Vec::new();
     while matches!(link.read().unwrap(), Arrival::Bytes | Arrival::Rest) || link.has_unread() {
         while let Some((frame, _)) = link.next_frame().unwrap() {
@@ -85,7 +87,7 @@ fn is_notified(notifier: &Notifier) -> bool {
 
 #[test]
 fn only_a_process_that_sleeps_is_notified() {
-    let Pair { near: (mut near, _), far: (mut far, notifier) } = acquainted("sleep");
+    let Pair { near: (mut near, _), far: (mut far, notifier) } = pair_with_rings("sleep");
     near.queue(Frame::Ping, None);
     near.flush().unwrap();
     assert!(!is_notified(&notifier));
@@ -106,7 +108,7 @@ fn only_a_process_that_sleeps_is_notified() {
 
 #[test]
 fn more_than_a_ring_holds_waits_and_comes_in_order() {
-    let Pair { near: (mut near, notifier), far: (mut far, _) } = acquainted("full");
+    let Pair { near: (mut near, notifier), far: (mut far, _) } = pair_with_rings("full");
     let frames: Vec<_> = (0..50).map(|number| failed(number, 10_007)).collect();
     frames.iter().for_each(|frame| near.queue(frame.clone(), None));
     near.flush().unwrap();
@@ -127,7 +129,7 @@ fn more_than_a_ring_holds_waits_and_comes_in_order() {
 
 #[test]
 fn a_descriptor_comes_with_its_frame_whatever_is_before_it() {
-    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("descriptors");
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair_with_rings("descriptors");
     let mut writers = Vec::new();
     for number in 0..20 {
         near.queue(failed(number, 12_000), None);
@@ -162,7 +164,7 @@ fn long(len: usize) -> Frame {
 
 #[test]
 fn long_messages_keep_their_place_among_frames_and_descriptors() {
-    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("long");
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair_with_rings("long");
     let frames: Vec<_> =
         [Frame::Ping, long(3 << 20), Frame::Pong, long(1 << 20), segment(4), long(300_000)].into();
     for frame in &frames {
@@ -196,7 +198,7 @@ fn an_unauthenticated_client_sends_no_long_message() {
 
 #[test]
 fn what_was_written_before_an_end_is_read_and_then_the_end() {
-    let Pair { near: (mut near, _), far: (mut far, _) } = acquainted("end");
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair_with_rings("end");
     near.queue(failed(1, 60_000), None);
     near.queue(segment(3), Some(pipe().unwrap().0));
     near.flush().unwrap();
@@ -232,7 +234,7 @@ fn an_end_before_the_first_answer_is_an_end() {
 
 #[test]
 fn a_process_that_fills_the_ring_of_one_that_has_ended_gets_an_error() {
-    let Pair { near: (mut near, _), far: (far, _) } = acquainted("gone");
+    let Pair { near: (mut near, _), far: (far, _) } = pair_with_rings("gone");
     drop(far);
     near.queue(failed(1, 200_000), None);
     assert_eq!(near.flush().unwrap_err().kind(), io::ErrorKind::BrokenPipe);
@@ -244,11 +246,11 @@ fn a_process_that_fills_the_ring_of_one_that_has_ended_gets_an_error() {
 fn what_is_no_memory_for_rings_breaks_the_link() {
     let keys = Keys::new(FederationId(7), Security::default()).unwrap();
     let address = format!("unix:@hprm-rings-{}-lie", std::process::id()).parse().unwrap();
-    let listener = Listener::bind(&address).unwrap();
+    let listener = SocketListener::bind(&address).unwrap();
     let liar = Socket::connect(&address, soon()).unwrap();
     let notifier = Notifier::new().unwrap();
     let socket = listener.accept().unwrap().unwrap();
-    let mut link = Link::accepted(socket, Purpose::Messages, &keys, &notifier).unwrap();
+    let mut link = StreamLink::accepted(socket, Purpose::Messages, &keys, &notifier).unwrap();
     let (reader, writer) = pipe().unwrap();
     liar.send_with(b"x", &[reader.as_fd(), writer.as_fd()]).unwrap();
     assert_eq!(link.read().unwrap(), Arrival::Bytes);

@@ -1,4 +1,4 @@
-//! One link, and reading what it holds. What its frames mean is up to the loops.
+//! One link that a loop polls, and how the loop reads it. The loops decide what its frames mean.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -7,13 +7,12 @@ use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::link::descriptors::is_shortage;
-use crate::link::{Arrival, READS};
-use crate::wire::Wire;
+use crate::link::{Arrival, Link, READS};
 
-/// A link, and what is known of it without asking the kernel.
+/// A link, and whether it may be ready, which the loop knows without asking the kernel.
 #[derive(Debug)]
-pub(crate) struct Line {
-    pub(crate) wire: Wire,
+pub(crate) struct PolledLink {
+    pub(crate) link: Link,
     /// Whether there may be something to read.
     is_ready: bool,
 }
@@ -21,36 +20,36 @@ pub(crate) struct Line {
 /// Why a link is not read any further.
 #[derive(Debug)]
 pub(crate) enum Broken {
-    /// The link is of no use any more.
+    /// The link cannot be used any more.
     Link(io::Error),
-    /// What has come is no frame, or there is no memory for it.
+    /// What has come is not a frame, or there is no memory for it.
     Frame(CodecError),
     /// This process lacks memory, or descriptors.
     Shortage(io::Error),
 }
 
-impl Line {
-    pub(crate) fn new(wire: Wire) -> Self {
-        // What came while it was opened is not news to the kernel.
-        Self { wire, is_ready: true }
+impl PolledLink {
+    pub(crate) fn new(link: Link) -> Self {
+        // The kernel does not report again what came while the link was opened.
+        Self { link, is_ready: true }
     }
 
-    /// Whether there is something to read, or may be.
+    /// Whether there may be something to read.
     pub(crate) fn may_be_read(&self) -> bool {
-        self.is_ready || self.wire.has_unread()
+        self.is_ready || self.link.has_unread()
     }
 
-    /// Notes that there is something to read, perhaps.
+    /// Notes whether the kernel, or the loop, has found that there may be something to read.
     pub(crate) fn note(&mut self, is_ready: bool) {
         self.is_ready |= is_ready;
     }
 
-    /// Reads what the link holds, up to a limit, if it may hold anything. Returns whether the other end is
-    /// still open.
+    /// Reads what the link holds, up to a limit, if it may hold anything, and gives each frame to `arrive`.
+    /// Returns whether the other end is still open.
     ///
     /// # Errors
     ///
-    /// If it cannot be read any further; what had come before has arrived.
+    /// If the link cannot be read any further; `arrive` has got the frames before that.
     pub(crate) fn read(
         &mut self,
         mut arrive: impl FnMut(Frame, Option<OwnedFd>),
@@ -60,8 +59,8 @@ impl Line {
         }
         self.is_ready = false;
         for _ in 0..READS {
-            let arrival = self.wire.read().map_err(Broken::reading)?;
-            while let Some((frame, descriptor)) = self.wire.next_frame().map_err(Broken::Frame)? {
+            let arrival = self.link.read().map_err(Broken::reading)?;
+            while let Some((frame, descriptor)) = self.link.next_frame().map_err(Broken::Frame)? {
                 arrive(frame, descriptor);
             }
             match arrival {

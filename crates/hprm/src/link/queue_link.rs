@@ -1,7 +1,7 @@
-//! Links within one process: frames are handed over as they are, and nothing is written or read.
+//! Links within one process, whose transport is a queue in each direction.
 //!
-//! A lane goes in one direction. Its descriptor can be read as long as something is new in it, so a
-//! loop waits for lanes as it waits for sockets.
+//! The sender puts frames into the queue as they are, and writes no bytes. The descriptor of a queue can be read
+//! as long as something is new in it, so a loop waits for queues as it waits for sockets.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -19,102 +19,102 @@ type Item = (Frame, Option<OwnedFd>);
 
 /// One end of a connection between two threads.
 #[derive(Debug)]
-pub(crate) struct MemoryLink {
-    inbound: Arc<Lane<Item>>,
-    outbound: Arc<Lane<Item>>,
-    /// Taken from the lane, and not asked for yet.
+pub(crate) struct QueueLink {
+    inbound: Arc<Queue<Item>>,
+    outbound: Arc<Queue<Item>>,
+    /// Frames taken from the inbound queue that the loop has not asked for yet.
     unread: VecDeque<Item>,
-    /// Not in the lane yet: one ring is for all of them.
+    /// Frames that are not in the outbound queue yet: one notification serves all of them.
     unsent: Vec<Item>,
 }
 
-/// Where others connect.
+/// Accepts links at one address of this process.
 #[derive(Debug)]
-pub(crate) struct MemoryGate {
+pub(crate) struct QueueListener {
     hub: Arc<Hub>,
     address: Address,
-    arrivals: Arc<Lane<MemoryLink>>,
+    arrivals: Arc<Queue<QueueLink>>,
 }
 
-/// The addresses of one process. They mean nothing outside of it.
+/// The addresses of one process, and the listeners at them. The addresses mean nothing outside of it.
 #[derive(Debug, Default)]
 pub(crate) struct Hub {
-    gates: Mutex<BTreeMap<String, Arc<Lane<MemoryLink>>>>,
+    listeners: Mutex<BTreeMap<String, Arc<Queue<QueueLink>>>>,
 }
 
 /// A queue from one thread to another.
 #[derive(Debug)]
-struct Lane<T> {
-    state: Mutex<LaneState<T>>,
-    /// An eventfd, because it is one descriptor and one number, however often it is rung.
+struct Queue<T> {
+    state: Mutex<QueueState<T>>,
+    /// An eventfd, because it is one descriptor and one number, however often it is notified.
     signal: OwnedFd,
 }
 
 #[derive(Debug)]
-struct LaneState<T> {
+struct QueueState<T> {
     items: VecDeque<T>,
     closed: bool,
     /// Whether the descriptor can be read, or is about to be.
-    rung: bool,
+    notified: bool,
 }
 
 impl Hub {
-    /// Opens a gate.
-    pub(crate) fn listen(self: &Arc<Self>, address: &Address) -> io::Result<MemoryGate> {
-        let arrivals = Arc::new(Lane::new()?);
-        let mut gates = self.gates();
+    /// Opens a listener at an address.
+    pub(crate) fn listen(self: &Arc<Self>, address: &Address) -> io::Result<QueueListener> {
+        let arrivals = Arc::new(Queue::new()?);
+        let mut listeners = self.listeners();
         let name = address.to_string();
-        if gates.contains_key(&name) {
+        if listeners.contains_key(&name) {
             return Err(io::ErrorKind::AddrInUse.into());
         }
-        gates.insert(name, Arc::clone(&arrivals));
-        drop(gates);
-        Ok(MemoryGate { hub: Arc::clone(self), address: address.clone(), arrivals })
+        listeners.insert(name, Arc::clone(&arrivals));
+        drop(listeners);
+        Ok(QueueListener { hub: Arc::clone(self), address: address.clone(), arrivals })
     }
 
-    /// Connects to a gate.
-    pub(crate) fn connect(&self, address: &Address) -> io::Result<MemoryLink> {
-        let gate = self.gates().get(&address.to_string()).map(Arc::clone);
-        let gate = gate.ok_or(io::ErrorKind::ConnectionRefused)?;
-        let (here, there) = MemoryLink::pair()?;
-        gate.push([there])?;
+    /// Connects to the listener at an address.
+    pub(crate) fn connect(&self, address: &Address) -> io::Result<QueueLink> {
+        let listener = self.listeners().get(&address.to_string()).map(Arc::clone);
+        let listener = listener.ok_or(io::ErrorKind::ConnectionRefused)?;
+        let (here, there) = QueueLink::pair()?;
+        listener.push([there])?;
         Ok(here)
     }
 
-    fn gates(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Lane<MemoryLink>>>> {
-        self.gates.lock().unwrap_or_else(PoisonError::into_inner)
+    fn listeners(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Queue<QueueLink>>>> {
+        self.listeners.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl MemoryGate {
+impl QueueListener {
     pub(crate) fn address(&self) -> &Address {
         &self.address
     }
 
     /// The next connection, if one waits.
-    pub(crate) fn accept(&self) -> Option<MemoryLink> {
+    pub(crate) fn accept(&self) -> Option<QueueLink> {
         self.arrivals.pop()
     }
 }
 
-impl Drop for MemoryGate {
+impl Drop for QueueListener {
     fn drop(&mut self) {
-        self.hub.gates().remove(&self.address.to_string());
+        self.hub.listeners().remove(&self.address.to_string());
         self.arrivals.close();
-        // Whoever has connected and was not answered learns that nobody will.
+        // A thread that has connected and was not answered sees its link closed.
         while self.arrivals.pop().is_some() {}
     }
 }
 
-impl AsFd for MemoryGate {
+impl AsFd for QueueListener {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.arrivals.signal.as_fd()
     }
 }
 
-impl MemoryLink {
+impl QueueLink {
     fn pair() -> io::Result<(Self, Self)> {
-        let (there, back) = (Arc::new(Lane::new()?), Arc::new(Lane::new()?));
+        let (there, back) = (Arc::new(Queue::new()?), Arc::new(Queue::new()?));
         let end = |inbound: &Arc<_>, outbound: &Arc<_>| Self {
             inbound: Arc::clone(inbound),
             outbound: Arc::clone(outbound),
@@ -164,34 +164,34 @@ impl MemoryLink {
     }
 }
 
-impl Drop for MemoryLink {
+impl Drop for QueueLink {
     fn drop(&mut self) {
         self.outbound.close();
         self.inbound.close();
     }
 }
 
-impl AsFd for MemoryLink {
+impl AsFd for QueueLink {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.inbound.signal.as_fd()
     }
 }
 
-impl<T> Lane<T> {
+impl<T> Queue<T> {
     fn new() -> io::Result<Self> {
         let signal = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
-        let state = LaneState { items: VecDeque::new(), closed: false, rung: false };
+        let state = QueueState { items: VecDeque::new(), closed: false, notified: false };
         Ok(Self { state: Mutex::new(state), signal })
     }
 
-    /// Adds items. Fails if the lane is closed.
+    /// Adds items. Fails if the queue is closed.
     fn push(&self, items: impl IntoIterator<Item = T>) -> io::Result<()> {
         let mut state = self.state();
         if state.closed {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
         state.items.extend(items);
-        self.ring(state);
+        self.notify(state);
         Ok(())
     }
 
@@ -209,7 +209,7 @@ impl<T> Lane<T> {
         let mut state = self.state();
         let empty = state.items.is_empty();
         taken.append(&mut state.items);
-        // A closed lane goes on ringing until its reader has let go of it.
+        // The descriptor of a closed queue stays readable until the reader has dropped the queue.
         if !state.closed {
             self.clear(&mut state);
         }
@@ -223,27 +223,27 @@ impl<T> Lane<T> {
     fn close(&self) {
         let mut state = self.state();
         state.closed = true;
-        self.ring(state);
+        self.notify(state);
     }
 
-    /// Rings once the lock is free: whoever wakes up takes it at once.
-    fn ring(&self, mut state: MutexGuard<'_, LaneState<T>>) {
-        let silent = !std::mem::replace(&mut state.rung, true);
+    /// Notifies the reader once the lock is free: the thread that wakes up takes the lock at once.
+    fn notify(&self, mut state: MutexGuard<'_, QueueState<T>>) {
+        let is_first = !std::mem::replace(&mut state.notified, true);
         drop(state);
-        if silent {
-            // Fails only if the number is at its limit, and then it can be read.
+        if is_first {
+            // Fails only if the number is at its limit, and then the descriptor can be read.
             let _ = rustix::io::write(&self.signal, &1_u64.to_ne_bytes());
         }
     }
 
-    fn clear(&self, state: &mut LaneState<T>) {
-        // It fails if the ring is still to come: then somebody has to silence it later.
-        if state.rung && rustix::io::read(&self.signal, &mut [0; 8]).is_ok() {
-            state.rung = false;
+    fn clear(&self, state: &mut QueueState<T>) {
+        // The read fails if the writer has not notified yet: then a later read has to clear the descriptor.
+        if state.notified && rustix::io::read(&self.signal, &mut [0; 8]).is_ok() {
+            state.notified = false;
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, LaneState<T>> {
+    fn state(&self) -> MutexGuard<'_, QueueState<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -254,7 +254,7 @@ mod tests {
 
     use hprm_federated::Frame;
 
-    use super::{Hub, MemoryLink};
+    use super::{Hub, QueueLink};
     use crate::Address;
     use crate::link::Arrival;
     use crate::wait::{Interest, wait};
@@ -262,7 +262,7 @@ mod tests {
     use std::os::fd::AsFd;
 
     /// Whether a loop that waits for this would wake up at once.
-    fn rings(what: &impl AsFd) -> bool {
+    fn is_notified(what: &impl AsFd) -> bool {
         wait(&[Interest { fd: what.as_fd(), write: false }], Some(PhysicalTime(0)))[0].is_ready()
     }
 
@@ -271,16 +271,16 @@ mod tests {
     }
 
     #[test]
-    fn frames_arrive_in_order_behind_one_ring() {
-        let (mut here, mut there) = MemoryLink::pair().unwrap();
-        assert!(!rings(&there));
+    fn frames_arrive_in_order_behind_one_notification() {
+        let (mut here, mut there) = QueueLink::pair().unwrap();
+        assert!(!is_notified(&there));
         here.queue(Frame::Resign, None);
         here.queue(Frame::Resign, None);
-        assert!(here.has_outbound() && !rings(&there));
+        assert!(here.has_outbound() && !is_notified(&there));
         here.flush().unwrap();
-        assert!(!here.has_outbound() && rings(&there));
+        assert!(!here.has_outbound() && is_notified(&there));
         assert_eq!(there.read(), Arrival::Rest);
-        assert!(!rings(&there));
+        assert!(!is_notified(&there));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
         assert!(there.next_frame().is_none());
@@ -288,31 +288,31 @@ mod tests {
     }
 
     #[test]
-    fn what_was_said_before_the_end_is_heard() {
-        let (mut here, mut there) = MemoryLink::pair().unwrap();
+    fn frames_sent_before_the_end_arrive() {
+        let (mut here, mut there) = QueueLink::pair().unwrap();
         here.queue(Frame::Resign, None);
         here.flush().unwrap();
         drop(here);
-        assert!(rings(&there));
+        assert!(is_notified(&there));
         assert_eq!(there.read(), Arrival::Rest);
         assert_eq!(there.read(), Arrival::Closed);
-        assert!(rings(&there), "the end can be noticed at any later time");
+        assert!(is_notified(&there), "the end can be noticed at any later time");
         there.queue(Frame::Resign, None);
         assert!(there.flush().is_err());
     }
 
     #[test]
-    fn a_gate_is_found_by_its_name_as_long_as_it_is_there() {
+    fn a_listener_is_found_by_its_name_as_long_as_it_is_there() {
         let hub = Arc::new(Hub::default());
         assert!(hub.connect(&address("rti")).is_err());
-        let gate = hub.listen(&address("rti")).unwrap();
+        let listener = hub.listen(&address("rti")).unwrap();
         assert!(hub.listen(&address("rti")).is_err(), "a name is taken once");
         let mut answered = hub.connect(&address("rti")).unwrap();
-        assert!(rings(&gate));
-        let _served = gate.accept().unwrap();
-        assert!(gate.accept().is_none() && !rings(&gate));
+        assert!(is_notified(&listener));
+        let _served = listener.accept().unwrap();
+        assert!(listener.accept().is_none() && !is_notified(&listener));
         let mut ignored = hub.connect(&address("rti")).unwrap();
-        drop(gate);
+        drop(listener);
         assert_eq!(answered.read(), Arrival::Nothing);
         assert_eq!(ignored.read(), Arrival::Closed);
         assert!(hub.connect(&address("rti")).is_err());

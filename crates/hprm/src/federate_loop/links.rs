@@ -1,0 +1,489 @@
+//! A federate's links: to the RTI, and under decentralized coordination to its peers.
+//!
+//! It opens and accepts links and reads frames from them. The machine decides what a frame means.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+
+use hprm_core::limits::EAGER_BUFFER;
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
+use hprm_federated::codec::CodecError;
+use hprm_federated::{FederationId, Frame, HostId, Input};
+
+use super::FederateOptions;
+use super::reach;
+use super::search::Search;
+use crate::link::{Keys, LinkAcceptor, Network, Purpose};
+use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
+use crate::spin;
+use crate::wait::{Interest, wait};
+use crate::{Clock, Failure};
+
+/// Descriptors of segments that have arrived, by owner and number.
+type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
+
+/// The links of one federate, with what opens, accepts and polls them.
+pub(super) struct FederateLinks {
+    network: Network,
+    poller: Poller,
+    polled: PolledLinks,
+    search: Search,
+    /// Whether the link to the RTI is lost, and this federate looks for the RTI again.
+    is_away: bool,
+    keys: Keys,
+    advertised: Option<String>,
+    host: HostId,
+    serials: LinkSerials,
+    descriptors: Descriptors,
+    /// Why something could not be written.
+    lack: Option<Failure>,
+}
+
+/// The number of a link with a peer. The links with one peer follow one another, and a later one has a greater
+/// number.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) struct LinkSerial(u64);
+
+impl LinkSerial {
+    const RTI: Self = Self(0);
+}
+
+/// The latest links with each peer, and the last that this federate closed.
+#[derive(Default)]
+struct LinkSerials {
+    count: u64,
+    outgoing: BTreeMap<FederateId, LinkSerial>,
+    incoming: BTreeMap<FederateId, LinkSerial>,
+    closed: BTreeMap<FederateId, LinkSerial>,
+}
+
+impl LinkSerials {
+    fn next(&mut self) -> LinkSerial {
+        self.count += 1;
+        LinkSerial(self.count)
+    }
+
+    fn open(&mut self, peer: FederateId) {
+        let serial = self.next();
+        self.outgoing.insert(peer, serial);
+    }
+
+    fn accept(&mut self, peer: FederateId) -> LinkSerial {
+        let serial = self.next();
+        self.incoming.insert(peer, serial);
+        serial
+    }
+
+    fn close(&mut self, peer: FederateId) {
+        self.closed.insert(peer, LinkSerial(self.count));
+    }
+
+    fn outgoing(&self, peer: FederateId) -> LinkSerial {
+        self.outgoing.get(&peer).copied().unwrap_or(LinkSerial::RTI)
+    }
+
+    fn incoming(&self, peer: FederateId) -> LinkSerial {
+        self.incoming.get(&peer).copied().unwrap_or(LinkSerial::RTI)
+    }
+
+    fn is_closed(&self, peer: FederateId, serial: LinkSerial) -> bool {
+        self.closed.get(&peer).is_some_and(|closed| serial <= *closed)
+    }
+}
+
+/// The open links of a federate, and the acceptor of new ones.
+struct PolledLinks {
+    rti: Option<PolledLink>,
+    /// Links that this federate opened: it sends its messages over these.
+    outgoing: BTreeMap<FederateId, PolledLink>,
+    /// Links that peers opened: their messages come over these.
+    incoming: BTreeMap<FederateId, PolledLink>,
+    /// Accepts links of peers, if the coordination needs them.
+    acceptor: Option<PolledAcceptor>,
+}
+
+impl PollSet for PolledLinks {
+    fn polled_links(&self) -> impl Iterator<Item = &PolledLink> {
+        self.rti.iter().chain(self.outgoing.values()).chain(self.incoming.values())
+    }
+
+    fn polled_links_mut(&mut self) -> impl Iterator<Item = &mut PolledLink> {
+        self.rti.iter_mut().chain(self.outgoing.values_mut()).chain(self.incoming.values_mut())
+    }
+
+    fn acceptor(&self) -> Option<&PolledAcceptor> {
+        self.acceptor.as_ref()
+    }
+
+    fn acceptor_mut(&mut self) -> Option<&mut PolledAcceptor> {
+        self.acceptor.as_mut()
+    }
+}
+
+impl PolledLinks {
+    /// The link that carries this federate's messages to a peer, unless they go through the RTI.
+    fn to(&self, peer: FederateId) -> Option<&PolledLink> {
+        self.outgoing.get(&peer).or_else(|| self.incoming.get(&peer))
+    }
+
+    /// Whether the link to the RTI is of a kind that only processes of one user on one machine have.
+    fn is_beside_rti(&self) -> bool {
+        self.rti.as_ref().is_some_and(|polled| polled.link.is_local())
+    }
+}
+
+impl FederateLinks {
+    /// Connects to the RTI, and listens for peers if the coordination needs them.
+    pub(super) fn connect(options: &FederateOptions, network: Network) -> Result<Self, Failure> {
+        let keys = Keys::new(options.federation, options.security.clone())?;
+        let mut search = Search::new(options);
+        let rti = search.find(&keys, &network)?;
+        let decentralized = options.program.properties.coordination == Coordination::Decentralized;
+        let (mut acceptor, mut advertised) = (None, None);
+        if decentralized {
+            let (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;
+            let members = options.program.federates.len();
+            acceptor = Some(PolledAcceptor::new(LinkAcceptor::new(
+                listeners,
+                Purpose::Messages,
+                keys.clone(),
+                members,
+            )));
+            advertised = Some(addresses);
+        }
+        Ok(Self {
+            host: reach::host_id(rti.is_local(), decentralized),
+            poller: Poller::new(network.notifier(), spin::time(&options.program)),
+            network,
+            polled: PolledLinks {
+                rti: Some(PolledLink::new(rti)),
+                outgoing: BTreeMap::new(),
+                incoming: BTreeMap::new(),
+                acceptor,
+            },
+            search,
+            is_away: false,
+            keys,
+            advertised,
+            serials: LinkSerials::default(),
+            descriptors: BTreeMap::new(),
+            lack: None,
+        })
+    }
+
+    /// Drops the link to the RTI, which is of no use. This federate then joins again over a new one.
+    ///
+    /// # Errors
+    ///
+    /// If that cannot succeed.
+    pub(super) fn lose_rti(&mut self) -> Result<(), Failure> {
+        self.polled.rti = None;
+        self.is_away = true;
+        self.search.lost()
+    }
+
+    /// When to look for the RTI again, if the link to it is lost.
+    pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        self.is_away.then(|| self.search.next())
+    }
+
+    /// Notes that the federation runs: from now on the loop serves members before pending links.
+    pub(super) fn become_busy(&mut self) {
+        self.polled.acceptor.iter_mut().for_each(|acceptor| acceptor.inner.become_busy());
+    }
+
+    /// Whether the RTI runs on this host.
+    pub(super) fn is_beside_rti(&self) -> bool {
+        self.polled.rti.as_ref().is_some_and(|polled| polled.link.is_within_host())
+    }
+
+    /// The name of this federation in frames.
+    pub(super) fn federation(&self) -> FederationId {
+        self.keys.name()
+    }
+
+    /// The number of this federate's host. Federates with the same number share memory.
+    pub(super) fn host(&self) -> HostId {
+        self.host
+    }
+
+    /// Where peers reach this federate.
+    pub(super) fn advertised(&self) -> Option<String> {
+        self.advertised.clone()
+    }
+
+    /// Opens the link that carries this federate's messages to `peer`, which listens at one of
+    /// `addresses`. Does not wait for the peer, which may open its own link at the same time.
+    ///
+    /// # Errors
+    ///
+    /// At which addresses the peer cannot be reached, and why.
+    pub(super) fn connect_peer(
+        &mut self,
+        peer: FederateId,
+        addresses: &str,
+        same_host: bool,
+        hello: Frame,
+    ) -> Result<(), String> {
+        let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
+        link.queue(hello, None);
+        self.polled.outgoing.insert(peer, PolledLink::new(link));
+        self.serials.open(peer);
+        Ok(())
+    }
+
+    /// Closes the links with a peer.
+    pub(super) fn disconnect(&mut self, peer: FederateId) {
+        self.polled.outgoing.remove(&peer);
+        self.polled.incoming.remove(&peer);
+        self.serials.close(peer);
+    }
+
+    /// Whether an input comes from a link with a peer that this federate has closed since it read the input,
+    /// or has replaced by another link.
+    pub(super) fn is_past(&self, serial: LinkSerial, input: &Input) -> bool {
+        let (Input::PeerUp(peer) | Input::PeerLost(peer) | Input::FromPeer { from: peer, .. }) =
+            input
+        else {
+            return false;
+        };
+        let replaced =
+            self.polled.outgoing.contains_key(peer) && serial < self.serials.outgoing(*peer);
+        replaced || self.serials.is_closed(*peer, serial)
+    }
+
+    /// Whether descriptors that this federate sends first reach a federate on the same host before a message
+    /// on a channel, `physical` or not.
+    pub(super) fn pass_descriptors(&self, to: FederateId, physical: bool) -> bool {
+        match self.polled.to(to) {
+            // A message on a physical channel takes another path, and may overtake them.
+            Some(polled) => polled.link.is_local() && !physical,
+            None => self.polled.is_beside_rti(),
+        }
+    }
+
+    /// Whether all links with a peer, or the link with the RTI if there are none, are of a kind that only
+    /// processes of one user on one machine have.
+    pub(super) fn is_beside(&self, peer: FederateId) -> bool {
+        let PolledLinks { outgoing, incoming, .. } = &self.polled;
+        let mut links = outgoing.get(&peer).into_iter().chain(incoming.get(&peer));
+        match links.next() {
+            Some(polled) => polled.link.is_local() && links.all(|polled| polled.link.is_local()),
+            None => self.polled.is_beside_rti(),
+        }
+    }
+
+    pub(super) fn tell_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        if let Some(polled) = &mut self.polled.rti {
+            polled.link.queue(frame, descriptor);
+        }
+    }
+
+    pub(super) fn tell_peer(&mut self, to: FederateId, frame: Frame, descriptor: Option<OwnedFd>) {
+        let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
+        let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
+        if let Some(polled) = link {
+            polled.link.queue(frame, descriptor);
+        }
+    }
+
+    /// The descriptor that came with the announcement of a segment.
+    pub(super) fn take_descriptor(&mut self, owner: FederateId, segment: u32) -> Option<OwnedFd> {
+        self.descriptors.remove(&(owner, segment))
+    }
+
+    /// Writes what can be written. That a peer has ended, or that there was no memory for a frame, shows when
+    /// the links are read the next time.
+    pub(super) fn flush(&mut self) {
+        let mut lack = None;
+        for link in self.polled.links_mut() {
+            match link.flush() {
+                Ok(()) => {}
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                    lack = Some(no_memory(&error));
+                }
+                Err(_) => link.discard(),
+            }
+        }
+        self.lack = self.lack.take().or(lack);
+    }
+
+    /// Whether there is as much to write as the other end reads at once. A link whose other end took no more
+    /// the last time does not count, so that the loop does not try again for each new frame.
+    pub(super) fn have_much_to_write(&self) -> bool {
+        self.polled.links().any(|link| link.writable_len() >= EAGER_BUFFER)
+    }
+
+    /// Ends the links in order: writes everything within `patience`, and makes sure that it arrives. With
+    /// `all`, a long message may take longer, as long as some of it leaves.
+    pub(super) fn leave(&mut self, patience: Nanos, all: bool) {
+        self.poller.drain(&mut self.polled, patience, all);
+        let until = Clock::now().plus(patience);
+        // If this end closed a TCP connection before it has read everything, the kernel would reset the
+        // connection, and the other end would lose what it has not read yet. So the other end closes it.
+        let mut links: Vec<_> = self.polled.links_mut().filter(|link| !link.is_local()).collect();
+        links.iter_mut().for_each(|link| link.finish());
+        while !links.is_empty() && Clock::now() < until {
+            links.retain_mut(|link| link.is_open());
+            let waiting: Vec<_> =
+                links.iter().map(|link| Interest { fd: link.as_fd(), write: false }).collect();
+            if !waiting.is_empty() {
+                wait(&waiting, Some(until));
+            }
+        }
+    }
+
+    /// Reads the links that are known to be ready, up to a limit for each. `admit` tells from the first
+    /// frame of a new link which federate opened it, and what to answer.
+    pub(super) fn read(
+        &mut self,
+        admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
+        inputs: &mut Vec<(LinkSerial, Input)>,
+    ) -> Result<(), Failure> {
+        self.lack.take().map_or(Ok(()), Err)?;
+        self.read_rti(inputs)?;
+        self.accept_peers(admit, inputs)?;
+        self.read_peers(inputs)
+    }
+
+    /// Waits until a link is ready, the loop is notified, or `until` has come.
+    pub(super) fn wait(&mut self, inbox: &impl AsFd, until: Option<PhysicalTime>) -> Found {
+        self.poller.wait(&mut self.polled, inbox, until)
+    }
+
+    /// Looks for what has come by now. It does not wait.
+    pub(super) fn look(&mut self, inbox: &impl AsFd) -> Found {
+        self.poller.look(&mut self.polled, inbox)
+    }
+
+    fn read_rti(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
+        if self.is_away
+            && let Some(link) = self.search.look(&self.keys, &self.network)?
+        {
+            self.polled.rti = Some(PolledLink::new(link));
+            self.is_away = false;
+            inputs.push((LinkSerial::RTI, Input::Rejoins));
+        }
+        let Some(polled) = &mut self.polled.rti else { return Ok(()) };
+        let descriptors = &mut self.descriptors;
+        let open = polled.read(|frame, descriptor| {
+            keep(descriptors, &frame, descriptor);
+            inputs.push((LinkSerial::RTI, Input::FromRti(frame)));
+        });
+        if !open.map_err(failure)? {
+            self.polled.rti = None;
+            inputs.push((LinkSerial::RTI, Input::RtiLost));
+        }
+        Ok(())
+    }
+
+    /// Accepts links of peers. The first frame of a link says which peer opened it; a link whose first frame
+    /// does not say so gets no answer.
+    fn accept_peers(
+        &mut self,
+        admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
+        inputs: &mut Vec<(LinkSerial, Input)>,
+    ) -> Result<(), Failure> {
+        let Some(acceptor) = self.polled.acceptor.as_mut().filter(|acceptor| acceptor.is_ready())
+        else {
+            return Ok(());
+        };
+        let admitted = acceptor
+            .admit(Clock::local())
+            .map_err(|error| Failure::system("cannot accept a connection of a peer", &error))?;
+        for (mut link, hello) in admitted {
+            if let Some((from, welcome)) = admit(&hello) {
+                link.trust();
+                link.queue(welcome, None);
+                self.polled.incoming.insert(from, PolledLink::new(link));
+                inputs.push((self.serials.accept(from), Input::PeerUp(from)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the links with peers. A peer whose link is broken counts as lost.
+    fn read_peers(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
+        let Self { polled: PolledLinks { outgoing, incoming, .. }, descriptors, serials, .. } =
+            self;
+        // Messages of a peer whose link has ended come over the other link with it, and there may be more.
+        let mut ended = Vec::new();
+        for (peer, polled) in &mut *outgoing {
+            check_proof(polled, *peer)?;
+            let serial = serials.outgoing(*peer);
+            if !read_peer(polled, (*peer, serial), descriptors, inputs)? {
+                ended.push(*peer);
+                if !incoming.contains_key(peer) {
+                    inputs.push((serial, Input::PeerLost(*peer)));
+                }
+            }
+        }
+        ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
+        for (peer, polled) in &mut *incoming {
+            let serial = serials.incoming(*peer);
+            if !read_peer(polled, (*peer, serial), descriptors, inputs)? {
+                ended.push(*peer);
+                inputs.push((serial, Input::PeerLost(*peer)));
+            }
+        }
+        ended.drain(..).for_each(|peer| drop(incoming.remove(&peer)));
+        Ok(())
+    }
+}
+
+/// A process that listens at the address of a peer must prove that it belongs to the federation.
+fn check_proof(polled: &mut PolledLink, peer: FederateId) -> Result<(), Failure> {
+    if polled.link.is_established() {
+        return Ok(());
+    }
+    let read = polled.link.read().map(drop);
+    read.map_err(|error| Failure::Link(format!("the link to federate {}: {error}", peer.0)))
+}
+
+/// Reads a link with a peer, if it is ready. Returns whether it is still open. Only a lack of
+/// memory or descriptors, which is the fault of neither end, is a failure.
+fn read_peer(
+    polled: &mut PolledLink,
+    (from, serial): (FederateId, LinkSerial),
+    descriptors: &mut Descriptors,
+    inputs: &mut Vec<(LinkSerial, Input)>,
+) -> Result<bool, Failure> {
+    let open = polled.read(|frame, descriptor| {
+        if let Frame::PeerWelcome { .. } = frame {
+            inputs.push((serial, Input::PeerUp(from)));
+            return;
+        }
+        keep(descriptors, &frame, descriptor);
+        inputs.push((serial, Input::FromPeer { from, frame }));
+    });
+    match open {
+        Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {
+            Err(failure(broken))
+        }
+        open => Ok(open.unwrap_or(false)),
+    }
+}
+
+fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd>) {
+    if let (Frame::Segment { owner, segment, .. }, Some(descriptor)) = (frame, descriptor) {
+        descriptors.insert((*owner, *segment), descriptor);
+    }
+}
+
+/// This process has no memory for a message that it sends or receives.
+pub(super) fn no_memory(error: &dyn Display) -> Failure {
+    Failure::Memory(error.to_string())
+}
+
+/// The failure of a federate that cannot read a link any further.
+fn failure(broken: Broken) -> Failure {
+    match broken {
+        Broken::Shortage(error) if error.kind() == io::ErrorKind::OutOfMemory => no_memory(&error),
+        Broken::Shortage(error) => Failure::system("cannot receive from another federate", &error),
+        Broken::Frame(error @ CodecError::NoMemory(_)) => no_memory(&error),
+        Broken::Frame(error) => Failure::Link(format!("a link is broken: {error}")),
+        Broken::Link(error) => Failure::Link(format!("a link is broken: {error}")),
+    }
+}

@@ -1,0 +1,469 @@
+//! Links over a stream of bytes: ordered frames in, ordered frames out, and a typed end.
+//!
+//! On one machine, the transport of a link is a Unix stream socket together with ring buffers, through which
+//! the bytes go. Otherwise it is TCP without Nagle's delay (paper, section III-C, real-time sockets), perhaps
+//! with TLS. A link allocates its buffers once: it reads and writes a message that fits into the eager limit
+//! without another allocation. It knows frames, not what they mean. Before the first frame, both ends prove
+//! that they belong to the federation ([`proof`]), unless the kernel vouches for the other end.
+
+use std::collections::VecDeque;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use hprm_core::limits::EAGER_BUFFER;
+use hprm_federated::Frame;
+use hprm_federated::codec::{CodecError, Decoded, Decoder};
+
+use super::outbound::Outbound;
+use super::proof::{self, Handshake, Purpose, Refused, Role};
+use super::socket::Socket;
+use super::stream::Stream;
+use super::{Address, Arrival, Keys};
+use crate::notifier::Notifier;
+use crate::wait::{Deadline, Interest, wait};
+
+/// The longest frame of a process that has not joined yet, in bytes.
+const UNPROVED_LIMIT: usize = 4096;
+
+/// One end of a link whose transport carries bytes.
+#[derive(Debug)]
+pub(crate) struct StreamLink {
+    stream: Stream,
+    /// What both ends prove to one another, until that is over.
+    handshake: Option<Box<Handshake>>,
+    /// Whether the other end is known to belong to the federation.
+    trusted: bool,
+    /// Whether nothing can be written any more.
+    mute: bool,
+    inbound: Inbound,
+    outbound: Outbound,
+    /// Whether some of a long message has moved.
+    has_moved: bool,
+}
+
+/// Bytes that have arrived and are not frames yet.
+#[derive(Debug)]
+struct Inbound {
+    buffer: Vec<u8>,
+    start: usize,
+    end: usize,
+    /// How many more bytes the frame under way needs, as far as that is known.
+    missing: usize,
+    decoder: Decoder,
+    descriptors: VecDeque<OwnedFd>,
+}
+
+impl StreamLink {
+    /// Connects to a listening address, by the deadline at the latest. What is queued leaves once the
+    /// other end has proved itself; [`Self::establish`] waits for that.
+    pub(crate) fn connect(
+        address: &Address,
+        purpose: Purpose,
+        keys: &Keys,
+        notifier: &Notifier,
+        deadline: Deadline,
+    ) -> io::Result<Self> {
+        let socket = Socket::connect(address, deadline)?;
+        let mut link = Self::new(socket, Role::Opener, purpose, keys, notifier)?;
+        link.trust();
+        Ok(link)
+    }
+
+    /// A link that another process has opened, which has not been identified yet.
+    pub(crate) fn accepted(
+        socket: Socket,
+        purpose: Purpose,
+        keys: &Keys,
+        notifier: &Notifier,
+    ) -> io::Result<Self> {
+        Self::new(socket, Role::Acceptor, purpose, keys, notifier)
+    }
+
+    fn new(
+        socket: Socket,
+        role: Role,
+        purpose: Purpose,
+        keys: &Keys,
+        notifier: &Notifier,
+    ) -> io::Result<Self> {
+        let handshake = keys.handshake(&socket, role, purpose)?;
+        Ok(Self {
+            stream: keys.stream(socket, role, notifier)?,
+            handshake: handshake.map(Box::new),
+            trusted: false,
+            mute: false,
+            inbound: Inbound {
+                // A process that has not been identified costs little memory.
+                buffer: vec![0; UNPROVED_LIMIT],
+                start: 0,
+                end: 0,
+                missing: 0,
+                decoder: Decoder::default(),
+                descriptors: VecDeque::new(),
+            },
+            outbound: Outbound::default(),
+            has_moved: false,
+        })
+    }
+
+    /// The other end belongs to the federation.
+    pub(crate) fn trust(&mut self) {
+        self.trusted = true;
+        self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
+        self.outbound.prepare();
+    }
+
+    /// Whether both ends have proved what they have to.
+    pub(crate) fn is_established(&self) -> bool {
+        self.handshake.is_none()
+    }
+
+    /// Whether the other end is known to be one of the same federation, or at least of the same user.
+    pub(crate) fn is_proved(&self) -> bool {
+        self.is_established() || self.is_local()
+    }
+
+    /// Whether the other end has begun to prove that, as far as this process can tell.
+    pub(crate) fn has_spoken(&self) -> bool {
+        self.handshake.as_ref().is_none_or(|handshake| handshake.is_greeted())
+            || self.stream.has_spoken()
+    }
+
+    /// Waits until both ends have proved what they have to, until the deadline at the latest.
+    pub(crate) fn establish(&mut self, deadline: Deadline) -> io::Result<()> {
+        loop {
+            self.flush()?;
+            if self.is_established() {
+                return Ok(());
+            }
+            match self.read()? {
+                Arrival::Bytes | Arrival::Rest => continue,
+                Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
+                Arrival::Nothing => deadline.check()?,
+            }
+            let interest = Interest { fd: self.as_fd(), write: self.has_outbound() };
+            wait(&[interest], Some(deadline.until));
+        }
+    }
+
+    /// Whether both ends are on one host.
+    pub(crate) fn is_within_host(&self) -> bool {
+        let socket = self.stream.socket();
+        let same = |other: std::net::SocketAddr| {
+            socket.local_address().is_ok_and(|here| here.ip() == other.ip())
+        };
+        socket.is_unix() || socket.peer_address().is_ok_and(same)
+    }
+
+    /// The address of the other end, if it is TCP.
+    pub(crate) fn peer_address(&self) -> io::Result<std::net::SocketAddr> {
+        match self.is_local() {
+            true => Err(io::ErrorKind::Unsupported.into()),
+            false => self.stream.socket().peer_address(),
+        }
+    }
+
+    /// The address of this end.
+    pub(crate) fn local_address(&self) -> io::Result<std::net::SocketAddr> {
+        self.stream.socket().local_address()
+    }
+
+    /// Whether descriptors can travel over this link.
+    pub(crate) fn is_local(&self) -> bool {
+        self.stream.socket().is_unix()
+    }
+
+    /// Appends a frame to what is to be written, perhaps with a descriptor.
+    pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        if !self.mute {
+            self.outbound.queue(frame, descriptor);
+        }
+    }
+
+    /// How many bytes of frames are to be written; zero if the other end took no more the last time.
+    pub(crate) fn writable_len(&self) -> usize {
+        self.outbound.writable_len()
+    }
+
+    /// Whether some of a message that is longer than a frame has come or left since this was asked.
+    pub(crate) fn take_moved(&mut self) -> bool {
+        std::mem::take(&mut self.has_moved)
+    }
+
+    /// Whether something is to be written, and the link may still be written.
+    pub(crate) fn has_outbound(&self) -> bool {
+        let more = match &self.handshake {
+            Some(handshake) => !handshake.outbound().is_empty(),
+            None => self.outbound.is_some(),
+        };
+        !self.mute && (more || self.stream.has_outbound())
+    }
+
+    /// Whether something is to be written that waits until the socket takes more. What waits for room in a
+    /// ring buffer does not count: there the notifier wakes up the loop.
+    pub(crate) fn waits_for_socket(&self) -> bool {
+        self.has_outbound() && self.stream.waits_for_socket()
+    }
+
+    /// Whether this process sees what comes in shared memory, without asking the kernel; only the end of the
+    /// peer it does not see there.
+    pub(crate) fn is_in_memory(&self) -> bool {
+        self.stream.is_in_memory()
+    }
+
+    /// Announces that this process is about to sleep: from then on a peer that sends something notifies it.
+    /// After the announcement this process must look once more for what has come.
+    pub(crate) fn fall_asleep(&mut self) {
+        self.stream.fall_asleep();
+    }
+
+    /// Announces that this process does not sleep any more.
+    pub(crate) fn wake_up(&mut self) {
+        self.stream.wake_up();
+    }
+
+    /// Whether something has been received that the socket does not report any more.
+    pub(crate) fn has_unread(&self) -> bool {
+        self.stream.has_unread()
+    }
+
+    /// Writes as much as the socket takes.
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
+        if self.mute {
+            self.outbound.clear();
+            return Ok(());
+        }
+        self.stream.pump()?;
+        self.flush_handshake()?;
+        if !self.is_established() {
+            return Ok(());
+        }
+        self.take_offer()?;
+        while self.outbound.fill()? {
+            match self.outbound.write(&mut self.stream) {
+                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+                Ok(_) => self.has_moved |= self.outbound.is_long(),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        self.outbound.clear();
+        Ok(())
+    }
+
+    /// Discards what was to be written: the other end cannot read it.
+    pub(crate) fn discard(&mut self) {
+        self.mute = true;
+        self.outbound.clear();
+    }
+
+    /// Tells the other end that nothing more will come.
+    pub(crate) fn finish(&mut self) {
+        // Fails only if the other end is closed already.
+        let _ = self.stream.finish();
+    }
+
+    /// Reads and discards what comes. Returns whether the other end is still open.
+    pub(crate) fn is_open(&mut self) -> bool {
+        loop {
+            (self.inbound.start, self.inbound.end) = (0, 0);
+            match self.read() {
+                Ok(Arrival::Bytes | Arrival::Rest) => {}
+                Ok(Arrival::Nothing) => return true,
+                Ok(Arrival::Closed) | Err(_) => return false,
+            }
+        }
+    }
+
+    /// Takes the ring buffers that the other end offers, once it is trusted.
+    fn take_offer(&mut self) -> io::Result<()> {
+        if self.trusted { self.stream.take_offer(&mut self.inbound.descriptors) } else { Ok(()) }
+    }
+
+    /// Writes the bytes that the handshake has to send, and notices when it is over.
+    fn flush_handshake(&mut self) -> io::Result<()> {
+        let Some(handshake) = &mut self.handshake else { return Ok(()) };
+        while !handshake.outbound().is_empty() {
+            match self.stream.send(handshake.outbound()) {
+                Ok(count) => handshake.sent(count),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        if handshake.is_over() {
+            self.handshake = None;
+        }
+        Ok(())
+    }
+
+    /// Reads what the handshake wants, and nothing beyond. A refusal is an error, which leaves
+    /// before it is returned.
+    fn read_handshake(&mut self) -> io::Result<Arrival> {
+        let Some(handshake) = &mut self.handshake else { return Ok(Arrival::Bytes) };
+        let mut buffer = [0; proof::LONGEST];
+        let wanted = handshake.wanted();
+        if wanted == 0 {
+            // The handshake waits until its last bytes have left.
+            self.flush_handshake()?;
+            return Ok(if self.is_established() { Arrival::Bytes } else { Arrival::Nothing });
+        }
+        let received = self.stream.receive(&mut buffer[..wanted], &mut self.inbound.descriptors);
+        let arrival = arrival(received)?;
+        let taken = match arrival {
+            Ok(count) => {
+                let binding = self.stream.binding()?;
+                handshake.take(&buffer[..count], || binding)
+            }
+            Err(arrival) => return Ok(arrival),
+        };
+        if taken == Err(Refused::Encrypted) {
+            // A socket that is closed with bytes unread may take the answer with it.
+            let mut rest = [0; UNPROVED_LIMIT];
+            let _ = self.stream.receive(&mut rest, &mut self.inbound.descriptors);
+        }
+        self.flush_handshake()?;
+        taken.map_err(refused)?;
+        Ok(Arrival::Bytes)
+    }
+
+    /// Reads once.
+    pub(crate) fn read(&mut self) -> io::Result<Arrival> {
+        if self.handshake.is_some() {
+            return self.read_handshake();
+        }
+        self.take_offer()?;
+        self.inbound.make_room()?;
+        let Inbound { buffer, end, descriptors, .. } = &mut self.inbound;
+        let (room, held) = (buffer.len() - *end, descriptors.len());
+        let received = self.stream.receive(&mut buffer[*end..], descriptors);
+        Ok(match arrival(received)? {
+            Ok(count) => {
+                *end += count;
+                // A read ends at a descriptor, too, and at the end of what was encrypted at once.
+                let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
+                if is_rest { Arrival::Rest } else { Arrival::Bytes }
+            }
+            Err(arrival) => arrival,
+        })
+    }
+
+    /// The next whole frame that has been read, with the descriptor that came with it.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
+        let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;
+        let frame = loop {
+            let (more, of) = match decoder.next(&buffer[*start..*end])? {
+                Decoded::Frame(frame, len) => {
+                    *start += len;
+                    break frame;
+                }
+                Decoded::Part { taken, of } => {
+                    *start += taken;
+                    self.has_moved = true;
+                    (0, of)
+                }
+                Decoded::Missing(more) => (more, *end - *start + more),
+            };
+            let limit = UNPROVED_LIMIT;
+            if !self.trusted && of > limit {
+                return Err(CodecError::TooLong { len: of, limit });
+            }
+            if more > 0 {
+                *missing = more;
+                return Ok(None);
+            }
+        };
+        let descriptor = match frame {
+            Frame::Segment { .. } => {
+                self.stream.receive_descriptor(descriptors);
+                descriptors.pop_front()
+            }
+            _ => None,
+        };
+        Ok(Some((frame, descriptor)))
+    }
+}
+
+/// How many bytes have come, or the state of the link if none have.
+fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
+    match received {
+        Ok(0) => Ok(Err(Arrival::Closed)),
+        Ok(count) => Ok(Ok(count)),
+        Err(error) => match error.kind() {
+            io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Err(Arrival::Nothing)),
+            io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe => Ok(Err(Arrival::Closed)),
+            _ => Err(error),
+        },
+    }
+}
+
+/// What is read and written needs memory, which the system may not have.
+pub(super) fn no_memory(error: CodecError) -> io::Error {
+    io::Error::new(io::ErrorKind::OutOfMemory, error)
+}
+
+fn refused(refused: Refused) -> io::Error {
+    io::Error::new(io::ErrorKind::PermissionDenied, refused)
+}
+
+impl AsFd for StreamLink {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.stream.as_fd()
+    }
+}
+
+impl Inbound {
+    /// Makes sure that a read can bring something: moves what is left to the front, and grows to
+    /// the frame that is under way.
+    fn make_room(&mut self) -> io::Result<()> {
+        if self.start == self.end {
+            (self.start, self.end) = (0, 0);
+            if self.buffer.len() > 4 * EAGER_BUFFER {
+                self.buffer = vec![0; EAGER_BUFFER];
+            }
+        }
+        if self.end + self.missing.max(1) > self.buffer.len() {
+            self.buffer.copy_within(self.start..self.end, 0);
+            (self.start, self.end) = (0, self.end - self.start);
+            // The buffer grows no faster than bytes arrive: a process that only claims to send much costs
+            // no memory.
+            let wanted = (self.end + self.missing.max(1)).min(2 * self.buffer.len());
+            let more = wanted.saturating_sub(self.buffer.len());
+            self.buffer
+                .try_reserve_exact(more)
+                .map_err(|_| CodecError::NoMemory(wanted))
+                .map_err(no_memory)?;
+            self.buffer.resize(self.buffer.len() + more, 0);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_federated::FederationId;
+
+    use super::*;
+    use crate::Security;
+    use crate::link::socket::SocketListener;
+
+    #[test]
+    fn a_link_that_cannot_be_written_waits_for_nothing() {
+        let listener = SocketListener::bind(&"127.0.0.1:0".parse().unwrap()).unwrap();
+        let keys = Keys::new(FederationId(7), Security::default()).unwrap();
+        let deadline = Deadline::at(crate::Clock::now().plus(10_000_000_000));
+        let notifier = Notifier::new().unwrap();
+        let address = listener.address();
+        let connect = StreamLink::connect(address, Purpose::Messages, &keys, &notifier, deadline);
+        let mut link = connect.unwrap();
+        link.queue(Frame::Resign, None);
+        assert!(link.has_outbound());
+        link.finish();
+        assert!(link.flush().is_err());
+        link.discard();
+        assert!(!link.has_outbound());
+        link.queue(Frame::Resign, None);
+        assert!(link.flush().is_ok() && !link.has_outbound());
+    }
+}
