@@ -34,6 +34,7 @@ CLEANED_UP = (
     "README.md",
     "crates/hprm-cli/",
     "crates/hprm-core/",
+    "crates/hprm-federated/",
     "crates/hprm-lf/",
     "crates/hprm-python/",
     "crates/hprm-store/",

@@ -1,10 +1,11 @@
-//! A federate under centralized coordination: it tells the RTI what it will do next, and does not
-//! advance beyond what the RTI has granted.
+//! A federate under centralized coordination: it reports to the RTI what it will do next, and does not
+//! advance beyond its grant.
 //!
-//! It reports no more than somebody needs: a federate that nobody depends on is silent while it is
-//! within its grant, and one without neighbours says nothing at all. The RTI may also say through
-//! which tag nobody waits for it. Then it is quiet until there is something beyond, or it sends a
-//! message, or it waits itself.
+//! It reports no more than others need: a federate on which no other one depends sends no reports while
+//! it is within its grant, and a federate without neighbours sends none at all. The RTI may also send a
+//! downstream next event tag (DNET), through which no other federate waits for this one. Then the
+//! federate skips its reports until it has an event beyond that tag, or sends a message, or waits for a
+//! grant itself.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +13,7 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use crate::{Frame, Permission, Step, Topology};
 
-/// How often a federate that a clock may wake at any moment tells others how far its clock is.
+/// How often a federate that a clock may wake at any moment reports how far its clock is.
 const CLOCK_REPORT: Nanos = 10_000_000;
 
 /// See the module.
@@ -23,24 +24,25 @@ pub(crate) struct Centralized {
     /// By how much, at least, the tags of events that a clock causes exceed it; if there are any.
     by_clock: Option<Nanos>,
     granted: Step,
-    /// What the RTI takes to be the next event here.
-    told: Step,
-    /// Whether it goes through tags level by level, because a message may come back to it at the
-    /// same tag.
+    /// What the RTI believes the next event of this federate to be.
+    reported: Step,
+    /// Whether the federate goes through tags level by level, because a message may come back to it at
+    /// the same tag.
     stepwise: bool,
-    /// The RTI wants to know when nothing is left to do before this tag.
-    rest: Option<Tag>,
-    /// How many messages have come.
+    /// The RTI wants to know when this federate is idle until this tag.
+    idle_until: Option<Tag>,
+    /// How many messages have arrived.
     received: u64,
-    /// How many of them the RTI knows to have come.
+    /// How many of them the RTI knows to have arrived.
     acknowledged: u64,
-    /// When it was last told how far the clock is.
-    told_at: PhysicalTime,
-    /// Nobody needs to know what happens here up to this tag.
-    quiet: Tag,
-    /// How many messages have been sent.
+    /// When this federate last reported how far its clock is.
+    clock_reported_at: PhysicalTime,
+    /// The tag of the DNET that is in force: the federate skips its reports through that tag. `NEVER` if
+    /// there is none.
+    skips_through: Tag,
+    /// How many messages this federate has sent.
     sent: u64,
-    /// The tags of messages that have come, and that the RTI does not know to be processed.
+    /// The tags of messages that have arrived, and that the RTI does not know to be processed.
     unconfirmed: BTreeSet<Tag>,
 }
 
@@ -51,19 +53,19 @@ impl Centralized {
             has_downstream: !topology.downstream(me).is_empty(),
             by_clock: topology.by_clock(me),
             granted: Step::NEVER,
-            told: Step::NEVER,
+            reported: Step::NEVER,
             stepwise: topology.is_stepwise(me),
-            rest: topology.starves().then(|| topology.timeout()),
+            idle_until: topology.starves().then(|| topology.timeout()),
             received: 0,
             acknowledged: 0,
-            told_at: PhysicalTime(i64::MIN),
-            quiet: Tag::NEVER,
+            clock_reported_at: PhysicalTime(i64::MIN),
+            skips_through: Tag::NEVER,
             sent: 0,
             unconfirmed: BTreeSet::new(),
         }
     }
 
-    /// Whether the RTI lets it process a step.
+    /// Whether the grant covers a step.
     pub(crate) fn permission(&self, step: Step) -> Permission {
         if !self.has_upstream || step <= self.granted {
             Permission::Granted
@@ -80,49 +82,50 @@ impl Centralized {
         self.granted = self.granted.max(through);
     }
 
-    /// A message has come; the RTI, which has forwarded it, knows what it causes here.
+    /// A message has arrived. The RTI has forwarded it, so it knows what that causes here.
     pub(crate) fn arrived(&mut self, tag: Tag) {
         self.received += 1;
-        self.told = self.told.min(Step::begin(tag));
+        self.reported = self.reported.min(Step::begin(tag));
         if self.has_downstream {
             self.unconfirmed.insert(tag);
         }
     }
 
-    /// A message leaves. Somebody waits for what comes after it.
+    /// This federate sends a message. Its receiver waits for what comes after it.
     pub(crate) fn sent(&mut self) {
         self.sent += 1;
-        self.quiet = Tag::NEVER;
+        self.skips_through = Tag::NEVER;
     }
 
-    /// The RTI, which knew of so many messages from here, says how long nobody needs reports.
-    pub(crate) fn quieten(&mut self, through: Tag, sent: u64) {
+    /// A DNET has arrived: no other federate needs reports through that tag. The RTI knew of the first
+    /// `sent` messages of this federate; if there are more, the DNET is void.
+    pub(crate) fn skip_reports(&mut self, through: Tag, sent: u64) {
         if sent < self.sent {
             return;
         }
-        if through < self.quiet {
-            self.told_at = PhysicalTime(i64::MIN);
+        if through < self.skips_through {
+            self.clock_reported_at = PhysicalTime(i64::MIN);
         }
-        self.quiet = through;
+        self.skips_through = through;
     }
 
-    /// A message has come that means nothing here; the RTI counts it.
+    /// A message has arrived that this federate discards; the RTI counts it.
     pub(crate) fn discarded(&mut self) {
         self.received += 1;
     }
 
-    /// The program ends at `tag`. Grants beyond it were given without knowing that.
+    /// The program ends at `tag`. The RTI made grants beyond it without knowing that.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.granted = self.granted.min(Step::end(tag.pred()));
-        self.quiet = Tag::NEVER;
+        self.skips_through = Tag::NEVER;
     }
 
-    /// A tag is complete. Returns whether the RTI wants to know; then it forgets what it was told
-    /// before. It wants to know of messages that it has forwarded, always.
+    /// A tag is complete. Returns whether to report that to the RTI, which then discards the report from
+    /// before. The RTI always needs to know when a message that it has forwarded is processed.
     pub(crate) fn completed(&mut self, tag: Tag) -> bool {
-        self.told = Step::NEVER;
+        self.reported = Step::NEVER;
         let processed = self.unconfirmed.first().is_some_and(|message| *message <= tag);
-        if tag < self.quiet && !processed {
+        if tag < self.skips_through && !processed {
             return false;
         }
         while self.unconfirmed.first().is_some_and(|message| *message <= tag) {
@@ -131,7 +134,7 @@ impl Centralized {
         self.has_upstream || self.has_downstream
     }
 
-    /// The next event to report, if that is of use. `next` is the scheduler's; what a clock causes
+    /// The report of the next event, if it is useful. `next` is the scheduler's; what a clock causes
     /// comes after the `current` tag.
     pub(crate) fn report(
         &mut self,
@@ -143,24 +146,25 @@ impl Centralized {
         let clock = self.clock(now, start).map(|clock| Step::begin(clock.max(current.succ())));
         let certain = clock.map_or(next, |clock| next.min(clock));
         let asks = self.has_upstream && !self.has(certain);
-        let rests = self.rest.is_some_and(|rest| certain.tag >= rest);
-        // What takes back a report is always needed.
-        let needed = self.has_downstream && (certain.tag > self.quiet || certain < self.told);
-        if !(needed || asks || rests) {
+        let idle = self.idle_until.is_some_and(|until| certain.tag >= until);
+        // A report of an earlier event than the last one is always needed.
+        let needed =
+            self.has_downstream && (certain.tag > self.skips_through || certain < self.reported);
+        if !(needed || asks || idle) {
             return None;
         }
         if certain < next {
-            if now < self.told_at.plus(CLOCK_REPORT) {
+            if now < self.clock_reported_at.plus(CLOCK_REPORT) {
                 return None;
             }
-            self.told_at = now;
+            self.clock_reported_at = now;
         }
-        if certain == self.told && !(self.stepwise && self.acknowledged < self.received) {
+        if certain == self.reported && !(self.stepwise && self.acknowledged < self.received) {
             return None;
         }
-        self.told = certain;
-        if certain.tag > self.quiet {
-            self.quiet = Tag::NEVER;
+        self.reported = certain;
+        if certain.tag > self.skips_through {
+            self.skips_through = Tag::NEVER;
         }
         self.acknowledged = self.received;
         Some(match self.stepwise {
@@ -169,28 +173,28 @@ impl Centralized {
         })
     }
 
-    /// Whether the grant covers what has to be known for the next event to happen.
+    /// Whether the grant covers the next event.
     fn has(&self, next: Step) -> bool {
         let needed = if self.stepwise { next } else { Step::end(next.tag) };
         needed <= self.granted
     }
 
-    /// When to report again how far the clock is.
+    /// When to report the clock again.
     pub(crate) fn next_wakeup(&self, start: PhysicalTime, next: Step) -> Option<PhysicalTime> {
-        let delay = self.by_clock.filter(|_| self.has_downstream && self.told < next)?;
-        // Nobody may need to know, but what it waits for itself may depend on it.
+        let delay = self.by_clock.filter(|_| self.has_downstream && self.reported < next)?;
+        // Even if no other federate needs the report, the grant of this one may depend on it.
         let asks = self.has_upstream && !self.has(next);
-        if next.tag <= self.quiet && !asks {
+        if next.tag <= self.skips_through && !asks {
             return None;
         }
-        // Until the clock is beyond that, there is nothing to ask for either.
+        // Until the clock is beyond the grant, this federate asks for nothing either.
         let granted = if self.stepwise { self.granted.tag } else { self.granted.whole() };
-        let through = if asks { self.quiet.min(granted) } else { self.quiet };
+        let through = if asks { self.skips_through.min(granted) } else { self.skips_through };
         let needed = match through {
             Tag::NEVER => PhysicalTime(i64::MIN),
-            quiet => quiet.due(start).plus(1).plus(delay.saturating_neg()),
+            through => through.due(start).plus(1).plus(delay.saturating_neg()),
         };
-        Some(self.told_at.plus(CLOCK_REPORT).max(needed))
+        Some(self.clock_reported_at.plus(CLOCK_REPORT).max(needed))
     }
 
     /// The earliest tag that a clock can still cause, if others depend on it.

@@ -1,7 +1,7 @@
 //! How far a federate's clock is from the RTI's, and how sure that is.
 //!
-//! The federate asks, the RTI answers with the readings of its clock. Whatever the way there and the
-//! way back took, the answer was sent before it arrived and the question arrived after it was sent;
+//! The federate asks, the RTI answers with the readings of its clock. However long the question and the
+//! answer took, the answer was sent before it arrived and the question arrived after it was sent;
 //! so an exchange tells two bounds of the offset between the clocks, which are as far apart as the
 //! round trip took. Bounds of several exchanges are intersected, and grow apart by as much as clocks
 //! may drift. So they hold, provided only that no clock drifts more than [`DRIFT`] against another.
@@ -16,10 +16,10 @@ use crate::{Frame, SlewedClock};
 /// The most that two clocks drift apart, in billionths: twice what bad oscillators are made for.
 pub const DRIFT: i64 = 500_000;
 
-/// How much later a comparison must be to tell the drift.
+/// How much later a comparison must be to estimate the drift.
 const BASELINE: Nanos = 1_000_000_000;
 
-/// When the drift is told anew: it changes with the temperature.
+/// After how long the drift is estimated again: it changes with the temperature.
 const MEMORY: Nanos = 60_000_000_000;
 
 /// The shortest time between two questions.
@@ -47,7 +47,7 @@ pub struct Estimate {
 /// What to do to a clock.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Correction {
-    /// Before anybody relies on it.
+    /// Before the federate relies on the clock.
     Step {
         /// The RTI's time minus the local one.
         offset: Nanos,
@@ -58,7 +58,7 @@ pub enum Correction {
         offset: Nanos,
         /// How fast it grows, in billionths.
         drift: i64,
-        /// In what time to get there.
+        /// Within what time the clock reaches that offset.
         within: Nanos,
     },
 }
@@ -68,7 +68,7 @@ pub enum Correction {
 pub struct ClockSync {
     options: ClockSyncOptions,
     bounds: Option<Bounds>,
-    /// A comparison that tells, with a later one, the drift.
+    /// An earlier comparison, which tells the drift together with a later one.
     anchor: Option<Bounds>,
     drift: i64,
     /// By how much that may be wrong.
@@ -107,7 +107,7 @@ impl ClockSync {
         self.settled
     }
 
-    /// When [`Self::ask`] has something to say.
+    /// When [`Self::ask`] has a question.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
         self.next
@@ -123,7 +123,7 @@ impl ClockSync {
         Some(Frame::ClockRequest { asked: local })
     }
 
-    /// An answer, at the `local` time at which it is here. One that nobody has asked for is nothing.
+    /// An answer, which arrived at the `local` time. An answer without a question is ignored.
     /// Returns how to correct the clock, if enough is known for that.
     pub fn answered(
         &mut self,
@@ -188,7 +188,7 @@ impl ClockSync {
         match both.filter(|both| both.least <= both.most) {
             Some(both) => self.bounds = Some(both),
             None => {
-                // The first one, or a clock has been set: what was known is worth nothing.
+                // The first one, or a clock has been set: older bounds are worthless.
                 self.bounds = Some(fresh);
                 self.anchor = None;
                 (self.drift, self.drift_error) = (0, DRIFT);
@@ -282,7 +282,7 @@ mod tests {
         }
     }
 
-    /// A federate in a simulated world, where every message takes as long as it is told.
+    /// A federate in a simulated world, where the test says how long every message takes.
     struct World {
         truth: Truth,
         sync: ClockSync,
@@ -420,7 +420,7 @@ mod tests {
         }
         world.truth.ahead = 5_000_000_000;
         world.shown = None;
-        // Until the next answer nobody can know.
+        // Until the next answer the federate cannot know.
         let asked = world.sync.next_wakeup().unwrap().plus(5_000_000_000);
         world.sync.ask(asked).unwrap();
         world.real = world.truth.real(asked) + 2_000;

@@ -62,7 +62,7 @@ pub enum CodecError {
     /// The body goes on after the frame.
     #[error("{0} bytes too many in a frame")]
     Trailing(usize),
-    /// The frame is well, but there is no room for it here.
+    /// The frame is valid, but there is no memory for it here.
     #[error("no memory is left for {0} bytes of a message")]
     NoMemory(usize),
 }

@@ -8,12 +8,12 @@
 //! else.
 //!
 //! A federate goes through tags level by level if that makes a difference. Where all waits end at one
-//! moment, or never, it waits for whole tags, which takes fewer steps. In a circle without a delay it
-//! also tells others of its kind when nothing comes on a channel at a tag.
+//! moment, or never, it waits for whole tags, which takes fewer steps. On a cycle without a delay it
+//! also tells the other federates of the cycle when nothing comes on a channel at a tag.
 //!
 //! Where the program says "for ever", two federates could wait for one another although neither
-//! will send. So in such a federation everybody reports from time to time what it will do next and
-//! what it has sent and received, and the RTI answers through which tag nothing more can come.
+//! will send. So in such a federation every federate reports from time to time what it will do next
+//! and what it has sent and received, and the RTI answers through which tag nothing more can come.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,20 +38,20 @@ struct Incoming {
     vouched: u32,
 }
 
-/// Which reports are of use.
+/// Which reports the RTI needs.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Reports {
-    /// None: nobody waits for ever, and the program does not end by itself.
+    /// None: no federate waits for ever, and the program does not end by itself.
     None,
-    /// That nothing is left to do before this tag.
-    Rest(Tag),
+    /// That this federate is idle until this tag.
+    Idle(Tag),
     /// All.
     All,
 }
 
 /// An undelayed channel between federates that go through tags level by level.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Circular {
+struct CyclicChannel {
     to: FederateId,
     last_writer: u32,
     /// The latest tag of which the receiver knows whether there is a message.
@@ -65,9 +65,9 @@ pub(crate) struct Decentralized {
     incoming: BTreeMap<ChannelId, Incoming>,
     /// Messages sent, by channel.
     sent: BTreeMap<ChannelId, u64>,
-    circular: BTreeMap<ChannelId, Circular>,
-    /// Whether it is in a circle without a delay.
-    circles: bool,
+    cyclic: BTreeMap<ChannelId, CyclicChannel>,
+    /// Whether the federate is on a cycle without a delay.
+    on_cycle: bool,
     /// Whether the program states an `absent_after` for some input.
     uneven: bool,
     /// The RTI says that every input is known through this step.
@@ -82,7 +82,7 @@ pub(crate) struct Decentralized {
 
 impl Decentralized {
     pub(crate) fn new(program: &Program, topology: &Topology, me: FederateId) -> Self {
-        let circles = topology.is_stepwise(me);
+        let on_cycle = topology.is_stepwise(me);
         let logical = || topology.channels().iter().filter(|(_, channel)| !channel.physical);
         let incoming = logical().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
             let incoming = Incoming {
@@ -96,11 +96,13 @@ impl Decentralized {
             };
             (id, incoming)
         });
-        let circular = logical()
-            .filter(|(_, c)| c.from == me && c.is_direct() && circles && topology.is_stepwise(c.to))
+        let cyclic = logical()
+            .filter(|(_, c)| {
+                c.from == me && c.is_direct() && on_cycle && topology.is_stepwise(c.to)
+            })
             .map(|(id, channel)| {
                 let Channel { to, last_writer, .. } = *channel;
-                (id, Circular { to, last_writer, settled: Tag::NEVER })
+                (id, CyclicChannel { to, last_writer, settled: Tag::NEVER })
             });
         let sent = logical().filter(|(_, channel)| channel.from == me).map(|(id, _)| (id, 0));
         let incoming: BTreeMap<_, Incoming> = incoming.collect();
@@ -109,13 +111,13 @@ impl Decentralized {
             uneven: incoming.values().any(|incoming| incoming.absent_after > 0),
             incoming,
             sent: sent.collect(),
-            circular: circular.collect(),
-            circles,
+            cyclic: cyclic.collect(),
+            on_cycle,
             safe: Step::NEVER,
             by_clock: topology.by_clock(me),
             reports: match topology.starves() {
                 _ if topology.is_patient() => Reports::All,
-                true => Reports::Rest(topology.timeout()),
+                true => Reports::Idle(topology.timeout()),
                 false => Reports::None,
             },
             unreported: BTreeSet::new(),
@@ -124,15 +126,15 @@ impl Decentralized {
         }
     }
 
-    /// Whether it goes through tags level by level. Without a limit to `maxwait`, and with one of zero,
-    /// all inputs are waited for until one moment, unless the program states an `absent_after`.
+    /// Whether the federate goes through tags level by level. Without a limit to `maxwait`, and with one
+    /// of zero, it waits for all inputs until one moment, unless the program states an `absent_after`.
     pub(crate) fn is_stepwise(&self) -> bool {
         let waits = self.maxwait > 0 && self.maxwait < Nanos::MAX;
-        self.circles || !self.incoming.is_empty() && (self.uneven || waits)
+        self.on_cycle || !self.incoming.is_empty() && (self.uneven || waits)
     }
 
-    /// Whether a tag may begin: every input is known through the tag before, or has been waited for. If
-    /// it does not go level by level, all that is read must be known.
+    /// Whether a tag may begin: every input is known through the tag before, or the wait for it is over.
+    /// If the federate does not go level by level, all that it reads must be known.
     pub(crate) fn may_begin(&self, tag: Tag, now: PhysicalTime, start: PhysicalTime) -> Permission {
         if !self.is_stepwise() {
             return self.permission(Step::end(tag), now, start);
@@ -142,8 +144,8 @@ impl Decentralized {
         until(unknown.then_some(self.maxwait), tag, now, start)
     }
 
-    /// Whether the step may be processed: every input that is read up to there is known, or has been
-    /// waited for.
+    /// Whether the federate may process the step: every input that it reads up to there is known, or the
+    /// wait for it is over.
     pub(crate) fn permission(
         &self,
         step: Step,
@@ -159,7 +161,7 @@ impl Decentralized {
                     let wait = self.maxwait.saturating_add(incoming.absent_after);
                     (Step { tag: step.tag, level: incoming.vouched }, wait)
                 }
-                // What is read at a later level must not bring a message for an earlier tag either.
+                // An input that is read at a later level must not bring a message for an earlier tag.
                 false => (Step::end(step.tag.pred()), self.maxwait),
             };
             (!self.knows(incoming, needed)).then_some(wait)
@@ -174,8 +176,8 @@ impl Decentralized {
     }
 
     /// All levels of `next`'s tag before its own are done. Returns on which channels the receiver
-    /// must be told that no message comes: those of which every writer has had its turn, or will not
-    /// have one because nothing can arrive any more that triggers it.
+    /// must learn that no message comes: those of which every writer has run, or will not run because
+    /// nothing can arrive any more that triggers it.
     pub(crate) fn passed(
         &mut self,
         next: Step,
@@ -183,16 +185,16 @@ impl Decentralized {
         start: PhysicalTime,
     ) -> Vec<(FederateId, ChannelId)> {
         let tag = next.tag;
-        let open = self.circular.iter();
+        let open = self.cyclic.iter();
         let open = open.filter(|(_, c)| c.settled < tag && c.last_writer < next.level);
-        let done = open.filter(|(_, circular)| {
-            let level = circular.last_writer;
+        let done = open.filter(|(_, cyclic)| {
+            let level = cyclic.last_writer;
             self.permission(Step { tag, level }, now, start) == Permission::Granted
         });
-        let done: Vec<_> = done.map(|(id, circular)| (circular.to, *id)).collect();
+        let done: Vec<_> = done.map(|(id, cyclic)| (cyclic.to, *id)).collect();
         for (_, id) in &done {
-            if let Some(circular) = self.circular.get_mut(id) {
-                circular.settled = tag;
+            if let Some(cyclic) = self.cyclic.get_mut(id) {
+                cyclic.settled = tag;
             }
         }
         done
@@ -206,8 +208,8 @@ impl Decentralized {
     }
 
     pub(crate) fn sent(&mut self, channel: ChannelId, tag: Tag) {
-        if let Some(circular) = self.circular.get_mut(&channel) {
-            circular.settled = circular.settled.max(tag);
+        if let Some(cyclic) = self.cyclic.get_mut(&channel) {
+            cyclic.settled = cyclic.settled.max(tag);
         }
         if let Some(sent) = self.sent.get_mut(&channel) {
             *sent += 1;
@@ -224,13 +226,14 @@ impl Decentralized {
         }
     }
 
-    /// The program has changed its mind on how long to wait.
+    /// The program has changed how long to wait.
     pub(crate) fn set_maxwait(&mut self, maxwait: Nanos) {
         self.maxwait = maxwait;
     }
 
-    /// Nothing more comes from a peer. What it sent and did not come is lost with it, as may happen
-    /// if it is transient and dies: nobody waits for that, so it counts as received.
+    /// Nothing more comes from a peer. Messages of the peer that have not arrived are lost with it, as
+    /// may happen if it is transient and dies: this federate does not wait for them, so they count as
+    /// received.
     pub(crate) fn closed(&mut self, peer: FederateId) {
         for (id, incoming) in &mut self.incoming {
             if incoming.from == peer {
@@ -241,12 +244,12 @@ impl Decentralized {
         }
     }
 
-    /// The RTI knows of every message that is read up to there that it has arrived.
+    /// The RTI knows that every message that is read up to there has arrived.
     pub(crate) fn safe(&mut self, through: Step) {
         self.safe = self.safe.max(through);
     }
 
-    /// The program ends at `tag`. What the RTI has said beyond that was said without knowing it.
+    /// The program ends at `tag`. The RTI did not know that when it vouched for later tags.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.safe = self.safe.min(Step::end(tag.pred()));
     }
@@ -258,7 +261,7 @@ impl Decentralized {
         }
     }
 
-    /// A peer is about to join: both ends count anew.
+    /// A peer is about to join: both ends count from zero.
     pub(crate) fn meets(&mut self, topology: &Topology, peer: FederateId) {
         for (id, channel) in topology.channels().iter() {
             if channel.from == peer
@@ -282,7 +285,7 @@ impl Decentralized {
             if channel.from == peer
                 && let Some(incoming) = self.incoming.get_mut(&id)
             {
-                // A message of its own may have been faster than the news of it.
+                // A message of the peer may have been faster than the frame of the RTI.
                 incoming.known = channel.delay.shift(first).pred().max(incoming.latest);
             }
         }
@@ -298,9 +301,9 @@ impl Decentralized {
         next: Step,
     ) -> Option<(Step, Vec<Count>)> {
         let next = self.certain(now, start, current, next);
-        // Within a tag, others of the circle wait as well.
-        let hurries = next.tag == current && next != self.reported;
-        if !self.has_news(next) || now < self.reported_at.plus(REPORT) && !hurries {
+        // Within a tag, the other federates of the cycle wait as well.
+        let urgent = next.tag == current && next != self.reported;
+        if !self.has_news(next) || now < self.reported_at.plus(REPORT) && !urgent {
             return None;
         }
         self.reported_at = now;
@@ -328,7 +331,7 @@ impl Decentralized {
         let is_new = next != self.reported || !self.unreported.is_empty();
         match self.reports {
             Reports::None => false,
-            Reports::Rest(rest) => is_new && next.tag >= rest,
+            Reports::Idle(until) => is_new && next.tag >= until,
             Reports::All => is_new,
         }
     }

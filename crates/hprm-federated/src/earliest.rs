@@ -6,7 +6,7 @@
 //! whose source values change, one at a time; each change touches only the federates whose value
 //! depends on it, and their edges. It does not matter how large the rest of the federation is.
 //!
-//! Every edge leads to a later step, so no value rests on itself, whatever circles there are.
+//! Every edge leads to a later step, so no value depends on itself, whatever cycles there are.
 
 use std::collections::BTreeSet;
 
@@ -16,13 +16,13 @@ use crate::{Step, Topology};
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Node {
-    /// Before this tag it does nothing of its own accord.
+    /// Before this tag the federate does nothing unless a message arrives.
     own: Step,
     /// `own`, or the first of `arrivals`.
     earliest: Step,
     /// For each upstream federate, the earliest tag of a message from there, unless `FOREVER`.
     arrivals: BTreeSet<(Step, FederateId)>,
-    /// It has ended: nothing wakes it.
+    /// The federate has ended: no message makes it do anything.
     ended: bool,
 }
 
@@ -33,7 +33,7 @@ pub(crate) struct Earliest {
 }
 
 impl Earliest {
-    /// Nobody has done anything, and everybody may begin at the start.
+    /// No federate has done anything, and all may begin at the start.
     pub(crate) fn new(topology: &Topology) -> Self {
         let node = |_| Node {
             own: Step::FOREVER,
@@ -53,7 +53,8 @@ impl Earliest {
         self.nodes[federate].arrivals.first().map_or(Step::FOREVER, |(tag, _)| *tag)
     }
 
-    /// From whom messages may still come, and the earliest tag that each can have, by tag.
+    /// The federates from which messages may still come, with the earliest tag of such a message, by
+    /// tag.
     pub(crate) fn arrivals(
         &self,
         federate: FederateId,
@@ -66,7 +67,7 @@ impl Earliest {
         self.nodes[federate].ended
     }
 
-    /// Sets the federate's own next event. Returns whose `arrival` may have changed.
+    /// Sets the federate's own next event. Returns the federates whose `arrival` may have changed.
     pub(crate) fn set(
         &mut self,
         topology: &Topology,
@@ -78,12 +79,13 @@ impl Earliest {
         self.settle(topology, federate)
     }
 
-    /// The federate, which has ended, may do something again; what it does first is to be set.
+    /// The federate, which has ended, may do something again; the caller sets its next event.
     pub(crate) fn revive(&mut self, federate: FederateId) {
         self.nodes[federate].ended = false;
     }
 
-    /// The federate does nothing more, whatever arrives. Returns whose `arrival` may have changed.
+    /// The federate does nothing more, whatever arrives. Returns the federates whose `arrival` may have
+    /// changed.
     pub(crate) fn end(
         &mut self,
         topology: &Topology,
@@ -120,10 +122,10 @@ impl Earliest {
         touched
     }
 
-    /// Sets to `FOREVER` the values that have lost what they rested on: that of `changed`, and what
-    /// rested only on it. Returns whose they were.
+    /// Sets to `FOREVER` the values that have lost what they depended on: that of `changed`, and those
+    /// that depended only on it. Returns the federates that have these values.
     ///
-    /// What a value rests on is smaller, so nothing rests on itself.
+    /// A value depends on smaller values only, so none depends on itself.
     fn unsettle(
         &mut self,
         topology: &Topology,
@@ -143,8 +145,8 @@ impl Earliest {
                 self.replace(edge.federate, federate, arrival, Step::FOREVER);
                 touched.insert(edge.federate);
                 let earliest = self.nodes[edge.federate].earliest;
-                let rested = arrival == earliest && earliest < Step::FOREVER;
-                if rested && self.supported(edge.federate) > earliest {
+                let depended = arrival == earliest && earliest < Step::FOREVER;
+                if depended && self.supported(edge.federate) > earliest {
                     pending.push(edge.federate);
                 }
             }
@@ -152,7 +154,7 @@ impl Earliest {
         unsettled
     }
 
-    /// The least of what the federate's value can rest on.
+    /// The least of what the federate's value can depend on.
     fn supported(&self, federate: FederateId) -> Step {
         let node = &self.nodes[federate];
         if node.ended { Step::FOREVER } else { node.own.min(self.arrival(federate)) }
@@ -199,7 +201,7 @@ mod tests {
     }
 
     fn topology() -> impl Strategy<Value = Topology> {
-        // No circle without a delay: only connections to a higher number may lack one.
+        // No cycle without a delay: only connections to a higher number may lack one.
         let edge = (0_usize..6, 0_usize..6, 0_i64..4);
         prop::collection::vec(edge, 1..14).prop_map(|edges| {
             let mut text = "f0 -> f1 after 9\nf2 -> f3 after 9\nf4 -> f5 after 9\n".to_owned();

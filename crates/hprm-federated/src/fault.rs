@@ -9,7 +9,7 @@ use hprm_core::{ChannelId, FederateId, Tag};
 #[derive(Clone, PartialEq, Eq, Hash, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// A frame that has no place there, or not yet, or not any more.
+    /// A frame that may not come on this link, or not yet, or not any more.
     #[error("an unexpected {frame} frame: the other side does not follow the protocol")]
     Unexpected {
         /// The kind of the frame.

@@ -38,7 +38,7 @@ enum Coordinator {
 /// What the scheduler is doing, as far as it has said.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Activity {
-    /// It has not said what is next since its last tag.
+    /// It has not reported its next event since its last tag.
     Unknown,
     /// It processes the current tag.
     Processing,
@@ -53,7 +53,7 @@ enum Activity {
 pub struct Federate {
     me: FederateId,
     topology: Topology,
-    /// What its program is like, for the RTI to compare.
+    /// The fingerprint of its program, for the RTI to compare.
     fingerprint: Arc<Fingerprint>,
     startup: Startup,
     coordinator: Coordinator,
@@ -65,13 +65,13 @@ pub struct Federate {
     first: Tag,
     /// Its last tag, if it leaves while the federation may go on.
     departure: Option<Tag>,
-    /// It leaves after its next tag, if that comes sooner.
+    /// The federate leaves after its next tag, if that comes sooner.
     wants_to_leave: bool,
     /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
-    /// Federates that have said that nothing follows on their direct links.
+    /// Federates that have sent their last frame on their direct links.
     silent: BTreeSet<FederateId>,
-    /// Federates whose direct links have ended without a word or cannot be opened, and why not; and
+    /// Federates whose direct links have ended without a `Resign` or cannot be opened, and why not; and
     /// until when the RTI may explain it.
     missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
     /// Federates that have ended, in order or not, and whose direct links have not; and until when
@@ -79,7 +79,7 @@ pub struct Federate {
     lingering: BTreeMap<FederateId, Lingering>,
     /// Federates that are about to join.
     meeting: Meeting,
-    /// What is under way to receivers and from senders.
+    /// What is in transit to receivers and from senders.
     flow: Flow,
     /// How this federate asks to join.
     hello: Frame,
@@ -87,7 +87,7 @@ pub struct Federate {
     rejoins: bool,
     /// Whether there is no link to the RTI, and will be another one.
     is_away: bool,
-    /// This federate has resigned, failed, or been told to end: nothing matters any more.
+    /// This federate has resigned, failed, or the RTI has told it to end: the machine ignores all inputs.
     over: bool,
     outputs: VecDeque<Output>,
 }
@@ -150,8 +150,8 @@ impl Federate {
         }
     }
 
-    /// Another limit of what may be under way to a receiver when a tag begins. It has to be the same
-    /// in all federates.
+    /// Another limit of what may be in transit to a receiver when a tag begins. It has to be the same in
+    /// all federates.
     #[must_use]
     pub fn with_flow_limit(mut self, bytes: u64) -> Self {
         self.flow = Flow::new(&self.topology, self.me, bytes);
@@ -166,8 +166,8 @@ impl Federate {
         self.me
     }
 
-    /// Whether `tag` may begin, as far as other federates are concerned. Waiting until it is due
-    /// by the clock is the driver's business.
+    /// Whether `tag` may begin, as far as other federates are concerned. The driver waits until it is
+    /// due by the clock.
     #[must_use]
     pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
         if self.stop.refuses(tag) || self.may_starve() || self.flow.is_ahead(tag) {
@@ -185,7 +185,7 @@ impl Federate {
         }
     }
 
-    /// Whether nothing is left to do here, and perhaps nowhere. Then the last tag comes sooner than the
+    /// Whether this federate is idle, and perhaps all are. Then the last tag comes sooner than the
     /// program's timeout.
     fn may_starve(&self) -> bool {
         self.activity == Activity::Idle(Tag::FOREVER)
@@ -220,9 +220,9 @@ impl Federate {
         }
     }
 
-    /// The time of tag zero, if it has come to that and nothing is in the way.
+    /// The time of tag zero, once the federation has started and while no link is broken.
     fn started(&self) -> Option<PhysicalTime> {
-        // What was sent on a link that has broken may be lost, unless its other end has ended.
+        // Messages on a link that has broken may be lost, unless its other end has ended.
         let intact = !self.over && self.missing.is_empty();
         self.startup.start().filter(|_| intact)
     }
@@ -253,7 +253,7 @@ impl Federate {
         times.filter(|time| *time < PhysicalTime::FOREVER).min()
     }
 
-    /// Whether a peer runs on the same host: objects may be passed to it by reference.
+    /// Whether a peer runs on the same host: it can read objects of this store by reference.
     #[must_use]
     pub fn shares_memory_with(&self, peer: FederateId) -> bool {
         self.startup.shares_memory_with(peer)
@@ -278,11 +278,11 @@ impl Federate {
         self.startup.peer_hello(self.me)
     }
 
-    /// Who has opened a direct link, by its first frame, and what to answer.
+    /// Which federate has opened a direct link, by its first frame, and the answer to it.
     ///
     /// # Errors
     ///
-    /// If it has no business here; the link should be closed.
+    /// If it may not link to this federate; the link should be closed.
     pub fn admit(&self, hello: &Frame) -> Result<(FederateId, Frame), Refusal> {
         let peer = self.startup.greeted(hello)?;
         Ok((peer, Frame::PeerWelcome { federate: self.me }))
@@ -321,7 +321,8 @@ impl Federate {
             }
             Input::NextEvent(tag) => {
                 if !matches!(self.activity, Activity::Processing | Activity::Within(_)) {
-                    // The scheduler's next event is not its end, at which there is something to do.
+                    // The federate does something at its last tag, even without an event of the
+                    // scheduler.
                     let next = tag.min(self.last_tag());
                     self.activity = Activity::Idle(next);
                     self.reached(next);
@@ -432,7 +433,7 @@ impl Federate {
         Ok(())
     }
 
-    /// What the RTI says about advancing, and about reports of that.
+    /// A frame of the RTI about advancing, or about the reports of that.
     fn advance_frame(&mut self, frame: &Frame) -> Result<(), Fault> {
         match (&mut self.coordinator, frame) {
             (Coordinator::Centralized(machine), Frame::TagAdvanceGrant { tag }) => {
@@ -444,7 +445,7 @@ impl Federate {
                 machine.grant(*through);
             }
             (Coordinator::Centralized(machine), Frame::DownstreamNextEventTag { tag, sent }) => {
-                machine.quieten(*tag, *sent);
+                machine.skip_reports(*tag, *sent);
             }
             (Coordinator::Decentralized(machine), Frame::Safe { through }) => {
                 machine.safe(*through);
@@ -513,7 +514,7 @@ impl Federate {
         }
     }
 
-    /// What the scheduler does next, if it has said so.
+    /// What the scheduler does next, if it has reported that.
     fn next_step(&self) -> Option<Step> {
         match self.activity {
             Activity::Unknown | Activity::Processing => None,
@@ -522,8 +523,8 @@ impl Federate {
         }
     }
 
-    /// Tells others of the circle on which channels nothing comes at the current tag, now that all
-    /// steps before `next` are done.
+    /// Tells the other federates of the cycle on which channels nothing comes at the current tag, now
+    /// that all steps before `next` are done.
     fn passed(&mut self, next: Step, now: PhysicalTime) {
         let (Coordinator::Decentralized(machine), Some(start)) =
             (&mut self.coordinator, self.startup.start())
@@ -538,8 +539,7 @@ impl Federate {
         }
     }
 
-    /// Reports the next event to the RTI, if the scheduler has said what it is and somebody needs
-    /// to know.
+    /// Reports the next event to the RTI, if the scheduler has reported it and the RTI needs to know.
     fn report(&mut self, now: PhysicalTime) {
         let (Some(next), Some(start)) = (self.next_step(), self.startup.start()) else {
             return;

@@ -1,17 +1,17 @@
 //! Flow control: a federate does not get so far ahead of its receivers that messages pile up.
 //!
-//! Whoever sends counts what it has sent and its receivers have not processed; whoever receives says
-//! from time to time how much it has processed. A federate does not begin a tag while more than a
-//! limit of what it sent to one receiver, *at earlier tags than that one*, is unprocessed.
+//! A sender counts what it has sent and its receivers have not processed; a receiver reports from time
+//! to time how much it has processed. A federate does not begin a tag while more than a limit of what
+//! it sent to one receiver, *at earlier tags than that one*, is unprocessed.
 //!
-//! The restriction in italics is why nobody waits for ever. A receiver waits for its senders only
-//! up to the tag that it wants to process. So a circle of federates that wait for one another, some
-//! for messages and some because their receivers lag, would lead from each tag to an earlier one or
-//! the same, and to an earlier one wherever somebody lags: it cannot close. Messages for later tags,
-//! on a connection with a delay, are what the program asks for, and do not count.
+//! The restriction in italics is why no federate waits for ever. A receiver waits for its senders only
+//! up to the tag that it wants to process. So a cycle of federates that wait for one another, some for
+//! messages and some because their receivers lag, would lead from each tag to an earlier one or the
+//! same, and to an earlier one wherever a receiver lags: it cannot close. Messages for later tags, on a
+//! connection with a delay, are what the program asks for, and do not count.
 //!
-//! A message on a physical channel counts until it has been read: it gets its tag there, and nobody
-//! can say how that compares with the sender's.
+//! A message on a physical channel counts until its receiver has read it: it gets its tag there, and no
+//! federate knows how that tag compares with the sender's.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -22,15 +22,15 @@ use crate::{Frame, Topology, codec};
 /// What a message counts besides its bytes: the room that it takes in queues.
 const OVERHEAD: u64 = 128;
 
-/// What lies in the object store counts one in so many of its bytes: it is there once for all of its
-/// receivers, and has a limit of its own.
+/// An object in the store counts one in so many of its bytes: it is there once for all of its readers,
+/// and the store has a limit of its own.
 const IN_STORE: u64 = 16;
 
 /// How many groups a limit is divided into, at least. Messages are counted in groups, so that a long
 /// queue of small ones is a short list.
 const GROUPS: u64 = 64;
 
-/// Which part of the limit a receiver may keep to itself, in all its channels from one sender. There
+/// Which part of the limit a receiver may leave unreported, in all its channels from one sender. There
 /// may be as much again in groups of which not all has been processed.
 const UNREPORTED: u64 = 4;
 
@@ -43,7 +43,7 @@ struct Group {
     bytes: u64,
 }
 
-/// The messages of one channel that are under way, oldest first.
+/// The messages of one channel that are in transit, oldest first.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Backlog(VecDeque<Group>);
 
@@ -72,7 +72,7 @@ impl Backlog {
                 taken = group.bytes.saturating_add(taken);
                 self.0.pop_front();
             } else {
-                // Of a group of which some is left, the receiver knows how much that was.
+                // Of a group of which some is left, the receiver knows how many bytes it has processed.
                 let part = bytes.min(group.bytes);
                 group.messages -= messages;
                 group.bytes -= part;
@@ -100,12 +100,12 @@ struct Receiver {
     bytes: u64,
 }
 
-/// What has come on a channel and its sender has not heard of.
+/// What has arrived on a channel, and the receiver has not reported to the sender.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Incoming {
     from: FederateId,
     physical: bool,
-    /// As many bytes are worth a report.
+    /// How many bytes are worth a report.
     worth: u64,
     backlog: Backlog,
 }
@@ -116,12 +116,12 @@ pub(crate) struct Flow {
     limit: u64,
     receivers: BTreeMap<FederateId, Receiver>,
     incoming: BTreeMap<ChannelId, Incoming>,
-    /// How many groups of messages that have come are worth a report.
+    /// How many groups of messages that have arrived are worth a report.
     full: usize,
 }
 
 impl Flow {
-    /// Nothing has been sent or received. At most `limit` bytes are to be under way to a receiver.
+    /// Nothing has been sent or received. At most `limit` bytes are to be in transit to a receiver.
     pub(crate) fn new(topology: &Topology, me: FederateId, limit: u64) -> Self {
         let channels = || topology.channels().iter();
         let incoming = channels().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
@@ -151,7 +151,7 @@ impl Flow {
         messages: u64,
         bytes: u64,
     ) {
-        // It may speak of messages that were sent to a predecessor of it.
+        // The report may be about messages to an earlier process of the same federate.
         let Some(receiver) = self.receivers.get_mut(&reader) else { return };
         let Some(backlog) = receiver.channels.get_mut(&channel) else { return };
         receiver.bytes = receiver.bytes.saturating_sub(backlog.take(messages, bytes));
@@ -172,7 +172,7 @@ impl Flow {
 
     // As a receiver.
 
-    /// A message has come.
+    /// A message has arrived.
     pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         let Some(incoming) = self.incoming.get_mut(&channel) else { return };
         let tag = if incoming.physical { Tag::NEVER } else { tag };
@@ -181,8 +181,8 @@ impl Flow {
         self.full += usize::from(fresh);
     }
 
-    /// Everything before `tag` has been processed, and every physical message read. Returns what to
-    /// tell the senders.
+    /// This federate has processed everything before `tag`, and read every physical message. Returns the
+    /// reports to the senders.
     pub(crate) fn reached(&mut self, tag: Tag) -> Vec<(FederateId, Frame)> {
         let mut reports = Vec::new();
         if self.full == 0 {
@@ -196,7 +196,7 @@ impl Flow {
         reports
     }
 
-    /// A federate has ended, or joins anew: what was under way to it or from it does not count.
+    /// A federate has ended, or joins again: what was in transit to it or from it does not count.
     pub(crate) fn forget(&mut self, peer: FederateId) {
         self.receivers.remove(&peer);
         for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {
@@ -228,7 +228,7 @@ impl Incoming {
 /// What a message counts.
 fn weight(payload: &Payload) -> u64 {
     let inline = codec::buffers_of(payload).map(|bytes| bytes.len() as u64);
-    // A length that somebody only claims may be any number.
+    // The length of an object comes from a peer, so it may be any number.
     let stored = payload.objects().map(|object| object.len / IN_STORE);
     inline.chain(stored).fold(OVERHEAD, u64::saturating_add)
 }
@@ -260,7 +260,7 @@ mod tests {
     const A: FederateId = FederateId(0);
     const B: FederateId = FederateId(1);
 
-    /// Hands the reports of the one to the other.
+    /// Delivers the reports of the receiver to the sender.
     fn pass(reports: Vec<(FederateId, Frame)>, sender: &mut Flow) -> u64 {
         let mut passed = 0;
         for (to, frame) in reports {
@@ -284,7 +284,7 @@ mod tests {
             sent += 1;
         }
         assert_eq!(sent, 9, "that is 10,152 bytes");
-        // The receiver says nothing before it has something to say.
+        // The receiver sends no report before it has processed enough.
         assert_eq!(b.reached(at(1)), []);
         let reports = b.reached(at(3));
         assert_eq!(pass(reports, &mut a), 3);
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_meant_for_later_does_not_count() {
+    fn messages_for_later_tags_do_not_count() {
         let mut a = flow(A_B, "a", 1_000);
         for time in 0..100 {
             a.sent(B, CHANNEL, at(1_000 + time), &payload(500));
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_in_the_store_counts_a_sixteenth() {
+    fn an_object_in_the_store_counts_a_sixteenth() {
         let mut a = flow(A_B, "a", 1_000_000);
         let object = ObjectRef { owner: A, serial: 0, segment: 0, offset: 0, len: 10_000_000 };
         let payload = Payload { parts: vec![Part::Object(object)], ..Payload::default() };
@@ -326,13 +326,13 @@ mod tests {
     }
 
     #[test]
-    fn who_has_ended_holds_nobody_up() {
+    fn a_receiver_that_has_ended_blocks_no_sender() {
         let mut a = flow(A_B, "a", 100);
         a.sent(B, CHANNEL, at(0), &payload(1_000));
         assert!(a.is_ahead(at(1)));
         a.forget(B);
         assert!(!a.is_ahead(at(1)));
-        // It may still have said something.
+        // A report of the receiver may still arrive.
         a.processed(B, CHANNEL, 1, 1_128);
         a.sent(B, CHANNEL, at(1), &payload(0));
         a.processed(B, CHANNEL, 99, 1_128);
@@ -353,7 +353,7 @@ mod tests {
         /// Whatever is sent on several channels, with whatever limit: a receiver that has processed
         /// everything before a tag lets its sender begin that tag.
         #[test]
-        fn who_has_processed_everything_holds_nobody_up(
+        fn a_receiver_that_has_processed_everything_blocks_no_sender(
             limit in 0_u64..5_000,
             messages in prop::collection::vec((0_u32..3, 0_i64..4, 0_usize..3_000), 0..60),
         ) {
@@ -372,10 +372,10 @@ mod tests {
                 pass(reports, &mut a);
                 prop_assert!(!a.is_ahead(at(time)), "at {time}");
             }
-            // And what is known to be under way is what is.
-            let under_way: u64 = a.receivers.values().map(|receiver| receiver.bytes).sum();
+            // Both ends agree on what is in transit.
+            let in_transit: u64 = a.receivers.values().map(|receiver| receiver.bytes).sum();
             let known = b.incoming.values().flat_map(|incoming| &incoming.backlog.0);
-            prop_assert_eq!(under_way, known.map(|group| group.bytes).sum::<u64>());
+            prop_assert_eq!(in_transit, known.map(|group| group.bytes).sum::<u64>());
         }
     }
 }

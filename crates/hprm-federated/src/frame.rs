@@ -54,13 +54,13 @@ impl FromStr for FederationId {
 pub struct HostId(pub u128);
 
 impl HostId {
-    /// The id of whoever has joined over a Unix socket.
+    /// The id of a federate that has joined over a Unix socket.
     #[must_use]
     pub fn beside_rti(self) -> Self {
         Self(self.0 | 1)
     }
 
-    /// The id of whoever has joined over TCP, which is none of the others', whatever it says.
+    /// The id of a federate that has joined over TCP. No other federate has the same, whatever it claims.
     #[must_use]
     pub fn elsewhere(self) -> Self {
         Self(self.0 & !1)
@@ -141,11 +141,11 @@ pub enum Frame {
     Hello {
         /// [`PROTOCOL`].
         protocol: u32,
-        /// Which federation it means.
+        /// The federation that it wants to join.
         federation: FederationId,
         /// The [digest](hprm_core::Fingerprint::digest) of its program's fingerprint.
         fingerprint: u64,
-        /// Who it is.
+        /// Which federate it is.
         federate: FederateId,
         /// Where it runs.
         host: HostId,
@@ -166,17 +166,18 @@ pub enum Frame {
     PeerHello {
         /// [`PROTOCOL`].
         protocol: u32,
-        /// Which federation it means.
+        /// The federation of that side.
         federation: FederationId,
-        /// Who opened it.
+        /// The federate that has opened the link.
         from: FederateId,
     },
     /// The answer on a direct link.
     PeerWelcome {
-        /// Who accepted it.
+        /// The federate that has accepted the link.
         federate: FederateId,
     },
-    /// Federate to RTI: the program is loaded. Who joins late is introduced to the others then.
+    /// Federate to RTI: the program is loaded. The RTI introduces a federate that joins late to the
+    /// others then.
     Loaded,
     /// Federate to RTI: the program is loaded and direct links are up.
     Ready {
@@ -192,13 +193,13 @@ pub enum Frame {
     },
     /// RTI to the neighbours of a transient federate: it is about to join.
     Joining {
-        /// Who, and where it is.
+        /// That federate, and where it is.
         peer: Peer,
     },
     /// The answer: whatever I send at a later tag than this one goes to that federate too. And, under
     /// decentralized coordination, the answer to `Joined`: from now on I wait for it.
     Met {
-        /// Who is joining.
+        /// The federate that is joining.
         federate: FederateId,
         /// Which of its processes.
         life: u32,
@@ -208,7 +209,7 @@ pub enum Frame {
     /// RTI to the neighbours of a transient federate: it joins. Under decentralized coordination it
     /// starts when those have answered to which it sends, and perhaps at a later tag.
     Joined {
-        /// Who.
+        /// That federate.
         federate: FederateId,
         /// It sends nothing before this tag.
         first: Tag,
@@ -216,7 +217,7 @@ pub enum Frame {
     /// RTI to a federate: leave at this tag, because you asked, or another instance of you takes over.
     /// Federate to RTI: I want to leave, at which tag may I? Not before this one.
     Depart {
-        /// Its last tag, if it has not come so far yet.
+        /// Its last tag, if it has not passed that tag yet.
         tag: Tag,
     },
     /// Federate to RTI: nothing happens here before this tag, unless a message arrives.
@@ -236,12 +237,12 @@ pub enum Frame {
         /// The completed tag.
         tag: Tag,
     },
-    /// RTI to federate: nobody waits for what happens there up to this tag, so it need not be
-    /// reported; `NEVER` if everything is to be. A message that it sends ends this, too.
+    /// RTI to federate: no other federate waits for what this one does up to this tag, so it may skip its
+    /// reports; `NEVER` if it has to report everything. A message that it sends ends this, too.
     DownstreamNextEventTag {
-        /// The latest tag without need.
+        /// The latest tag that need not be reported.
         tag: Tag,
-        /// How many messages from that federate the RTI knew of. If there are more, this is void.
+        /// How many messages from that federate the RTI knew of. If there are more, this frame is void.
         sent: u64,
     },
     /// RTI to federate: every message up to this tag is before this frame.
@@ -255,7 +256,7 @@ pub enum Frame {
         /// The latest step that it may process.
         through: Step,
     },
-    /// A value on its way.
+    /// A value in transit.
     Message {
         /// The connection that it takes.
         channel: ChannelId,
@@ -266,9 +267,9 @@ pub enum Frame {
     },
     /// A segment of a store for a reader to map. Its descriptor travels beside this frame.
     Segment {
-        /// Whose segment it is.
+        /// The federate that owns the segment.
         owner: FederateId,
-        /// Who is to map it.
+        /// The federate that is to map it.
         reader: FederateId,
         /// The owner's number for it.
         segment: u32,
@@ -277,18 +278,18 @@ pub enum Frame {
     },
     /// Segments that their owner does not use any more: a reader may unmap them.
     Retired {
-        /// Whose segments they are.
+        /// The federate that owns the segments.
         owner: FederateId,
-        /// Who has mapped them.
+        /// The federate that has mapped them.
         reader: FederateId,
         /// The owner's numbers for them.
         segments: Vec<u32>,
     },
     /// Objects that a reader no longer uses.
     Release {
-        /// Whose objects they are.
+        /// The federate that owns the objects.
         owner: FederateId,
-        /// Who used them.
+        /// The federate that used them.
         reader: FederateId,
         /// The owner's numbers for them.
         serials: Vec<u64>,
@@ -302,7 +303,8 @@ pub enum Frame {
         /// How much they count.
         bytes: u64,
     },
-    /// Federate to RTI: end at this tag or soon after. RTI to the others: somebody asks that.
+    /// Federate to RTI: end at this tag or soon after. RTI to the others: a federate or the user asks
+    /// that.
     StopRequest {
         /// The earliest tag that suits.
         tag: Tag,
@@ -317,7 +319,8 @@ pub enum Frame {
         /// The last tag.
         tag: Tag,
     },
-    /// Federate to RTI, decentralized: how far it is. Enough of these tell that a wait is in vain.
+    /// Federate to RTI, decentralized: how far it is. From these the RTI finds out that a wait is
+    /// useless.
     Progress {
         /// The earliest step with something to do.
         next: Step,
@@ -351,14 +354,14 @@ pub enum Frame {
     },
     /// RTI to the neighbours of a federate: it has ended, in order or not.
     Gone {
-        /// Who.
+        /// That federate.
         federate: FederateId,
         /// Whether in order: then all that it has sent on a direct link ends with `Resign`.
         in_order: bool,
     },
     /// Federate to RTI: I cannot go on. RTI to all: this federate could not, end too.
     Failed {
-        /// Who.
+        /// The federate that cannot go on.
         federate: FederateId,
         /// Why, for people.
         message: String,
@@ -367,7 +370,7 @@ pub enum Frame {
     },
     /// Federate to RTI, at any time: what does your clock show?
     ClockRequest {
-        /// What this one's shows.
+        /// What the federate's clock shows.
         asked: PhysicalTime,
     },
     /// The answer.

@@ -26,7 +26,7 @@ pub enum Input {
     PeerLost(FederateId),
     /// A direct link cannot be opened.
     Unreachable {
-        /// Who should be at its other end.
+        /// The federate that should be at its other end.
         peer: FederateId,
         /// Why, for people.
         reason: String,
@@ -46,9 +46,9 @@ pub enum Input {
     Reached(Option<u32>),
     /// It has completed this tag, and everything sent at it has been handed over.
     Completed(Tag),
-    /// From now on the federate waits that long for its inputs. Means nothing to a centralized one.
+    /// From now on the federate waits that long for its inputs. A centralized one ignores this.
     Maxwait(Nanos),
-    /// A value leaves.
+    /// The scheduler sends a value.
     Send {
         /// The connection that it takes.
         channel: ChannelId,
@@ -59,14 +59,14 @@ pub enum Input {
     },
     /// Objects of another federate's store that are no longer used here.
     Release {
-        /// Whose objects they are.
+        /// The federate that owns the objects.
         owner: FederateId,
         /// The owner's numbers for them.
         serials: Vec<u64>,
     },
     /// A segment of the own store for a reader to map.
     Segment {
-        /// Who is to map it.
+        /// The federate that is to map it.
         reader: FederateId,
         /// Its number.
         segment: u32,
@@ -75,7 +75,7 @@ pub enum Input {
     },
     /// Segments of the own store that a reader may unmap.
     Retired {
-        /// Who has mapped them.
+        /// The federate that has mapped them.
         reader: FederateId,
         /// Their numbers.
         segments: Vec<u32>,
@@ -116,7 +116,7 @@ pub enum Output {
     },
     /// Open a direct link.
     Connect {
-        /// To whom.
+        /// The federate at its other end.
         peer: FederateId,
         /// Where it listens.
         listen: String,
@@ -128,7 +128,7 @@ pub enum Output {
         /// The tag at which this federate starts: zero, unless it joins late.
         first: Tag,
     },
-    /// A message for the time before this federate has joined: what it holds is given back.
+    /// A message for the time before this federate has joined: the driver releases what it holds.
     Discard {
         /// The value.
         payload: Payload,
@@ -146,7 +146,7 @@ pub enum Output {
     DeliverPhysical {
         /// The connection that it took.
         channel: ChannelId,
-        /// Meaningless.
+        /// Of no meaning.
         tag: Tag,
         /// The value.
         payload: Payload,
@@ -160,7 +160,7 @@ pub enum Output {
     LeaveAt(Tag),
     /// A segment to map; its descriptor came with the frame.
     Segment {
-        /// Whose segment it is.
+        /// The federate that owns the segment.
         owner: FederateId,
         /// The owner's number for it.
         segment: u32,
@@ -169,14 +169,14 @@ pub enum Output {
     },
     /// Segments of another federate's store to unmap.
     Retired {
-        /// Whose segments they are.
+        /// The federate that owns the segments.
         owner: FederateId,
         /// The owner's numbers for them.
         segments: Vec<u32>,
     },
     /// A reader no longer uses objects of the own store.
     Released {
-        /// Who used them.
+        /// The federate that used them.
         reader: FederateId,
         /// Their numbers.
         serials: Vec<u64>,
@@ -205,7 +205,7 @@ pub enum End {
     /// Another federate could not go on.
     #[error("federate {federate:?} failed: {message}")]
     Failed {
-        /// Who.
+        /// That federate.
         federate: FederateId,
         /// Why, for people.
         message: String,

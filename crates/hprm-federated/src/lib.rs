@@ -1,14 +1,15 @@
 //! Federations: the frames of the protocol, the RTI, and a federate's side of both coordinations.
 //!
 //! This crate is pure. A machine is told the time and what happened, with `handle`; it answers with
-//! outputs, which the caller drains with `poll` until there are none; `next_wakeup` tells when it
-//! wants to be asked again if nothing happens. A fault leaves a machine as it was. Sockets,
+//! outputs, which the caller drains with `poll` until there are none; `next_wakeup` tells when the
+//! caller must call the machine again if nothing happens. A fault leaves a machine as it was. Sockets,
 //! descriptors and waiting are the driver's; running reactions is the scheduler's.
 //!
-//! What the machines rely on: a link keeps the order of its frames, and ends. Nothing else.
+//! The machines rely on two things only: a link keeps the order of its frames, and both ends learn
+//! when it ends.
 //!
-//! Where to start: [`Frame`] is what they say to one another, [`Federate`] is the one end, [`Rti`]
-//! the other, [`Topology`] what both know of the program.
+//! Where to start: [`Frame`] is what the machines send to one another, [`Federate`] is the one end,
+//! [`Rti`] the other, [`Topology`] what both know of the program.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
@@ -39,7 +40,7 @@ pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 pub use input::{End, Input, Output, Permission};
-pub use rti::{LinkId, Patience, Quieting, Rti, RtiInput, RtiOutput};
+pub use rti::{DnetMode, LinkId, Patience, Rti, RtiInput, RtiOutput};
 pub use slewed::SlewedClock;
 pub use step::{Edge, Step};
 pub use topology::Topology;

@@ -1,9 +1,9 @@
-//! What the machines write to the log for people who debug: their inputs and outputs, as they happen.
+//! What the machines write to the log, for debugging: their inputs and outputs, as they happen.
 //!
 //! Coordination is at the level `debug`: joining, grants, next event tags, stopping. What moves data,
 //! and what a driver repeats in each round, is at `trace`. A log has no values: a message shows its
-//! channel, tag and size. Without a subscriber an event costs one comparison. Where lines go is the
-//! driver's business.
+//! channel, tag and size. Without a subscriber an event costs one comparison. The driver decides where
+//! lines go.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -101,7 +101,7 @@ pub(crate) fn rti_output(links: &Links, output: &RtiOutput) {
     }
 }
 
-/// The links of the RTI, with the federates at their other ends, once they have said their names.
+/// The links of the RTI, with the federates at their other ends, once these have sent their ids.
 type Links = BTreeMap<LinkId, FederateId>;
 
 /// The other end of a link. It is looked up only if a line is written.

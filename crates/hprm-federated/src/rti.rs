@@ -1,4 +1,4 @@
-//! The RTI: who belongs to the federation, when it starts and ends, and what passes between.
+//! The RTI: which federates belong to the federation, when it starts and ends, and the frames between.
 //!
 //! This file has the machine's state and sorts what comes in. Joining and starting are in `join`,
 //! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
@@ -24,7 +24,7 @@ use hprm_core::{
 };
 
 use self::advance::Advance;
-pub use self::advance::Quieting;
+pub use self::advance::DnetMode;
 use self::arriving::Arrivals;
 use self::ending::Negotiation;
 use self::join::{Candidate, Member};
@@ -47,7 +47,7 @@ pub enum RtiInput {
         /// The frame.
         frame: Frame,
     },
-    /// A frame is on its way over a link, and some of it has moved.
+    /// A frame is in transit on a link, and some bytes of it have moved.
     Moved {
         /// The link.
         link: LinkId,
@@ -57,14 +57,14 @@ pub enum RtiInput {
         /// The link.
         link: LinkId,
     },
-    /// What came on a link is no frame, or breaks the protocol; the link is closed.
+    /// The bytes on a link are no frame, or break the protocol; the link is closed.
     Broken {
         /// The link.
         link: LinkId,
         /// What is wrong, for people.
         reason: String,
     },
-    /// Somebody outside of the federation, at a keyboard perhaps, wants it to stop.
+    /// The user, or a program that is no federate, asks the federation to stop.
     RequestStop,
     /// Time has passed: [`Rti::next_wakeup`] has come.
     Wake,
@@ -85,7 +85,7 @@ pub enum RtiOutput {
         /// The link.
         link: LinkId,
     },
-    /// The process at the other end of a link belongs to the federation, and was asked for its
+    /// The process at the other end of a link belongs to the federation, and the RTI has asked it for its
     /// program: its answer may be long.
     Asked {
         /// The link.
@@ -110,7 +110,7 @@ pub enum RtiOutput {
         /// The federate.
         federate: FederateId,
     },
-    /// Everybody is ready, and has been told the time of tag zero.
+    /// All federates are ready, and know the time of tag zero.
     Started {
         /// The physical time of tag zero.
         at: PhysicalTime,
@@ -122,14 +122,14 @@ pub enum RtiOutput {
         /// For how long, in nanoseconds.
         silence: Nanos,
     },
-    /// One that was reported as silent answers again.
+    /// A federate that was reported as silent answers again.
     Answers {
         /// The federate.
         federate: FederateId,
         /// After how long, in nanoseconds.
         silence: Nanos,
     },
-    /// A transient federate could not go on; the others do.
+    /// A transient federate could not go on; the others go on without it.
     Dropped {
         /// The federate.
         federate: FederateId,
@@ -138,7 +138,7 @@ pub enum RtiOutput {
         /// The exit code of its process.
         code: i32,
     },
-    /// A federate could not go on; the others have been told to end. Only the first is reported.
+    /// A federate could not go on; the RTI has told the others to end. It reports only the first failure.
     Failed {
         /// The federate.
         federate: FederateId,
@@ -147,7 +147,7 @@ pub enum RtiOutput {
         /// The exit code of its process.
         code: i32,
     },
-    /// Nobody is left.
+    /// All federates have ended.
     Finished,
 }
 
@@ -172,7 +172,7 @@ pub struct Rti {
     links: BTreeMap<LinkId, FederateId>,
     /// Links whose federates have been asked for their programs.
     candidates: BTreeMap<LinkId, Candidate>,
-    /// Links that will be closed. Who is at the other end may not have heard of it.
+    /// Links that will be closed. The process at the other end may not know that yet.
     refused: BTreeSet<LinkId>,
     /// The physical time of tag zero, and of the latest input; of use only to federates that join late
     /// or leave early.
@@ -180,7 +180,7 @@ pub struct Rti {
     now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
-    /// None, if it does not matter who is silent.
+    /// None, if the RTI does not watch for silent federates.
     watch: Option<Watch>,
     stop: Negotiation,
     /// Whether a federate has processed the last tag of the program.
@@ -193,8 +193,8 @@ pub struct Rti {
 }
 
 impl Rti {
-    /// The RTI of a federation that nobody has joined yet. It starts `start_delay` after the latest
-    /// federate has become ready.
+    /// The RTI of a federation that no federate has joined yet. The program starts `start_delay` after
+    /// the latest federate has become ready.
     #[must_use]
     pub fn new(
         topology: Topology,
@@ -227,10 +227,10 @@ impl Rti {
         }
     }
 
-    /// Has the RTI tell federates at other times than usual that nobody needs their reports.
+    /// Makes the RTI send downstream next event tags at other times than usual.
     #[must_use]
-    pub fn quieting(mut self, quieting: Quieting) -> Self {
-        self.advance.set_quieting(&self.topology, quieting);
+    pub fn dnet_mode(mut self, mode: DnetMode) -> Self {
+        self.advance.set_dnet_mode(&self.topology, mode);
         self
     }
 
@@ -264,7 +264,7 @@ impl Rti {
             RtiInput::Wake => {
                 self.look_after(now);
                 self.hurry_arrivals();
-                self.tell();
+                self.send_grants();
                 Ok(())
             }
             RtiInput::RequestStop => {
@@ -294,7 +294,7 @@ impl Rti {
         }
     }
 
-    /// A link is of no use any more; if that is the fault of the other end, `reason` says so.
+    /// A link cannot be used any more; if that is the fault of the other end, `reason` says why.
     fn closed(&mut self, link: LinkId, reason: Option<&str>) {
         self.refused.remove(&link);
         self.candidates.remove(&link);
@@ -370,7 +370,7 @@ impl Rti {
             }
             Frame::LatestTagConfirmed { tag } if running && self.is_centralized() => {
                 self.advance.complete(&self.topology, from, tag);
-                self.tell();
+                self.send_grants();
                 Ok(())
             }
             Frame::Progress { next, counts } if running && !self.is_centralized() => {
@@ -408,7 +408,7 @@ impl Rti {
         if !self.topology.has(to) {
             return Err(Fault::UnknownFederate(to));
         }
-        self.pass_on(from, to, frame);
+        self.forward(from, to, frame);
         Ok(())
     }
 
@@ -423,7 +423,7 @@ impl Rti {
         let to = channel.to;
         let frame = Frame::Message { channel: id, tag, payload };
         if channel.physical {
-            self.pass_on(from, to, frame);
+            self.forward(from, to, frame);
             return Ok(());
         }
         if !self.is_centralized() {
@@ -431,60 +431,60 @@ impl Rti {
         }
         let read = Step { tag, level: channel.first_reader };
         if self.members[to].is_live() && tag >= self.advance.first(to) {
-            let granted = self.advance.told(to);
+            let granted = self.advance.granted(to);
             if read <= granted {
                 return Err(Fault::InThePast { tag, granted: granted.tag });
             }
             self.advance.sent(from);
-            if self.pass_on(from, to, frame) {
+            if self.forward(from, to, frame) {
                 self.advance.in_transit(&self.topology, to, read);
-                self.tell();
+                self.send_grants();
             }
         } else {
             self.advance.sent(from);
-            if self.pass_on(from, to, frame) {
+            if self.forward(from, to, frame) {
                 self.advance.count(to);
             }
         }
         Ok(())
     }
 
-    /// Sends what a federate has for another one, unless that has ended, or the sender has not heard
-    /// that it is joining. Returns whether it did.
-    fn pass_on(&mut self, from: FederateId, to: FederateId, frame: Frame) -> bool {
+    /// Forwards a frame to a federate, unless the receiver has ended, or is joining and the sender does
+    /// not know it yet. Returns whether the frame was forwarded.
+    fn forward(&mut self, from: FederateId, to: FederateId, frame: Frame) -> bool {
         let link = self.members[to].link().or_else(|| self.arrivals.link_of(to, from));
         self.outputs.extend(link.map(|link| RtiOutput::Send { link, frame }));
         link.is_some()
     }
 
-    /// A federate has said what it does next.
+    /// A federate has reported its next event.
     fn next(&mut self, from: FederateId, step: Step, received: u64) {
         self.advance.next(&self.topology, from, step, received);
-        self.tell();
+        self.send_grants();
         self.end_if_starved();
-        if let Some(frame) = self.advance.quieten(&self.topology, from) {
+        if let Some(frame) = self.advance.dnet(&self.topology, from) {
             self.send(from, frame);
         }
     }
 
-    /// Ends the program if no federate has anything left to do.
+    /// Ends the program if all federates are idle.
     fn end_if_starved(&mut self) {
         if !self.topology.starves() || self.traffic.lags() {
             return;
         }
-        if let Some(tag) = self.advance.rest() {
+        if let Some(tag) = self.advance.idle_stop() {
             self.ask_to_stop(tag);
         }
     }
 
-    /// Tells federates how far they may advance, where that has changed and matters to them.
-    fn tell(&mut self) {
+    /// Sends the grants that are new and useful, and recalls federates whose skipped reports others need.
+    fn send_grants(&mut self) {
         if self.failed || self.traffic.lags() {
             return;
         }
         let centralized = self.is_centralized();
         let elapsed = Tag::new(self.now.since(self.start).max(0), u32::MAX);
-        for (federate, through) in self.advance.news(&self.topology, elapsed) {
+        for (federate, through) in self.advance.grants(&self.topology, elapsed) {
             let frame = match centralized {
                 true if self.topology.is_stepwise(federate) => {
                     Frame::ProvisionalTagAdvanceGrant { through }
@@ -494,7 +494,7 @@ impl Rti {
             };
             self.send(federate, frame);
         }
-        for (federate, frame) in self.advance.call(&self.topology) {
+        for (federate, frame) in self.advance.recall(&self.topology) {
             self.send(federate, frame);
         }
     }
@@ -505,16 +505,16 @@ impl Rti {
         }
     }
 
-    /// Tells those whom it concerns that a federate has ended, or does not join after all. Nothing more
-    /// comes from there, and what was sent to it, and is counted, does not arrive.
+    /// Tells its neighbours that a federate has ended, or does not join after all. It sends nothing more,
+    /// and messages to it that have been counted do not arrive.
     fn end_one(&mut self, federate: FederateId, in_order: bool) {
         if self.phase == Phase::Joining {
-            // Nobody has been told of anybody, and another process may join in its place.
+            // The federates do not know of one another yet, and another process may join in its place.
             return;
         }
         if self.phase == Phase::Running {
             self.advance.end(&self.topology, federate);
-            // Centralized, all that it has sent has come this way.
+            // Under centralized coordination the RTI has forwarded all messages of the federate.
             let counted = in_order || self.is_centralized();
             self.traffic.end(&self.topology, federate, counted);
         }

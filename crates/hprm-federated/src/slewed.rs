@@ -1,4 +1,4 @@
-//! A clock that is led to another one's time, and never goes back.
+//! A clock that follows another one's time, and never goes back.
 //!
 //! It is a function of a local clock: two straight pieces, the first of which makes up for an error
 //! and ends, while the second one only makes up for the local clock's drift.
@@ -57,7 +57,7 @@ impl SlewedClock {
         self.offset.saturating_add(part(first, self.rate)).saturating_add(part(rest, self.drift))
     }
 
-    /// Shows another time from now on. Whoever has read it before may see time go back.
+    /// Shows another time from now on. A reader that has read it before may see time go back.
     pub(crate) fn step(&mut self, local: PhysicalTime, offset: Nanos) {
         *self = Self { from: local, until: local, offset, rate: 0, drift: 0 };
     }

@@ -1,7 +1,7 @@
 //! A federate's way to the start: joining, meeting the others, linking to some, being ready.
 //!
-//! The handshake of a direct link is here as two pure steps; the driver performs them, because it
-//! does not know whose link it is before. Everything else is asked by the machine in `federate`.
+//! The handshake of a direct link is here as two pure steps. The driver performs them, because it
+//! does not know before to which federate the link leads. The machine in `federate` uses all the rest.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -22,11 +22,11 @@ pub(crate) struct Early {
 pub(crate) struct Startup {
     federation: FederationId,
     host: HostId,
-    /// Everybody, once everybody has joined.
+    /// All federates, once all have joined.
     peers: Option<BTreeMap<FederateId, Peer>>,
-    /// Whose direct links are up.
+    /// The federates whose direct links are up.
     linked: BTreeSet<FederateId>,
-    /// Who may have a direct link with this federate.
+    /// The federates that may have a direct link with this one.
     partners: BTreeSet<FederateId>,
     /// Direct links without which this federate does not start.
     needed: BTreeSet<FederateId>,
@@ -79,14 +79,14 @@ impl Startup {
         self.peers.is_none()
     }
 
-    /// Takes the list of peers. Links are needed only to those who are there.
+    /// Takes the list of peers. This federate needs links only to those that have joined.
     pub(crate) fn meet(&mut self, peers: Vec<Peer>) {
         let peers: BTreeMap<_, _> = peers.into_iter().map(|peer| (peer.federate, peer)).collect();
         self.needed.retain(|federate| peers.contains_key(federate));
         self.peers = Some(peers);
     }
 
-    /// Adds a peer that has come later.
+    /// Adds a peer that has joined later.
     pub(crate) fn add(&mut self, peer: Peer) {
         self.peers.get_or_insert_default().insert(peer.federate, peer);
     }
@@ -96,7 +96,7 @@ impl Startup {
         self.needed.remove(&peer);
     }
 
-    /// Which process of a federate this is, as far as is known.
+    /// Which process of a federate the peer is, as far as is known.
     pub(crate) fn life(&self, peer: FederateId) -> u32 {
         let peers = self.peers.as_ref();
         peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.life)
@@ -123,7 +123,7 @@ impl Startup {
         self.loaded = true;
     }
 
-    /// True once: when everything is there that the start takes.
+    /// True once: when everything that the start needs is complete.
     pub(crate) fn becomes_ready(&mut self) -> bool {
         let complete = self.loaded && self.peers.is_some() && self.needed.is_subset(&self.linked);
         complete && !std::mem::replace(&mut self.ready, true)
@@ -134,13 +134,13 @@ impl Startup {
         self.ready && self.start.is_none()
     }
 
-    /// Takes the start; returns what has come before it.
+    /// Takes the start; returns the messages that have come before it.
     pub(crate) fn begin(&mut self, at: PhysicalTime) -> VecDeque<Early> {
         self.start = Some(at);
         std::mem::take(&mut self.early)
     }
 
-    /// Keeps a message from a peer that was told of the start before this federate.
+    /// Keeps a message from a peer that learned of the start before this federate.
     pub(crate) fn keep(&mut self, early: Early) {
         self.early.push_back(early);
     }
@@ -150,7 +150,7 @@ impl Startup {
         Frame::PeerHello { protocol: PROTOCOL, federation: self.federation, from }
     }
 
-    /// Who has opened a direct link, by its first frame.
+    /// Which federate has opened a direct link, by its first frame.
     pub(crate) fn greeted(&self, frame: &Frame) -> Result<FederateId, Refusal> {
         match *frame {
             Frame::PeerHello { protocol, .. } if protocol != PROTOCOL => {

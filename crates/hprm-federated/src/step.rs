@@ -1,6 +1,6 @@
 //! A point within a tag: how far a federate has got with the levels of its reactions.
 //!
-//! Federates that send to one another in a circle without a delay cannot wait for all messages of a
+//! Federates that send to one another on a cycle without a delay cannot wait for all messages of a
 //! tag before they begin it. But the reactions of the whole program have levels, and a message leads
 //! from a level to a higher one; so such federates take turns by level, as reactions in one process
 //! do. For all others a step is as good as its tag.

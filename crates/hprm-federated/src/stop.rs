@@ -1,23 +1,23 @@
-//! A federate's part in agreeing on a last tag: naming one, and not reaching it before it is told.
+//! A federate's part in agreeing on a last tag: it names one, and stays before it until the RTI decides.
 
 use hprm_core::Tag;
 
 /// See the module.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub(crate) enum Stop {
-    /// Nobody has asked.
+    /// No federate has asked to stop.
     Open,
-    /// This federate has asked before the start, and will again.
+    /// This federate has asked before the start, and will ask again.
     Wanted,
     /// This federate has asked or answered with this tag, and stays before it.
     Held(Tag),
-    /// It is decided; the scheduler knows.
+    /// The RTI has decided; the scheduler knows the last tag.
     Decided,
 }
 
 impl Stop {
-    /// Whether `tag` may not begin before the decision. The named tag itself may not: it could be
-    /// the last one, and would have run as if it were not.
+    /// Whether `tag` may not begin before the decision. The named tag itself may not: it could be the
+    /// last one, and its reactions to shutdown would be missing.
     pub(crate) fn refuses(self, tag: Tag) -> bool {
         matches!(self, Self::Held(held) if tag >= held)
     }
@@ -34,7 +34,7 @@ impl Stop {
         }
     }
 
-    /// Answers somebody who asks to stop at `tag`. None, if it is decided already.
+    /// Answers a request to stop at `tag`. None, if the RTI has decided already.
     pub(crate) fn reply(&mut self, tag: Tag, current: Tag) -> Option<Tag> {
         let held = match *self {
             Self::Open | Self::Wanted => current.succ(),

@@ -1,6 +1,6 @@
-//! What the coordination needs to know of a program: who sends to whom, and with what delay.
+//! What the coordination needs to know of a program: which federates send to which, and with what delay.
 //!
-//! Physical channels are here as channels, but they make nobody wait: they are not edges.
+//! Physical channels are here as channels, but no federate waits for them: they are not edges.
 
 use std::collections::BTreeSet;
 
@@ -154,13 +154,13 @@ impl Topology {
         self.channels.get(id).filter(leads).copied().ok_or(Fault::UnknownChannel(id))
     }
 
-    /// Who sends logical messages to this federate.
+    /// The federates that send logical messages to this one.
     #[must_use]
     pub fn upstream(&self, federate: FederateId) -> &[Edge] {
         &self.upstream[federate]
     }
 
-    /// Whom this federate sends logical messages.
+    /// The federates to which this one sends logical messages.
     #[must_use]
     pub fn downstream(&self, federate: FederateId) -> &[Edge] {
         &self.downstream[federate]
@@ -186,40 +186,39 @@ impl Topology {
         self.patient
     }
 
-    /// Whether a federate sends, perhaps by way of others, to itself without a delay: it goes through
-    /// a tag level by level.
+    /// Whether a federate is on a cycle without a delay: it sends to itself, perhaps by way of others. So
+    /// it goes through a tag level by level.
     #[must_use]
     pub fn is_stepwise(&self, federate: FederateId) -> bool {
         self.stepwise[federate]
     }
 
-    /// Whether a federate may join late, leave, and come back.
+    /// Whether a federate is transient: it may join late, leave, and join again.
     #[must_use]
     pub fn is_transient(&self, federate: FederateId) -> bool {
         self.transient.get(federate).is_some_and(|transient| *transient)
     }
 
-    /// Whether there is such a federate.
+    /// Whether any federate is transient.
     #[must_use]
     pub fn has_transients(&self) -> bool {
         self.has_transients
     }
 
-    /// Whether what a transient federate does can, perhaps by way of others, lead to a message to
-    /// this one.
+    /// Whether a federate is downstream of a transient one, perhaps by way of others.
     #[must_use]
     pub fn is_after_transient(&self, federate: FederateId) -> bool {
         self.after_transient[federate]
     }
 
-    /// Whom what a federate does can lead to a message to, perhaps by way of others.
+    /// The federates downstream of a federate, also those by way of others.
     #[must_use]
     pub fn reachable(&self, federate: FederateId) -> Vec<FederateId> {
         let reached = self.reached(federate, &self.downstream, |_| true);
         self.names.ids().filter(|federate| reached[*federate]).collect()
     }
 
-    /// Whom a channel of any kind connects with a federate.
+    /// The federates that a channel of any kind connects with this one.
     #[must_use]
     pub fn neighbours(&self, federate: FederateId) -> &BTreeSet<FederateId> {
         &self.neighbours[federate]
@@ -237,15 +236,15 @@ impl Topology {
         earliest.next_multiple(self.start_time_multiple)
     }
 
-    /// Whether federates report every next event to the RTI, whether somebody needs it or not.
+    /// Whether federates report every next event to the RTI, even if no other federate needs it.
     #[must_use]
     pub fn reports_all(&self) -> bool {
         self.reports_all
     }
 
-    /// For each federate, whether it is in a circle without a delay, or what it does can lead to a
-    /// message to one that is.
-    pub(crate) fn is_before_circle(&self) -> Table<FederateId, bool> {
+    /// For each federate, whether it is on a cycle without a delay, or upstream of one, perhaps by way of
+    /// others.
+    pub(crate) fn is_before_cycle(&self) -> Table<FederateId, bool> {
         let mut before = self.stepwise.clone();
         let mut pending: Vec<_> = self.names.ids().filter(|federate| before[*federate]).collect();
         while let Some(federate) = pending.pop() {
@@ -264,11 +263,11 @@ impl Topology {
         self.starves
     }
 
-    /// Groups of federates that send to one another in a circle without any delay.
+    /// Groups of federates that send to one another on a cycle without any delay.
     #[must_use]
     pub fn zero_delay_cycles(&self) -> Vec<Vec<FederateId>> {
-        // Most are not in a circle, and to find that out takes no search.
-        let mut grouped = self.outside_circles();
+        // Most federates are not on a cycle, and to find that out takes no search.
+        let mut grouped = self.outside_cycles();
         let mut cycles = Vec::new();
         for federate in self.names.ids() {
             if grouped[federate] {
@@ -288,9 +287,9 @@ impl Topology {
         cycles
     }
 
-    /// Federates that cannot be in a circle without delay: to whom, or from whom, nothing leads
-    /// without one but from, or to, others of them.
-    fn outside_circles(&self) -> Table<FederateId, bool> {
+    /// Federates that cannot be on a cycle without a delay: all undelayed edges that lead to them, or
+    /// from them, connect them with other federates of this kind.
+    fn outside_cycles(&self) -> Table<FederateId, bool> {
         let mut outside = Table::filled(self.names.len(), false);
         for (before, after) in
             [(&self.upstream, &self.downstream), (&self.downstream, &self.upstream)]
@@ -317,7 +316,7 @@ impl Topology {
         outside
     }
 
-    /// Whom one or more of the edges that count lead to from `federate`.
+    /// The federates that can be reached from `federate` by one or more of the edges that count.
     fn reached(
         &self,
         federate: FederateId,
@@ -363,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn federates_of_a_circle_without_delay_go_level_by_level() {
+    fn federates_on_a_cycle_without_delay_go_level_by_level() {
         let topology = Topology::new(&program("x -> a\na -> b\nb -> c\nc -> a\nc -> y"));
         assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
         let stepwise: Vec<_> = topology.federates().map(|f| topology.is_stepwise(f)).collect();
@@ -371,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_are_found_between_chains() {
+    fn cycles_are_found_between_chains() {
         let text = "x -> a\na -> b\nb -> a\nb -> y\ny -> c\nc -> d\nd -> c\nd -> z\nz -> x after 1";
         let topology = Topology::new(&program(text));
         let found: Vec<Vec<_>> = topology
@@ -383,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_or_a_physical_connection_breaks_a_circle() {
+    fn a_delay_or_a_physical_connection_breaks_a_cycle() {
         for last in ["b -> a after 0", "b ~> a"] {
             let topology = Topology::new(&program(&format!("a -> b\n{last}")));
             assert!(topology.zero_delay_cycles().is_empty(), "{last}");

@@ -1,7 +1,7 @@
 //! Frames with changes: the same ones on each run. They are frames or errors, and reading them takes
 //! memory in proportion to the bytes that are there.
 //!
-//! `fuzz/` looks for more with the same function, for as long as one lets it.
+//! `fuzz/` looks for more with the same function, for as long as it runs.
 
 #[path = "common/frames.rs"]
 mod common;
@@ -153,7 +153,7 @@ fn reading_takes_no_more_memory_than_there_are_bytes() {
 }
 
 #[test]
-fn who_claims_much_and_sends_little_gets_nothing() {
+fn a_sender_that_claims_much_and_sends_little_gets_no_memory() {
     for kind in 0..4 {
         for claimed in [1_u32 << 10, 1 << 20, 16 << 20, 1 << 30] {
             let mut bytes = claimed.to_le_bytes().to_vec();
@@ -171,7 +171,7 @@ fn who_claims_much_and_sends_little_gets_nothing() {
 
 /// The frames that a message in parts begins with, with its parts missing.
 #[test]
-fn who_announces_a_long_message_and_sends_none_gets_nothing() {
+fn a_sender_that_announces_a_long_message_and_sends_none_gets_no_memory() {
     let bytes = encoded(&message(vec![Part::Inline(vec![0; 1 << 20])]));
     let envelope = u32::from_le_bytes(*bytes.first_chunk().unwrap()) as usize + 4;
     for sent in [envelope, envelope + 100, bytes.len() - 1] {

@@ -6,7 +6,7 @@
 
 use std::fmt::Write as _;
 
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 use hprm_sim::{Latency, Plan, Rng, World, scenario};
 
 /// Milliseconds, as texts of programs have them.
@@ -65,9 +65,9 @@ fn ping_pong() -> String {
     format!("{TIMEOUT}{MS}\na: every 1{MS} > b\nb: on a > a\na: on b\nb > a after 1{MS}\n")
 }
 
-fn frames(text: &str, quieting: Quieting) -> (usize, usize) {
+fn frames(text: &str, dnet: DnetMode) -> (usize, usize) {
     let latency = Latency { least: 20_000, jitter: 20_000, spikes: 0 };
-    let plan = Plan { latency, quieting, ..Plan::default() };
+    let plan = Plan { latency, dnet, ..Plan::default() };
     let outcome = World::new(&scenario(text), Rng::new(1), plan).run();
     outcome.expect("nothing befalls it").frames
 }
@@ -85,8 +85,7 @@ fn main() {
         ("stages of 1, 10, 33, 100 ms", stages()),
         ("ping-pong", ping_pong()),
     ] {
-        let [all, needed] =
-            [Quieting::Off, Quieting::Usual].map(|quieting| frames(&text, quieting));
+        let [all, needed] = [DnetMode::Off, DnetMode::Usual].map(|dnet| frames(&text, dnet));
         println!("{name:<28} {:>10} {:>11} {:>10} {:>11}", all.0, all.1, needed.0, needed.1);
     }
 }

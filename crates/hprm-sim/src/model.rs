@@ -16,7 +16,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 
 use self::check::Judge;
 use self::state::State;
@@ -74,7 +74,7 @@ pub struct Setting {
     /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
     /// When the RTI tells federates that nobody needs their reports.
-    pub quieting: Quieting,
+    pub dnet: DnetMode,
 }
 
 /// Looks at every state that can be reached.
@@ -83,8 +83,8 @@ pub struct Setting {
 ///
 /// If something is wrong in one of them.
 pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
-    let Setting { happenings, start_delay, flow_limit, quieting, .. } = setting;
-    let mut state = State::new(program, happenings, *start_delay, *flow_limit, *quieting);
+    let Setting { happenings, start_delay, flow_limit, dnet, .. } = setting;
+    let mut state = State::new(program, happenings, *start_delay, *flow_limit, *dnet);
     if !setting.from_launch {
         assemble(&mut state);
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use hprm_core::{ChannelId, FederateId, Nanos, PhysicalTime, Table, Tag};
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 
 use crate::network::{Latency, Partition};
 use crate::{Log, Maxwait};
@@ -36,7 +36,7 @@ pub struct Plan {
     /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
     /// When the RTI tells federates that nobody needs their reports.
-    pub quieting: Quieting,
+    pub dnet: DnetMode,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
 }

@@ -9,7 +9,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
-use hprm_federated::{Quieting, Topology};
+use hprm_federated::{DnetMode, Topology};
 
 use crate::changes;
 use crate::rng::mix;
@@ -85,7 +85,7 @@ impl Trial {
         let patient = program.federates.values().all(|federate| federate.maxwait == Nanos::MAX)
             && plan.maxwaits.is_empty();
         plan.flow_limit = flow_limit(seed);
-        plan.quieting = quieting(seed);
+        plan.dnet = dnet_mode(seed);
         Self { seed, shape, plan, program, patient, rng }
     }
 
@@ -256,12 +256,12 @@ fn flow_limit(seed: u64) -> Option<u64> {
 }
 
 /// Most of the time as often as can be: programs are too short to make it worthwhile.
-fn quieting(seed: u64) -> Quieting {
+fn dnet_mode(seed: u64) -> DnetMode {
     let mut rng = Rng::new(mix(seed ^ QUIET));
     match rng.below(10) {
-        0 => Quieting::Off,
-        1..=3 => Quieting::Usual,
-        _ => Quieting::Eager,
+        0 => DnetMode::Off,
+        1..=3 => DnetMode::Usual,
+        _ => DnetMode::Eager,
     }
 }
 
@@ -317,10 +317,10 @@ impl Trial {
         if let Some(limit) = plan.flow_limit {
             writeln!(f, "  at most {limit} bytes are under way to a receiver when a tag begins")?;
         }
-        match plan.quieting {
-            Quieting::Off => writeln!(f, "  every next event is reported")?,
-            Quieting::Eager => writeln!(f, "  nobody reports what is not needed, ever")?,
-            Quieting::Usual => {}
+        match plan.dnet {
+            DnetMode::Off => writeln!(f, "  every next event is reported")?,
+            DnetMode::Eager => writeln!(f, "  nobody reports what is not needed, ever")?,
+            DnetMode::Usual => {}
         }
         if let Some((who, tag)) = plan.stop {
             writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;

@@ -78,7 +78,7 @@ impl World {
             fingerprint: Arc::clone(&fingerprint),
             nodes: BTreeMap::new(),
             launched: Table::filled(program.federates.len(), 0),
-            rti: Rti::new(topology, federation, fingerprint, START_DELAY).quieting(plan.quieting),
+            rti: Rti::new(topology, federation, fingerprint, START_DELAY).dnet_mode(plan.dnet),
             network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
             clocks: program.federates.ids().map(clock).collect(),
             joined: BTreeSet::new(),

@@ -5,7 +5,7 @@
 //! federations that take minutes.
 
 use hprm_core::{FederateId, Nanos};
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 use hprm_sim::Happening::{Arrive, Break, Crash, Depart, Disconnect, Event, Leave, Stop};
 use hprm_sim::{Happening, Setting, explore, scenario};
 
@@ -112,8 +112,8 @@ type Case<'a> = (&'a str, &'a str, Nanos, &'a [Happening]);
 
 /// Looks at all of them; each line of the table is one.
 fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
-    let quieting = Quieting::Off;
-    look_with(Setting { start_delay, quieting, ..Setting::default() }, coordination, cases);
+    let dnet = DnetMode::Off;
+    look_with(Setting { start_delay, dnet, ..Setting::default() }, coordination, cases);
 }
 
 /// Looks at all of them in such a setting.
@@ -258,7 +258,7 @@ fn quiet_federates() {
         ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
         ("clock on a cycle", CLOCK_ON_A_CYCLE, 30_000_000, &[Event(A)]),
     ];
-    let setting = Setting { quieting: Quieting::Eager, ..Setting::default() };
+    let setting = Setting { dnet: DnetMode::Eager, ..Setting::default() };
     look_with(Setting { start_delay: PAST, ..setting.clone() }, "centralized", &cases);
     look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
 }
@@ -316,7 +316,7 @@ fn transient_federates() {
         ("transient circle", &circle, 0, &[Arrive(B)]),
         ("transient cycle", &delayed, 1, &[Arrive(B)]),
     ];
-    let setting = Setting { quieting: Quieting::Off, ..Setting::default() };
+    let setting = Setting { dnet: DnetMode::Off, ..Setting::default() };
     look_with(setting.clone(), "centralized", &cases);
     look_with(setting, "decentralized", &shorter);
 }

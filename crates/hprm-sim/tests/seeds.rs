@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use hprm_core::{Coordination, Nanos};
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 use hprm_sim::{Latency, Plan, Rng, Shape, Trial, World, generate};
 
 /// Seeds of every build; `make sim-nightly` looks at a million.
@@ -34,7 +34,7 @@ fn a_seed_tells_the_same_each_time() {
 
 /// By how much a tag begins too late, at most, if nothing takes longer than a nanosecond or two, and
 /// events are hundreds of them apart.
-fn lag(seed: u64, quieting: Quieting) -> Nanos {
+fn lag(seed: u64, dnet: DnetMode) -> Nanos {
     let shape = Shape {
         coordination: Coordination::Centralized,
         maxwait: 0,
@@ -44,17 +44,17 @@ fn lag(seed: u64, quieting: Quieting) -> Nanos {
     let mut rng = Rng::new(seed);
     let program = Arc::new(generate(&mut rng, shape));
     let latency = Latency { least: 1, jitter: 2, spikes: 0 };
-    let plan = Plan { latency, quieting, ..Plan::default() };
+    let plan = Plan { latency, dnet, ..Plan::default() };
     let outcome = World::new(&program, rng, plan).run();
     outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}")).lag
 }
 
 #[test]
 fn nobody_waits_for_a_federate_that_is_quiet() {
-    for quieting in [Quieting::Off, Quieting::Usual, Quieting::Eager] {
+    for dnet in [DnetMode::Off, DnetMode::Usual, DnetMode::Eager] {
         for seed in 0..2_000 {
-            let lag = lag(seed, quieting);
-            assert!(lag < 150, "seed {seed}: a tag begins {lag} ns late, {quieting:?}");
+            let lag = lag(seed, dnet);
+            assert!(lag < 150, "seed {seed}: a tag begins {lag} ns late, {dnet:?}");
         }
     }
 }

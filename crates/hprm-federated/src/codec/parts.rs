@@ -1,8 +1,8 @@
 //! Messages that are too long for one frame: their bytes travel in parts.
 //!
 //! The envelope says what follows; each part is a frame of its own, and nothing comes between them. So
-//! neither end needs more memory than the payload itself, and a part. Whoever receives gets memory as
-//! bytes arrive: to claim much costs nothing.
+//! neither end needs more memory than the payload itself, and a part. The receiver gets memory as
+//! bytes arrive: a sender that only claims a long message costs it nothing.
 
 use std::collections::VecDeque;
 
@@ -103,7 +103,7 @@ pub(super) struct Incoming {
 }
 
 impl Incoming {
-    /// What an envelope announces. Nothing that it says costs memory.
+    /// The message that an envelope announces. The announcement alone costs no memory.
     pub(super) fn new(envelope: Envelope) -> Result<Self, CodecError> {
         let head = usize::try_from(envelope.head).map_err(|_| CodecError::Junk)?;
         let mut len = head;

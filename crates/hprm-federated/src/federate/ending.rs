@@ -1,4 +1,4 @@
-//! How a federate ends, in order or not, and what it makes of the ends of others.
+//! How a federate ends, in order or not, and how it handles the ends of others.
 
 use std::collections::BTreeSet;
 
@@ -17,9 +17,9 @@ const MESSAGE: usize = 64 * 1024;
 /// A federate that has ended, and whose direct link has not.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Lingering {
-    /// When the link is closed from here.
+    /// When this federate closes the link.
     pub(super) until: PhysicalTime,
-    /// Whether all that was sent on it is to be there when it ends.
+    /// Whether all that was sent on it must have arrived when it ends.
     in_order: bool,
 }
 
@@ -51,8 +51,8 @@ impl Federate {
         self.outputs.push_back(Output::LeaveAt(last));
     }
 
-    /// Asks when this federate may stop alone. What it has said it would do next was said without
-    /// that, and others may count on it.
+    /// Asks when this federate may stop alone. Its last report did not regard that, and others may rely
+    /// on the report.
     pub(super) fn request_departure(&mut self) {
         if self.startup.start().is_some() && self.departure.is_none() && !self.wants_to_leave {
             let tag = self.current.succ().max(self.first);
@@ -66,13 +66,13 @@ impl Federate {
         self.departure.unwrap_or(Tag::FOREVER)
     }
 
-    /// What the RTI is told at the end, if the others go on.
+    /// The last frame to the RTI, if the others go on.
     pub(super) fn leave(&self) -> Frame {
         Frame::Leave { tag: self.current }
     }
 
-    /// A federate has ended. If that was in order, what it sent on a direct link ends with a frame that
-    /// says so; if not, nobody knows how much it has sent.
+    /// A federate has ended. If that was in order, its last frame on a direct link is a `Resign`; if not,
+    /// no federate knows how much it has sent.
     pub(super) fn peer_gone(&mut self, now: PhysicalTime, peer: FederateId, in_order: bool) {
         self.gone.insert(peer);
         self.flow.forget(peer);
@@ -89,13 +89,13 @@ impl Federate {
         self.startup.excuse(peer);
         self.get_ready(now);
         self.outputs.push_back(Output::ReaderGone(peer));
-        // What it sent on a direct link may still be on its way.
+        // What it sent on a direct link may still be in transit.
         if !self.startup.is_linked(peer) {
             self.closed(peer);
         }
     }
 
-    /// A direct link has ended. The RTI will tell whether its federate has, and how.
+    /// A direct link has ended. The RTI will tell whether its federate has ended, and how.
     pub(super) fn peer_lost(&mut self, now: PhysicalTime, peer: FederateId) {
         self.startup.unlink(peer);
         if self.lingering.remove(&peer).is_some_and(|lingering| lingering.in_order) {
@@ -118,7 +118,7 @@ impl Federate {
         self.give_up(message);
     }
 
-    /// Has the link to a federate that has ended come to its end, because its successor waits.
+    /// Brings the link to a federate that has ended to its end, because the successor waits.
     pub(super) fn hurry(&mut self, now: PhysicalTime, peer: FederateId) {
         if self.silent.contains(&peer) {
             // Nothing follows on it.
@@ -130,13 +130,14 @@ impl Federate {
         }
     }
 
-    /// Time has passed: links that stand still are closed, and those that have broken must be explained.
+    /// Time has passed: closes links that stand still, and fails if the RTI has not explained a broken
+    /// one.
     pub(super) fn look_after_links(&mut self, now: PhysicalTime) {
         self.cut_off(now);
         self.miss(now);
     }
 
-    /// Closes the links to federates that have not ended in order, and may stand still.
+    /// Closes the links to federates that have not ended in order, and that may stand still.
     fn cut_off(&mut self, now: PhysicalTime) {
         let due = self.lingering.iter().filter(|(_, lingering)| lingering.until <= now);
         let due: Vec<_> = due.map(|(peer, _)| *peer).collect();
@@ -146,8 +147,8 @@ impl Federate {
         }
     }
 
-    /// A direct link cannot be opened. Its federate may have ended just now, which the RTI will tell;
-    /// a transient one may be gone, and nobody minds.
+    /// A direct link cannot be opened. Its federate may have ended just now, which the RTI will tell; a
+    /// transient one may be gone, and that is no failure.
     pub(super) fn unreachable(&mut self, now: PhysicalTime, peer: FederateId, reason: String) {
         if self.is_live(peer) && !self.topology.is_transient(peer) {
             self.missing.insert(peer, (now.plus(EXPLANATION), Some(reason)));
@@ -179,7 +180,7 @@ impl Federate {
         }
     }
 
-    /// Ends in order; `farewell` is what the RTI is told.
+    /// Ends in order; `farewell` is the last frame to the RTI.
     pub(super) fn resign(&mut self, farewell: Frame) {
         let peers: BTreeSet<_> = self.startup.linked().chain(self.meeting.linking()).collect();
         for to in peers {

@@ -1,9 +1,8 @@
-//! How a federate gets to know those who join late: transient federates, for the first time or
-//! again.
+//! How a federate gets to know federates that join late: transient ones, for the first time or again.
 //!
-//! The RTI announces who is about to join. The answer is that whatever is sent from now on goes
-//! there too; under decentralized coordination that takes a new direct link, and the end of the old
-//! one, on which something may still be on its way.
+//! The RTI announces a federate that is about to join. This federate answers that it sends its messages
+//! to that one too from now on; under decentralized coordination it first needs a new direct link, and
+//! the end of the old one, on which messages may still be in transit.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,17 +11,17 @@ use hprm_core::{FederateId, PhysicalTime, Tag};
 use super::{Coordinator, Federate};
 use crate::{Frame, Output, Peer};
 
-/// Who is about to join.
+/// The federates that are about to join.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub(super) struct Meeting {
-    /// Those whose former link has not ended.
+    /// The federates whose former link has not ended.
     returning: BTreeMap<FederateId, Peer>,
-    /// Those to whom a link is being opened.
+    /// The federates to which a link is being opened.
     linking: BTreeSet<FederateId>,
 }
 
 impl Meeting {
-    /// Those to whom a link is being opened.
+    /// The federates to which a link is being opened.
     pub(super) fn linking(&self) -> impl Iterator<Item = FederateId> {
         self.linking.iter().copied()
     }
@@ -34,7 +33,7 @@ impl Meeting {
 }
 
 impl Federate {
-    /// Takes the list of those who are there. Nothing comes from the others.
+    /// Takes the list of the federates that have joined. Nothing comes from the others.
     pub(super) fn meet(&mut self, peers: Vec<Peer>) {
         let present: BTreeSet<_> = peers.iter().map(|peer| peer.federate).collect();
         let absent = self.topology.federates().filter(|federate| !present.contains(federate));
@@ -45,7 +44,7 @@ impl Federate {
         self.startup.meet(peers);
     }
 
-    /// Somebody is about to join. What its predecessor has sent comes first.
+    /// A federate is about to join. What its predecessor has sent comes first.
     pub(super) fn introduce(&mut self, now: PhysicalTime, peer: Peer) {
         let federate = peer.federate;
         if self.startup.is_linked(federate) {
@@ -64,21 +63,21 @@ impl Federate {
         }
     }
 
-    /// The direct link to somebody is up.
+    /// The direct link to a federate is up.
     pub(super) fn met(&mut self, peer: FederateId) {
         if self.meeting.linking.remove(&peer) {
             self.welcome(peer);
         }
     }
 
-    /// The direct link to somebody has ended.
+    /// The direct link to a federate has ended.
     pub(super) fn left(&mut self, now: PhysicalTime, peer: FederateId) {
         if let Some(peer) = self.meeting.returning.remove(&peer) {
             self.introduce(now, peer);
         }
     }
 
-    /// From now on, whatever this federate sends goes to that one too.
+    /// From now on, this federate sends its messages to that one too.
     fn welcome(&mut self, federate: FederateId) {
         self.flow.forget(federate);
         self.gone.remove(&federate);
@@ -89,7 +88,7 @@ impl Federate {
         self.answer(federate);
     }
 
-    /// Somebody joins, and starts at `first` or later.
+    /// A federate joins, and starts at `first` or later.
     pub(super) fn joined(&mut self, federate: FederateId, first: Tag) {
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.joined(&self.topology, federate, first);
@@ -99,7 +98,7 @@ impl Federate {
         }
     }
 
-    /// Tells the RTI that somebody who joins counts from now on.
+    /// Tells the RTI that this federate takes a joining one into account from now on.
     fn answer(&mut self, federate: FederateId) {
         let (life, after) = (self.startup.life(federate), self.current);
         self.outputs.push_back(Output::ToRti(Frame::Met { federate, life, after }));

@@ -1,4 +1,4 @@
-//! What passes through a federate: values, and news about objects, each the way it takes.
+//! Values and frames about objects, and the links on which a federate sends and receives them.
 
 use hprm_core::{Channel, ChannelId, FederateId, Nanos, Payload, Tag};
 
@@ -27,8 +27,8 @@ impl Federate {
         }
         self.expect(tag);
         if tag < self.current {
-            // It is tardy, so its own tag has been processed. Its sender may be behind, and waited for
-            // within the current tag.
+            // The message is tardy, so its own tag has been processed. Its sender may be behind, and this
+            // federate may wait for that sender within the current tag.
             self.reached(self.current);
         }
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
@@ -38,26 +38,26 @@ impl Federate {
     pub(super) fn deliver_physical(&mut self, elapsed: Nanos, message: Early) {
         let Early { channel, tag, payload } = message;
         self.flow.arrived(channel, tag, &payload);
-        // Its sender may be waited for within a tag, when nothing else is reported.
+        // This federate may wait for the sender within a tag, when it reports nothing else.
         self.reached(Tag::START);
         self.expect(Tag::new(elapsed.max(0), 0));
         self.outputs.push_back(Output::DeliverPhysical { channel, tag, payload });
     }
 
-    /// What was meant for a tag before this federate has joined. Its sender has counted it, so it
-    /// counts here, too: the RTI lets nobody advance while a message seems to be on its way.
+    /// A message for a tag before this federate has joined. Its sender has counted it, so it counts here,
+    /// too: the RTI lets no federate advance while a message seems to be in transit.
     fn discard(&mut self, channel: ChannelId, tag: Tag, payload: Payload) {
         match &mut self.coordinator {
             Coordinator::Centralized(machine) => machine.discarded(),
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
-        // Nothing is done with it, so its sender need not wait for that. Its receiver may wait for the
+        // No reaction processes it, so its sender need not wait for that. This federate may wait for the
         // sender.
         self.reached(self.first);
         self.outputs.push_back(Output::Discard { payload });
     }
 
-    /// A message that the RTI passes on before the start, as it does to a federate that joins late.
+    /// A message that the RTI forwards before the start, as it does to a federate that joins late.
     pub(super) fn early(&mut self, channel: Channel, message: Early) -> Result<(), Fault> {
         if !self.topology.is_transient(self.me) {
             return Err(Fault::Unexpected { frame: "Message" });
@@ -71,16 +71,16 @@ impl Federate {
         Ok(())
     }
 
-    /// Everything before `tag` has been processed, and every physical message read, which senders may
-    /// wait for.
+    /// This federate has processed everything before `tag`, and read every physical message. Senders may
+    /// wait for that.
     pub(super) fn reached(&mut self, tag: Tag) {
         for (sender, report) in self.flow.reached(tag) {
             self.route(sender, report);
         }
     }
 
-    /// Something has come that the scheduler will process at `tag`, or as soon as it can. It may
-    /// take a while until it says so itself.
+    /// An input has come that the scheduler will process at `tag`, or as soon as it can. It may take a
+    /// while until the scheduler reports that itself.
     pub(super) fn expect(&mut self, tag: Tag) {
         match &mut self.activity {
             Activity::Idle(next) => *next = (*next).min(tag.max(self.current.succ())),

@@ -7,7 +7,7 @@ use crate::stop::Stop;
 use crate::{End, Frame, Output, Refusal};
 
 impl Federate {
-    /// The link to the RTI has ended. As long as the others have not been told of this federate, it can
+    /// The link to the RTI has ended. As long as the others do not know of this federate, it can
     /// join again.
     pub(super) fn rti_lost(&mut self) {
         if self.startup.awaits_peers() {
@@ -43,7 +43,7 @@ impl Federate {
         }
     }
 
-    /// Opens the direct links to those whom this federate sends messages. One link serves two that
+    /// Opens the direct links to the federates to which this one sends messages. One link serves two that
     /// send to each other; the one with the smaller number opens it.
     pub(super) fn connect(&mut self) {
         if matches!(self.coordinator, Coordinator::Centralized(_)) {

@@ -1,6 +1,6 @@
 //! A federate between an RTI and peers that the test plays.
 
-mod quiet;
+mod dnet;
 
 use std::sync::Arc;
 
@@ -133,7 +133,7 @@ fn a_centralized_federate_reports_and_waits_for_its_grant() {
 }
 
 #[test]
-fn a_federate_on_which_nobody_depends_is_silent_within_its_grant() {
+fn a_federate_on_which_no_other_depends_sends_no_reports_within_its_grant() {
     let mut machine = started("a -> b", "b", 2, &[]);
     input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: at(7) }));
     assert!(input(&mut machine, 0, Input::NextEvent(at(6))).is_empty());
@@ -141,7 +141,7 @@ fn a_federate_on_which_nobody_depends_is_silent_within_its_grant() {
 }
 
 #[test]
-fn a_federate_that_a_clock_may_wake_promises_no_more_than_its_clock() {
+fn a_federate_that_a_clock_may_wake_reports_no_more_than_its_clock() {
     let mut machine = started("b -> c\na ~> b", "b", 3, &[]);
     let reported = |outputs: Vec<Output>| match outputs.as_slice() {
         [] => None,
@@ -172,12 +172,12 @@ fn a_decentralized_federate_waits_as_long_as_its_program_says() {
     assert_eq!(machine.permission(at(6), START), due(at(6)));
     input(&mut machine, 0, arrives(at(60)));
     assert_eq!(machine.permission(at(49), START), Permission::Granted);
-    // What is unknown is the tag itself, for which the reactions wait that read it.
+    // The input is unknown only at the tag itself, and the reactions that read it wait for that.
     assert_eq!(machine.permission(at(50), START), Permission::Granted);
     input(&mut machine, 0, Input::Begun(at(50)));
     assert_eq!(machine.may_pass(None, START), due(at(50)));
     assert_eq!(machine.permission(at(51), START), due(at(51)));
-    // One that is too late is delivered all the same: the scheduler sees that it is.
+    // A tardy message is delivered all the same: the scheduler sees that it is tardy.
     assert_eq!(input(&mut machine, 0, arrives(at(3))).len(), 1);
 }
 
@@ -190,7 +190,7 @@ fn a_reaction_waits_for_what_it_reads_and_for_nothing_else() {
     assert!(levels[0] < levels[1], "{levels:?}");
     let mut machine = started(text, "c", 3, &[0, 2]);
     let until = |wait| Permission::WaitUntil(at(100).due(START).plus(wait));
-    // Before: what is meant for an earlier tag may still come.
+    // Before: a message for an earlier tag may still come.
     assert_eq!(machine.permission(at(100), START), until(10));
     input(&mut machine, 110, Input::Begun(at(100)));
     let levels = [0, levels[0], levels[1]].map(|level| machine.may_pass(Some(level), START));
@@ -226,7 +226,7 @@ fn how_long_it_waits_can_change() {
 }
 
 #[test]
-fn a_patient_federate_reports_and_is_told_what_is_safe() {
+fn a_patient_federate_reports_and_learns_what_is_safe() {
     let mut machine = started("decentralized\na -> b\nb -> a after 1", "b", 2, &[0]);
     let from = FederateId(0);
     input(&mut machine, 0, Input::FromPeer { from, frame: message(0, at(2)) });
@@ -242,7 +242,7 @@ fn a_patient_federate_reports_and_is_told_what_is_safe() {
 }
 
 #[test]
-fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
+fn a_peer_has_sent_all_when_it_resigns_or_is_gone_and_its_link_too() {
     let text = "decentralized\na -> b";
     let from = FederateId(0);
     let gone = || Input::FromRti(Frame::Gone { federate: from, in_order: false });
@@ -259,7 +259,7 @@ fn a_peer_has_sent_all_when_it_says_so_or_is_gone_and_its_link_too() {
 }
 
 #[test]
-fn who_has_ended_in_order_has_said_so_on_its_link_or_something_is_lost() {
+fn a_federate_that_ended_in_order_has_resigned_on_its_link_or_messages_are_lost() {
     let from = FederateId(0);
     let gone = || Input::FromRti(Frame::Gone { federate: from, in_order: true });
     let said = || Input::FromPeer { from, frame: Frame::Resign };
@@ -279,12 +279,12 @@ fn who_has_ended_in_order_has_said_so_on_its_link_or_something_is_lost() {
     assert!(!is_lost(vec![gone(), said(), reset()]));
     assert!(!is_lost(vec![said(), gone(), reset()]));
     assert!(!is_lost(vec![said(), reset(), gone()]));
-    // As long as the link is there, the rest may come.
+    // As long as the link is up, the rest may arrive.
     assert!(!is_lost(vec![gone(), Input::Wake]));
 }
 
 #[test]
-fn a_predecessor_that_stands_still_keeps_its_successor_from_nobody() {
+fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     let from = FederateId(0);
     let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
     let peer = Peer { federate: from, life: 7, host: HostId(1), listen: None };
@@ -397,7 +397,7 @@ fn what_comes_for_the_time_before_the_first_tag_counts_as_received() {
 }
 
 #[test]
-fn what_is_discarded_or_read_before_the_start_holds_its_sender_up_no_longer() {
+fn messages_that_are_discarded_or_read_before_the_start_block_no_sender() {
     let text = "decentralized\ntransient b\na -> b\na ~> b";
     let mut machine = new(text, "b").with_flow_limit(0);
     input(&mut machine, 0, Input::Loaded);
@@ -418,7 +418,7 @@ fn what_is_discarded_or_read_before_the_start_holds_its_sender_up_no_longer() {
     let start = Input::FromRti(Frame::Start { at: START, first: at(10) });
     assert_eq!(processed(input(&mut machine, 0, start)), [(0, 1), (1, 1)]);
     assert_eq!(processed(input(&mut machine, 0, sent(at(9)))), [(0, 1)]);
-    // What is meant for the first tag is not processed yet.
+    // A message for the first tag is not processed yet.
     assert_eq!(processed(input(&mut machine, 0, sent(at(10)))), []);
 }
 
@@ -447,7 +447,7 @@ fn a_federate_stays_before_the_tag_that_it_named_until_the_decision() {
 }
 
 #[test]
-fn a_federate_that_leaves_says_that_it_does_something_at_its_end() {
+fn a_federate_that_leaves_reports_its_last_tag() {
     let mut machine = started("a -> b", "a", 2, &[]);
     input(&mut machine, 0, Input::NextEvent(at(5)));
     input(&mut machine, 0, Input::Begun(at(5)));
@@ -475,7 +475,7 @@ fn a_federate_asks_when_to_leave_if_others_count_on_what_it_does_next() {
     let outputs = input(&mut machine, 0, Input::FromRti(Frame::Depart { tag: at(20) }));
     assert_eq!(outputs[0], Output::LeaveAt(at(20)));
     assert!(input(&mut machine, 0, Input::RequestDeparture).is_empty());
-    // Unless it does something before: then it says itself what comes next.
+    // Unless it does something before: then it reports itself what comes next.
     input(&mut machine, 0, Input::Begun(at(7)));
     let outputs = input(&mut machine, 0, Input::Completed(at(7)));
     assert!(outputs.ends_with(&[Output::LeaveAt(at(7).succ())]), "{outputs:?}");
@@ -491,7 +491,7 @@ fn a_stop_takes_back_grants_that_did_not_know_of_it() {
 }
 
 #[test]
-fn the_last_tag_is_followed_by_resigning_everywhere_and_silence() {
+fn after_the_last_tag_a_federate_resigns_on_all_links_and_sends_nothing_more() {
     let mut machine = started("decentralized\nmaxwait 5\na -> b", "a", 2, &[1]);
     let resign = || Frame::Resign;
     let expected = [Output::ToPeer { to: FederateId(1), frame: resign() }, Output::ToRti(resign())];
@@ -500,7 +500,7 @@ fn the_last_tag_is_followed_by_resigning_everywhere_and_silence() {
 }
 
 #[test]
-fn objects_are_announced_and_released_the_shortest_way() {
+fn objects_are_announced_and_released_on_the_shortest_path() {
     let text = "decentralized\na -> b\nb -> c";
     let mut machine = started(text, "b", 3, &[0, 2]);
     let me = machine.me;
@@ -510,9 +510,9 @@ fn objects_are_announced_and_released_the_shortest_way() {
     let serials = (0..5_000).collect();
     let released = input(&mut machine, 0, Input::Release { owner: FederateId(0), serials });
     assert_eq!(released.len(), 2);
-    let news = Frame::Release { owner: me, reader: FederateId(2), serials: vec![3] };
+    let release = Frame::Release { owner: me, reader: FederateId(2), serials: vec![3] };
     assert_eq!(
-        input(&mut machine, 0, Input::FromPeer { from: FederateId(2), frame: news }),
+        input(&mut machine, 0, Input::FromPeer { from: FederateId(2), frame: release }),
         [Output::Released { reader: FederateId(2), serials: vec![3] }]
     );
     let gone = Input::FromRti(Frame::Gone { federate: FederateId(2), in_order: false });
@@ -538,7 +538,7 @@ fn a_faulty_frame_changes_nothing() {
     let centralized = started("a -> b\nb -> a after 1", "b", 2, &[]);
     let decentralized = started("decentralized\na -> b\nb -> a after 1", "b", 2, &[0]);
     let peer = |frame| Input::FromPeer { from: FederateId(0), frame };
-    let stranger = Input::FromPeer { from: FederateId(5), frame: message(0, at(1)) };
+    let unknown = Input::FromPeer { from: FederateId(5), frame: message(0, at(1)) };
     let payload = Payload::default();
     let cases = [
         (&centralized, Input::FromRti(message(1, at(1)))),
@@ -550,7 +550,7 @@ fn a_faulty_frame_changes_nothing() {
         (&decentralized, Input::FromRti(message(0, at(1)))),
         (&decentralized, peer(message(1, at(1)))),
         (&decentralized, peer(Frame::StopGranted { tag: at(1) })),
-        (&decentralized, stranger),
+        (&decentralized, unknown),
     ];
     for (before, input) in cases {
         let mut after = before.clone();
@@ -572,7 +572,7 @@ fn a_long_failure_text_is_cut_between_characters() {
 }
 
 #[test]
-fn who_loses_the_rti_before_it_has_met_the_others_joins_again() {
+fn a_federate_that_loses_the_rti_before_it_has_met_the_others_joins_again() {
     let mut machine = new("a -> b", "a");
     let hello = outputs(&mut machine);
     assert_eq!(input(&mut machine, 0, Input::RtiLost), [Output::Rejoin]);
@@ -589,7 +589,7 @@ fn who_loses_the_rti_before_it_has_met_the_others_joins_again() {
 }
 
 #[test]
-fn who_runs_twice_does_not_wait_for_itself() {
+fn a_federate_that_runs_twice_does_not_wait_for_itself() {
     let mut machine = new("a -> b", "a");
     outputs(&mut machine);
     let reason = Refusal::Duplicate;

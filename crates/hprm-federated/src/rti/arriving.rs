@@ -1,10 +1,11 @@
-//! Transient federates: joining a federation that runs, leaving it, coming back, and taking over from
+//! Transient federates: joining a federation that runs, leaving it, joining again, and taking over from
 //! an instance that is still there.
 //!
-//! Who arrives loads its program first, so that a successor does not let anybody wait. Then the one
-//! whose place it takes is asked to leave; then its neighbours are told, and answer from which tag on
-//! they know of it; then it links to them, and is given the tag at which it starts. That is after
-//! whatever the others have been granted in the belief that it is not there.
+//! A federate that arrives loads its program first, so that no federate waits for a successor meanwhile.
+//! Then the RTI asks the instance whose place it takes to leave; then it tells the neighbours, which
+//! answer from which tag on they know of the new one; then that one links to them, and the RTI gives it
+//! the tag at which it starts. This tag is after all grants that the RTI made while the federate was
+//! absent.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,13 +19,13 @@ use crate::{Fault, Frame, Peer, Refusal};
 /// How long a predecessor has to leave.
 const DEPARTURE: Nanos = 2_000_000_000;
 
-/// How long it may take to link to the others, who may be on other machines.
+/// How long it may take to link to the others, which may be on other machines.
 const LINKING: Nanos = 10_000_000_000;
 
-/// By how much the start of a federate is moved at once, at most, while a neighbour is busy.
+/// By how much the RTI moves the start of a federate at once, at most, while a neighbour is busy.
 const LATER: Nanos = 1_000_000_000;
 
-/// After how long that is, at least.
+/// After how long it does so, at least.
 const SOON: Nanos = 1_000;
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -33,12 +34,12 @@ enum Stage {
     Loading,
     /// The program is loaded. Its predecessor, if there is one, has until then to leave.
     Waiting { until: Option<PhysicalTime> },
-    /// These have not answered yet that they know of it.
+    /// These neighbours have not answered yet that they know of it.
     Meeting { unanswered: BTreeSet<FederateId> },
     /// It links to the others, and has until then.
     Linking { until: PhysicalTime },
-    /// It could start at `first`. These have not answered yet that they wait for what it sends from
-    /// there on; if they take longer than `until`, it starts later, at most by that `margin`.
+    /// It could start at `first`. These receivers have not answered yet that they wait for what it sends
+    /// from there on; if they take longer than `until`, it starts later, at most by that `margin`.
     Agreeing { unanswered: BTreeSet<FederateId>, first: Tag, until: PhysicalTime, margin: Nanos },
 }
 
@@ -54,13 +55,13 @@ struct Arrival {
 }
 
 impl Arrival {
-    /// Whether the others have heard of it.
+    /// Whether the others know of it.
     fn is_known(&self) -> bool {
         !matches!(self.stage, Stage::Loading | Stage::Waiting { .. })
     }
 }
 
-/// Who is arriving.
+/// The federates that are arriving.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub(super) struct Arrivals(BTreeMap<FederateId, Arrival>);
 
@@ -86,7 +87,7 @@ impl Arrivals {
         arrival.met.contains(&from).then_some(arrival.link)
     }
 
-    /// The link to a federate that is arriving and has been told of the others.
+    /// The link to a federate that is arriving and knows of the others.
     pub(super) fn link_of_introduced(&self, federate: FederateId) -> Option<LinkId> {
         let arrival = self.0.get(&federate)?;
         let knows = matches!(arrival.stage, Stage::Linking { .. } | Stage::Agreeing { .. });
@@ -145,7 +146,7 @@ impl Rti {
                 return Err(Fault::UnknownFederate(owner));
             }
             (frame @ Frame::Release { owner, .. }, _) if self.topology.has(owner) => {
-                self.pass_on(federate, owner, frame);
+                self.forward(federate, owner, frame);
             }
             (Frame::Failed { message, code, .. }, _) => {
                 self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
@@ -160,8 +161,8 @@ impl Rti {
     /// The link of a federate that is arriving has ended.
     pub(super) fn arrival_lost(&mut self, federate: FederateId, reason: Option<&str>) {
         let message = match reason {
-            None => self.words_on_lost(federate),
-            Some(reason) => self.words_on_broken(federate, reason),
+            None => self.lost_message(federate),
+            Some(reason) => self.broken_message(federate, reason),
         };
         self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
         self.withdraw(federate);
@@ -172,12 +173,12 @@ impl Rti {
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
         if arrival.is_known() {
             self.end_one(federate, false);
-            self.tell();
+            self.send_grants();
         }
         self.admit_arrivals();
     }
 
-    /// The federation ends: nobody may join any more.
+    /// The federation ends: no federate may join any more.
     pub(super) fn turn_away(&mut self) {
         for (federate, arrival) in std::mem::take(&mut self.arrivals.0) {
             self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
@@ -187,7 +188,7 @@ impl Rti {
         }
     }
 
-    /// A transient federate cannot go on. The others do.
+    /// A transient federate cannot go on. The others go on without it.
     pub(super) fn dropped(&mut self, federate: FederateId, message: String, code: i32) {
         self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
         if self.phase == Phase::Running {
@@ -200,7 +201,7 @@ impl Rti {
         self.start_together();
     }
 
-    /// Goes on with everybody who is arriving, as far as that is possible.
+    /// Takes each federate that is arriving as far as that is possible now.
     pub(super) fn admit_arrivals(&mut self) {
         if self.phase != Phase::Running {
             return;
@@ -213,8 +214,8 @@ impl Rti {
         }
     }
 
-    /// Time has passed: those who have not left or linked in time are not waited for, and who would
-    /// start while its neighbours are busy starts later.
+    /// Time has passed: the RTI does not wait for federates that have not left or linked in time, and a
+    /// federate that would start while its neighbours are busy starts later.
     pub(super) fn hurry_arrivals(&mut self) {
         let now = self.now;
         let due = self.arrivals.0.iter().filter_map(|(federate, arrival)| {
@@ -251,7 +252,7 @@ impl Rti {
 
     /// Asks the predecessor of a federate that has loaded its program to leave, and introduces it to
     /// its neighbours if there is none. Of neighbours that join at the same time one waits for the
-    /// other: who is not there yet cannot be introduced.
+    /// other: a federate that has not joined cannot be introduced.
     fn replace(&mut self, federate: FederateId) {
         let neighbours = self.topology.neighbours(federate);
         let joining = |(other, arrival): (&FederateId, &Arrival)| {
@@ -270,13 +271,13 @@ impl Rti {
         }
     }
 
-    /// Tells a federate to leave: at the next tag at which nobody can be surprised by that, `least` or
-    /// later.
+    /// Tells a federate to leave, at the next tag at which no other federate relies on what it does, at
+    /// `least` or later.
     pub(super) fn dismiss(&mut self, federate: FederateId, least: Tag) {
         let tag = self.entry(federate).max(least);
         self.advance.depart(&self.topology, federate, tag);
         self.send(federate, Frame::Depart { tag });
-        self.tell();
+        self.send_grants();
     }
 
     /// Tells the neighbours of a federate that it is about to join.
@@ -307,7 +308,7 @@ impl Rti {
     /// A neighbour knows of a federate that is arriving, or waits for it.
     pub(super) fn met(&mut self, neighbour: FederateId, federate: FederateId, life: u32, tag: Tag) {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
-        // It may speak of one that has given up.
+        // The answer may be about an earlier process, which has given up.
         if arrival.peer.life != life {
             return;
         }
@@ -330,14 +331,16 @@ impl Rti {
     /// The earliest tag at which a federate may join, or must leave.
     fn entry(&self, federate: FederateId) -> Tag {
         let elapsed = self.now.since(self.start).max(0);
-        // Decentralized, nobody waits for it: its first messages should not come too late.
+        // Under decentralized coordination no federate waits for it yet: its first messages should not be
+        // tardy.
         let margin = if self.is_centralized() { 0 } else { self.start_delay };
         Tag::new(elapsed.saturating_add(margin), 0)
             .max(self.advance.entry(&self.topology, federate))
     }
 
-    /// A federate has linked to the others. Centralized, it can start at once: nobody goes on without
-    /// a grant. Decentralized, its receivers have to say that they wait for its messages.
+    /// A federate has linked to the others. Under centralized coordination it can start at once: no
+    /// federate advances without a grant. Under decentralized coordination its receivers have to answer
+    /// that they wait for its messages.
     fn agree(&mut self, federate: FederateId) {
         let receivers = self.topology.downstream(federate).iter().map(|edge| edge.federate);
         let live = receivers.filter(|receiver| self.members[*receiver].is_live());
@@ -352,8 +355,9 @@ impl Rti {
         self.start_late(federate);
     }
 
-    /// Says at which tag a federate could start; from there on nobody goes without it. Nobody may wait
-    /// for that: while a receiver is busy and does not answer, the tag is moved again and again.
+    /// Announces the tag at which a federate could start; from there on the others take it into account.
+    /// No federate waits for that: while a receiver is busy and does not answer, the RTI moves the tag
+    /// again and again.
     fn offer(&mut self, federate: FederateId) {
         let entry = self.entry(federate);
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
@@ -374,7 +378,7 @@ impl Rti {
         for neighbour in neighbours {
             self.send(neighbour, Frame::Joined { federate, first: tag });
         }
-        self.tell();
+        self.send_grants();
     }
 
     /// Starts a federate for which all receivers wait.
@@ -382,7 +386,7 @@ impl Rti {
         let Some(Arrival { after, stage, .. }) = self.arrivals.0.get(&federate) else { return };
         match stage {
             Stage::Agreeing { unanswered, first, .. } if unanswered.is_empty() => {
-                // One had come too far already.
+                // A receiver had come too far already.
                 if *after >= *first {
                     self.offer(federate);
                 }
@@ -398,7 +402,7 @@ impl Rti {
         self.advance.join(&self.topology, federate, first);
         let at = self.start;
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Start { at, first } });
-        self.tell();
+        self.send_grants();
         self.admit_arrivals();
     }
 }

@@ -6,26 +6,27 @@ use super::join::Member;
 use super::{Phase, Rti, RtiOutput};
 use crate::{Fault, Frame, Refusal};
 
-/// Agreeing on a last tag. Whoever has answered stays before the tag that it named.
+/// Agreeing on a last tag. A federate that has answered stays before the tag that it named.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) enum Negotiation {
-    /// Nobody has asked.
+    /// No federate has asked to stop.
     Idle,
-    /// Somebody has asked; these have answered, and the last tag is at least `latest`.
+    /// A federate or the user has asked; these federates have answered, and the last tag is at least
+    /// `latest`.
     Asking { latest: Tag, answered: Table<FederateId, bool> },
-    /// It is decided.
+    /// The last tag is decided.
     Decided,
 }
 
-/// The exit code reported for a federate that ended without a word.
+/// The exit code that the RTI reports for a federate whose link ended without a `Resign`.
 const LOST: i32 = 1;
 
 impl Rti {
-    /// A federate asks to stop. A second one, while others are being asked, is among those and
-    /// will answer; its request only counts as a lower bound.
+    /// A federate asks to stop. A second one, while the RTI asks the others, is among those and will
+    /// answer; its request only counts as a lower bound.
     ///
-    /// Who has resigned has processed the last tag of the program. Then that stands, for whoever
-    /// has not come so far: nothing can be earlier for the one and later for the other.
+    /// A federate that has resigned has processed the last tag of the program. Then that tag holds for
+    /// the others too: there is one last tag for all.
     pub(super) fn stop_request(&mut self, from: FederateId, tag: Tag) {
         let tag = if self.ended { Tag::FOREVER } else { tag.max(self.past.succ()) };
         match &mut self.stop {
@@ -44,8 +45,8 @@ impl Rti {
         self.decide();
     }
 
-    /// Somebody who is no federate asks to stop, as soon as that suits everybody. What has not started
-    /// is called off.
+    /// The user, or a program that is no federate, asks to stop, as soon as all federates can. A
+    /// federation that has not started does not start any more.
     pub(super) fn stop_asked_from_outside(&mut self) {
         if self.phase == Phase::Running {
             self.ask_to_stop(Tag::START);
@@ -62,7 +63,7 @@ impl Rti {
         }
     }
 
-    /// Asks everybody to stop, at `tag` at the earliest.
+    /// Asks all federates to stop, at `tag` at the earliest.
     pub(super) fn ask_to_stop(&mut self, tag: Tag) {
         self.turn_away();
         if self.stop == Negotiation::Idle {
@@ -87,7 +88,7 @@ impl Rti {
         Ok(())
     }
 
-    /// Announces the last tag if everybody who is left has answered.
+    /// Announces the last tag if all federates that have not ended have answered.
     fn decide(&mut self) {
         let Negotiation::Asking { latest, answered } = &self.stop else {
             return;
@@ -101,7 +102,7 @@ impl Rti {
         self.stop = Negotiation::Decided;
         self.send_all(&Frame::StopGranted { tag });
         self.advance.stop_at(&self.topology, tag);
-        self.tell();
+        self.send_grants();
     }
 
     /// A federate has completed the last tag.
@@ -129,14 +130,15 @@ impl Rti {
         self.members[federate] = Member::Gone;
         self.end_one(federate, in_order);
         self.arrivals.forget(federate);
-        self.tell();
+        self.send_grants();
         self.decide();
         self.end_if_starved();
         self.admit_arrivals();
         self.finish();
     }
 
-    /// A federate's link has ended. Before all have joined, nobody knows it, so it may join again.
+    /// A federate's link has ended. Before all have joined, no other federate knows it, so it may join
+    /// again.
     pub(super) fn lost(&mut self, federate: FederateId) {
         let is_joining = self.phase == Phase::Joining && !self.failed;
         if !self.members[federate].is_live() {
@@ -146,12 +148,12 @@ impl Rti {
             self.members[federate] = Member::Absent;
             self.outputs.push_back(RtiOutput::Left { federate });
         } else {
-            let message = self.words_on_lost(federate);
+            let message = self.lost_message(federate);
             self.fail(federate, message, LOST);
         }
     }
 
-    pub(super) fn words_on_lost(&self, federate: FederateId) -> String {
+    pub(super) fn lost_message(&self, federate: FederateId) -> String {
         let when = match self.phase {
             Phase::Joining | Phase::Loading => "before the federation started",
             Phase::Running => "before its last tag",
@@ -159,21 +161,21 @@ impl Rti {
         format!("the process of federate {} ended {when}", self.topology.name(federate))
     }
 
-    /// A federate breaks the protocol. That is a defect of ours, or of somebody who plays tricks.
+    /// A federate breaks the protocol. That is a defect of HPRM, or an attack.
     pub(super) fn broken(&mut self, federate: FederateId, reason: &str) {
         if self.members[federate].is_live() {
-            let message = self.words_on_broken(federate, reason);
+            let message = self.broken_message(federate, reason);
             self.fail(federate, message, LOST);
         }
     }
 
-    pub(super) fn words_on_broken(&self, federate: FederateId, reason: &str) -> String {
+    pub(super) fn broken_message(&self, federate: FederateId, reason: &str) -> String {
         let name = self.topology.name(federate);
         format!("federate {name} breaks the protocol of the federation: {reason}")
     }
 
-    /// A federate cannot go on, so nobody can, unless it is transient. Only the first is reported:
-    /// the others fail because they were told to end.
+    /// A federate cannot go on, so the federation cannot, unless the federate is transient. The RTI
+    /// reports only the first failure: the others fail because the RTI told them to end.
     pub(super) fn fail(&mut self, federate: FederateId, message: String, code: i32) {
         if self.topology.is_transient(federate) && !self.failed {
             self.dropped(federate, message, code);

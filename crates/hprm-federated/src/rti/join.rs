@@ -1,29 +1,30 @@
-//! How a federation comes together: who may join, and when tag zero is.
+//! How a federation forms: which federates may join, and when tag zero is.
 
 use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
 use crate::{Fault, Frame, HostId, PROTOCOL, Peer, Refusal};
 
-/// How many federates with other programs are compared at a time. One more hears no details.
+/// How many federates with other programs are compared at a time. The RTI refuses further ones without
+/// details.
 const MOST_CANDIDATES: usize = 64;
 
 /// A federate whose program is to be compared.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Candidate {
     peer: Peer,
-    /// Whether it has loaded its program meanwhile.
+    /// Whether the federate has loaded its program meanwhile.
     loaded: bool,
 }
 
 /// What the RTI knows of a federate.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) enum Member {
-    /// It has not joined yet.
+    /// The federate has not joined yet.
     Absent,
-    /// It has a link, and if it is ready, that was at this time.
+    /// The federate has a link, and `ready` is the time at which it became ready, if it is.
     Live { link: LinkId, host: HostId, listen: Option<String>, ready: Option<PhysicalTime> },
-    /// It has ended.
+    /// The federate has ended.
     Gone,
 }
 
@@ -41,7 +42,7 @@ impl Member {
 }
 
 impl Rti {
-    /// The first frame on a link. Whoever is no member learns nothing about the program.
+    /// The first frame on a link. A process that is no member learns nothing about the program.
     pub(super) fn hello(&mut self, link: LinkId, frame: Frame) -> Result<(), Fault> {
         let Frame::Hello { protocol, federation, fingerprint, federate, host, listen } = frame
         else {
@@ -80,7 +81,7 @@ impl Rti {
         }
     }
 
-    /// Asks a federate whose program is not quite the same what it is like.
+    /// Asks a federate with another program for its facts, to compare them.
     fn compare(&mut self, link: LinkId, peer: Peer) {
         if self.candidates.len() >= MOST_CANDIDATES {
             let reason = Refusal::WrongProgram { differences: Vec::new() };
@@ -99,7 +100,7 @@ impl Rti {
         };
         match frame {
             Frame::Loaded => candidate.loaded = true,
-            // It was no member, and says so itself.
+            // The process is no member yet, and leaves by itself.
             Frame::Failed { .. } | Frame::Leave { .. } => drop(self.candidates.remove(&link)),
             Frame::ProgramReply { name, facts } => {
                 let other = format!("federate {name}");
@@ -135,16 +136,16 @@ impl Rti {
         self.outputs.push_back(RtiOutput::Close { link });
     }
 
-    /// Introduces all to one another, once they are there. Transient federates may come later.
+    /// Introduces the federates to one another, once they have joined. Transient ones may join later.
     pub(super) fn gather(&mut self) {
-        if self.phase == Phase::Joining && self.everybody_is_there() {
+        if self.phase == Phase::Joining && self.all_have_joined() {
             self.phase = Phase::Loading;
             let peers = self.peers();
             self.send_all(&Frame::Peers { peers });
         }
     }
 
-    fn everybody_is_there(&self) -> bool {
+    fn all_have_joined(&self) -> bool {
         let mut members = self.members.iter();
         members.all(|(federate, member)| member.is_live() || self.topology.is_transient(federate))
     }
@@ -186,16 +187,16 @@ impl Rti {
         Ok(())
     }
 
-    /// Starts the program, once all who are there are ready.
+    /// Starts the program, once all federates that have joined are ready.
     pub(super) fn start_together(&mut self) {
-        if self.phase != Phase::Loading || !self.everybody_is_there() {
+        if self.phase != Phase::Loading || !self.all_have_joined() {
             return;
         }
         let readings = self.members.values().filter_map(|member| match member {
             Member::Live { ready, .. } => Some(*ready),
             Member::Absent | Member::Gone => None,
         });
-        // None, if anybody is not ready.
+        // None, if a federate is not ready.
         let Some(readings) = readings.collect::<Option<Vec<_>>>() else {
             return;
         };

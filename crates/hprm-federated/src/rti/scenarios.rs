@@ -1,18 +1,18 @@
 //! The RTI's decisions as texts: `tests/rti/*.txt`.
 //!
-//! A text has a program as in `fixture`, then a line for each input, and below it, indented, what
-//! the RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A
-//! tag is `time.microstep`, or the time alone; `before 10` is the last tag before 10. `at 10` is the
-//! clock. Of a transient federate that is `not there` at the start, each `joins` makes a new
-//! instance. In an `eager` federation the RTI says whenever it can that a federate may be quiet. The
-//! whole text is written anew from its inputs and must come out the same.
+//! A text has a program as in `fixture`, then a line for each input, and below it, indented, what the
+//! RTI sends. A federate `reaches` a level of a tag, or its `end`, `knowing` so many messages. A tag is
+//! `time.microstep`, or the time alone; `before 10` is the last tag before 10. `at 10` is the clock. Of
+//! a transient federate that is `not there` at the start, each `joins` makes a new instance. In an
+//! `eager` federation the RTI sends a DNET whenever it can. The whole text is written anew from its
+//! inputs and must come out the same.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
 
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Table, Tag};
 
-use super::{LinkId, Quieting, Rti, RtiInput, RtiOutput};
+use super::{DnetMode, LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::{federate, program};
 use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
 
@@ -29,12 +29,12 @@ impl Scenario {
     fn new(text: &str) -> Self {
         let program = program(text);
         let federation = FederationId(1);
-        let quieting = match text.lines().any(|line| line == "eager") {
-            true => Quieting::Eager,
-            false => Quieting::Usual,
+        let mode = match text.lines().any(|line| line == "eager") {
+            true => DnetMode::Eager,
+            false => DnetMode::Usual,
         };
         let fingerprint = Arc::new(program.fingerprint());
-        let rti = Rti::new(Topology::new(&program), federation, fingerprint, 0).quieting(quieting);
+        let rti = Rti::new(Topology::new(&program), federation, fingerprint, 0).dnet_mode(mode);
         let links = Table::filled(program.federates.len(), (0, 0));
         let now = PhysicalTime(0);
         let mut scenario = Self { program, rti, now, links, next_link: 0 };
@@ -113,8 +113,8 @@ impl Scenario {
             ["joins"] => return self.hello(from),
             ["has", "loaded"] => Frame::Loaded,
             ["is", "ready"] => Frame::Ready { now: self.now },
-            ["meets", whom, "after", at] => {
-                let federate = federate(&self.program, whom);
+            ["meets", peer, "after", at] => {
+                let federate = federate(&self.program, peer);
                 Frame::Met { federate, life: self.links[federate].0, after: tag(at) }
             }
             ["crashes"] => {
@@ -165,7 +165,7 @@ impl Scenario {
                             "reports everything".to_owned()
                         }
                         Frame::DownstreamNextEventTag { tag, .. } => {
-                            format!("is quiet through {}", show(tag))
+                            format!("skips reports through {}", show(tag))
                         }
                         Frame::Message { tag, .. } => format!("gets a message for {}", show(tag)),
                         Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
@@ -245,6 +245,6 @@ macro_rules! scenarios {
 }
 
 scenarios! {
-    chain circle diamond cycle quiet resign stop stop_twice stop_late patience
-    departure transient transient_swap transient_circle transient_end transient_withdraws transient_agrees
+    chain zero_delay_cycle diamond cycle dnet resign stop stop_twice stop_late patience
+    departure transient transient_swap transient_cycle transient_end transient_withdraws transient_agrees
 }

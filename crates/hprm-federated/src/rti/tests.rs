@@ -1,4 +1,4 @@
-//! The RTI as strangers, failing federates and broken ones meet it.
+//! The RTI against processes that are no members, and against federates that fail or break the protocol.
 
 use std::sync::Arc;
 
@@ -45,7 +45,7 @@ fn sent(link: u32, frame: Frame) -> RtiOutput {
     RtiOutput::Send { link: LinkId(link), frame }
 }
 
-/// Everybody has joined and is ready.
+/// All federates have joined and are ready.
 fn running(text: &str) -> Rti {
     let mut rti = rti(text);
     let federates = u16::try_from(rti.members.len()).unwrap();
@@ -58,7 +58,7 @@ fn running(text: &str) -> Rti {
 }
 
 #[test]
-fn a_member_may_ask_for_the_time_at_any_time_and_a_stranger_may_not() {
+fn only_a_member_may_ask_for_the_time() {
     let mut rti = rti("a -> b");
     let question = Frame::ClockRequest { asked: PhysicalTime(3) };
     assert_eq!(input(&mut rti, 5, question.clone()), Err(Fault::UnknownLink));
@@ -70,7 +70,7 @@ fn a_member_may_ask_for_the_time_at_any_time_and_a_stranger_may_not() {
 }
 
 #[test]
-fn everybody_starts_together_after_the_latest_clock() {
+fn all_federates_start_together_after_the_latest_clock() {
     let mut rti = rti("a -> b");
     assert_eq!(input(&mut rti, 5, hello(0)).unwrap().len(), 1);
     let outputs = input(&mut rti, 6, hello(1)).unwrap();
@@ -106,7 +106,7 @@ fn the_start_is_a_multiple_of_what_the_program_says() {
 }
 
 #[test]
-fn strangers_are_refused_with_a_reason() {
+fn processes_that_are_no_members_are_refused_with_a_reason() {
     let other = |change: fn(&mut Frame)| {
         let mut frame = hello(1);
         change(&mut frame);
@@ -166,7 +166,7 @@ fn another_program_is_refused_with_what_differs() {
     let link = LinkId(3);
     let asked = [RtiOutput::Asked { link }, sent(3, Frame::ProgramRequest)];
     assert_eq!(input(&mut rti, 3, hello_of_b).unwrap(), asked);
-    // It may have loaded its program before it hears of that, and asks for the time.
+    // The federate may have loaded its program before the request arrives, and asks for the time.
     assert!(input(&mut rti, 3, Frame::Loaded).unwrap().is_empty());
     let question = Frame::ClockRequest { asked: PhysicalTime(3) };
     assert_eq!(input(&mut rti, 3, question).unwrap().len(), 1);
@@ -216,7 +216,7 @@ fn a_program_that_agrees_in_all_that_is_compared_is_the_same() {
 }
 
 #[test]
-fn a_crowd_with_other_programs_is_not_asked_without_end() {
+fn not_all_of_many_federates_with_other_programs_are_asked() {
     let mut rti = rti("a -> b");
     for link in 0..100 {
         let asks = input(&mut rti, link, other(1, "1 s").0).unwrap().len() == 2;
@@ -266,7 +266,7 @@ fn a_faulty_frame_changes_nothing() {
 }
 
 #[test]
-fn only_the_first_failure_is_reported_and_everybody_is_told() {
+fn only_the_first_failure_is_reported_and_all_federates_are_told() {
     let mut rti = running("a -> b\nb -> c");
     let federate = FederateId(1);
     let failed = || Frame::Failed { federate, message: "no".into(), code: 3 };
@@ -284,7 +284,7 @@ fn only_the_first_failure_is_reported_and_everybody_is_told() {
 }
 
 #[test]
-fn a_link_that_ends_without_a_word_is_a_failure_with_a_name() {
+fn a_link_that_ends_without_a_resign_is_a_failure_with_a_name() {
     let mut rti = running("a -> b");
     let outputs = close(&mut rti, 0);
     let [RtiOutput::Send { link: LinkId(1), .. }, RtiOutput::Failed { message, .. }] =
@@ -296,14 +296,14 @@ fn a_link_that_ends_without_a_word_is_a_failure_with_a_name() {
 }
 
 #[test]
-fn who_leaves_before_all_have_joined_may_join_again() {
+fn a_federate_that_leaves_before_all_have_joined_may_join_again() {
     let mut rti = rti("a -> b");
     let federate = FederateId(0);
     input(&mut rti, 5, hello(0)).unwrap();
     assert_eq!(close(&mut rti, 5), [RtiOutput::Left { federate }]);
     let joined = RtiOutput::Joined { federate, link: LinkId(6) };
     assert_eq!(input(&mut rti, 6, hello(0)).unwrap(), [joined]);
-    // All are there once the other one is, and wait for the link that counts.
+    // Once the other one has joined, all have: the second link of the first federate counts.
     input(&mut rti, 7, hello(1)).unwrap();
     for link in [6, 7] {
         input(&mut rti, link, Frame::Ready { now: NOW }).unwrap();
@@ -312,7 +312,7 @@ fn who_leaves_before_all_have_joined_may_join_again() {
 }
 
 #[test]
-fn who_leaves_once_all_have_joined_is_missed() {
+fn a_federate_that_leaves_once_all_have_joined_has_failed() {
     let mut rti = rti("a -> b");
     (0..2).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
     let outputs = close(&mut rti, 0);
@@ -331,18 +331,18 @@ fn a_federation_that_fails_while_it_joins_ends_when_all_have_left() {
 }
 
 #[test]
-fn a_stop_before_the_start_sends_everybody_home() {
+fn a_stop_before_the_start_refuses_all_federates() {
     for count in 0..=2 {
         let mut rti = rti("a -> b");
         (0..count).for_each(|id| drop(input(&mut rti, id.into(), hello(id)).unwrap()));
         rti.handle(NOW, RtiInput::RequestStop).unwrap();
         let outputs: Vec<_> = std::iter::from_fn(|| rti.poll()).collect();
-        let home = |id: u16| {
+        let refused = |id: u16| {
             let reason = Refusal::Stopped;
             let link = LinkId(id.into());
             [sent(id.into(), Frame::Refused { reason }), RtiOutput::Close { link }]
         };
-        let expected: Vec<_> = (0..count).flat_map(home).chain([RtiOutput::Finished]).collect();
+        let expected: Vec<_> = (0..count).flat_map(refused).chain([RtiOutput::Finished]).collect();
         assert_eq!(outputs, expected);
         // A second one changes nothing.
         rti.handle(NOW, RtiInput::RequestStop).unwrap();
@@ -351,7 +351,7 @@ fn a_stop_before_the_start_sends_everybody_home() {
 }
 
 #[test]
-fn object_news_find_their_federate_until_it_is_gone() {
+fn frames_about_objects_reach_their_federate_until_it_is_gone() {
     let mut rti = running("a -> b");
     let (owner, reader) = (FederateId(0), FederateId(1));
     let segment = Frame::Segment { owner, reader, segment: 0, len: 9 };
@@ -373,7 +373,7 @@ fn wake(rti: &mut Rti, second: i64) -> Vec<RtiOutput> {
 }
 
 #[test]
-fn who_is_silent_is_asked_and_then_reported() {
+fn a_silent_federate_is_asked_and_then_reported() {
     let federate = FederateId(1);
     let mut rti = running("a -> b").watching(Patience::default());
     rti.heard_all(PhysicalTime(110));
@@ -393,7 +393,7 @@ fn who_is_silent_is_asked_and_then_reported() {
 }
 
 #[test]
-fn whoever_takes_or_sends_some_of_a_long_message_is_not_silent() {
+fn a_federate_that_takes_or_sends_some_of_a_long_message_is_not_silent() {
     let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
     rti.heard_all(PhysicalTime(110));
     for second in 1..10 {
@@ -420,13 +420,13 @@ fn silence_is_a_failure_if_the_user_says_so() {
 }
 
 #[test]
-fn nobody_is_given_up_without_being_asked() {
+fn no_federate_is_given_up_without_being_asked() {
     let asked = [sent(0, Frame::Ping), sent(1, Frame::Ping)];
     // A limit that is shorter than the time after which others are asked.
     let mut rti = running("a -> b").watching(Patience { limit: Some(SECOND) });
     rti.heard_all(PhysicalTime(110));
     assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + SECOND / 2)));
-    // An RTI that has been standing still: not the federates were silent.
+    // The RTI itself stood still: the federates were not silent.
     assert_eq!(wake(&mut rti, 60), asked);
     assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + 60 * SECOND + SECOND / 2)));
     let mut rti = running("a -> b").watching(Patience::default());

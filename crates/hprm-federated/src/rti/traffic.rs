@@ -61,8 +61,9 @@ impl Traffic {
         Ok(())
     }
 
-    /// A federate knows of another one that joins: what they count of their channels starts anew. As
-    /// long as that one has not started, it reports nothing, and nobody waits for what it gets.
+    /// A federate knows of another one that joins: both count their channels from zero. As long as the
+    /// joining federate has not started, it reports nothing, and the RTI does not wait for what it
+    /// receives.
     pub(super) fn meet(&mut self, topology: &Topology, one: FederateId, joining: FederateId) {
         for (id, channel) in topology.channels().iter() {
             if (channel.from, channel.to) == (one, joining) {
@@ -73,8 +74,8 @@ impl Traffic {
         }
     }
 
-    /// A federate that joins starts, and reports what it gets from those that have `met` it. What
-    /// others have sent is none of its business.
+    /// A federate that joins starts, and reports what it receives from those that have `met` it. What
+    /// others have sent to its predecessor does not count.
     pub(super) fn start(
         &mut self,
         topology: &Topology,
@@ -89,8 +90,8 @@ impl Traffic {
         }
     }
 
-    /// A federate has ended: what is sent to it does not matter any more. If that was not in order, it
-    /// may have sent more than it has reported, until its receivers say that nothing more comes.
+    /// A federate has ended: messages to it do not count any more. If it has not ended in order, it may
+    /// have sent more than it has reported, until its receivers report that nothing more comes.
     pub(super) fn end(&mut self, topology: &Topology, federate: FederateId, in_order: bool) {
         for (id, channel) in topology.channels().iter() {
             if channel.to == federate {

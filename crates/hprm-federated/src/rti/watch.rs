@@ -1,17 +1,17 @@
-//! Who is silent: a federate that does not answer for a while may hang, or compute for long. From
-//! here that looks the same, so it is reported, and it is the user's decision whether it is a failure.
+//! Silent federates: a federate that does not answer for a while may hang, or compute for long. The RTI
+//! cannot tell the difference, so it reports the federate, and the user decides whether it is a failure.
 //!
-//! A federate that has ended, or whose link has, is not silent; that is noticed elsewhere.
+//! A federate that has ended, or whose link has ended, is not silent; other files handle that.
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Table};
 
 use super::{Phase, Rti, RtiOutput};
 use crate::Frame;
 
-/// How long a federate may say nothing before it is asked whether it is there.
-const QUIET: Nanos = 1_000_000_000;
+/// After how long a silence the RTI sends a federate a `Ping`.
+const PING: Nanos = 1_000_000_000;
 
-/// How long it may say nothing before that is reported.
+/// After how long a silence the RTI reports a federate.
 const SILENCE: Nanos = 5_000_000_000;
 
 /// When a federate's silence is a failure, if ever.
@@ -41,31 +41,31 @@ impl Watch {
         Self { patience, pulses: Table::filled(federates, pulse) }
     }
 
-    /// When something is to be done about a federate that stays silent.
+    /// When the RTI has to act if a federate stays silent.
     fn due(&self, federate: FederateId) -> PhysicalTime {
         let Pulse { heard, asked, reported } = self.pulses[federate];
-        let Some(asked) = asked else { return heard.plus(self.quiet()) };
+        let Some(asked) = asked else { return heard.plus(self.ping()) };
         let report = if reported { PhysicalTime::FOREVER } else { heard.plus(SILENCE) };
         let limit = self.patience.limit.map_or(PhysicalTime::FOREVER, |limit| heard.plus(limit));
-        // Whoever has been asked late, because the RTI itself stood still, may answer first.
-        report.min(limit).max(asked.plus(self.quiet()))
+        // If the RTI itself stood still, it has asked late; then the federate may answer first.
+        report.min(limit).max(asked.plus(self.ping()))
     }
 
-    /// How long a federate may say nothing before it is asked, and has at least to answer.
-    fn quiet(&self) -> Nanos {
-        self.patience.limit.map_or(QUIET, |limit| QUIET.min(limit / 2))
+    /// After how long a silence the RTI sends a `Ping`, and how long at least a federate has to answer.
+    fn ping(&self) -> Nanos {
+        self.patience.limit.map_or(PING, |limit| PING.min(limit / 2))
     }
 }
 
 impl Rti {
-    /// Has the RTI watch who is silent.
+    /// Makes the RTI watch for silent federates.
     #[must_use]
     pub fn watching(mut self, patience: Patience) -> Self {
         self.watch = Some(Watch::new(self.members.len(), patience));
         self
     }
 
-    /// Something has come from a federate.
+    /// A frame, or a part of one, has come from a federate.
     pub(super) fn heard(&mut self, federate: FederateId, now: PhysicalTime) {
         let Some(watch) = &mut self.watch else { return };
         let silence = now.since(watch.pulses[federate].heard);
@@ -76,12 +76,12 @@ impl Rti {
         }
     }
 
-    /// Everybody has been heard now.
+    /// All federates count as heard now.
     pub(super) fn heard_all(&mut self, now: PhysicalTime) {
         self.topology.federates().for_each(|federate| self.heard(federate, now));
     }
 
-    /// When somebody's silence is worth an action.
+    /// When the RTI has to act if all federates stay silent.
     pub(super) fn next_silence(&self) -> Option<PhysicalTime> {
         let watch = self.watch.as_ref().filter(|_| self.phase == Phase::Running)?;
         let live = self.members.iter().filter(|(_, member)| member.is_live());
@@ -89,7 +89,7 @@ impl Rti {
         Some(due).filter(|due| *due < PhysicalTime::FOREVER)
     }
 
-    /// Asks, reports and gives up those that are silent.
+    /// Asks silent federates whether they are there, reports them, and gives them up.
     pub(super) fn look_after(&mut self, now: PhysicalTime) {
         if self.phase != Phase::Running {
             return;

@@ -40,8 +40,8 @@ pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
     }
 }
 
-/// Tells an RTI and a federate of its federation what the frames say, whoever sends them. They take
-/// them, or find fault with them.
+/// Hands the frames to an RTI and to a federate of its federation, from any sender. Both accept each
+/// frame or return a fault.
 pub(crate) fn tell(program: &Program, frames: Vec<Frame>) {
     let federation = FederationId(1);
     let agreed = Arc::new(program.fingerprint());

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    Fault, FederationId, Frame, Input, LinkId, Output, Quieting, Rti, RtiInput, RtiOutput, Step,
+    DnetMode, Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Step,
     Topology,
 };
 
@@ -99,13 +99,13 @@ impl State {
         happenings: &[Happening],
         start_delay: Nanos,
         flow_limit: Option<u64>,
-        quieting: Quieting,
+        dnet: DnetMode,
     ) -> Self {
         let federation = FederationId(1);
         let topology = Topology::new(program);
         let fingerprint = Arc::new(program.fingerprint());
         let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
-        let rti = rti.quieting(quieting);
+        let rti = rti.dnet_mode(dnet);
         let plan = Plan { flow_limit, ..Plan::default() };
         let seat = |me| {
             let me = Instance::first(me);

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use hprm_core::Tag;
-use hprm_federated::Quieting;
+use hprm_federated::DnetMode;
 use hprm_sim::{Latency, Outcome, Plan, Rng, World, difference, reference, scenario};
 
 /// Milliseconds, as texts of programs have them.
@@ -30,21 +30,21 @@ fn chain(length: usize) -> String {
 }
 
 /// What the federation of a text does.
-fn outcome(text: &str, quieting: Quieting) -> Outcome {
+fn outcome(text: &str, dnet: DnetMode) -> Outcome {
     let program = scenario(text);
     let latency = Latency { least: 20_000, jitter: 20_000, spikes: 0 };
-    let plan = Plan { latency, quieting, ..Plan::default() };
+    let plan = Plan { latency, dnet, ..Plan::default() };
     let outcome = World::new(&program, Rng::new(1), plan).run().unwrap();
     let wrong = difference(&program, &outcome.log, &reference(&program), Tag::FOREVER);
-    assert_eq!(wrong, None, "{quieting:?}: {text}");
+    assert_eq!(wrong, None, "{dnet:?}: {text}");
     outcome
 }
 
 /// How many frames go to the RTI and come from it, if federates report everything and if not.
 fn frames(text: &str) -> (usize, usize) {
-    [Quieting::Off, Quieting::Usual]
-        .map(|quieting| {
-            let (to_rti, from_rti) = outcome(text, quieting).frames;
+    [DnetMode::Off, DnetMode::Usual]
+        .map(|dnet| {
+            let (to_rti, from_rti) = outcome(text, dnet).frames;
             to_rti + from_rti
         })
         .into()
