@@ -37,6 +37,7 @@ CLEANED_UP = (
     "crates/hprm-federated/",
     "crates/hprm-lf/",
     "crates/hprm-python/",
+    "crates/hprm-sim/",
     "crates/hprm-store/",
     "crates/hprm/",
     "docs/",

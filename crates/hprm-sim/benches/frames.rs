@@ -1,8 +1,8 @@
 //! How many frames a centralized federation takes: `cargo bench -p hprm-sim --bench frames`.
 //!
-//! Federations run for a second of simulated time, once with every next event reported to the RTI,
-//! and once without what nobody waits for (downstream next event tags). The numbers are exact and
-//! the same on each run; nothing is timed.
+//! Federations run for a second of simulated time, once with every next event reported to the RTI, and
+//! once without the reports that no federate waits for (downstream next event tags). The numbers are
+//! exact and the same on each run; nothing is timed.
 
 use std::fmt::Write as _;
 
@@ -14,12 +14,12 @@ const MS: &str = "000000";
 
 const TIMEOUT: &str = "timeout 1000";
 
-/// A sender that looks every millisecond and has something four times a second; a slow receiver.
+/// A sender that acts every millisecond and sends four times a second; a slow receiver.
 fn sparse() -> String {
     chain(2)
 }
 
-/// The same with federates between them that pass on what comes.
+/// The same with federates between them that forward what comes.
 fn chain(length: usize) -> String {
     let mut text = format!("{TIMEOUT}{MS}\nf0: every 1{MS}\nf0: every 250{MS} > f1\n");
     for me in 1..length {
@@ -47,7 +47,7 @@ fn star(size: usize, gathers: bool) -> String {
     text
 }
 
-/// A robot's chain: each stage has a period of its own, and passes on what comes.
+/// A robot's chain: each stage has a period of its own, and forwards what comes.
 fn stages() -> String {
     let mut text = format!("{TIMEOUT}{MS}\n");
     for (me, period) in ["1", "10", "33", "100"].into_iter().enumerate() {
@@ -69,7 +69,7 @@ fn frames(text: &str, dnet: DnetMode) -> (usize, usize) {
     let latency = Latency { least: 20_000, jitter: 20_000, spikes: 0 };
     let plan = Plan { latency, dnet, ..Plan::default() };
     let outcome = World::new(&scenario(text), Rng::new(1), plan).run();
-    outcome.expect("nothing befalls it").frames
+    outcome.expect("no fault is planned").frames
 }
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its result")]

@@ -1,7 +1,7 @@
 //! What a grant costs: `cargo bench -p hprm-sim`.
 //!
-//! Federations of many sizes and shapes run in the simulated network, and what their RTI is told is
-//! kept. Then a new RTI is told the same, and only that is timed. In all of them every federate has
+//! Federations of many sizes and shapes run in the simulated network, which records the inputs of their
+//! RTI. Then a new RTI gets the same inputs, and only that is timed. In all of them every federate has
 //! an event of its own at every tag, so the work for each grows only as the RTI's does.
 
 use std::fmt::Write as _;
@@ -59,7 +59,7 @@ fn is(input: &RtiInput, kind: &str) -> bool {
     matches!(input, RtiInput::Frame { frame, .. } if frame.name() == kind)
 }
 
-/// What an RTI is told while all federates run: between the last one's readiness and the first end.
+/// The inputs of an RTI while all federates run: between the last one's readiness and the first end.
 struct Tape {
     /// The RTI when it begins.
     rti: Rti,
@@ -70,7 +70,7 @@ impl Tape {
     fn cut(mut rti: Rti, mut inputs: Vec<RtiInput>) -> Self {
         let is = |input: &RtiInput, kind: &str| matches!(input, RtiInput::Frame { frame, .. } if frame.name() == kind);
         let end = inputs.iter().position(|input| is(input, "Resign"));
-        inputs.truncate(end.expect("somebody ends"));
+        inputs.truncate(end.expect("some federate ends"));
         let ready = inputs.iter().rposition(|input| is(input, "Ready")).expect("all get ready");
         for input in inputs.drain(..=ready) {
             rti.handle(PhysicalTime(0), input).expect("it was accepted before");
@@ -79,7 +79,7 @@ impl Tape {
         Self { rti, inputs }
     }
 
-    /// Tells it once more. Returns how many frames the RTI sends, how many are grants, and the time.
+    /// Replays the inputs. Returns how many frames the RTI sends, how many are grants, and the time.
     fn replay(&self) -> (usize, usize, Duration) {
         let (mut rti, inputs) = (self.rti.clone(), self.inputs.clone());
         let mut outputs = Vec::with_capacity(inputs.len() * 2);
@@ -101,7 +101,7 @@ fn row(shape: &str, size: usize) -> String {
     let program = program(shape, size, tags);
     let plan = Plan { latency: Latency { jitter: 300, ..Latency::default() }, ..Plan::default() };
     let world = World::new(&program, Rng::new(1), plan);
-    let (rti, inputs) = world.record().expect("nothing befalls it");
+    let (rti, inputs) = world.record().expect("no fault is planned");
     let tape = Tape::cut(rti, inputs);
     let begun = Instant::now();
     let (sent, grants, mut time) = tape.replay();

@@ -1,6 +1,6 @@
-//! What the reactions of a simulated program do: hash what they see, and pass the hash on.
+//! What the reactions of a simulated program do: they hash what they see, and forward the hash.
 //!
-//! A value carries how often it may still be passed on, so a circle comes to rest.
+//! A value carries how often reactions may still forward it, so a cycle becomes idle at some time.
 
 use hprm_core::{
     Effect, FederateId, PhysicalTime, Program, ReactionId, Scheduler, Table, Tag, Trigger,
@@ -8,7 +8,7 @@ use hprm_core::{
 
 use crate::rng::mix;
 
-/// The low bits of a value: how often it may be passed on.
+/// The low bits of a value: how often reactions may forward it.
 const HOPS: u64 = 7;
 
 /// One execution of a reaction.

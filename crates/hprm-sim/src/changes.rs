@@ -1,5 +1,5 @@
-//! What is drawn apart from the rest of a trial, so that seeds tell what they told before: other waits,
-//! and federates that leave.
+//! What is drawn apart from the rest of a trial, so that the other draws of a seed stay the same: other
+//! waits, and federates that leave.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use hprm_core::{Coordination, FederateId, Nanos, Program, Tag};
 use crate::Rng;
 use crate::rng::mix;
 
-/// Tells what is drawn for waits from everything else that is drawn from a seed.
+/// Separates the draws for waits from all others of a seed.
 const WAITS: u64 = 0x3a17;
 
 /// The same for federates that leave.
@@ -42,7 +42,7 @@ pub(crate) fn waits(seed: u64, program: &mut Arc<Program>) -> Vec<Maxwait> {
     let changing = program.federates.ids().filter(|_| rng.percent(20));
     let changing: Vec<_> = changing.collect();
     let change = |federate| {
-        // One that has no end must be stated in the program.
+        // Only the program itself can state a wait without an end.
         let wait = pick(&mut rng, &MAXWAITS[..5]);
         (federate, Tag::new(rng.below(10_000).cast_signed(), 0), wait)
     };

@@ -20,24 +20,24 @@ pub struct Shape {
     /// Whether it has physical actions and physical connections. What it does then depends on the
     /// clock, and no two runs are alike.
     pub physical: bool,
-    /// Whether federates may send to one another in circles without any delay.
-    pub circles: bool,
+    /// Whether federates may send to one another on cycles without any delay.
+    pub cycles: bool,
 }
 
 /// A program of that shape.
 #[must_use]
 pub fn generate(rng: &mut Rng, shape: Shape) -> Program {
     loop {
-        // Circles of federates are welcome, but some are circles of reactions.
+        // Cycles of federates are welcome, but some are cycles of reactions.
         match attempt(rng, shape) {
-            Err(ProgramError::CausalityLoop { .. }) if shape.circles => {}
-            built => return built.expect("circles have delays, and every input one source"),
+            Err(ProgramError::CausalityLoop { .. }) if shape.cycles => {}
+            built => return built.expect("cycles have delays, and every input has one source"),
         }
     }
 }
 
 fn attempt(rng: &mut Rng, shape: Shape) -> Result<Program, ProgramError> {
-    // Without periodic timers everything comes to rest by itself, and then the program ends.
+    // Without periodic timers all federates become idle at some time, and then the program ends.
     let rests = !shape.physical && rng.percent(25);
     let timeout = TICK * (1 + rng.below(20).cast_signed());
     let properties = Properties {
@@ -84,14 +84,15 @@ fn connect(
                 let ports = &mut federates[to];
                 let name = format!("in{from}");
                 let input = b.port(ports.reactor, &name, Direction::Input);
-                // Some are for no reaction; what is sent there keeps the program going all the same.
+                // Some inputs have no reaction; a message to them delays the end of the program all the
+                // same.
                 if rng.percent(90) {
                     ports.inputs.push(input);
                 }
                 input
             };
             let physical = shape.physical && rng.percent(30);
-            let forward = from < to || shape.circles && rng.percent(50);
+            let forward = from < to || shape.cycles && rng.percent(50);
             let delay = delay(rng, forward);
             let (from, to) = (output, input);
             b.connection(Connection {

@@ -1,12 +1,12 @@
-//! A seeded world for the pure crates: whole federations on one thread, from one number.
+//! Simulation of whole federations on one thread, from a seed.
 //!
 //! Real schedulers, real federates and a real RTI run over links with random latencies, in virtual
 //! time; what they do is compared with a run of the same program in one scheduler. A seed that
 //! fails is printed, and fails again.
 //!
-//! [`explore`] leaves nothing to chance: it goes every way in which a small federation can go.
+//! [`explore`] leaves nothing to chance: it visits every state that a small federation can reach.
 //!
-//! Where to start: [`World`] runs a federation, [`generate`] makes a program, [`reference()`] says
+//! Where to start: [`World`] runs a federation, [`generate`] makes a program, [`reference()`] computes
 //! what it must do; [`scenario`] makes a small one for [`explore`].
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
@@ -14,6 +14,7 @@
 
 mod behaviour;
 mod changes;
+mod direct_links;
 mod generate;
 mod lives;
 mod model;
@@ -26,7 +27,6 @@ mod rng;
 mod scenario;
 mod trial;
 mod visits;
-mod wires;
 mod world;
 
 pub use behaviour::{Entry, Log};

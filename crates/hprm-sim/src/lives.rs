@@ -1,9 +1,9 @@
-//! What federates must do that come and go: each of their processes is a scheduler of its own, from
+//! What transient federates must do: each of their processes is a scheduler of its own, from
 //! its first tag to its last one, and messages take no time.
 //!
-//! Which tags those are depends on clocks and on the network; everything else follows from them. What
-//! is sent to a federate at its first tag or later arrives there; what was sent before and is for such
-//! a tag may, and does so here if it did.
+//! Which tags those are depends on clocks and on the network; everything else follows from them. A
+//! message that is sent to a federate at its first tag or later arrives. A message that was sent before,
+//! for such a tag, may arrive; here it arrives if it did in the run.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -24,16 +24,17 @@ struct Actor<'a> {
     over: bool,
 }
 
-/// What is wrong with what the processes of a federation did, if anything. Who is not `patient` may end
-/// before a message comes; then there is nothing to compare with. The program ends at `stop`, and links
-/// have lost messages for `lost_from` and later.
+/// What is wrong with what the processes of a federation did, if anything. Federates that are not
+/// `patient` may end before a message arrives; then there is nothing to compare with. The program
+/// ends at `stop`, and links have lost messages for `lost_from` and later.
 pub(crate) fn wrong(
     program: &Arc<Program>,
     lives: &[Life],
     (stop, lost_from): (Tag, Tag),
     patient: bool,
 ) -> Option<String> {
-    // What a process did that was killed within a tag is not known, nor what a broken link has lost.
+    // The test knows neither what a process did that was killed within a tag, nor what a broken link
+    // lost.
     let within = lives.iter().filter(|life| life.end == Ending::Within);
     let certain = within.map(|life| life.last).chain([lost_from]).min();
     let mut stage = Stage {
@@ -63,7 +64,7 @@ impl<'a> Actor<'a> {
         let scope = Scope::Federate(life.federate);
         let mut scheduler = Scheduler::new(Arc::clone(program), scope);
         scheduler.start_late(PhysicalTime(0), life.first);
-        // The others may agree on an end that one that was killed had passed.
+        // The others may agree on a last tag that a process that was killed had passed.
         if stop < Tag::FOREVER && life.end == Ending::InOrder {
             scheduler.set_stop(stop);
         }
@@ -135,7 +136,7 @@ impl Stage<'_> {
         }
     }
 
-    /// Delivers what one has sent.
+    /// Delivers what an actor has sent.
     fn send(&mut self, from: usize, now: Tag) {
         while let Some(send) = self.actors[from].scheduler.poll_outbound() {
             let channel = self.actors[from].scheduler.program().channels[send.channel];

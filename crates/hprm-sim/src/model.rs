@@ -1,9 +1,9 @@
-//! Every way in which a small federation can go: breadth first, through all that may happen next.
+//! All runs of a small federation: a breadth-first search through all that may happen next.
 //!
-//! In each state any link may deliver the oldest of what is on its way, any federate may do what it
-//! may, physical time may pass until somebody waits for it no longer, and each of a few happenings
-//! may happen. The machines are those that ship; `state` has what surrounds them, `check` what must
-//! be true. A violation comes with the shortest way to it.
+//! In each state any link may deliver its oldest frame, any federate may advance as far as it may,
+//! physical time may pass until the next wake-up, and each of a few happenings may happen. The machines
+//! are those that ship; `state` has what surrounds them, `check` what must be true. A violation comes
+//! with the shortest path to it.
 //!
 //! States are compared by a hash of everything that they hold; see `digest`.
 
@@ -23,29 +23,29 @@ use self::state::State;
 pub use self::state::{Action, Happening};
 use crate::node::Turn;
 
-/// How much there was to see.
+/// What the search has visited.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Explored {
     /// States, all different.
     pub states: usize,
-    /// Ways from one to another.
+    /// Transitions from one state to another.
     pub transitions: usize,
     /// States after which nothing happens.
     pub ends: usize,
-    /// The longest of the shortest ways to a state.
+    /// The longest of the shortest paths to a state.
     pub depth: usize,
-    /// The most messages that had come when nothing happened any more.
+    /// The most messages that had arrived when nothing happened any more.
     pub messages: usize,
 }
 
-/// Something that must not be, and how it comes to be.
+/// A state that violates a rule, and the steps that lead to it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
     /// What is wrong.
     pub what: String,
-    /// What happens until then.
+    /// The steps that lead to it.
     pub schedule: Vec<Action>,
-    /// What was seen before it was found.
+    /// What the search had visited before it found the violation.
     pub explored: Explored,
 }
 
@@ -56,32 +56,32 @@ impl fmt::Display for Violation {
     }
 }
 
-/// From where the search begins, and what surrounds the program.
+/// Where the search begins, and the settings of the federation.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Setting {
     /// What may happen from outside.
     pub happenings: Vec<Happening>,
     /// From the readiness of the last federate to tag zero. If it is negative enough, everything is
-    /// due at once, and only messages are waited for.
+    /// due at once, and federates wait only for messages.
     pub start_delay: Nanos,
     /// For how long after the launch, in nanoseconds, physical time may pass while something else may
-    /// happen as well. After that it passes only if nothing else may: who reports the clock again
-    /// and again would otherwise do so for ever while a message is on its way.
+    /// happen as well. After that it passes only if nothing else may: a federate that reports its clock
+    /// again and again would otherwise do so for ever while a message is in transit.
     pub horizon: Nanos,
     /// Whether to begin with processes that have just been launched, rather than with a federation
-    /// in which everybody has joined and nobody knows yet when it starts.
+    /// in which all federates have joined and none knows yet when it starts.
     pub from_launch: bool,
-    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
+    /// How many bytes may be in transit to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
-    /// When the RTI tells federates that nobody needs their reports.
+    /// When the RTI sends downstream next event tags.
     pub dnet: DnetMode,
 }
 
-/// Looks at every state that can be reached.
+/// Visits every state that can be reached.
 ///
 /// # Errors
 ///
-/// If something is wrong in one of them.
+/// If one of them violates a rule.
 pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
     let Setting { happenings, start_delay, flow_limit, dnet, .. } = setting;
     let mut state = State::new(program, happenings, *start_delay, *flow_limit, *dnet);
@@ -103,7 +103,7 @@ pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Vi
     Ok(search.explored)
 }
 
-/// Lets everybody join, in the order of their numbers.
+/// Lets all federates join, in the order of their numbers.
 fn assemble(state: &mut State) {
     while !state.is_about_to_start() {
         let next = state.deliveries().find(|action| !state.is_start(*action));
@@ -125,7 +125,7 @@ struct Search {
 }
 
 impl Search {
-    /// Goes one step from a state, in all ways.
+    /// Takes each step that is possible in a state.
     fn expand(&mut self, origin: usize, depth: usize, state: &State) -> Result<(), Violation> {
         let mut actions: Vec<_> = state.deliveries().collect();
         let mut time: Option<PhysicalTime> = None;

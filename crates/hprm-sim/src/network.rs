@@ -24,25 +24,25 @@ impl Instance {
         Self { federate, life: 0 }
     }
 
-    /// A link of it to the RTI; it has had so many others `before`.
+    /// Its link to the RTI, after so many others `before`.
     pub(crate) fn link(self, before: u32) -> LinkId {
         let Self { federate, life } = self;
         assert!(federate.0 < 16 && life < 256 && before < 1 << 20, "a simulation is small");
         LinkId(before << 12 | u32::from(life) << 4 | u32::from(federate.0))
     }
 
-    /// The one with that link to the RTI.
+    /// The process with that link to the RTI.
     pub(crate) fn of_link(link: LinkId) -> Self {
         let part = |number: u32| u16::try_from(number).unwrap_or(0);
         Self { federate: FederateId(part(link.0 & 0xf)), life: part(link.0 >> 4 & 0xff) }
     }
 
-    /// Where it accepts direct links.
+    /// The address at which it accepts direct links.
     pub(crate) fn address(self) -> String {
         self.link(0).0.to_string()
     }
 
-    /// The one that accepts direct links there.
+    /// The process that accepts direct links at an address.
     pub(crate) fn at(address: &str) -> Self {
         Self::of_link(LinkId(address.parse().expect("an address is a number")))
     }
@@ -75,7 +75,7 @@ impl Place {
 
 /// What comes on a direct link.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) enum News {
+pub(crate) enum LinkEvent {
     /// The other end has accepted it.
     Up,
     /// A frame.
@@ -92,14 +92,14 @@ pub(crate) enum Event {
     /// A federate gets an input.
     Federate(Instance, Input),
     /// A federate opens a direct link to another.
-    Dial { from: Instance, to: Instance },
+    Connect { from: Instance, to: Instance },
     /// Something comes on a direct link.
-    Peer { from: Instance, to: Instance, news: News },
-    /// A federate looks up.
+    Peer { from: Instance, to: Instance, link_event: LinkEvent },
+    /// A wake-up of a federate.
     Wake(Instance),
-    /// The RTI looks up.
+    /// A wake-up of the RTI.
     WakeRti,
-    /// A process is launched that is a transient federate.
+    /// A process is launched that joins as a transient federate.
     Launch(FederateId),
     /// A transient federate asks to leave.
     Leave(FederateId),
@@ -107,7 +107,7 @@ pub(crate) enum Event {
     Break(FederateId, FederateId),
     /// A federate's process is killed.
     Crash(FederateId),
-    /// It is launched again.
+    /// The process of a federate is launched again.
     Restart(FederateId),
     /// The link between a federate and the RTI breaks.
     Cut(FederateId),
@@ -115,22 +115,22 @@ pub(crate) enum Event {
     Happen(FederateId),
 }
 
-/// How long things take on their way.
+/// How long a frame is in transit.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Latency {
     /// The least.
     pub least: u64,
     /// How much more it may be.
     pub jitter: u64,
-    /// In how many cases of a hundred it is fifty times as much: something was sent again.
+    /// In how many cases of a hundred it is fifty times as much, as if it were sent again.
     pub spikes: u64,
 }
 
-/// Somebody is cut off for a while. What is sent then arrives later: links are reliable.
+/// A federate is cut off for a while. What is sent then arrives later: links are reliable.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Partition {
-    /// Who.
-    pub who: FederateId,
+    /// The federate.
+    pub federate: FederateId,
     /// From when.
     pub from: PhysicalTime,
     /// Until when.
@@ -169,7 +169,7 @@ impl Network {
         self.sequence += 1;
     }
 
-    /// Sends something that arrives after everything sent before on the same link, if that has not
+    /// Sends an event that arrives after everything sent before on the same link, if the link has not
     /// broken.
     pub(crate) fn send(&mut self, now: PhysicalTime, from: Place, to: Place, event: Event) {
         if self.broken.contains(&(from, to)) {
@@ -177,8 +177,8 @@ impl Network {
         }
         let arrival = now.plus(self.delay());
         let arrival = match self.partition {
-            Some(Partition { who, from: cut, until })
-                if [from, to].iter().any(|place| place.is(who))
+            Some(Partition { federate, from: cut, until })
+                if [from, to].iter().any(|place| place.is(federate))
                     && arrival >= cut
                     && arrival < until =>
             {
@@ -192,40 +192,45 @@ impl Network {
         self.at(arrival, event);
     }
 
-    /// Breaks the link between a federate and the RTI: what is on its way is lost, and both ends
-    /// learn of it. Returns what is lost.
-    pub(crate) fn cut(&mut self, now: PhysicalTime, who: Instance, link: LinkId) -> Vec<Frame> {
-        self.sever(Place::Federate(who), Place::Rti);
+    /// Breaks the link between a federate and the RTI: frames in transit are lost, and both ends learn
+    /// of it. Returns what is lost.
+    pub(crate) fn cut(
+        &mut self,
+        now: PhysicalTime,
+        federate: Instance,
+        link: LinkId,
+    ) -> Vec<Frame> {
+        self.sever(Place::Federate(federate), Place::Rti);
         let mut lost = self.lose(|event| match event {
             Event::Rti(RtiInput::Frame { link: on, frame }) if *on == link => Some(frame),
             _ => None,
         });
-        lost.extend(self.lose_from_rti(who));
+        lost.extend(self.lose_from_rti(federate));
         let (early, late) = (now.plus(self.delay()), now.plus(self.delay()));
         self.at(early, Event::Rti(RtiInput::Closed { link }));
-        self.at(late, Event::Federate(who, Input::RtiLost));
+        self.at(late, Event::Federate(federate, Input::RtiLost));
         lost
     }
 
-    /// A federate has another link to the RTI: what was on its way to it on the one before is lost, and
-    /// so is the news that that one has ended.
-    pub(crate) fn mend(&mut self, who: Instance) {
-        let (place, rti) = (Place::Federate(who), Place::Rti);
+    /// A federate has another link to the RTI: frames in transit to it on the former link are lost, and
+    /// so is the event that this link has ended.
+    pub(crate) fn relink(&mut self, federate: Instance) {
+        let (place, rti) = (Place::Federate(federate), Place::Rti);
         self.broken.retain(|ends| ![(place, rti), (rti, place)].contains(ends));
-        self.lose_from_rti(who);
+        self.lose_from_rti(federate);
         let is_end =
-            |event: &Event| matches!(event, Event::Federate(to, Input::RtiLost) if *to == who);
+            |event: &Event| matches!(event, Event::Federate(to, Input::RtiLost) if *to == federate);
         self.pending.retain(|_, event| !is_end(event));
     }
 
-    fn lose_from_rti(&mut self, who: Instance) -> Vec<Frame> {
+    fn lose_from_rti(&mut self, federate: Instance) -> Vec<Frame> {
         self.lose(|event| match event {
-            Event::Federate(to, Input::FromRti(frame)) if *to == who => Some(frame),
+            Event::Federate(to, Input::FromRti(frame)) if *to == federate => Some(frame),
             _ => None,
         })
     }
 
-    /// Takes frames away that are on their way.
+    /// Takes away frames that are in transit.
     fn lose(&mut self, is_lost: impl Fn(&Event) -> Option<&Frame>) -> Vec<Frame> {
         let mut lost = Vec::new();
         self.pending.retain(|_, event| match is_lost(event) {
@@ -248,20 +253,20 @@ impl Network {
         self.sever(Place::Federate(one), Place::Federate(other));
         let mut lost = Vec::new();
         self.pending.retain(|_, event| match event {
-            Event::Peer { from, to, news }
+            Event::Peer { from, to, link_event }
                 if [(one, other), (other, one)].contains(&(*from, *to)) =>
             {
-                if let News::Frame(frame) = news {
+                if let LinkEvent::Frame(frame) = link_event {
                     lost.push(frame.clone());
                 }
                 false
             }
-            Event::Dial { from, to } => ![(one, other), (other, one)].contains(&(*from, *to)),
+            Event::Connect { from, to } => ![(one, other), (other, one)].contains(&(*from, *to)),
             _ => true,
         });
         for (from, to) in [(one, other), (other, one)] {
             let at = now.plus(self.delay());
-            self.at(at, Event::Peer { from, to, news: News::Lost });
+            self.at(at, Event::Peer { from, to, link_event: LinkEvent::Lost });
         }
         lost
     }
@@ -275,12 +280,12 @@ impl Network {
         self.pending.retain(|_, event| !is_from(event));
     }
 
-    /// Whether nothing goes from one to the other any more.
+    /// Whether the link from one place to the other is broken.
     pub(crate) fn is_severed(&self, from: Place, to: Place) -> bool {
         self.broken.contains(&(from, to))
     }
 
-    /// Nothing more goes from one to the other, nor back.
+    /// Breaks the link between two places, both ways.
     pub(crate) fn sever(&mut self, one: Place, other: Place) {
         self.broken.extend([(one, other), (other, one)]);
     }

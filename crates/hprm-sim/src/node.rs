@@ -1,6 +1,7 @@
 //! One federate of the world: its machine, its scheduler, and the loop between them.
 //!
-//! It does what a driver does: handle everything that has come, say what is next, ask, process.
+//! It does what a driver does: it handles all inputs, reports the next event, asks whether the tag may
+//! begin, and processes it.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::{Hash, Hasher};
@@ -16,13 +17,13 @@ use hprm_federated::{
 };
 
 use crate::behaviour::{run, run_level};
+use crate::direct_links::DirectLinks;
 use crate::network::Instance;
 use crate::patience::Patience;
 use crate::plan::{Ending, Life};
-use crate::wires::Wires;
 use crate::{Log, Plan};
 
-/// What a federate has come to.
+/// How far an attempt to advance has got.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Turn {
     /// A tag is complete.
@@ -31,7 +32,7 @@ pub(crate) enum Turn {
     Waits(Option<PhysicalTime>),
 }
 
-/// What an observer has noted of a federate, which tells it from no other.
+/// Notes of an observer about a federate; states that differ only in them are equal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Noted(pub(crate) Nanos);
 
@@ -54,16 +55,16 @@ pub(crate) struct Node {
     /// How many links to the RTI it has had before its current one.
     links: u32,
     /// Its direct links.
-    pub(crate) wires: Wires,
+    pub(crate) direct_links: DirectLinks,
     scheduler: Scheduler<u64>,
     pub(crate) log: Log,
     /// Logical messages sent, by receiver and tag.
     pub(crate) sent: Table<FederateId, BTreeMap<Tag, usize>>,
-    /// Logical messages that have come, by tag.
+    /// Logical messages that have arrived, by tag.
     pub(crate) received: BTreeMap<Tag, usize>,
-    /// Which they were, of a program with transient federates.
+    /// The same messages by channel and tag, in a program with transient federates.
     pub(crate) arrivals: Vec<(ChannelId, Tag)>,
-    /// Those of them that came too late for their tag.
+    /// Tardy messages.
     pub(crate) tardy: usize,
     /// By how much, at most, a tag has begun after it was due.
     pub(crate) lag: Noted,
@@ -71,7 +72,7 @@ pub(crate) struct Node {
     start: Option<PhysicalTime>,
     /// Whether the scheduler is within a tag.
     open: bool,
-    /// What is for the network to carry out.
+    /// Outputs that the network has to carry out.
     pub(crate) outputs: VecDeque<Output>,
     /// It asks to stop when it has processed this tag or a later one.
     stop_after: Option<Tag>,
@@ -80,7 +81,7 @@ pub(crate) struct Node {
     pub(crate) finished: bool,
     pub(crate) ended: Option<End>,
     pub(crate) crashed: bool,
-    /// When it looks up next; later wake-ups are void.
+    /// Its next wake-up; later wake-ups are void.
     pub(crate) wake: Option<PhysicalTime>,
     launch: Launch,
 }
@@ -114,12 +115,12 @@ impl Node {
             fingerprint: Arc::clone(fingerprint),
             flow_limit: plan.flow_limit.unwrap_or(FLOW_LIMIT),
         };
-        let stop = plan.stop.filter(|(who, _)| *who == me.federate && me.life == 0);
+        let stop = plan.stop.filter(|(federate, _)| *federate == me.federate && me.life == 0);
         Self {
             me,
             machine: launch.machine(me, program),
             links: 0,
-            wires: Wires::default(),
+            direct_links: DirectLinks::default(),
             scheduler: Scheduler::new(Arc::clone(program), Scope::Federate(me.federate)),
             log: Log::new(program),
             sent: Table::filled(program.federates.len(), BTreeMap::new()),
@@ -149,7 +150,7 @@ impl Node {
             me,
             machine: self.launch.machine(me, self.program()),
             links: 0,
-            wires: Wires::default(),
+            direct_links: DirectLinks::default(),
             open: false,
             outputs: VecDeque::new(),
             ended: None,
@@ -164,8 +165,8 @@ impl Node {
         self.me.link(self.links)
     }
 
-    /// It opens another one. Returns the one before.
-    pub(crate) fn redial(&mut self) -> LinkId {
+    /// It opens another link to the RTI. Returns the former one.
+    pub(crate) fn reconnect(&mut self) -> LinkId {
         let former = self.link();
         self.links += 1;
         former
@@ -213,7 +214,7 @@ impl Node {
         self.scheduler.tag()
     }
 
-    /// What it has done, if it has started.
+    /// The record of the process, if it has started.
     pub(crate) fn life(self) -> Option<Life> {
         self.start?;
         let end = match (self.finished, self.open) {
@@ -270,12 +271,12 @@ impl Node {
         self.patience.came_late(message, current, (now, current.due(start)));
     }
 
-    /// When its machine wants to be woken.
+    /// The next wake-up of its machine.
     pub(crate) fn wakeup(&self) -> Option<PhysicalTime> {
         self.machine.next_wakeup().filter(|_| !self.is_over())
     }
 
-    /// Processes tags as far as it may. Returns when to look up again.
+    /// Processes tags as far as it may. Returns the next wake-up.
     pub(crate) fn advance(&mut self, now: PhysicalTime) -> Result<Option<PhysicalTime>, Fault> {
         loop {
             match self.advance_once(now)? {
@@ -291,7 +292,7 @@ impl Node {
             self.input(now, Input::Wake)?;
         }
         let Some(start) = self.start.filter(|_| !self.is_over()) else {
-            // Before the start, too, some things may take too long.
+            // The machine may wait too long for a link or an answer before the start, too.
             return Ok(Turn::Waits(self.wakeup()));
         };
         if !self.open {
@@ -397,7 +398,7 @@ pub(crate) fn schedule(
     }
 }
 
-/// What a physical action says; it may be passed on often enough.
+/// The value of a physical action, which reactions may forward often enough.
 const EVENT: u64 = 0xabc7;
 
 fn value(payload: &Payload) -> u64 {

@@ -1,4 +1,4 @@
-//! How long a federate may wait under decentralized coordination, found anew from the program: the
+//! How long a federate may wait under decentralized coordination, computed from the program again: the
 //! oracle for `maxwait` and `absent_after`.
 //!
 //! A tag begins no later than `maxwait` after it is due, and a level no later than that and the
@@ -19,7 +19,7 @@ pub(crate) struct Patience {
     /// In force for the next tag, and for the current one.
     maxwait: Nanos,
     at_current: Nanos,
-    /// What the program changes it to after which tag.
+    /// The changes of `maxwait` by the program, each with the tag after which it holds.
     changes: Vec<(Tag, Nanos)>,
     /// The tags at which tardy messages were taken; the next of their channel are after those.
     taken: BTreeMap<ChannelId, Tag>,
@@ -42,18 +42,18 @@ impl Patience {
             let absent_after = program.connections[channel.connection].absent_after;
             (id, Input { first_reader: channel.first_reader, absent_after })
         });
-        let changes = plan.maxwaits.iter().filter(|(who, _, _)| *who == me);
-        let befalls = plan.stop.is_some() || plan.crash.is_some() || plan.cut.is_some();
-        let comes_and_goes = program.federates.values().any(|federate| federate.transient);
+        let changes = plan.maxwaits.iter().filter(|(federate, _, _)| *federate == me);
+        let is_disturbed = plan.stop.is_some() || plan.crash.is_some() || plan.cut.is_some();
+        let has_transients = program.federates.values().any(|federate| federate.transient);
         Self {
             inputs: decentralized.then(|| inputs.collect()),
             maxwait: program.federates[me].maxwait,
             at_current: program.federates[me].maxwait,
             changes: changes.map(|(_, tag, wait)| (*tag, *wait)).collect(),
             taken: BTreeMap::new(),
-            strict: !befalls
+            strict: !is_disturbed
                 && plan.broken.is_none()
-                && !comes_and_goes
+                && !has_transients
                 && plan.flow_limit.is_none()
                 && plan.leaves.is_empty()
                 && program.properties.keepalive,
@@ -61,7 +61,7 @@ impl Patience {
         }
     }
 
-    /// The first that was wrong.
+    /// The first wrong answer of the machine.
     pub(crate) fn wrong(&self) -> Option<&str> {
         self.wrong.as_deref()
     }
@@ -111,7 +111,7 @@ impl Patience {
         }
     }
 
-    /// A message for `tag` comes at `now` and is tardy at the current tag, which was due at `due`.
+    /// A message for `tag` arrives at `now` and is tardy at the current tag, which was due at `due`.
     pub(crate) fn came_late(
         &mut self,
         (channel, tag, taken): (ChannelId, Tag, Option<Tag>),

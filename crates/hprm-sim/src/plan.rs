@@ -1,4 +1,4 @@
-//! What is to happen to a federation besides its program, and what has become of it.
+//! What is to happen to a federation besides its program, and its outcome.
 
 use std::collections::BTreeSet;
 
@@ -11,9 +11,9 @@ use crate::{Log, Maxwait};
 /// What is to happen besides the program.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Plan {
-    /// How long things take on their way.
+    /// How long frames are in transit.
     pub latency: Latency,
-    /// Somebody who is cut off for a while.
+    /// A federate that is cut off for a while.
     pub partition: Option<Partition>,
     /// How each federate's clock deviates from true time; those that are not here do not.
     pub clocks: Vec<Skew>,
@@ -31,11 +31,11 @@ pub struct Plan {
     pub broken: Option<(FederateId, FederateId, PhysicalTime)>,
     /// Transient federates that are not launched at the beginning.
     pub absent: BTreeSet<FederateId>,
-    /// What befalls transient federates, and when.
+    /// What happens to transient federates, and when.
     pub visits: Vec<(FederateId, PhysicalTime, Visit)>,
-    /// How many bytes may be under way to a receiver when a tag begins, if not as many as usual.
+    /// How many bytes may be in transit to a receiver when a tag begins, if not as many as usual.
     pub flow_limit: Option<u64>,
-    /// When the RTI tells federates that nobody needs their reports.
+    /// When the RTI sends downstream next event tags.
     pub dnet: DnetMode,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
@@ -51,14 +51,14 @@ pub struct Skew {
 }
 
 impl Skew {
-    /// What the clock says at a true time.
+    /// What the clock shows at a true time.
     pub(crate) fn local(self, time: PhysicalTime) -> PhysicalTime {
         let gained = i128::from(time.0) * i128::from(self.drift) / 1_000_000;
         let gained = Nanos::try_from(gained).unwrap_or(Nanos::MAX);
         PhysicalTime(time.0.saturating_add(self.offset).saturating_add(gained))
     }
 
-    /// The first time at which it says that much or more.
+    /// The first time at which it shows that much or more.
     pub(crate) fn global(self, reading: PhysicalTime) -> PhysicalTime {
         let elapsed = i128::from(reading.0) - i128::from(self.offset);
         let time = elapsed * 1_000_000 / i128::from(1_000_000 + self.drift);
@@ -70,10 +70,10 @@ impl Skew {
     }
 }
 
-/// What befalls a transient federate.
+/// What happens to a transient federate.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Visit {
-    /// A process is launched that joins as this federate, and takes over if another one is there.
+    /// A process is launched that joins as this federate, and takes over from an earlier one.
     Launch,
     /// The federate that runs asks to leave.
     Leave,
@@ -81,7 +81,7 @@ pub enum Visit {
     Crash,
 }
 
-/// What has become of a federation.
+/// The outcome of a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Outcome {
     /// What its reactions did.
@@ -90,12 +90,11 @@ pub struct Outcome {
     pub last: Table<FederateId, Tag>,
     /// Which of them left before the others.
     pub left: Table<FederateId, bool>,
-    /// How many messages came too late for their tag.
+    /// How many messages were tardy.
     pub tardy: usize,
-    /// How many messages did not come at all before their receiver ended, as far as it had to hear of
-    /// them.
+    /// How many messages did not arrive before their receiver ended, although it had to get them.
     pub lost: usize,
-    /// Whom the RTI reported as failed.
+    /// The federate that the RTI reported as failed.
     pub failed: Option<FederateId>,
     /// The last tag of the program, as far as any federate knew it.
     pub stop: Tag,
@@ -133,7 +132,7 @@ pub struct Life {
 pub enum Ending {
     /// At its last tag.
     InOrder,
-    /// It was told to end, or killed, between two tags.
+    /// The RTI told it to end, or it was killed, between two tags.
     Between,
     /// The same within a tag.
     Within,

@@ -1,10 +1,10 @@
-//! Small federations from a few lines of text, for looking at every way in which they can go.
+//! Small federations from a few lines of text, to explore all their states.
 //!
 //! ```text
 //! decentralized           the coordination, if not centralized
 //! maxwait 500             of every federate; for ever, if not given
 //! timeout 2               the last tag
-//! a: every 1 > b c        a reaction of `a` to a timer, and to whom it sends
+//! a: every 1 > b c        a reaction of `a` to a timer, and the federates that it sends to
 //! b: on a > c             a reaction of `b` to what comes from `a`
 //! c: event                a reaction of `c` to a physical action
 //! c: shutdown             a reaction of `c` to the end
@@ -27,7 +27,7 @@ use hprm_core::{
 ///
 /// # Panics
 ///
-/// If the text does not mean anything.
+/// If the text is not of that form.
 #[must_use]
 pub fn scenario(text: &str) -> Arc<Program> {
     let value_of = |key: &str| -> Option<Nanos> {
@@ -154,7 +154,7 @@ impl Maker {
     fn finish(mut self) -> Program {
         for ((from, to), link) in &self.links {
             let (Some(output), Some(input)) = (link.output, link.input) else {
-                panic!("nobody sends from {from} to {to}, or nobody reads it");
+                panic!("no reaction sends from {from} to {to}, or none reads it");
             };
             self.b.connection(Connection {
                 from: output,

@@ -1,4 +1,4 @@
-//! A federation drawn from a seed, with whatever befalls it, and the verdict on what it did.
+//! A federation drawn from a seed, with the faults that happen to it, and the verdict on what it did.
 //!
 //! The program, the network, the clocks and the faults all come from one number. `generate` draws
 //! the program; this file draws the rest, and says what must be true at the end.
@@ -18,20 +18,20 @@ use crate::{
     lives, reference_until, visits,
 };
 
-/// How long things may take on their way; a program lasts 20,000 at most.
+/// How long frames may be in transit; a program lasts 20,000 at most.
 const JITTERS: [u64; 5] = [1, 300, 5_000, 50_000, 200_000];
 
 /// How long federates wait that do not wait for ever.
 const MAXWAITS: [Nanos; 4] = [0, 500, 2_000, 20_000];
 
-/// How many bytes may be under way to a receiver: those of no message, or of a few.
+/// How many bytes may be in transit to a receiver: those of no message, or of a few.
 const FLOW_LIMITS: [u64; 4] = [0, 150, 400, 1_500];
 
-/// Tells what is drawn for flow control from everything else that is drawn from a seed.
+/// Separates the draws for flow control from all others of a seed.
 const FLOW: u64 = 0xf10e;
 
-/// The same for when federates are told that nobody needs their reports.
-const QUIET: u64 = 0x5111;
+/// The same for when the RTI sends downstream next event tags.
+const DNET: u64 = 0x5111;
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -45,16 +45,16 @@ pub struct Trial {
     rng: Rng,
 }
 
-/// What became of a trial in which nothing was wrong.
+/// The outcome of a trial in which nothing was wrong.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Verdict {
     /// How many things happened.
     pub events: usize,
     /// How many reactions were executed.
     pub executions: usize,
-    /// How many messages came too late for their tag, or after the end of their receiver.
+    /// How many messages were tardy, or arrived after the end of their receiver.
     pub tardy: usize,
-    /// Whether the federation failed, as it must if somebody dies.
+    /// Whether the federation failed, as it must if a federate dies.
     pub failed: bool,
     /// Whether what it did was compared with what the program must do.
     pub compared: bool,
@@ -74,7 +74,7 @@ impl Trial {
             coordination,
             maxwait: if impatient { pick(&mut rng, &MAXWAITS) } else { Nanos::MAX },
             physical: rng.percent(25),
-            circles: rng.percent(50),
+            cycles: rng.percent(50),
         };
         let mut program = generate(&mut rng, shape);
         let mut plan = plan(&mut rng, shape, &program);
@@ -101,7 +101,7 @@ impl Trial {
         self.judge(outcome.unwrap_or_else(|cause| Err(words(cause.as_ref()))))
     }
 
-    /// Runs it, and tells all that happens on the way, a line each, and the verdict.
+    /// Runs it, and shows each event, a line each, and the verdict.
     #[must_use]
     pub fn tell(&self) -> String {
         let mut text = self.to_string();
@@ -123,9 +123,12 @@ impl Trial {
         let lost = if self.has_transients() { 0 } else { outcome.lost };
         let tardy = outcome.tardy + lost;
         if patient && outcome.tardy > 0 {
-            return Err(format!("{} messages were tardy, but everybody waits", outcome.tardy));
+            return Err(format!(
+                "{} messages were tardy, but all federates wait for ever",
+                outcome.tardy
+            ));
         }
-        // Who does not wait may have missed a message that its sender did not live to send.
+        // A federate that does not wait may have missed a message that its sender died before sending.
         let certain = patient || outcome.failed.is_none();
         let compared = !self.shape.physical && tardy == 0 && certain;
         match outcome.failed {
@@ -147,7 +150,7 @@ impl Trial {
         let victims = [self.plan.crash, self.plan.cut].map(|fault| fault.map(|(victim, _)| victim));
         let broken = self.plan.broken.is_some_and(|(one, other, _)| [one, other].contains(&victim));
         if !victims.contains(&Some(victim)) && !broken {
-            return Err(format!("{} is reported, but nothing befell it", self.name(victim)));
+            return Err(format!("{} is reported, but nothing happened to it", self.name(victim)));
         }
         let must = reference_until(&self.program, outcome.stop, None, &self.plan.leaves);
         let compared = compared && !self.has_transients();
@@ -157,7 +160,7 @@ impl Trial {
         Ok(())
     }
 
-    /// What must be true if all have come to their end.
+    /// What must be true if all federates have ended.
     fn ended(&self, outcome: &Outcome, compared: bool) -> Result<(), String> {
         let stays = |me: FederateId| !self.program.federates[me].transient && !outcome.left[me];
         let mut stayed = outcome.last.iter().filter(|(me, _)| stays(*me));
@@ -173,12 +176,12 @@ impl Trial {
             let wrong = compared.then(wrong).flatten();
             return wrong.map_or(Ok(()), Err);
         }
-        // Who does not wait may end before the link does.
+        // A federate that does not wait may end before the link does.
         if self.patient && outcome.lost_from < Tag::FOREVER {
             return Err(format!("a link lost a message for {}, unnoticed", outcome.lost_from));
         }
         if self.patient && outcome.lost > 0 && self.plan.stop.is_none() {
-            return Err(format!("{} messages did not come", outcome.lost));
+            return Err(format!("{} messages did not arrive", outcome.lost));
         }
         let must = compared.then(|| reference_until(&self.program, last, None, &self.plan.leaves));
         let wrong =
@@ -195,11 +198,11 @@ impl Trial {
     }
 }
 
-/// What a machine said when it panicked.
+/// The text of a panic of a machine.
 fn words(cause: &(dyn Any + Send)) -> String {
     let words = cause.downcast_ref::<String>().map(String::as_str);
     let words = words.or_else(|| cause.downcast_ref::<&str>().copied());
-    format!("a machine panicked: {}", words.unwrap_or("it does not say why"))
+    format!("a machine panicked: {}", words.unwrap_or("without a text"))
 }
 
 /// The first execution, by reaction, before `end` that the program does not have there.
@@ -217,16 +220,16 @@ fn excess(program: &Program, is: &Log, must: &Log, end: Tag) -> Option<String> {
 
 fn plan(rng: &mut Rng, shape: Shape, program: &Program) -> Plan {
     let count = program.federates.len() as u64;
-    let who = |rng: &mut Rng| FederateId(u16::try_from(rng.below(count)).unwrap_or(0));
+    let any = |rng: &mut Rng| FederateId(u16::try_from(rng.below(count)).unwrap_or(0));
     let time = |rng: &mut Rng| PhysicalTime(rng.below(60_000).cast_signed());
     let least = if rng.percent(30) { rng.below(2_000) } else { 0 };
     let jitter = pick(rng, &JITTERS);
     let spikes = if rng.percent(20) { 3 } else { 0 };
     let mut plan = Plan { latency: Latency { least, jitter, spikes }, ..Plan::default() };
     if rng.percent(15) {
-        let (who, from) = (who(rng), time(rng));
+        let (federate, from) = (any(rng), time(rng));
         let until = from.plus(rng.below(100_000).cast_signed());
-        plan.partition = Some(Partition { who, from, until });
+        plan.partition = Some(Partition { federate, from, until });
     }
     if rng.percent(40) {
         let skew = |_| Skew {
@@ -236,28 +239,28 @@ fn plan(rng: &mut Rng, shape: Shape, program: &Program) -> Plan {
         plan.clocks = (0..count).map(skew).collect();
     }
     if rng.percent(25) {
-        plan.stop = Some((who(rng), Tag::new(rng.below(8_000).cast_signed(), 0)));
+        plan.stop = Some((any(rng), Tag::new(rng.below(8_000).cast_signed(), 0)));
     }
     if rng.percent(10) {
-        plan.crash = Some((who(rng), time(rng)));
+        plan.crash = Some((any(rng), time(rng)));
     } else if rng.percent(10) {
-        plan.cut = Some((who(rng), time(rng)));
+        plan.cut = Some((any(rng), time(rng)));
     }
     if shape.physical {
-        plan.events = (0..rng.below(4)).map(|_| (who(rng), time(rng))).collect();
+        plan.events = (0..rng.below(4)).map(|_| (any(rng), time(rng))).collect();
     }
     plan
 }
 
-/// The limit is drawn apart from the rest, so seeds tell what they told before there was one.
+/// The limit is drawn apart from the rest, so that the other draws of a seed stay the same.
 fn flow_limit(seed: u64) -> Option<u64> {
     let mut rng = Rng::new(mix(seed ^ FLOW));
     rng.percent(60).then(|| pick(&mut rng, &FLOW_LIMITS))
 }
 
-/// Most of the time as often as can be: programs are too short to make it worthwhile.
+/// Mostly `Eager`: programs are too short for `Usual` to send many.
 fn dnet_mode(seed: u64) -> DnetMode {
-    let mut rng = Rng::new(mix(seed ^ QUIET));
+    let mut rng = Rng::new(mix(seed ^ DNET));
     match rng.below(10) {
         0 => DnetMode::Off,
         1..=3 => DnetMode::Usual,
@@ -285,7 +288,7 @@ impl fmt::Display for Trial {
         }
         for cycle in Topology::new(program).zero_delay_cycles() {
             let names: Vec<_> = cycle.iter().map(|me| self.name(*me)).collect();
-            writeln!(f, "  a circle without a delay: {}", names.join(", "))?;
+            writeln!(f, "  a cycle without a delay: {}", names.join(", "))?;
         }
         for channel in program.channels.values() {
             let arrow = if channel.physical { "~>" } else { "->" };
@@ -311,51 +314,57 @@ impl Trial {
         for (me, Skew { offset, drift }) in self.program.federates.ids().zip(&plan.clocks) {
             writeln!(f, "  the clock of {}: {offset:+} ns, {drift:+} ppm", self.name(me))?;
         }
-        if let Some(Partition { who, from, until }) = plan.partition {
-            writeln!(f, "  {} is cut off from {} to {}", self.name(who), from.0, until.0)?;
+        if let Some(Partition { federate, from, until }) = plan.partition {
+            writeln!(f, "  {} is cut off from {} to {}", self.name(federate), from.0, until.0)?;
         }
         if let Some(limit) = plan.flow_limit {
-            writeln!(f, "  at most {limit} bytes are under way to a receiver when a tag begins")?;
+            writeln!(f, "  at most {limit} bytes are in transit to a receiver when a tag begins")?;
         }
         match plan.dnet {
-            DnetMode::Off => writeln!(f, "  every next event is reported")?,
-            DnetMode::Eager => writeln!(f, "  nobody reports what is not needed, ever")?,
+            DnetMode::Off => writeln!(f, "  federates report every next event")?,
+            DnetMode::Eager => {
+                writeln!(f, "  the RTI sends downstream next event tags as often as it can")?;
+            }
             DnetMode::Usual => {}
         }
-        if let Some((who, tag)) = plan.stop {
-            writeln!(f, "  {} asks to stop at {tag} or later", self.name(who))?;
+        if let Some((federate, tag)) = plan.stop {
+            writeln!(f, "  {} asks to stop at {tag} or later", self.name(federate))?;
         }
-        for (who, tag) in &plan.leaves {
-            writeln!(f, "  {} leaves at {tag} or later", self.name(*who))?;
+        for (federate, tag) in &plan.leaves {
+            writeln!(f, "  {} leaves at {tag} or later", self.name(*federate))?;
         }
-        for (who, tag, wait) in &plan.maxwaits {
-            writeln!(f, "  {} waits {wait} ns for its inputs after {tag}", self.name(*who))?;
+        for (federate, tag, wait) in &plan.maxwaits {
+            writeln!(f, "  {} waits {wait} ns for its inputs after {tag}", self.name(*federate))?;
         }
-        if let Some((who, at)) = plan.crash {
-            writeln!(f, "  {} is killed at {}", self.name(who), at.0)?;
+        if let Some((federate, at)) = plan.crash {
+            writeln!(f, "  {} is killed at {}", self.name(federate), at.0)?;
         }
-        if let Some((who, at)) = plan.cut {
-            writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(who), at.0)?;
+        if let Some((federate, at)) = plan.cut {
+            writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(federate), at.0)?;
         }
         if let Some((one, other, at)) = plan.broken {
             let (one, other) = (self.name(one), self.name(other));
             writeln!(f, "  the direct link between {one} and {other} breaks at {}", at.0)?;
         }
         for (me, _) in self.program.federates.iter().filter(|(_, federate)| federate.transient) {
-            let absent =
-                if plan.absent.contains(&me) { ", and not there at the start" } else { "" };
+            let absent = if plan.absent.contains(&me) { ", and absent at the start" } else { "" };
             writeln!(f, "  {} is transient{absent}", self.name(me))?;
         }
-        for (who, at, visit) in &plan.visits {
+        for (federate, at, visit) in &plan.visits {
             let what = match visit {
                 Visit::Launch => "is launched",
                 Visit::Leave => "asks to leave",
                 Visit::Crash => "is killed",
             };
-            writeln!(f, "  {} {what} at {}", self.name(*who), at.0)?;
+            writeln!(f, "  {} {what} at {}", self.name(*federate), at.0)?;
         }
-        for (who, at) in &plan.events {
-            writeln!(f, "  something physical happens at {} at {}", self.name(*who), at.0)?;
+        for (federate, at) in &plan.events {
+            writeln!(
+                f,
+                "  a physical action of {} is scheduled at {}",
+                self.name(*federate),
+                at.0
+            )?;
         }
         Ok(())
     }

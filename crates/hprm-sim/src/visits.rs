@@ -1,18 +1,18 @@
-//! Transient federates that come and go, and direct links that break: drawn apart from the rest, so
-//! seeds without them tell what they told before there were any.
+//! Transient federates that join and leave, and direct links that break: drawn apart from the rest, so
+//! that the other draws of a seed stay the same.
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program};
 
 use crate::rng::mix;
 use crate::{Plan, Rng, Shape, Visit};
 
-/// Tells what is drawn here from everything else that is drawn from a seed.
+/// Separates the draws of this file from all others of a seed.
 const VISITS: u64 = 0x7151;
 
 /// How long a program lasts that would not end by itself.
 const TIMEOUTS: [Nanos; 4] = [2_000, 5_000, 10_000, 20_000];
 
-/// Makes some federates of some programs transient, and draws what befalls them, and direct links.
+/// Makes some federates of some programs transient, and draws what happens to them and to direct links.
 pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Plan) {
     let mut rng = Rng::new(mix(seed ^ VISITS));
     if rng.percent(30) {
@@ -29,7 +29,7 @@ fn transients(rng: &mut Rng, program: &mut Program, plan: &mut Plan) {
     let timeout = TIMEOUTS[usize::try_from(rng.below(4)).unwrap_or(0)];
     program.properties.timeout.get_or_insert(timeout);
     let all: Vec<_> = program.federates.ids().collect();
-    // Not all of them, or there would be nobody to join.
+    // Not all of them, or there would be no federation to join.
     let lasting = all[usize::try_from(rng.below(count as u64)).unwrap_or(0)];
     let share = 100 / (1 + rng.below(3));
     let chosen: Vec<_> =

@@ -1,4 +1,4 @@
-//! A federation in virtual time: the RTI, the federates, and what is on its way between them.
+//! A federation in virtual time: the RTI, the federates, and the frames in transit between them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -10,12 +10,12 @@ use hprm_federated::{
     Topology,
 };
 
-use crate::network::{Event, Instance, Network, News, Place};
+use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
 use crate::plan::{Outcome, Plan, Skew, Visit};
 use crate::{Log, Rng};
 
-/// Something that happens, as a person reads it.
+/// An event, as the log of a run shows it.
 struct Shown {
     now: PhysicalTime,
     event: Event,
@@ -35,9 +35,9 @@ pub struct World {
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
     plan: Plan,
-    /// All processes that there have been.
+    /// All processes so far.
     nodes: BTreeMap<Instance, Node>,
-    /// How many processes of each federate there have been.
+    /// How many processes each federate has had.
     launched: Table<FederateId, u16>,
     rng: Rng,
     network: Network,
@@ -45,20 +45,20 @@ pub struct World {
     joined: BTreeSet<Instance>,
     failed: Option<FederateId>,
     finished: bool,
-    /// When the RTI looks up next; other wake-ups are void.
+    /// The next wake-up of the RTI; other wake-ups are void.
     wake: Option<PhysicalTime>,
-    /// The messages that links have lost which broke.
+    /// The messages that broken links have lost.
     lost: Vec<(ChannelId, Tag)>,
     events: usize,
     frames: (usize, usize),
-    /// What the RTI was told, if that is of interest.
+    /// The inputs of the RTI, if they are recorded.
     tape: Option<Vec<RtiInput>>,
 }
 
-/// More than any of the small programs takes.
+/// More steps than any of the small programs takes.
 const STEPS: usize = 1_000_000;
 
-/// How long it takes until whoever has lost the RTI, or was killed, joins again.
+/// After how long a federate that has lost the RTI, or was killed, joins again.
 const PAUSE: Nanos = 1_000;
 
 /// From the last federate's readiness to the start.
@@ -118,7 +118,7 @@ impl World {
         world
     }
 
-    /// Launches a process that is to be a federate.
+    /// Launches a process that joins as a federate.
     fn launch(&mut self, now: PhysicalTime, federate: FederateId) {
         let me = Instance { federate, life: self.launched[federate] };
         self.launched[federate] += 1;
@@ -143,7 +143,7 @@ impl World {
         lives.into_iter().find(|instance| is(&self.nodes[instance]))
     }
 
-    /// Runs it, and returns a new RTI and all that it is told in this run.
+    /// Runs it, and returns a new RTI and all inputs that the RTI gets in this run.
     ///
     /// # Errors
     ///
@@ -162,12 +162,12 @@ impl World {
     ///
     /// # Errors
     ///
-    /// If a machine finds fault with another, or the federation comes to rest before its end.
+    /// If a machine rejects an input, or nothing more happens although the federation has not ended.
     pub fn run(self) -> Result<Outcome, String> {
         self.run_watched(|_| {})
     }
 
-    /// The same, and says each thing before it happens.
+    /// The same, and shows each event before it happens.
     ///
     /// # Errors
     ///
@@ -191,7 +191,7 @@ impl World {
     fn outcome(self) -> Result<Outcome, String> {
         if !self.finished {
             let at: Vec<_> = self.nodes.values().map(Node::last_tag).collect();
-            return Err(format!("it has come to rest, with the federates at {at:?}"));
+            return Err(format!("nothing more happens, with the federates at {at:?}"));
         }
         if let Some((me, _)) = self.nodes.iter().find(|(_, node)| !node.is_over()) {
             return Err(format!("{me:?} waits for ever"));
@@ -240,7 +240,7 @@ impl World {
         })
     }
 
-    /// How many messages did not come that a federate had to hear of; one that has left, before.
+    /// How many messages did not arrive that a federate had to get; if it has left, before it left.
     fn lost_to(&self, me: FederateId) -> usize {
         let Some(node) = self.find(me, |_| true).map(|me| &self.nodes[&me]) else { return 0 };
         let last = if node.has_left() { node.last_tag() } else { Tag::FOREVER };
@@ -248,7 +248,7 @@ impl World {
             counts.range(..=last).map(|(_, n)| n).sum()
         };
         let sent: usize = self.nodes.values().map(|node| until(&node.sent[me])).sum();
-        // One that joins may get what its predecessor did not.
+        // A successor may get what its predecessor did not.
         sent.saturating_sub(until(&node.received))
     }
 
@@ -268,8 +268,10 @@ impl World {
                 }
                 self.turn(now, federate, Input::Wake)
             }
-            Event::Dial { from, to } => self.dialled(now, from, to),
-            Event::Peer { from, to, news } => self.peer_news(now, (from, to), news),
+            Event::Connect { from, to } => self.connected(now, from, to),
+            Event::Peer { from, to, link_event } => {
+                self.take_link_event(now, (from, to), link_event)
+            }
             Event::Launch(federate) => {
                 if !self.finished {
                     self.launch(now, federate);
@@ -337,44 +339,50 @@ impl World {
     }
 
     /// A federate opens a direct link to another one.
-    fn dialled(&mut self, now: PhysicalTime, from: Instance, to: Instance) -> Result<(), Fault> {
+    fn connected(&mut self, now: PhysicalTime, from: Instance, to: Instance) -> Result<(), Fault> {
         let node = &self.nodes[&from];
-        let opened = node.wires.has_opened(to);
+        let opened = node.direct_links.has_opened(to);
         let admitted = node.machine.peer_hello();
         let admitted = self.nodes[&to].machine.admit(&admitted);
         if self.nodes[&to].is_over() || !opened || admitted.is_err() {
-            self.news(now, to, from, News::Lost);
+            self.send_link_event(now, to, from, LinkEvent::Lost);
             return Ok(());
         }
-        self.node(to).wires.accept(from);
-        self.news(now, to, from, News::Up);
+        self.node(to).direct_links.accept(from);
+        self.send_link_event(now, to, from, LinkEvent::Up);
         self.turn(now, to, Input::PeerUp(from.federate))
     }
 
-    /// Something comes on a direct link, unless the receiver has closed it or opened another one.
-    fn peer_news(
+    /// A frame or the end of a direct link arrives, unless the receiver has closed it or opened another.
+    fn take_link_event(
         &mut self,
         now: PhysicalTime,
         (from, to): (Instance, Instance),
-        news: News,
+        link_event: LinkEvent,
     ) -> Result<(), Fault> {
         let node = self.node(to);
-        if node.is_over() || !node.wires.has(from) {
+        if node.is_over() || !node.direct_links.has(from) {
             return Ok(());
         }
-        let input = match news {
-            News::Up => Input::PeerUp(from.federate),
-            News::Frame(frame) => Input::FromPeer { from: from.federate, frame },
-            News::Lost => {
-                node.wires.forget(from);
+        let input = match link_event {
+            LinkEvent::Up => Input::PeerUp(from.federate),
+            LinkEvent::Frame(frame) => Input::FromPeer { from: from.federate, frame },
+            LinkEvent::Lost => {
+                node.direct_links.forget(from);
                 Input::PeerLost(from.federate)
             }
         };
         self.turn(now, to, input)
     }
 
-    fn news(&mut self, now: PhysicalTime, from: Instance, to: Instance, news: News) {
-        let event = Event::Peer { from, to, news };
+    fn send_link_event(
+        &mut self,
+        now: PhysicalTime,
+        from: Instance,
+        to: Instance,
+        link_event: LinkEvent,
+    ) {
+        let event = Event::Peer { from, to, link_event };
         self.network.send(now, Place::Federate(from), Place::Federate(to), event);
     }
 
@@ -382,7 +390,7 @@ impl World {
     fn break_link(&mut self, now: PhysicalTime, one: FederateId, other: FederateId) {
         let live = |federate| self.find(federate, |node: &Node| !node.is_over());
         let (Some(one), Some(other)) = (live(one), live(other)) else { return };
-        if !self.nodes[&one].wires.has(other) && !self.nodes[&other].wires.has(one) {
+        if !self.nodes[&one].direct_links.has(other) && !self.nodes[&other].direct_links.has(one) {
             return;
         }
         let lost = self.network.cut_direct(now, one, other);
@@ -408,7 +416,7 @@ impl World {
         self.advance(now, me)
     }
 
-    /// A federate does what it may.
+    /// A federate advances as far as it may.
     fn advance(&mut self, now: PhysicalTime, me: Instance) -> Result<(), Fault> {
         let clock = self.clocks[me.federate];
         let node = self.node(me);
@@ -424,7 +432,7 @@ impl World {
         let again = node.ended == Some(End::Refused(Refusal::Duplicate));
         self.carry_out(now, me);
         if over && again {
-            // Its predecessor has not been noticed to have ended.
+            // The RTI has not noticed yet that the predecessor has ended.
             self.network.at(now.plus(PAUSE), Event::Restart(me.federate));
         }
         if over {
@@ -447,9 +455,9 @@ impl World {
     }
 
     /// A federate opens another link to the RTI.
-    fn redial(&mut self, now: PhysicalTime, me: Instance) {
-        self.network.mend(me);
-        let link = self.node(me).redial();
+    fn reconnect(&mut self, now: PhysicalTime, me: Instance) {
+        self.network.relink(me);
+        let link = self.node(me).reconnect();
         let closed = Event::Rti(RtiInput::Closed { link });
         self.network.send(now, Place::Federate(me), Place::Rti, closed);
     }
@@ -459,8 +467,8 @@ impl World {
         let from = Place::Federate(me);
         let closed = RtiInput::Closed { link: self.nodes[&me].link() };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
-        for peer in self.nodes[&me].wires.all() {
-            self.news(now, me, peer, News::Lost);
+        for peer in self.nodes[&me].direct_links.all() {
+            self.send_link_event(now, me, peer, LinkEvent::Lost);
         }
     }
 
@@ -478,23 +486,23 @@ impl World {
                     self.network.send(now, from, Place::Rti, event);
                 }
                 Output::ToPeer { to, frame } => {
-                    if let Some(to) = self.nodes[&me].wires.to(to) {
+                    if let Some(to) = self.nodes[&me].direct_links.to(to) {
                         if self.network.is_severed(from, Place::Federate(to)) {
                             self.lose(std::slice::from_ref(&frame));
                         }
-                        self.news(now, me, to, News::Frame(frame));
+                        self.send_link_event(now, me, to, LinkEvent::Frame(frame));
                     }
                 }
                 Output::Rejoin => {
-                    self.redial(now, me);
+                    self.reconnect(now, me);
                     self.network.at(now.plus(PAUSE), Event::Federate(me, Input::Rejoins));
                 }
                 Output::Connect { peer, listen } => self.connect(now, me, peer, &listen),
                 Output::Disconnect(peer) => {
-                    let closed = self.nodes[&me].wires.all().into_iter();
+                    let closed = self.nodes[&me].direct_links.all().into_iter();
                     for former in closed.filter(|former| former.federate == peer) {
-                        self.node(me).wires.forget(former);
-                        self.news(now, me, former, News::Lost);
+                        self.node(me).direct_links.forget(former);
+                        self.send_link_event(now, me, former, LinkEvent::Lost);
                     }
                 }
                 _ => {}
@@ -502,7 +510,7 @@ impl World {
         }
     }
 
-    /// Opens a direct link, unless nobody listens there any more.
+    /// Opens a direct link, unless the process that listened there has ended.
     fn connect(&mut self, now: PhysicalTime, me: Instance, peer: FederateId, listen: &str) {
         let to = Instance::at(listen);
         if self.nodes[&to].is_over() {
@@ -510,18 +518,18 @@ impl World {
             self.network.at(now, Event::Federate(me, Input::Unreachable { peer, reason }));
             return;
         }
-        if let Some(former) = self.node(me).wires.open(to) {
-            self.news(now, me, former, News::Lost);
+        if let Some(former) = self.node(me).direct_links.open(to) {
+            self.send_link_event(now, me, former, LinkEvent::Lost);
         }
         let (from, place) = (Place::Federate(me), Place::Federate(to));
-        self.network.send(now, from, place, Event::Dial { from: me, to });
+        self.network.send(now, from, place, Event::Connect { from: me, to });
     }
 
     fn carry_out_rti(&mut self, now: PhysicalTime) {
         while let Some(output) = self.rti.poll() {
             match output {
                 RtiOutput::Send { link, frame } => self.announce(now, link, frame),
-                RtiOutput::Close { link } => self.hang_up(now, link),
+                RtiOutput::Close { link } => self.close_link(now, link),
                 RtiOutput::Joined { link, .. } => {
                     self.joined.insert(Instance::of_link(link));
                 }
@@ -550,7 +558,7 @@ impl World {
     }
 
     /// The RTI closes a link.
-    fn hang_up(&mut self, now: PhysicalTime, link: LinkId) {
+    fn close_link(&mut self, now: PhysicalTime, link: LinkId) {
         let to = Instance::of_link(link);
         if self.nodes[&to].link() == link {
             let lost = Event::Federate(to, Input::RtiLost);

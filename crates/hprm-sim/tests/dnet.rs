@@ -1,4 +1,4 @@
-//! Federates do not report what nobody needs, and nothing else changes.
+//! Federates skip the reports that no other federate needs, and nothing else changes.
 
 use std::fmt::Write as _;
 
@@ -9,14 +9,14 @@ use hprm_sim::{Latency, Outcome, Plan, Rng, World, difference, reference, scenar
 /// Milliseconds, as texts of programs have them.
 const MS: &str = "000000";
 
-/// A sender that looks every millisecond and seldom finds anything; its receiver is slow.
+/// A sender that acts every millisecond and seldom sends a message; its receiver is slow.
 fn sparse() -> String {
     format!(
         "timeout 1000{MS}\n a: every 1{MS}\n a: every 250{MS} > b\n b: every 100{MS}\n b: on a\n"
     )
 }
 
-/// The same, with federates between them that only pass on what comes.
+/// The same, with federates between them that only forward what comes.
 fn chain(length: usize) -> String {
     let mut text = format!("timeout 1000{MS}\n f0: every 1{MS}\n f0: every 250{MS} > f1\n");
     for me in 1..length {
@@ -51,7 +51,7 @@ fn frames(text: &str) -> (usize, usize) {
 }
 
 #[test]
-fn a_sender_that_nobody_waits_for_is_quiet() {
+fn a_sender_for_which_no_other_federate_waits_skips_its_reports() {
     for text in [sparse(), chain(3), chain(10)] {
         let (all, needed) = frames(&text);
         assert!(needed * 5 < all, "{needed} of {all} frames: {text}");

@@ -1,8 +1,8 @@
-//! Small federations, whichever way they go, do what their program does in one piece.
+//! Small federations do what their program does in one process, in all their runs.
 //!
-//! Every state is looked at that deliveries in any order, federates that take their time, and
-//! whatever else may happen lead to. `make check-model` prints how many there were, and goes on with
-//! federations that take minutes.
+//! The search visits every state that follows from deliveries in any order, from federates of any
+//! speed, and from whatever else may happen. `make check-model` prints how many there were, and goes on
+//! with federations that take minutes.
 
 use hprm_core::{FederateId, Nanos};
 use hprm_federated::DnetMode;
@@ -23,11 +23,11 @@ const AFTER: &str = "
     a: every 1 > b
     b: on a
     a > b after 1";
-const CIRCLE: &str = "
+const CYCLE: &str = "
     a: every 1 > b
     b: on a > a
     a: on b";
-const DELAYED_CIRCLE: &str = "
+const DELAYED_CYCLE: &str = "
     a: every 1 > b
     b: on a > a
     a: on b
@@ -51,19 +51,19 @@ const DIAMOND: &str = "
     b: on a > c
     c: on a
     c: on b";
-/// At the last tag `b` may send something before it reads what comes at that tag.
+/// At the last tag `b` may send a message before it reads the one that comes at that tag.
 const LAST_WORDS: &str = "
     a: every 1 > b
     b: shutdown > c
     b: on a
     c: on b
     a > b after 0";
-const CIRCLE_OF_THREE: &str = "
+const CYCLE_OF_THREE: &str = "
     a: every 1 > b
     b: on a > c
     c: on b > a
     a: on c";
-/// The receiver does something of its own less often than the sender, who is quiet meanwhile.
+/// The receiver does something of its own less often than the sender, which skips reports meanwhile.
 const SLOW: &str = "
     a: every 1
     a: every 2 > b
@@ -75,8 +75,8 @@ const SLOW_CHAIN: &str = "
     b: on a > c
     c: every 2
     c: on b";
-/// One is quiet until the other one has sent something to their receiver, which waits then.
-const CALLED: &str = "
+/// One sender skips reports until the other one has sent a message to their receiver, which waits then.
+const RECALLED: &str = "
     a: every 1
     a: every 3 > c
     b: every 2 > c
@@ -91,7 +91,7 @@ const CLOCK_AND_TIMER: &str = "
     a: every 5000000 > b
     b: on a
     a > b after 5000000";
-const CLOCK_CIRCLE: &str = "
+const CLOCK_CYCLE: &str = "
     a: event > b
     b: on a > a
     a: on b";
@@ -110,14 +110,14 @@ const CLOCK_CHAIN: &str = "
 /// A program, its last tag, and what may happen from outside.
 type Case<'a> = (&'a str, &'a str, Nanos, &'a [Happening]);
 
-/// Looks at all of them; each line of the table is one.
+/// Explores all cases; each line of the table is one.
 fn look(coordination: &str, start_delay: Nanos, cases: &[Case]) {
     let dnet = DnetMode::Off;
     look_with(Setting { start_delay, dnet, ..Setting::default() }, coordination, cases);
 }
 
-/// Looks at all of them in such a setting.
-#[expect(clippy::print_stdout, reason = "the table is what whoever asks for it wants to see")]
+/// Explores all cases in such a setting.
+#[expect(clippy::print_stdout, reason = "`make check-model` prints the table")]
 fn look_with(given: Setting, coordination: &str, cases: &[Case]) {
     for (name, text, timeout, happenings) in cases {
         let program = scenario(&format!("{coordination}\n timeout {timeout}\n{text}"));
@@ -158,13 +158,13 @@ fn centralized() {
     let undisturbed: [Case; 9] = [
         ("pair", PAIR, 2, &[]),
         ("after", AFTER, 2, &[]),
-        ("circle", CIRCLE, 2, &[]),
-        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("cycle", CYCLE, 2, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 2, &[]),
         ("chain", CHAIN, 2, &[]),
         ("delayed chain", DELAYED_CHAIN, 1, &[]),
         ("fan-in", FAN_IN, 1, &[]),
         ("diamond", DIAMOND, 1, &[]),
-        ("circle of three", CIRCLE_OF_THREE, 1, &[]),
+        ("cycle of three", CYCLE_OF_THREE, 1, &[]),
     ];
     look("centralized", PAST, &undisturbed);
 }
@@ -179,11 +179,11 @@ fn centralized_and_disturbed() {
         ("chain", CHAIN, 1, &[Leave(B)]),
         ("diamond", DIAMOND, 0, &[Stop(B)]),
         ("fan-in", FAN_IN, 1, &[Leave(A)]),
-        ("circle of three", CIRCLE_OF_THREE, 0, &[Stop(B)]),
-        ("circle of three", CIRCLE_OF_THREE, 1, &[Leave(C)]),
+        ("cycle of three", CYCLE_OF_THREE, 0, &[Stop(B)]),
+        ("cycle of three", CYCLE_OF_THREE, 1, &[Leave(C)]),
     ];
     look("centralized", PAST, &disturbed("pair", PAIR, 1));
-    look("centralized", PAST, &disturbed("circle", CIRCLE, 1));
+    look("centralized", PAST, &disturbed("cycle", CYCLE, 1));
     look("centralized", PAST, &three);
 }
 
@@ -192,7 +192,7 @@ fn centralized_with_clocks() {
     let cases: [Case; 5] = [
         ("clock", CLOCK, 20_000_000, &[Event(A)]),
         ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
-        ("clock circle", CLOCK_CIRCLE, 10_000_000, &[Event(A)]),
+        ("clock cycle", CLOCK_CYCLE, 10_000_000, &[Event(A)]),
         ("clock chain", CLOCK_CHAIN, 10_000_000, &[Event(A)]),
         ("clock", CLOCK, 10_000_000, &[Event(A), Stop(B)]),
     ];
@@ -204,8 +204,8 @@ fn decentralized() {
     let undisturbed: [Case; 8] = [
         ("pair", PAIR, 2, &[]),
         ("after", AFTER, 2, &[]),
-        ("circle", CIRCLE, 1, &[]),
-        ("delayed circle", DELAYED_CIRCLE, 1, &[]),
+        ("cycle", CYCLE, 1, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 1, &[]),
         ("chain", CHAIN, 0, &[]),
         ("delayed chain", DELAYED_CHAIN, 0, &[]),
         ("fan-in", FAN_IN, 0, &[]),
@@ -218,7 +218,7 @@ fn decentralized() {
 fn decentralized_and_disturbed() {
     let three: [Case; 2] = [("chain", CHAIN, 0, &[Crash(B)]), ("chain", CHAIN, 0, &[Leave(B)])];
     look("decentralized", PAST, &disturbed("pair", PAIR, 0));
-    look("decentralized", PAST, &disturbed("circle", CIRCLE, 0));
+    look("decentralized", PAST, &disturbed("cycle", CYCLE, 0));
     look("decentralized", PAST, &three);
 }
 
@@ -227,19 +227,19 @@ fn decentralized_with_clocks() {
     let cases: [Case; 3] = [
         ("clock", CLOCK, 20_000_000, &[Event(A)]),
         ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
-        ("clock circle", CLOCK_CIRCLE, 10_000_000, &[Event(A)]),
+        ("clock cycle", CLOCK_CYCLE, 10_000_000, &[Event(A)]),
     ];
     look("decentralized", 1_000, &cases);
 }
 
-/// Federates that nobody waits for report nothing, and begin again when somebody does.
+/// A federate for which no other one waits skips its reports, and reports again when another one waits.
 #[test]
-fn quiet_federates() {
+fn downstream_next_event_tags() {
     let cases: [Case; 16] = [
         ("pair", PAIR, 2, &[]),
         ("after", AFTER, 2, &[]),
-        ("circle", CIRCLE, 2, &[]),
-        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("cycle", CYCLE, 2, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 2, &[]),
         ("chain", CHAIN, 2, &[]),
         ("chain", CHAIN, 0, &[Stop(A), Stop(C)]),
         ("fan-in", FAN_IN, 1, &[]),
@@ -250,8 +250,8 @@ fn quiet_federates() {
         ("slow", SLOW, 3, &[Stop(B), Crash(A)]),
         ("slow", SLOW, 3, &[Leave(A)]),
         ("slow chain", SLOW_CHAIN, 2, &[]),
-        ("called", CALLED, 2, &[]),
-        ("called", CALLED, 1, &[Stop(C)]),
+        ("recalled", RECALLED, 2, &[]),
+        ("recalled", RECALLED, 1, &[Stop(C)]),
     ];
     let clocks: [Case; 3] = [
         ("clock", CLOCK, 20_000_000, &[Event(A)]),
@@ -263,14 +263,14 @@ fn quiet_federates() {
     look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
 }
 
-/// Nobody begins a tag before its receivers have processed all that they got at earlier ones.
+/// No federate begins a tag before its receivers have processed all messages of earlier tags.
 #[test]
 fn flow_control() {
     let centralized: [Case; 8] = [
         ("pair", PAIR, 2, &[]),
         ("after", AFTER, 2, &[]),
-        ("circle", CIRCLE, 2, &[]),
-        ("delayed circle", DELAYED_CIRCLE, 2, &[]),
+        ("cycle", CYCLE, 2, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 2, &[]),
         ("chain", CHAIN, 1, &[]),
         ("diamond", DIAMOND, 1, &[]),
         ("pair", PAIR, 1, &[Stop(A), Crash(B)]),
@@ -279,8 +279,8 @@ fn flow_control() {
     let decentralized: [Case; 6] = [
         ("pair", PAIR, 2, &[]),
         ("after", AFTER, 2, &[]),
-        ("circle", CIRCLE, 1, &[]),
-        ("delayed circle", DELAYED_CIRCLE, 1, &[]),
+        ("cycle", CYCLE, 1, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 1, &[]),
         ("pair", PAIR, 1, &[Stop(B)]),
         ("pair", PAIR, 1, &[Leave(B)]),
     ];
@@ -290,22 +290,22 @@ fn flow_control() {
     look_with(setting, "decentralized", &decentralized);
 }
 
-/// A federate that joins late, leaves, dies or comes back stops nobody, on a cycle or not.
+/// A federate that joins late, leaves, dies or joins again stops no other one, on a cycle or not.
 #[test]
 fn transient_federates() {
     let pair = format!("transient b\n{PAIR}");
     let sender = format!("transient a\n{PAIR}");
-    let circle = format!("transient b\n{CIRCLE}");
-    let delayed = format!("transient b\n{DELAYED_CIRCLE}");
+    let cycle = format!("transient b\n{CYCLE}");
+    let delayed = format!("transient b\n{DELAYED_CYCLE}");
     let cases: [Case; 8] = [
         ("transient pair", &pair, 2, &[Arrive(B)]),
         ("transient pair", &pair, 1, &[Arrive(B), Depart(B)]),
         ("transient pair", &pair, 1, &[Arrive(B), Crash(B)]),
         ("transient sender", &sender, 2, &[Arrive(A)]),
         ("transient sender", &sender, 1, &[Arrive(A), Crash(A)]),
-        ("transient circle", &circle, 1, &[Arrive(B)]),
-        ("transient cycle", &delayed, 2, &[Arrive(B)]),
-        ("transient cycle", &delayed, 1, &[Arrive(B), Crash(B)]),
+        ("transient cycle", &cycle, 1, &[Arrive(B)]),
+        ("transient delayed", &delayed, 2, &[Arrive(B)]),
+        ("transient delayed", &delayed, 1, &[Arrive(B), Crash(B)]),
     ];
     let shorter: [Case; 7] = [
         ("transient pair", &pair, 1, &[Arrive(B)]),
@@ -313,19 +313,18 @@ fn transient_federates() {
         ("transient pair", &pair, 0, &[Arrive(B), Crash(B)]),
         ("transient sender", &sender, 1, &[Arrive(A)]),
         ("transient sender", &sender, 0, &[Arrive(A), Crash(A)]),
-        ("transient circle", &circle, 0, &[Arrive(B)]),
-        ("transient cycle", &delayed, 1, &[Arrive(B)]),
+        ("transient cycle", &cycle, 0, &[Arrive(B)]),
+        ("transient delayed", &delayed, 1, &[Arrive(B)]),
     ];
     let setting = Setting { dnet: DnetMode::Off, ..Setting::default() };
     look_with(setting.clone(), "centralized", &cases);
     look_with(setting, "decentralized", &shorter);
 }
 
-/// When a direct link breaks, nobody goes on without what it has lost.
+/// When a direct link breaks, no federate goes on without what the link has lost.
 #[test]
 fn broken_links() {
-    let cases: [Case; 2] =
-        [("pair", PAIR, 1, &[Break(A, B)]), ("circle", CIRCLE, 0, &[Break(A, B)])];
+    let cases: [Case; 2] = [("pair", PAIR, 1, &[Break(A, B)]), ("cycle", CYCLE, 0, &[Break(A, B)])];
     look("decentralized", PAST, &cases);
 }
 
@@ -336,14 +335,14 @@ fn at_length() {
         ("chain", CHAIN, 2, &[Stop(A), Stop(B), Stop(C)]),
         ("diamond", DIAMOND, 2, &[Stop(A), Stop(B)]),
         ("fan-in", FAN_IN, 2, &[Stop(C), Crash(A)]),
-        ("circle of three", CIRCLE_OF_THREE, 2, &[Stop(A), Stop(C)]),
+        ("cycle of three", CYCLE_OF_THREE, 2, &[Stop(A), Stop(C)]),
     ];
     let decentralized: [Case; 5] = [
         ("chain", CHAIN, 0, &[Stop(A), Stop(C)]),
         ("diamond", DIAMOND, 0, &[Stop(B)]),
         ("fan-in", FAN_IN, 0, &[Stop(C)]),
-        ("circle of three", CIRCLE_OF_THREE, 0, &[]),
-        ("circle", CIRCLE, 1, &[Stop(A), Stop(B)]),
+        ("cycle of three", CYCLE_OF_THREE, 0, &[]),
+        ("cycle", CYCLE, 1, &[Stop(A), Stop(B)]),
     ];
     let clocks: [Case; 1] = [("clock chain", CLOCK_CHAIN, 10_000_000, &[Event(A)])];
     look("centralized", PAST, &centralized);

@@ -1,4 +1,4 @@
-//! Federations do what their program does in one piece, whatever the network does.
+//! Federations do what their program does in one process, whatever the network does.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use hprm_federated::Topology;
 use hprm_sim::{Latency, Outcome, Plan, Rng, Shape, World, difference, generate, reference};
 
 const CENTRALIZED: Shape =
-    Shape { coordination: Coordination::Centralized, maxwait: 0, physical: false, circles: false };
+    Shape { coordination: Coordination::Centralized, maxwait: 0, physical: false, cycles: false };
 const PATIENT: Shape =
     Shape { coordination: Coordination::Decentralized, maxwait: Nanos::MAX, ..CENTRALIZED };
 
@@ -47,24 +47,24 @@ fn centralized_federations_equal_their_program() {
     (0..600).for_each(|seed| equals_reference(seed, CENTRALIZED));
 }
 
-/// Federates that send to one another in circles without a delay.
-const CIRCULAR: Shape = Shape { circles: true, ..CENTRALIZED };
-const PATIENT_CIRCULAR: Shape = Shape { circles: true, ..PATIENT };
+/// Federates that send to one another on cycles without a delay.
+const CYCLIC: Shape = Shape { cycles: true, ..CENTRALIZED };
+const PATIENT_CYCLIC: Shape = Shape { cycles: true, ..PATIENT };
 
-const SHAPES: [Shape; 4] = [CENTRALIZED, PATIENT, CIRCULAR, PATIENT_CIRCULAR];
+const SHAPES: [Shape; 4] = [CENTRALIZED, PATIENT, CYCLIC, PATIENT_CYCLIC];
 
 #[test]
-fn federates_in_circles_equal_their_program() {
-    let mut circular = 0;
+fn federates_on_cycles_equal_their_program() {
+    let mut cyclic = 0;
     for seed in 0..12_000 {
-        let program = generate(&mut Rng::new(seed), CIRCULAR);
+        let program = generate(&mut Rng::new(seed), CYCLIC);
         if !Topology::new(&program).zero_delay_cycles().is_empty() {
-            circular += 1;
-            equals_reference(seed, CIRCULAR);
-            equals_reference(seed, PATIENT_CIRCULAR);
+            cyclic += 1;
+            equals_reference(seed, CYCLIC);
+            equals_reference(seed, PATIENT_CYCLIC);
         }
     }
-    assert!(circular > 300, "only {circular} of the programs have a circle");
+    assert!(cyclic > 300, "only {cyclic} of the programs have a cycle");
 }
 
 #[test]
@@ -85,10 +85,10 @@ fn clocks_make_no_message_tardy() {
 }
 
 #[test]
-fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
+fn impatient_federations_equal_their_program_unless_they_report_tardy_messages() {
     let (mut punctual, mut tardy) = (0, 0);
     for seed in 0..400 {
-        let shape = Shape { maxwait: 2_000, circles: seed % 2 == 0, ..PATIENT };
+        let shape = Shape { maxwait: 2_000, cycles: seed % 2 == 0, ..PATIENT };
         let plan = |rng: &mut Rng, _: &_| Plan { latency: latency(rng), ..Plan::default() };
         let (program, outcome) = world(seed, shape, plan);
         let outcome = outcome.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
@@ -107,7 +107,7 @@ fn impatient_federations_equal_their_program_unless_they_say_otherwise() {
 }
 
 #[test]
-fn federates_stop_together_at_a_tag_that_nobody_has_passed() {
+fn federates_stop_together_at_a_tag_that_no_federate_has_passed() {
     for seed in 0..800 {
         let shape = SHAPES[usize::try_from(seed % 4).unwrap()];
         let (program, outcome) = world(seed, shape, |rng, program| {

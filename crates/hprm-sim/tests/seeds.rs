@@ -1,4 +1,4 @@
-//! Random federations, with whatever befalls them. `hprm sim --seed N` tells what a seed does.
+//! Random federations with random faults. `hprm sim --seed N` shows what a seed does.
 
 use std::sync::Arc;
 
@@ -19,14 +19,14 @@ fn random_federations_do_what_their_program_does() {
         failed += u64::from(verdict.failed);
         tardy += u64::from(verdict.tardy > 0);
     }
-    // Otherwise the seeds would not say much.
+    // Otherwise the seeds would test little.
     assert!(compared > SEEDS / 2, "only {compared} were compared");
     assert!(failed > SEEDS / 20, "only {failed} failed as they must");
     assert!(tardy > SEEDS / 50, "only {tardy} had tardy messages");
 }
 
 #[test]
-fn a_seed_tells_the_same_each_time() {
+fn a_seed_shows_the_same_each_time() {
     for seed in 0..50 {
         assert_eq!(Trial::draw(seed).tell(), Trial::draw(seed).tell(), "seed {seed}");
     }
@@ -39,7 +39,7 @@ fn lag(seed: u64, dnet: DnetMode) -> Nanos {
         coordination: Coordination::Centralized,
         maxwait: 0,
         physical: false,
-        circles: seed.is_multiple_of(2),
+        cycles: seed.is_multiple_of(2),
     };
     let mut rng = Rng::new(seed);
     let program = Arc::new(generate(&mut rng, shape));
@@ -50,7 +50,7 @@ fn lag(seed: u64, dnet: DnetMode) -> Nanos {
 }
 
 #[test]
-fn nobody_waits_for_a_federate_that_is_quiet() {
+fn no_federate_waits_for_reports_that_another_one_skips() {
     for dnet in [DnetMode::Off, DnetMode::Usual, DnetMode::Eager] {
         for seed in 0..2_000 {
             let lag = lag(seed, dnet);

@@ -8,11 +8,11 @@ use hprm_federated::{Frame, Input, RtiInput, Step, Topology};
 
 use super::state::{Seat, State};
 use crate::lives::wrong;
-use crate::network::{Event, News, Place};
+use crate::network::{Event, LinkEvent, Place};
 use crate::node::Node;
 use crate::{Log, difference, reference_until};
 
-/// The judge, who remembers what programs must do.
+/// The judge, which remembers what programs must do.
 pub(super) struct Judge {
     program: Arc<Program>,
     topology: Topology,
@@ -42,7 +42,7 @@ impl Judge {
         })
     }
 
-    /// Whether a federate has gone beyond what it was granted.
+    /// Whether a federate has gone beyond its grant.
     fn beyond_grant(&self, state: &State, me: FederateId) -> Option<String> {
         let seat = state.seats[me].get();
         let tag = seat.node.last_tag();
@@ -57,8 +57,8 @@ impl Judge {
             .then(|| format!("{name} processes {tag}, but was granted {:?}", seat.granted))
     }
 
-    /// Whether a message is on its way to a federate although it has been told that there is none,
-    /// or will be told so by what arrives before.
+    /// Whether a message is in transit to a federate although a frame that has arrived, or that arrives
+    /// before the message, says that there is none.
     fn overtaken(&self, state: &State, me: FederateId) -> Option<String> {
         let Seat { node, granted } = state.seats[me].get();
         let mut granted = *granted;
@@ -82,7 +82,7 @@ impl Judge {
         elsewhere.flat_map(|(_, events)| frames(events)).find_map(|f| self.early(f, node, granted))
     }
 
-    /// Whether a frame is a message to that federate, for what it has been granted.
+    /// Whether a frame is a message to that federate, for a tag within its grant.
     fn early(&self, frame: &Frame, node: &Node, granted: Step) -> Option<String> {
         let me = node.me.federate;
         let Frame::Message { channel, tag, .. } = frame else { return None };
@@ -91,7 +91,7 @@ impl Judge {
         let name = self.topology.name(me);
         let means_something = !channel.physical && *tag >= node.first_tag();
         (channel.to == me && means_something && read <= granted)
-            .then(|| format!("a message for {read:?} is on its way to {name}, granted {granted:?}"))
+            .then(|| format!("a message for {read:?} is in transit to {name}, granted {granted:?}"))
     }
 
     /// What is wrong with a state after which nothing happens, if anything.
@@ -112,7 +112,7 @@ impl Judge {
             return self.early_end(state);
         }
         if self.topology.has_transients() {
-            return self.comings_and_goings(state);
+            return self.end_with_transients(state);
         }
         let last = nodes.iter().map(|node| node.last_tag()).max().unwrap_or(Tag::NEVER);
         if let Some(node) = nodes.iter().find(|node| !node.finished || node.last_tag() < last) {
@@ -122,8 +122,8 @@ impl Judge {
         difference(&self.program, &merged(&self.program, &nodes), &must, Tag::FOREVER)
     }
 
-    /// What is wrong with the end of a federation whose federates may come and go.
-    fn comings_and_goings(&self, state: &State) -> Option<String> {
+    /// What is wrong with the end of a federation with transient federates.
+    fn end_with_transients(&self, state: &State) -> Option<String> {
         let nodes: Vec<_> = state.seats.values().map(|seat| &seat.get().node).collect();
         let stop = nodes.iter().map(|node| node.stop_tag()).min().unwrap_or(Tag::FOREVER);
         let early = |node: &&&Node| {
@@ -168,7 +168,7 @@ impl Judge {
 fn frames(events: &VecDeque<Event>) -> impl Iterator<Item = &Frame> {
     events.iter().filter_map(|event| match event {
         Event::Rti(RtiInput::Frame { frame, .. })
-        | Event::Peer { news: News::Frame(frame), .. } => Some(frame),
+        | Event::Peer { link_event: LinkEvent::Frame(frame), .. } => Some(frame),
         _ => None,
     })
 }

@@ -1,7 +1,7 @@
 //! A hash of 128 bits, the same everywhere: states that differ have different ones.
 //!
 //! Among ten million states, two that do not differ in it although they should are as likely as one
-//! in 10^24. Against somebody who looks for such states it is no protection.
+//! in 10^24. It is no protection against an attacker that looks for such states.
 
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! A federation between two things that happen: the machines, and what is on its way between them.
+//! A federation between two actions: the machines, and the frames in transit between them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -11,14 +11,14 @@ use hprm_federated::{
 
 use super::digest::{Shared, digest};
 use crate::Plan;
-use crate::network::{Event, Instance, News, Place};
+use crate::network::{Event, Instance, LinkEvent, Place};
 use crate::node::{Node, Turn};
 use crate::plan::Life;
 
 /// When the processes are launched: late enough for a start in the past.
 const LAUNCH: PhysicalTime = PhysicalTime(1_000_000_000);
 
-/// Something that may happen once, at any moment.
+/// An event from outside that may happen once, at any moment.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Happening {
     /// A federate asks to stop.
@@ -27,12 +27,12 @@ pub enum Happening {
     Leave(FederateId),
     /// A federate's process dies.
     Crash(FederateId),
-    /// The link between a federate and the RTI breaks; what was on its way is lost.
+    /// The link between a federate and the RTI breaks; frames in transit are lost.
     Disconnect(FederateId),
     /// A federate's physical action is scheduled.
     Event(FederateId),
-    /// A transient federate that is not there, or not any more, is launched. Those for which that may
-    /// happen are not there at the beginning.
+    /// A transient federate that has not joined, or has ended, is launched. Federates for which that may
+    /// happen are absent at the beginning.
     Arrive(FederateId),
     /// A federate asks to leave, as `lf.stop()` does.
     Depart(FederateId),
@@ -40,18 +40,18 @@ pub enum Happening {
     Break(FederateId, FederateId),
 }
 
-/// What happens next.
+/// A step from one state to the next.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Action {
-    /// The oldest of what is on its way from the one to the other arrives.
+    /// The oldest event in transit from the one to the other arrives.
     Deliver(Place, Place),
-    /// A federate does what it may: it reports, or processes a tag.
+    /// A federate advances: it reports, or processes a tag.
     Advance(FederateId),
-    /// It is that time now.
+    /// Physical time advances to this time.
     Time(PhysicalTime),
-    /// The RTI looks up.
+    /// A wake-up of the RTI.
     Wake,
-    /// Something from outside.
+    /// An event from outside.
     Happens(Happening),
 }
 
@@ -59,7 +59,7 @@ pub enum Action {
 #[derive(Clone, PartialEq, Eq, Hash)]
 pub(super) struct Seat {
     pub(super) node: Node,
-    /// How far it has been told to advance.
+    /// The largest grant that it has received.
     pub(super) granted: Step,
 }
 
@@ -73,11 +73,11 @@ pub(super) struct State {
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
     plan: Plan,
-    /// What earlier ones have done.
+    /// The records of earlier processes.
     pub(super) past: Vec<Life>,
-    /// What is on its way, oldest first; empty links are not there.
+    /// The events in transit, oldest first; empty links have no entry.
     pub(super) links: BTreeMap<(Place, Place), VecDeque<Event>>,
-    /// What may still happen.
+    /// The events from outside that may still happen.
     pub(super) happenings: BTreeSet<Happening>,
     pub(super) failed: Option<FederateId>,
     pub(super) finished: bool,
@@ -165,12 +165,12 @@ impl State {
         self.seats[me].get().node.link()
     }
 
-    /// Where that is.
+    /// The latest process of a federate, as the end of a link.
     pub(super) fn place(&self, me: FederateId) -> Place {
         Place::Federate(self.instance(me))
     }
 
-    /// What tells this state from others.
+    /// The hash of everything in which states can differ.
     pub(super) fn digest(&self) -> u128 {
         let seats: Vec<_> = self.seats.values().map(Shared::digest).collect();
         let parts = (self.now, self.rti.digest(), seats, &self.links, &self.happenings);
@@ -178,26 +178,26 @@ impl State {
         digest(&(parts, rest, &self.past, self.lost_from))
     }
 
-    /// Whether that action brings a federate the news of the start.
+    /// Whether that action tells a federate of the start.
     pub(super) fn is_start(&self, action: Action) -> bool {
         let Action::Deliver(from, to) = action else { return false };
         let next = self.links.get(&(from, to)).and_then(VecDeque::front);
         matches!(next, Some(Event::Federate(_, Input::FromRti(Frame::Start { .. }))))
     }
 
-    /// Whether nobody has got the news of the start, and everybody will next.
+    /// Whether no federate knows of the start, and all learn of it next.
     pub(super) fn is_about_to_start(&self) -> bool {
         let start = |me| Action::Deliver(Place::Rti, self.place(me));
         let mut there = self.seats.ids().filter(|me| !self.seats[*me].get().node.is_over());
         there.all(|me| self.is_start(start(me)))
     }
 
-    /// How many logical messages have come to their receivers.
+    /// How many logical messages have arrived.
     pub(super) fn messages(&self) -> usize {
         self.seats.values().map(|seat| seat.get().node.received.values().sum::<usize>()).sum()
     }
 
-    /// What arrives, if anything on its way does.
+    /// The deliveries that are possible.
     pub(super) fn deliveries(&self) -> impl Iterator<Item = Action> {
         self.links.keys().map(|(from, to)| Action::Deliver(*from, *to))
     }
@@ -212,7 +212,7 @@ impl State {
             Happening::Arrive(me) => self.seats[me].get().node.is_over() && !self.finished,
             Happening::Break(one, other) => {
                 let is_over = |me: FederateId| self.seats[me].get().node.is_over();
-                let linked = self.seats[one].get().node.wires.has(self.instance(other));
+                let linked = self.seats[one].get().node.direct_links.has(self.instance(other));
                 linked && !is_over(one) && !is_over(other)
             }
             Happening::Crash(me) | Happening::Disconnect(me) => {
@@ -222,67 +222,72 @@ impl State {
         possible.map(|happening| Action::Happens(*happening))
     }
 
-    /// The oldest of what is on its way on a link arrives.
+    /// The oldest event in transit on a link arrives.
     pub(super) fn deliver(&mut self, from: Place, to: Place) -> Result<(), Fault> {
         let Some(event) = self.pop(from, to) else { return Ok(()) };
         match event {
             Event::Rti(input) => self.rti_input(input),
             Event::Federate(me, input) => self.input(me, input),
-            Event::Dial { from, to } => self.dialled(from, to),
-            Event::Peer { from, to, news } => self.peer_news(from, to, news),
+            Event::Connect { from, to } => self.connected(from, to),
+            Event::Peer { from, to, link_event } => self.take_link_event(from, to, link_event),
             _ => Ok(()),
         }
     }
 
     /// A federate opens a direct link to another one.
-    fn dialled(&mut self, from: Instance, to: Instance) -> Result<(), Fault> {
+    fn connected(&mut self, from: Instance, to: Instance) -> Result<(), Fault> {
         let opener = &self.seats[from.federate].get().node;
         let hello = opener.machine.peer_hello();
-        let opened = opener.me == from && opener.wires.has_opened(to);
+        let opened = opener.me == from && opener.direct_links.has_opened(to);
         let node = &self.seats[to.federate].get().node;
         if node.me != to || node.is_over() || !opened || node.machine.admit(&hello).is_err() {
-            self.news(to, from, News::Lost);
+            self.send_link_event(to, from, LinkEvent::Lost);
             return Ok(());
         }
-        self.seats[to.federate].change(|seat| seat.node.wires.accept(from));
-        self.news(to, from, News::Up);
+        self.seats[to.federate].change(|seat| seat.node.direct_links.accept(from));
+        self.send_link_event(to, from, LinkEvent::Up);
         self.input(to, Input::PeerUp(from.federate))
     }
 
-    /// Something comes on a direct link, unless the receiver has closed it or opened another one.
-    fn peer_news(&mut self, from: Instance, to: Instance, news: News) -> Result<(), Fault> {
+    /// A frame or the end of a direct link arrives, unless the receiver has closed it or opened another.
+    fn take_link_event(
+        &mut self,
+        from: Instance,
+        to: Instance,
+        link_event: LinkEvent,
+    ) -> Result<(), Fault> {
         let node = &self.seats[to.federate].get().node;
-        if node.me != to || !node.wires.has(from) {
+        if node.me != to || !node.direct_links.has(from) {
             return Ok(());
         }
         let peer = from.federate;
-        let input = match news {
-            News::Up => Input::PeerUp(peer),
-            News::Frame(frame) => Input::FromPeer { from: peer, frame },
-            News::Lost => {
-                self.seats[to.federate].change(|seat| seat.node.wires.forget(from));
+        let input = match link_event {
+            LinkEvent::Up => Input::PeerUp(peer),
+            LinkEvent::Frame(frame) => Input::FromPeer { from: peer, frame },
+            LinkEvent::Lost => {
+                self.seats[to.federate].change(|seat| seat.node.direct_links.forget(from));
                 Input::PeerLost(peer)
             }
         };
         self.input(to, input)
     }
 
-    fn news(&mut self, from: Instance, to: Instance, news: News) {
-        let event = Event::Peer { from, to, news };
+    fn send_link_event(&mut self, from: Instance, to: Instance, link_event: LinkEvent) {
+        let event = Event::Peer { from, to, link_event };
         self.send(Place::Federate(from), Place::Federate(to), event);
     }
 
-    /// When the RTI wants to look up.
+    /// The next wake-up of the RTI.
     pub(super) fn rti_wakeup(&self) -> Option<PhysicalTime> {
         self.rti.get().next_wakeup()
     }
 
-    /// The RTI looks up.
+    /// A wake-up of the RTI.
     pub(super) fn wake_rti(&mut self) -> Result<(), Fault> {
         self.rti_input(RtiInput::Wake)
     }
 
-    /// A federate does what it may. Returns until when it waits, if it has not processed a tag.
+    /// A federate advances. Returns until when it waits, if it has not processed a tag.
     pub(super) fn advance(&mut self, me: FederateId) -> Result<Turn, Fault> {
         let now = self.now;
         let turn = self.seats[me].change(|seat| seat.node.advance_once(now))?;
@@ -290,7 +295,7 @@ impl State {
         Ok(turn)
     }
 
-    /// Something happens from outside.
+    /// An event from outside happens.
     pub(super) fn happen(&mut self, happening: Happening) -> Result<(), Fault> {
         self.happenings.remove(&happening);
         let now = self.now;
@@ -340,7 +345,7 @@ impl State {
         }
     }
 
-    /// A process is launched that is a federate from now on.
+    /// A process is launched that joins as a federate.
     fn arrive(&mut self, me: FederateId) {
         let former = self.seats[me].get().node.clone();
         let was = former.me;
@@ -354,17 +359,21 @@ impl State {
         self.begin(me);
     }
 
-    /// The direct link between two federates breaks: what is on its way is lost, and both ends learn
-    /// of it.
+    /// The direct link between two federates breaks: frames in transit are lost, and both ends learn of
+    /// it.
     fn break_link(&mut self, one: Instance, other: Instance) {
         for (from, to) in [(one, other), (other, one)] {
             let places = (Place::Federate(from), Place::Federate(to));
             for event in self.links.remove(&places).unwrap_or_default() {
-                if let Event::Peer { news: News::Frame(Frame::Message { tag, .. }), .. } = event {
+                if let Event::Peer {
+                    link_event: LinkEvent::Frame(Frame::Message { tag, .. }),
+                    ..
+                } = event
+                {
                     self.lost_from = self.lost_from.min(tag);
                 }
             }
-            let lost = Event::Peer { from, to, news: News::Lost };
+            let lost = Event::Peer { from, to, link_event: LinkEvent::Lost };
             self.links.insert(places, VecDeque::from([lost]));
             self.broken.insert(places);
         }
@@ -414,7 +423,7 @@ impl State {
                 RtiOutput::Left { federate } if self.seats[federate].get().node.crashed => {
                     self.launch(federate);
                 }
-                RtiOutput::Close { link } => self.hang_up(link),
+                RtiOutput::Close { link } => self.close_link(link),
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),
                 RtiOutput::Finished => self.finished = true,
                 _ => {}
@@ -424,16 +433,16 @@ impl State {
     }
 
     /// The RTI closes the link of a federate, and reads no more of it.
-    fn hang_up(&mut self, link: LinkId) {
-        let who = Instance::of_link(link);
-        let (rti, place) = (Place::Rti, Place::Federate(who));
-        self.send(rti, place, Event::Federate(who, Input::RtiLost));
+    fn close_link(&mut self, link: LinkId) {
+        let federate = Instance::of_link(link);
+        let (rti, place) = (Place::Rti, Place::Federate(federate));
+        self.send(rti, place, Event::Federate(federate, Input::RtiLost));
         self.broken.extend([(rti, place), (place, rti)]);
         let closed = Event::Rti(RtiInput::Closed { link });
         self.links.insert((place, rti), VecDeque::from([closed]));
     }
 
-    /// Sends what a federate wants sent. If it is over, so is its process.
+    /// Carries out the outputs of a federate. If the machine is over, its process ends.
     fn carry_out(&mut self, me: FederateId) {
         if !self.seats[me].get().node.outputs.is_empty() {
             let outputs = self.seats[me].change(|seat| std::mem::take(&mut seat.node.outputs));
@@ -457,17 +466,17 @@ impl State {
                 let (rti, node) = (Place::Rti, place);
                 self.broken.retain(|ends| ![(rti, node), (node, rti)].contains(ends));
                 self.links.remove(&(rti, node));
-                self.seats[me].change(|seat| seat.node.redial());
+                self.seats[me].change(|seat| seat.node.reconnect());
                 self.send(node, node, Event::Federate(instance, Input::Rejoins));
             }
             Output::ToPeer { to, frame } => {
-                let Some(to) = self.seats[me].get().node.wires.to(to) else { return };
+                let Some(to) = self.seats[me].get().node.direct_links.to(to) else { return };
                 if let Frame::Message { tag, .. } = &frame
                     && self.broken.contains(&(place, Place::Federate(to)))
                 {
                     self.lost_from = self.lost_from.min(*tag);
                 }
-                self.news(instance, to, News::Frame(frame));
+                self.send_link_event(instance, to, LinkEvent::Frame(frame));
             }
             Output::Connect { peer, listen } => {
                 let to = Instance::at(&listen);
@@ -478,17 +487,18 @@ impl State {
                     self.send(place, place, Event::Federate(instance, input));
                     return;
                 }
-                if let Some(former) = self.seats[me].change(|seat| seat.node.wires.open(to)) {
-                    self.news(instance, former, News::Lost);
+                if let Some(former) = self.seats[me].change(|seat| seat.node.direct_links.open(to))
+                {
+                    self.send_link_event(instance, former, LinkEvent::Lost);
                 }
-                let event = Event::Dial { from: instance, to };
+                let event = Event::Connect { from: instance, to };
                 self.send(place, Place::Federate(to), event);
             }
             Output::Disconnect(peer) => {
-                let closed = self.seats[me].get().node.wires.all().into_iter();
+                let closed = self.seats[me].get().node.direct_links.all().into_iter();
                 for former in closed.filter(|former| former.federate == peer) {
-                    self.seats[me].change(|seat| seat.node.wires.forget(former));
-                    self.news(instance, former, News::Lost);
+                    self.seats[me].change(|seat| seat.node.direct_links.forget(former));
+                    self.send_link_event(instance, former, LinkEvent::Lost);
                 }
             }
             _ => {}
@@ -498,18 +508,19 @@ impl State {
     /// A federate's process has ended: its links end after what it has sent.
     fn leave(&mut self, me: FederateId) {
         let (instance, place) = (self.instance(me), self.place(me));
-        // Who has opened a link that was not accepted yet learns that there will be none.
+        // A process that has opened a link that was not accepted yet learns that there will be none.
         let waiting = self.links.iter().filter(|((_, to), _)| *to == place);
-        let dials = waiting.flat_map(|(_, events)| events).filter_map(|event| match event {
-            Event::Dial { from, .. } => Some(*from),
+        let opened = waiting.flat_map(|(_, events)| events).filter_map(|event| match event {
+            Event::Connect { from, .. } => Some(*from),
             _ => None,
         });
-        let peers = dials.chain(self.seats[me].get().node.wires.all()).collect::<BTreeSet<_>>();
+        let peers =
+            opened.chain(self.seats[me].get().node.direct_links.all()).collect::<BTreeSet<_>>();
         self.links.retain(|(_, to), _| *to != place);
         let closed = RtiInput::Closed { link: self.link(me) };
         self.send(place, Place::Rti, Event::Rti(closed));
         for peer in peers {
-            self.news(instance, peer, News::Lost);
+            self.send_link_event(instance, peer, LinkEvent::Lost);
         }
     }
 
