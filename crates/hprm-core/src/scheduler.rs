@@ -508,12 +508,18 @@ impl<V: Clone> Scheduler<V> {
 
     /// The tag of the next event, unless a physical action or a message comes first. A message that no
     /// reaction reads counts if there is no other event.
+    #[inline]
     fn pending(&self) -> Option<Tag> {
-        let first = self.queue.first().filter(|first| *first <= self.stop);
-        first.or_else(|| {
-            let unread = self.unread.values().copied();
-            unread.filter(|unread| *unread > self.tag && *unread <= self.stop).max()
-        })
+        match self.queue.first() {
+            Some(first) if first <= self.stop => Some(first),
+            _ => self.pending_unread(),
+        }
+    }
+
+    #[inline(never)]
+    fn pending_unread(&self) -> Option<Tag> {
+        let unread = self.unread.values().copied();
+        unread.filter(|unread| *unread > self.tag && *unread <= self.stop).max()
     }
 
     /// Whether the program goes on when its event queue is empty.

@@ -127,6 +127,7 @@ impl<V: Clone> Workers<V> {
     /// # Errors
     ///
     /// What a reaction raised: the first one in the order of the program.
+    #[inline]
     pub(crate) fn run_tag<H: Host<Value = V>>(
         &mut self,
         scheduler: &mut Scheduler<V>,
@@ -140,9 +141,23 @@ impl<V: Clone> Workers<V> {
             while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
                 run_alone(scheduler, host, reaction, body)?;
             }
-        } else {
-            while self.run_next(scheduler, host)? {}
+            return Ok(());
         }
+        self.run_attended(scheduler, host)
+    }
+
+    /// The same for programs with several workers, a trace or a lag: apart, so that the loop of the
+    /// others stays small enough for the compiler to put it where it is called.
+    #[inline(never)]
+    fn run_attended<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+    ) -> Result<(), Failure>
+    where
+        V: Send + Sync,
+    {
+        while self.run_next(scheduler, host)? {}
         Ok(())
     }
 
