@@ -63,7 +63,7 @@ fn command() -> ExitCode {
         Command::Federate(federate) => federate.failures.json,
         _ => false,
     });
-    if let Err(failure) = hprm::log_to_stderr() {
+    if let Err(failure) = hprm::log_to_stderr(false) {
         message::Error::from(&failure).show();
         return ExitCode::FAILURE;
     }

@@ -34,6 +34,7 @@ pub(crate) fn run_program(
     logical_trace: Option<PathBuf>,
 ) -> i32 {
     exit_code(&compile(path, &properties, true).and_then(|compiled| {
+        hprm::log_to_stderr(false)?;
         let inbox = inbox()?;
         let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
         let trace =
@@ -89,6 +90,7 @@ pub(crate) fn run_federate(
     let launched = membership.launched;
     let mut joined = false;
     let outcome = compile(path, &membership.properties, !launched).and_then(|compiled| {
+        hprm::log_to_stderr(false)?;
         let options = options(&compiled, federate, membership)?;
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
@@ -198,7 +200,6 @@ fn options(
 }
 
 pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
-    hprm::log_to_stderr()?;
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
         Ok(compiled) => {

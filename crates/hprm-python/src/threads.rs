@@ -44,6 +44,7 @@ pub(crate) fn run_in_process(
     logical_traces: Option<PathBuf>,
 ) -> i32 {
     let outcome = compile(path, &properties, true).and_then(|compiled| {
+        hprm::log_to_stderr(true)?;
         let (compiled, wakeups) = (Arc::new(compiled), inbox()?);
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;

@@ -7,6 +7,7 @@
 use std::env;
 
 use hprm_core::{Connection, Program};
+use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt;
 use tracing_subscriber::prelude::*;
@@ -16,26 +17,36 @@ use crate::Failure;
 /// Names the events to write: `hprm_federated=debug,hprm=trace`, or a level for all of them.
 const VARIABLE: &str = "HPRM_LOG";
 
-/// Writes the events that `HPRM_LOG` names to the standard error stream; without it, none. It does
-/// nothing if the process has a subscriber already.
+/// What the events are called by.
+const PARTS: [&str; 4] =
+    ["hprm", "hprm_federated", "hprm_federated::federate", "hprm_federated::rti"];
+
+/// What may stand behind the name of a part, or alone.
+const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
+
+/// Writes the events that `HPRM_LOG` names to the standard error stream; without it, none. Lines name
+/// the thread if federates are `threads` of this process. It does nothing if the process has a
+/// subscriber already.
 ///
 /// # Errors
 ///
 /// If the variable does not name events.
-pub fn log_to_stderr() -> Result<(), Failure> {
+pub fn log_to_stderr(threads: bool) -> Result<(), Failure> {
     let Some(text) = env::var_os(VARIABLE).filter(|text| !text.is_empty()) else {
         return Ok(());
     };
-    let targets = text.to_str().and_then(targets).ok_or_else(|| Failure::Option {
-        message: format!("{VARIABLE}={} names no events", text.display()),
+    let targets = targets(&text.to_string_lossy()).map_err(|word| Failure::Option {
+        message: format!("{VARIABLE}: `{word}` names no events"),
         hint: Some(
-            "give a level (error, warn, info, debug, trace), or one for each part, as in \
-             hprm_federated=debug,hprm=trace",
+            "give a level (error, warn, info, debug, trace, off), or one for each part, as in \
+             hprm_federated=debug,hprm=trace; the parts are hprm, hprm_federated, \
+             hprm_federated::federate and hprm_federated::rti",
         ),
     })?;
-    let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(false).with_thread_names(true);
+    let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(false);
+    let lines = lines.with_thread_names(threads).with_filter(targets);
     // A host with a subscriber of its own keeps it.
-    drop(tracing_subscriber::registry().with(lines.with_filter(targets)).try_init());
+    drop(tracing_subscriber::registry().with(lines).try_init());
     Ok(())
 }
 
@@ -51,10 +62,23 @@ pub(crate) fn log_names(program: &Program) {
     }
 }
 
-/// Which events a text names. A word that is no level would name a crate; ours begin with `hprm`.
-fn targets(text: &str) -> Option<Targets> {
-    let targets: Targets = text.parse().ok()?;
-    targets.iter().all(|(name, _)| name.starts_with("hprm")).then_some(targets)
+/// Which events a text names; or else the word that names none.
+fn targets(text: &str) -> Result<Targets, String> {
+    let mut targets = Targets::new();
+    for word in text.split(',').map(str::trim) {
+        let level = |name: &str| match LEVELS.contains(&name.trim().to_lowercase().as_str()) {
+            true => name.trim().parse::<LevelFilter>().map_err(|_| word.to_owned()),
+            false => Err(word.to_owned()),
+        };
+        targets = match word.split_once('=') {
+            None => targets.with_default(level(word)?),
+            Some((part, name)) if PARTS.contains(&part.trim()) => {
+                targets.with_target(part.trim(), level(name)?)
+            }
+            Some(_) => return Err(word.to_owned()),
+        };
+    }
+    Ok(targets)
 }
 
 #[cfg(test)]
@@ -64,19 +88,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_text_names_crates_and_levels() {
-        let named = targets("hprm_federated=debug,hprm=trace").expect("it names events");
-        assert!(named.would_enable("hprm_federated::log", &Level::DEBUG));
-        assert!(!named.would_enable("hprm_federated::log", &Level::TRACE));
+    fn a_text_names_parts_and_levels() {
+        let named = targets("hprm_federated=debug, hprm=trace").expect("it names events");
+        assert!(named.would_enable("hprm_federated::rti", &Level::DEBUG));
+        assert!(!named.would_enable("hprm_federated::rti", &Level::TRACE));
         assert!(named.would_enable("hprm::federate_loop", &Level::TRACE));
-        assert!(targets("debug").is_some_and(|it| it.would_enable("hprm", &Level::DEBUG)));
-        assert!(targets("off").is_some_and(|it| !it.would_enable("hprm", &Level::ERROR)));
+        let rti = targets("hprm_federated::rti=debug").expect("it names events");
+        assert!(!rti.would_enable("hprm_federated::federate", &Level::DEBUG));
+        assert!(targets(" Debug ").is_ok_and(|it| it.would_enable("hprm", &Level::DEBUG)));
+        assert!(targets("off").is_ok_and(|it| !it.would_enable("hprm", &Level::ERROR)));
     }
 
     #[test]
-    fn a_slip_is_no_name() {
-        for text in ["debgu", "federated=debug", "hprm=loud", "=", "hprm=debug=trace"] {
-            assert!(targets(text).is_none(), "{text}");
+    fn the_word_that_names_none_is_told() {
+        let slips = [
+            ("debgu", "debgu"),
+            ("3", "3"),
+            ("debug,,", ""),
+            (",", ""),
+            ("hprm=", "hprm="),
+            ("hprm=debug, federated=debug", "federated=debug"),
+            ("hprm_federated::rit=debug", "hprm_federated::rit=debug"),
+            ("hprm=debug=trace", "hprm=debug=trace"),
+        ];
+        for (text, word) in slips {
+            assert_eq!(targets(text).expect_err(text), word);
         }
     }
 }
