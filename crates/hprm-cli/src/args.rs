@@ -10,7 +10,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use hprm::{Address, TlsFiles};
 use hprm::{FederationId, Patience};
-use hprm_core::{Nanos, WhenFull, read_size};
+use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
 /// Run, check and look after deterministic programs for robots.
@@ -261,8 +261,7 @@ pub(crate) struct Hang {
 impl Hang {
     /// The same, for the RTI.
     pub(crate) fn patience(self) -> Patience {
-        let nanos = |limit: Duration| Nanos::try_from(limit.as_nanos()).unwrap_or(Nanos::MAX);
-        Patience { limit: self.limit.map(nanos) }
+        Patience { limit: self.limit.map(hprm::nanoseconds) }
     }
 }
 

@@ -278,15 +278,18 @@ impl<V: Clone> Scheduler<V> {
         assert!(tag > self.tag, "tags increase: {tag} after {}", self.tag);
         assert!(self.queue.first().is_none_or(|first| first >= tag), "an event would be skipped");
         let first = self.tag == Tag::NEVER;
-        let is_due = self.modes.has_due() || self.departures.are_due();
-        let starved = self.pending().is_none() && !is_due;
+        let starved = !first
+            && !self.outlives_its_events()
+            && self.pending().is_none()
+            && !self.modes.has_due()
+            && !self.departures.are_due();
         self.tag = tag;
         self.displaced = None;
         self.current.level = Some(0);
         if first {
             self.queue_startup();
         }
-        if starved && !first && !self.outlives_its_events() {
+        if starved {
             self.end_at(tag);
             self.record_starved();
         }

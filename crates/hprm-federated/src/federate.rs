@@ -267,7 +267,11 @@ impl Federate {
 
     /// What the machine wants done next, if anything.
     pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front().inspect(log::federate_output)
+        let output = self.outputs.pop_front();
+        if log::is_on() {
+            output.iter().for_each(log::federate_output);
+        }
+        output
     }
 
     // The handshake of direct links, which precedes `Input::PeerUp`.
@@ -300,7 +304,9 @@ impl Federate {
         if self.over {
             return Ok(());
         }
-        log::federate_input(&input);
+        if log::is_on() {
+            log::federate_input(&input);
+        }
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,

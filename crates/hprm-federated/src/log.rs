@@ -9,12 +9,19 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use hprm_core::{FederateId, Part, Payload};
+use tracing::level_filters::LevelFilter;
 
 use crate::{Frame, Input, LinkId, Output, RtiInput, RtiOutput};
 
 /// What filters call the events of a federate's machine, and of the RTI's.
 const FEDERATE: &str = "hprm_federated::federate";
 const RTI: &str = "hprm_federated::rti";
+
+/// Whether a line may be written. If not, a machine does not look at what it would show.
+#[inline]
+pub(crate) fn is_on() -> bool {
+    LevelFilter::current() >= LevelFilter::DEBUG
+}
 
 /// Writes a line, at the level `debug` or `trace`.
 macro_rules! write_line {

@@ -245,7 +245,9 @@ impl Rti {
         if self.topology.has_transients() || leaves {
             self.now = now;
         }
-        log::rti_input(&self.links, &input);
+        if log::is_on() {
+            log::rti_input(&self.links, &input);
+        }
         match input {
             RtiInput::Moved { link } => {
                 if let Some(federate) = self.links.get(&link) {
@@ -311,7 +313,11 @@ impl Rti {
 
     /// What the RTI wants done next, if anything.
     pub fn poll(&mut self) -> Option<RtiOutput> {
-        self.outputs.pop_front().inspect(|output| log::rti_output(&self.links, output))
+        let output = self.outputs.pop_front();
+        if log::is_on() {
+            output.iter().for_each(|output| log::rti_output(&self.links, output));
+        }
+        output
     }
 
     /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.

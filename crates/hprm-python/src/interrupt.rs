@@ -4,9 +4,10 @@
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use hprm::Inbox;
+use hprm::supervisor::{Signal, TOGETHER};
 
 use hprm_core::Scope;
 use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
@@ -18,15 +19,9 @@ use crate::alone;
 use crate::stalls;
 use crate::value::Value;
 
-// Their numbers on Linux; the first one is Ctrl-C, the last one the end of the terminal.
-const SIGINT: i32 = 2;
-const SIGTERM: i32 = 15;
-const SIGHUP: i32 = 1;
-/// The exit code of a process that a signal has ended is higher than its number by this.
-const SIGNALLED: i32 = 128;
-
-/// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
-const TOGETHER: Duration = Duration::from_millis(100);
+const SIGINT: i32 = Signal::INTERRUPT.0;
+const SIGTERM: i32 = Signal::TERMINATE.0;
+const SIGHUP: i32 = Signal::HANG_UP.0;
 
 /// The handler of the signals, as Python calls it.
 #[pyclass(frozen, module = "hprm._hprm")]
@@ -202,7 +197,7 @@ impl Interrupt {
         }
         // A third one ends the process at once.
         Self::restore(slf, number)?;
-        Err(PySystemExit::new_err(SIGNALLED + number))
+        Err(PySystemExit::new_err(Signal(number).exit_code()))
     }
 
     /// In a process that a body has forked: it is to obey its parent like any other.

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use hprm::supervisor::{FederateEnding, Members, Observation, Order, Signal, Supervisor};
 use hprm::{
     Address, Clock, Failure, FederateOptions, FederationId, Inbox, Kind, Label, Patience, Reach,
-    Report, RtiHandle, RtiOptions, Security, ValueExchange,
+    Report, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
 };
-use hprm_core::{Nanos, Scope};
+use hprm_core::Scope;
 use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
@@ -234,8 +234,4 @@ impl Watch {
             Order::Send { .. } => unreachable!("no thread can be sent a signal"),
         }
     }
-}
-
-fn nanoseconds(duration: Duration) -> Nanos {
-    duration.as_nanos().try_into().unwrap_or(Nanos::MAX)
 }

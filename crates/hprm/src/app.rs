@@ -13,9 +13,9 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use hprm_core::{Delay, Nanos, PortId, Program, ProgramBuilder, ProgramError, Properties};
+use hprm_core::{Delay, PortId, Program, ProgramBuilder, ProgramError, Properties};
 
-use crate::{Failure, Inbox, run_whole};
+use crate::{Failure, Inbox, nanoseconds, run_whole};
 use bodies::Bodies;
 pub use bodies::Outcome;
 pub use context::Context;
@@ -116,7 +116,7 @@ impl<V: Clone + Send + Sync + 'static> App<V> {
         to: impl Into<PortId>,
         after: Duration,
     ) {
-        self.graph.connect(from.into(), to.into(), Delay::after(nanos(after)));
+        self.graph.connect(from.into(), to.into(), Delay::after(nanoseconds(after)));
     }
 
     /// Reaches the app while it runs.
@@ -195,7 +195,7 @@ impl<V> Sender<V> {
         extra: Duration,
         value: impl Into<Option<V>>,
     ) -> bool {
-        self.inbox.schedule(action.0, nanos(extra), value.into())
+        self.inbox.schedule(action.0, nanoseconds(extra), value.into())
     }
 
     /// Asks the program to stop at its next tag.
@@ -208,9 +208,4 @@ impl<V> Graph<V> {
     fn connect(&mut self, from: PortId, to: PortId, delay: Delay) {
         self.builder.connect(from, to, delay);
     }
-}
-
-/// A length of time as the scheduler counts it; longer than it can count is for ever.
-fn nanos(duration: Duration) -> Nanos {
-    Nanos::try_from(duration.as_nanos()).unwrap_or(Nanos::MAX)
 }

@@ -5,10 +5,17 @@
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{LazyLock, PoisonError, RwLock};
+use std::time::Duration;
 
 use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::{Correction, SlewedClock};
 use rustix::time::{ClockId, clock_gettime};
+
+/// A length of time as tags count it; longer than they can count is for ever.
+#[must_use]
+pub fn nanoseconds(duration: Duration) -> Nanos {
+    Nanos::try_from(duration.as_nanos()).unwrap_or(Nanos::MAX)
+}
 
 /// Reads physical time; never goes back while a program runs (handbook, "physical time").
 ///

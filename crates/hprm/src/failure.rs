@@ -14,13 +14,8 @@ use hprm_lf::{Severity, render};
 
 use crate::Address;
 use crate::link::descriptors::advice;
+use crate::supervisor::Signal;
 pub use report::{Kind, Label, Report};
-
-/// The number of the signal that Ctrl-C sends.
-pub(crate) const SIGINT: i32 = 2;
-
-/// The exit code of a process that a signal has ended is higher than its number by this.
-const SIGNALLED: i32 = 128;
 
 /// Why a program ends before its last tag.
 ///
@@ -205,7 +200,7 @@ impl Failure {
     /// Ctrl-C has stopped the program.
     #[must_use]
     pub const fn interrupted() -> Self {
-        Self::Interrupted { signal: SIGINT }
+        Self::Interrupted { signal: Signal::INTERRUPT.0 }
     }
 
     /// The system does not do `what`.
@@ -307,7 +302,7 @@ impl Failure {
     pub fn exit_code(&self) -> i32 {
         match self {
             Self::Left => 0,
-            Self::Interrupted { signal } => exit_code(SIGNALLED + signal),
+            Self::Interrupted { signal } => exit_code(Signal(*signal).exit_code()),
             Self::Exited { code } => exit_code(*code),
             Self::Federate(report) => exit_code(report.code),
             _ => 1,

@@ -314,9 +314,9 @@ where
     fn step(&mut self) -> Result<bool, Failure> {
         self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         let tag = self.scheduler.next_tag();
-        let start = self.scheduler.start_time();
+        let due = tag.due(self.scheduler.start_time());
         if tag == Tag::FOREVER
-            || tag.due(start) > self.now
+            || due > self.now
             || self.federation.machine.permission(tag, self.now) != Permission::Granted
         {
             return Ok(false);
@@ -333,7 +333,7 @@ where
         }
         tracing::trace!("begins tag {tag}");
         self.handle(Input::Begun(tag))?;
-        self.workers.watch_lag(&self.scheduler, &mut self.host, tag, self.now);
+        self.workers.watch_lag(&self.scheduler, &mut self.host, (tag, due), self.now);
         self.scheduler.begin(tag);
         self.phase = Phase::Processing;
         self.go_on()

@@ -10,7 +10,7 @@ use hprm_core::{
 };
 use hprm_store::{Object, Store, StoreAllocator};
 
-use crate::failure::SIGINT;
+use crate::supervisor::Signal;
 use crate::trace::Described;
 use crate::{Failure, Report};
 
@@ -125,7 +125,7 @@ pub trait Host {
 
     /// The signal by which the user has asked the process to stop.
     fn signal(&self) -> i32 {
-        SIGINT
+        Signal::INTERRUPT.0
     }
 
     /// How long this federate is to wait for its inputs, if a body has changed that since this was

@@ -37,7 +37,7 @@ pub use app::{
     App, Context, InputPort, LogicalAction, NewReaction, Outcome, OutputPort, PhysicalAction,
     Reactor, Readable, Runnable, Sender, Timer,
 };
-pub use clock::Clock;
+pub use clock::{Clock, nanoseconds};
 pub use disk::Disk;
 pub use failure::{Failure, Kind, Label, Raised, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};

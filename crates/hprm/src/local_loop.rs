@@ -91,7 +91,7 @@ where
             inbox.waited(rings);
             continue;
         }
-        workers.watch_lag(scheduler, host, tag, now);
+        workers.watch_lag(scheduler, host, (tag, due), now);
         scheduler.begin(tag);
         workers.run_tag(scheduler, host)?;
         if scheduler.end(Clock::now) {

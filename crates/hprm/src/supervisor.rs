@@ -27,7 +27,7 @@ const GRACE: Duration = Duration::from_millis(500);
 /// How long the other federates may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
 /// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
-const TOGETHER: Duration = Duration::from_millis(100);
+pub const TOGETHER: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
 const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
 /// After this time the federates that have not ended get the signal themselves, and report the reaction

@@ -88,16 +88,15 @@ impl<V: Clone> Workers<V> {
         Ok(Self { team: Some(team), trace, scope, lag })
     }
 
-    /// Notes that a tag begins now, and warns once if the program has fallen behind for good.
+    /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good.
     #[inline]
     pub(crate) fn watch_lag<H: Host<Value = V>>(
         &mut self,
         scheduler: &Scheduler<V>,
         host: &mut H,
-        tag: Tag,
+        (tag, due): (Tag, PhysicalTime),
         now: PhysicalTime,
     ) {
-        let due = tag.due(scheduler.start_time());
         if let Some(overload) = self.lag.begins(tag, due, now) {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }

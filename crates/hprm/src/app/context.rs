@@ -6,8 +6,8 @@ use hprm_core::{ActionId, Effects, PhysicalTime, PortId, ReactionId, Scheduler, 
 
 use super::bodies::Site;
 use super::handle::Readable;
-use super::nanos;
 use crate::Clock;
+use crate::nanoseconds;
 
 /// The program, as the reaction that is running sees it.
 ///
@@ -87,7 +87,7 @@ impl<V: Clone> Context<'_, V> {
         if !self.site.affects(Readable::Action(action)) {
             self.undeclared("schedule", Readable::Action(action), "schedules");
         }
-        let (extra, value) = (nanos(extra), value.into());
+        let (extra, value) = (nanoseconds(extra), value.into());
         match &mut self.access {
             Access::Alone(scheduler) => _ = scheduler.schedule(action, extra, value, Clock::now),
             Access::Shared(scheduler, effects) => {
@@ -142,8 +142,10 @@ impl<V: Clone> Context<'_, V> {
     /// Changes the deadline of the reaction from now on.
     pub fn set_deadline(&mut self, deadline: Duration) {
         match &mut self.access {
-            Access::Alone(scheduler) => scheduler.set_deadline(self.reaction, nanos(deadline)),
-            Access::Shared(_, effects) => effects.set_deadline(nanos(deadline)),
+            Access::Alone(scheduler) => {
+                scheduler.set_deadline(self.reaction, nanoseconds(deadline));
+            }
+            Access::Shared(_, effects) => effects.set_deadline(nanoseconds(deadline)),
         }
     }
 

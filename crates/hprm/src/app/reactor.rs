@@ -9,7 +9,8 @@ use hprm_core::{
 
 use super::bodies::{BodyFn, Code, Outcome};
 use super::handle::{InputPort, LogicalAction, OutputPort, PhysicalAction, Timer};
-use super::{Context, Graph, nanos};
+use super::{Context, Graph};
+use crate::nanoseconds;
 
 /// A reactor that is being assembled. `S` is its state, which its reactions share, `V` what ports
 /// and actions hold.
@@ -45,7 +46,7 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
     /// A timer: its first event is at `offset`, the others at each `period` after that. There are
     /// no others if that is zero.
     pub fn timer(&mut self, name: &str, offset: Duration, period: Duration) -> Timer {
-        Timer(self.graph.builder.timer(self.id, name, nanos(offset), nanos(period)))
+        Timer(self.graph.builder.timer(self.id, name, nanoseconds(offset), nanoseconds(period)))
     }
 
     /// A logical action.
@@ -85,7 +86,7 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
         to: impl Into<PortId>,
         after: Duration,
     ) {
-        self.graph.connect(from.into(), to.into(), Delay::after(nanos(after)));
+        self.graph.connect(from.into(), to.into(), Delay::after(nanoseconds(after)));
     }
 
     /// The next reaction. It runs after those before it, if they run at the same tag. Nothing is
@@ -95,7 +96,7 @@ impl<'a, S: Send + 'static, V: Clone + Send + Sync + 'static> Reactor<'a, S, V> 
     }
 
     fn action(&mut self, name: &str, origin: Origin, min_delay: Duration) -> ActionId {
-        self.graph.builder.action(self.id, name, origin, nanos(min_delay))
+        self.graph.builder.action(self.id, name, origin, nanoseconds(min_delay))
     }
 }
 
@@ -139,7 +140,7 @@ impl<S: 'static, V> NewReaction<'_, '_, S, V> {
         deadline: Duration,
         handler: impl FnMut(&mut S, &mut Context<'_, V>) -> O + Send + 'static,
     ) -> Self {
-        self.spec.deadline = Some(nanos(deadline));
+        self.spec.deadline = Some(nanoseconds(deadline));
         self.late = Some(boxed(handler));
         self
     }

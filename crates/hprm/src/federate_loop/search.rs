@@ -9,7 +9,7 @@ use super::{FederateOptions, Reach};
 use crate::link::descriptors::is_shortage;
 use crate::link::{Keys, Link, Network, Purpose};
 use crate::wait::{Deadline, wait};
-use crate::{Address, Clock, Failure};
+use crate::{Address, Clock, Failure, nanoseconds};
 
 /// How long one attempt to connect may take.
 const ATTEMPT: Nanos = 5_000_000_000;
@@ -40,7 +40,7 @@ pub(super) struct Search {
 impl Search {
     pub(super) fn new(options: &FederateOptions) -> Self {
         let reach = options.reach.clone();
-        let give_up = Clock::now().plus(patience(&reach));
+        let give_up = Clock::now().plus(nanoseconds(reach.patience));
         let (rti, (pause, _), next) = (options.rti.clone(), PAUSES, PhysicalTime(0));
         Self { rti, reach, give_up, pause, next, breaks: 0, told: false, again: false }
     }
@@ -64,7 +64,7 @@ impl Search {
     pub(super) fn lost(&mut self) -> Result<(), Failure> {
         if !std::mem::replace(&mut self.again, true) {
             (self.pause, self.told) = (PAUSES.0, false);
-            self.give_up = Clock::now().plus(patience(&self.reach));
+            self.give_up = Clock::now().plus(nanoseconds(self.reach.patience));
         }
         self.failed(&io::ErrorKind::ConnectionReset.into())
     }
@@ -153,10 +153,6 @@ impl Search {
 /// What is wrong with an RTI that closes links, and possible causes.
 const CLOSES: &str = "closes links at once: is it the RTI, of the same version of hprm, are `auth` \
                       and TLS the same everywhere, and do other processes flood it with connections?";
-
-fn patience(reach: &Reach) -> Nanos {
-    Nanos::try_from(reach.patience.as_nanos()).unwrap_or(Nanos::MAX)
-}
 
 /// Whether the process that listens has closed the link.
 fn is_break(error: &io::Error) -> bool {
