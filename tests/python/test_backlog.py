@@ -97,3 +97,24 @@ def test_a_limit_that_is_none_is_an_error(
     outcome = run(PROGRAM.replace("VALUES", "[]"))
     assert outcome.code == 1
     assert f"error: HPRM_EVENT_LIMIT={text} means nothing; it is a number of" in outcome.err
+
+
+FEDERATION = """\
+target Python { timeout: 10 ms }
+reactor Source { output out  reaction(startup) -> out {= out.set(1) =} }
+reactor Sink { input inp  reaction(inp) {= pass =} }
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}
+"""
+
+
+def test_a_federation_says_so_every_time(launch: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HPRM_EVENT_LIMIT", "plenty")
+    # A federate that fails at once ends before the RTI has answered it.
+    for _ in range(5):
+        outcome = launch(FEDERATION)
+        assert outcome.code == 1
+        assert "HPRM_EVENT_LIMIT=plenty means nothing" in outcome.err, outcome.err

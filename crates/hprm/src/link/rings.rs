@@ -92,6 +92,8 @@ impl Rings {
             match socket.send_with(&CARRIER, &[self.notifier.as_fd()]) {
                 Ok(_) => self.owes_notifier = false,
                 Err(error) if is_transient(&error) => {}
+                // The other end has ended, and what it has sent before is still to be read.
+                Err(error) if is_ended(&error) => self.owes_notifier = false,
                 Err(error) => return Err(error),
             }
         }
@@ -300,6 +302,11 @@ fn violation(error: hprm_store::RingError) -> io::Error {
 /// Whether a later attempt will succeed.
 fn is_transient(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+}
+
+/// Whether the other end has closed the socket.
+fn is_ended(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
 }
 
 #[cfg(test)]

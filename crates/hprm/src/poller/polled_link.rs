@@ -59,11 +59,12 @@ impl PolledLink {
         }
         self.is_ready = false;
         for _ in 0..READS {
-            let arrival = self.link.read().map_err(Broken::reading)?;
+            let arrival = self.link.read();
+            // Also if the read has failed: these frames came before that.
             while let Some((frame, descriptor)) = self.link.next_frame().map_err(Broken::Frame)? {
                 arrive(frame, descriptor);
             }
-            match arrival {
+            match arrival.map_err(Broken::reading)? {
                 Arrival::Bytes => {}
                 Arrival::Rest | Arrival::Nothing => return Ok(true),
                 Arrival::Closed => return Ok(false),

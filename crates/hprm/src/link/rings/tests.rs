@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 
 use hprm_core::{ChannelId, FederateId, Part, Payload, PhysicalTime, Tag};
-use hprm_federated::codec::CodecError;
+use hprm_federated::codec::{self, CodecError};
 use hprm_federated::{FederationId, Frame};
 use rustix::pipe::pipe;
 
@@ -12,7 +12,8 @@ use super::*;
 use crate::Clock;
 use crate::link::socket::SocketListener;
 use crate::link::stream_link::StreamLink;
-use crate::link::{Arrival, Keys, Purpose, Security};
+use crate::link::{Arrival, Keys, Link, Purpose, Security};
+use crate::poller::{Broken, PolledLink};
 use crate::wait::{Deadline, Interest, wait};
 
 /// Two ends that are opened and trust one another, with their notifiers.
@@ -233,6 +234,25 @@ fn an_end_before_the_first_answer_is_an_end() {
 }
 
 #[test]
+fn what_was_sent_before_an_end_is_read_although_the_rings_came_too_late() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair("hasty");
+    near.queue(Frame::Ping, None);
+    near.queue(failed(1, 60_000), None);
+    near.flush().unwrap();
+    drop(near);
+    assert_eq!(far.read().unwrap(), Arrival::Bytes);
+    assert_eq!(far.next_frame().unwrap().map(|(frame, _)| frame), Some(Frame::Ping));
+    far.trust();
+    let mut frames = Vec::new();
+    while far.read().unwrap() != Arrival::Closed {
+        while let Some((frame, _)) = far.next_frame().unwrap() {
+            frames.push(frame);
+        }
+    }
+    assert_eq!(frames, [failed(1, 60_000)]);
+}
+
+#[test]
 fn a_process_that_fills_the_ring_of_one_that_has_ended_gets_an_error() {
     let Pair { near: (mut near, _), far: (far, _) } = pair_with_rings("gone");
     drop(far);
@@ -243,7 +263,7 @@ fn a_process_that_fills_the_ring_of_one_that_has_ended_gets_an_error() {
 }
 
 #[test]
-fn what_is_no_memory_for_rings_breaks_the_link() {
+fn what_is_no_memory_for_rings_breaks_the_link_after_the_frames_before() {
     let keys = Keys::new(FederationId(7), Security::default()).unwrap();
     let address = format!("unix:@hprm-rings-{}-lie", std::process::id()).parse().unwrap();
     let listener = SocketListener::bind(&address).unwrap();
@@ -252,8 +272,15 @@ fn what_is_no_memory_for_rings_breaks_the_link() {
     let socket = listener.accept().unwrap().unwrap();
     let mut link = StreamLink::accepted(socket, Purpose::Messages, &keys, &notifier).unwrap();
     let (reader, writer) = pipe().unwrap();
-    liar.send_with(b"x", &[reader.as_fd(), writer.as_fd()]).unwrap();
+    let mut bytes = Vec::new();
+    codec::encode(&Frame::Ping, &mut bytes).unwrap();
+    codec::encode(&Frame::Resign, &mut bytes).unwrap();
+    liar.send_with(&bytes, &[reader.as_fd(), writer.as_fd()]).unwrap();
     assert_eq!(link.read().unwrap(), Arrival::Bytes);
+    assert_eq!(link.next_frame().unwrap().map(|(frame, _)| frame), Some(Frame::Ping));
     link.trust();
-    assert!(link.flush().is_err());
+    let mut frames = Vec::new();
+    let outcome = PolledLink::new(Link::Stream(link)).read(|frame, _| frames.push(frame));
+    assert!(matches!(outcome, Err(Broken::Link(_))), "{outcome:?}");
+    assert_eq!(frames, [Frame::Resign]);
 }
