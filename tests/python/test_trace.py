@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -565,6 +566,38 @@ def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     done = hprm("run", "--logical-trace", tmp_path, path)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"error: cannot write the trace {tmp_path}: is a directory\n"
+
+
+@pytest.mark.parametrize("limit", [None, 1024, 3072], ids=["full", "short", "merged"])
+@pytest.mark.parametrize("way", ["whole", "processes", "threads"])
+def test_a_trace_that_cannot_be_written_to_its_end_leaves_nothing(
+    tmp_path: Path, limit: int | None, way: str
+) -> None:
+    text = FEDERATION.format(more="")
+    text = text.replace("federated reactor", "main reactor") if way == "whole" else text
+    path = program(tmp_path, text)
+    folder = tmp_path / "traces"
+    folder.mkdir()
+    # The disk is full, or a file may not be longer: a share, or all of them together.
+    file = Path("/dev/full") if limit is None else folder / "trace"
+    words = [HPRM, "run", "--json", "--logical-trace", file]
+    done = subprocess.run(
+        [*words, *(["--in-process"] if way == "threads" else []), path],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=folder,
+        env=os.environ | {"TMPDIR": str(folder)},
+        preexec_fn=lambda: limit and resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    report = json.loads(line)
+    assert report["kind"] == "trace"
+    assert "cannot write the trace " in report["message"]
+    assert ("make room" if limit is None else "ulimit -f") in report["hint"]
+    assert list(folder.iterdir()) == []
 
 
 KINDS = """\

@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::supervisor::{FederateEnding, Members, Observation, Order, Supervisor};
-use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
+use hprm::{Address, Kind, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Program};
 use hprm_lf::Compiled;
@@ -97,10 +97,10 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         children.start((id, &federate.name), command, console, report)?;
     }
     let mut supervisor = Supervisor::new(program, Members::Processes, plan.join_timeout);
-    let code = supervise(&mut supervisor, &mut children, &rti, &arrivals);
+    let Outcome { code, is_traced } = supervise(&mut supervisor, &mut children, &rti, &arrivals);
     rti.abort();
-    if let Some(parts) = parts {
-        parts.merge(program, supervisor.is_interrupted())?;
+    if let Some(parts) = parts.filter(|_| is_traced) {
+        parts.merge(program, supervisor.is_interrupted(), code)?;
     }
     Ok(code)
 }
@@ -190,20 +190,29 @@ fn start_rti(
     Ok((handle, address))
 }
 
+/// How a federation has ended.
+struct Outcome {
+    code: i32,
+    /// Whether no federate has failed because it could not write its share of the logical trace.
+    is_traced: bool,
+}
+
 fn supervise(
     supervisor: &mut Supervisor,
     children: &mut Children,
     rti: &RtiHandle,
     arrivals: &Receiver<Observation>,
-) -> i32 {
+) -> Outcome {
     let launched = Instant::now();
+    let mut is_traced = true;
     loop {
         while let Some(order) = supervisor.poll() {
+            is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
             carry_out(order, children, rti);
         }
         let now = launched.elapsed();
         if let Some(code) = supervisor.outcome(now) {
-            return code;
+            return Outcome { code, is_traced };
         }
         let wakeup = supervisor.next_wakeup(now);
         let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));

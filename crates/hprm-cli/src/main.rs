@@ -63,6 +63,8 @@ fn command() -> ExitCode {
         Command::Federate(federate) => federate.failures.json,
         _ => false,
     });
+    // If the system refuses, a file that is too long ends the process, as it does others.
+    let _ = signals::survive_long_files();
     if let Err(failure) = hprm::log_to_stderr(false) {
         message::Error::from(&failure).show();
         return ExitCode::FAILURE;

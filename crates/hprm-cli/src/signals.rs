@@ -3,10 +3,11 @@
 //! They become events like all others. What they lead to is the supervisor's business.
 
 use std::io;
+use std::sync::Arc;
 use std::thread;
 
 use hprm::supervisor::Signal;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 
 /// From now on, Ctrl-C, SIGTERM and the end of the terminal do not end this process but call
@@ -29,6 +30,17 @@ pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Res
         }
     })?;
     Ok(())
+}
+
+/// From now on, a file that grows beyond its limit (`ulimit -f`) is an error of the write, and does not
+/// end this process. Processes that this one starts, or becomes, decide for themselves.
+///
+/// # Errors
+///
+/// If the system refuses.
+pub(crate) fn survive_long_files() -> io::Result<()> {
+    // A handler, unlike an ignored signal, is not inherited.
+    signal_hook::flag::register(SIGXFSZ, Arc::default()).map(drop)
 }
 
 fn is_ignored(signal: i32) -> bool {

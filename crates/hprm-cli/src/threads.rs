@@ -50,7 +50,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         }
     };
     let interrupted = ways.iter().any(|signal| signal.exit_code() == code);
-    parts.merge(program, interrupted)?;
+    parts.merge(program, interrupted, code)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
 }
 

@@ -49,11 +49,16 @@ pub(crate) fn run_in_process(
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
         let interrupt = Interrupt::install(py, Scope::Whole, wakeups.wakeup()).map_err(raised)?;
-        let code = start(&compiled, &wakeups, logical_traces.as_deref())
+        let outcome = start(&compiled, &wakeups, logical_traces.as_deref())
             .map(|watch| watch.run(py, interrupt.get()));
         interrupt.get().end();
         interrupt.get().release(py);
-        code
+        let Outcome { code, is_traced } = outcome?;
+        if let Some(folder) = logical_traces.filter(|_| !is_traced) {
+            // One share is missing, so the others are of no use. The caller looks for what is left.
+            let _ = std::fs::remove_dir_all(folder);
+        }
+        Ok(code)
     });
     outcome.unwrap_or_else(|failure| exit_code(&Err(failure)))
 }
@@ -191,6 +196,13 @@ fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> FederateE
     FederateEnding::Failed(Box::new(report))
 }
 
+/// How a federation has ended.
+struct Outcome {
+    code: i32,
+    /// Whether no federate has failed because it could not write its share of the logical trace.
+    is_traced: bool,
+}
+
 /// The loop of the main thread: it brings events to the supervisor, and carries out its orders.
 struct Watch {
     supervisor: Supervisor,
@@ -200,9 +212,10 @@ struct Watch {
 }
 
 impl Watch {
-    /// Waits until all has ended, or must. Returns the exit code.
-    fn run(mut self, py: Python<'_>, interrupt: &Interrupt) -> i32 {
+    /// Waits until all has ended, or must.
+    fn run(mut self, py: Python<'_>, interrupt: &Interrupt) -> Outcome {
         let launched = Instant::now();
+        let mut is_traced = true;
         loop {
             while let Ok(event) = self.arrivals.try_recv() {
                 self.supervisor.handle(launched.elapsed(), event);
@@ -214,10 +227,11 @@ impl Watch {
             let now = launched.elapsed();
             self.supervisor.tick(now);
             while let Some(order) = self.supervisor.poll() {
+                is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
                 self.carry_out(order);
             }
             if let Some(code) = self.supervisor.outcome(now) {
-                return code;
+                return Outcome { code, is_traced };
             }
             let patience = self.supervisor.next_wakeup(now).map(|at| at.saturating_sub(now));
             let until = patience.map(|patience| Clock::now().plus(nanoseconds(patience)));

@@ -7,6 +7,7 @@ mod report;
 
 use std::fmt::{self, Display};
 use std::io;
+use std::path::{Path, PathBuf};
 
 use hprm_core::{ProgramError, Tag};
 use hprm_federated::{Fault, Refusal};
@@ -82,12 +83,14 @@ pub enum Failure {
         hint: Option<&'static str>,
     },
     /// The logical trace cannot be written.
-    #[error("cannot write the {file}: {reason}")]
+    #[error("cannot write the trace {}: {reason}", .file.display())]
     Trace {
         /// Which file it is.
-        file: String,
+        file: PathBuf,
         /// Why.
         reason: String,
+        /// What to do about it.
+        hint: Option<&'static str>,
     },
     /// There is no RTI to join.
     #[error("no RTI at {address}: {reason}")]
@@ -208,6 +211,34 @@ impl Failure {
     pub fn system(what: impl Display, error: &io::Error) -> Self {
         let hint = advice(error).map(str::to_owned);
         Self::System { message: format!("{what}: {error}"), hint }
+    }
+
+    /// The logical trace `file` cannot be written.
+    #[must_use]
+    pub fn trace(file: &Path, error: &io::Error) -> Self {
+        let hint = match error.kind() {
+            io::ErrorKind::FileTooLarge => {
+                Some("ulimit -f limits how long a file may be: let it be longer, or unlimited")
+            }
+            io::ErrorKind::StorageFull => {
+                Some("make room there, or write the trace to another disk")
+            }
+            _ => None,
+        };
+        Self::Trace { file: file.to_owned(), reason: error.to_string(), hint }
+    }
+
+    /// The outcome of a run whose trace may be missing: that is a failure too, unless another one is to be told.
+    pub(crate) fn or_untraced(
+        outcome: Result<(), Self>,
+        traced: Result<(), Self>,
+    ) -> Result<(), Self> {
+        match outcome {
+            Err(failure) if !failure.is_quiet() || matches!(failure, Self::Abandoned(_)) => {
+                Err(failure)
+            }
+            outcome => traced.and(outcome),
+        }
     }
 
     /// Nothing can listen there: the RTI, or else a federate.
@@ -345,7 +376,9 @@ impl Failure {
     /// What to do about it.
     fn hint(&self) -> Option<&str> {
         match self {
-            Self::Option { hint, .. } | Self::Listen { hint, .. } => *hint,
+            Self::Option { hint, .. } | Self::Listen { hint, .. } | Self::Trace { hint, .. } => {
+                *hint
+            }
             Self::System { hint, .. } => hint.as_deref(),
             Self::NoRti { hint, .. } => Some(hint),
             Self::Memory(_) => Some(

@@ -200,7 +200,7 @@ where
     /// Ends in order or with a failure, and tells the federation which.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         let traced = self.end_trace(&outcome);
-        match outcome.and(traced) {
+        match Failure::or_untraced(outcome, traced) {
             Ok(()) => {
                 self.federation.say_goodbye();
                 match self.interrupted {
@@ -392,6 +392,8 @@ where
             self.handle(Input::Depart)?;
         }
         if last {
+            // While the RTI still hears of it if the trace cannot be written.
+            self.end_trace(&Ok(()))?;
             self.handle(Input::Finished)?;
             self.phase = Phase::Done;
         }

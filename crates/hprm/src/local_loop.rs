@@ -53,7 +53,7 @@ where
     inbox.close();
     workers.report_dropped(&scheduler, host);
     let traced = workers.end_trace(&scheduler, &outcome);
-    outcome.and(traced)
+    Failure::or_untraced(outcome, traced)
 }
 
 fn run<H: Host>(

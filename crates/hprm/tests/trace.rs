@@ -143,6 +143,15 @@ fn a_trace_that_cannot_be_written_is_an_error() {
 }
 
 #[test]
+fn a_trace_that_cannot_be_written_any_more_leaves_nothing_and_is_an_error() {
+    let failure = run(Path::new("/dev/full"), i64::MAX).unwrap_err();
+    assert_eq!(failure.kind(), hprm::Kind::Trace);
+    let text = failure.report().text(hprm::Label::Error, false);
+    assert!(text.contains("cannot write the trace /dev/full: No space left on device"), "{text}");
+    assert!(text.contains("hint: make room there"), "{text}");
+}
+
+#[test]
 fn what_is_no_plain_file_is_written_to_and_stays() {
     let folder = tempfile::tempdir().unwrap();
     let [real, link] = ["real", "link"].map(|name| folder.path().join(name));

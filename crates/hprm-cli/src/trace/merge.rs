@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Seek};
 use std::path::Path;
 
+use hprm::Failure;
 use hprm::trace::Draft;
 use hprm::trace::line::{End, Entry, Header, Line, RunEnding, VERSION};
 use hprm_core::{Program, ReactionId};
@@ -24,8 +25,7 @@ pub(crate) fn merge<R: BufRead + Seek>(
     interrupted: bool,
     path: &Path,
 ) -> Result<(), Error> {
-    let unwritten =
-        |error| Error::new(format!("cannot write the trace {}: {error}", path.display()));
+    let unwritten = |error| Error::from(&Failure::trace(path, &error));
     let places: BTreeMap<String, (u32, ReactionId)> = program
         .reactions
         .iter()

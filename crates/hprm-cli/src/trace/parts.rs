@@ -1,9 +1,10 @@
 //! The shares that federates write of one trace: a folder beside the trace while the run lasts.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
+use hprm::Failure;
 use hprm::trace::Draft;
 use hprm_core::Program;
 
@@ -25,9 +26,7 @@ impl Parts {
     ///
     /// If the folder cannot be made.
     pub(crate) fn of(path: &Path) -> Result<Self, Error> {
-        let unwritten = |error: io::Error| {
-            Error::new(format!("cannot write the trace {}: {error}", path.display()))
-        };
+        let unwritten = |error| Error::from(&Failure::trace(path, &error));
         let folder = if Draft::replaces(path).map_err(unwritten)? {
             remove_abandoned(path);
             beside(path, std::process::id())
@@ -51,12 +50,32 @@ impl Parts {
         self.folder.join(federate)
     }
 
-    /// Makes one trace of the shares.
+    /// Makes one trace of the shares. If the run has failed, with an exit `code` and a report, that is what
+    /// the user should see first: then it is only a warning that there is no trace.
     ///
     /// # Errors
     ///
     /// If a share cannot be read, or the trace cannot be written.
-    pub(crate) fn merge(self, program: &Program, interrupted: bool) -> Result<(), Error> {
+    pub(crate) fn merge(
+        self,
+        program: &Program,
+        interrupted: bool,
+        code: i32,
+    ) -> Result<(), Error> {
+        if !self.folder.exists() {
+            // The federates could not write their shares, and have said why.
+            return Ok(());
+        }
+        match self.merge_shares(program, interrupted) {
+            Err(error) if code != 0 => {
+                error.show_as_warning();
+                Ok(())
+            }
+            outcome => outcome,
+        }
+    }
+
+    fn merge_shares(&self, program: &Program, interrupted: bool) -> Result<(), Error> {
         let mut shares = Vec::new();
         let mut missing = None;
         for federate in program.federates.values() {

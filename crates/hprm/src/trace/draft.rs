@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 
 use super::line::Line;
 
-/// A trace that is being written, beside its final name unless that is no plain file.
+/// A trace that is being written, beside its final name unless that is no plain file. Without
+/// [`Self::publish`] it leaves no file.
 #[derive(Debug)]
 pub struct Draft {
-    /// Its name for now, and the one that it will have.
+    /// Its name for now, and the one that it will have; none if it writes to what is there, or has its name.
     names: Option<[PathBuf; 2]>,
     out: BufWriter<File>,
 }
@@ -64,12 +65,22 @@ impl Draft {
     ///
     /// # Errors
     ///
-    /// If that fails; the file keeps its partial name.
+    /// If that fails; there is no file then.
     pub fn publish(mut self) -> io::Result<()> {
         self.out.flush()?;
-        match &self.names {
-            Some([partial, path]) => fs::rename(partial, path),
-            None => Ok(()),
+        if let Some([partial, path]) = &self.names {
+            fs::rename(partial, path)?;
+        }
+        self.names = None;
+        Ok(())
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        if let Some([partial, _]) = &self.names {
+            // If that fails, its name says what it is.
+            let _ = fs::remove_file(partial);
         }
     }
 }
@@ -84,4 +95,38 @@ fn open(path: &Path) -> io::Result<File> {
         options.write(true).create(true).truncate(true);
     }
     options.open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::line::{Header, VERSION};
+    use super::*;
+
+    fn header() -> Line {
+        let program = "x".repeat(100_000);
+        Line::Header(Header { hprm_logical_trace: VERSION, program, federated: false })
+    }
+
+    #[test]
+    fn a_draft_gets_its_name_or_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trace");
+        let mut draft = Draft::create(&path).unwrap();
+        draft.write(&header()).unwrap();
+        drop(draft);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 0);
+        let mut draft = Draft::create(&path).unwrap();
+        draft.write(&header()).unwrap();
+        draft.publish().unwrap();
+        assert!(path.is_file());
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_full_device_is_an_error_and_stays() {
+        let mut draft = Draft::create(Path::new("/dev/full")).unwrap();
+        assert_eq!(draft.write(&header()).unwrap_err().kind(), io::ErrorKind::StorageFull);
+        drop(draft);
+        assert!(Path::new("/dev/full").exists());
+    }
 }

@@ -3,8 +3,7 @@
 //! The entries of one tag wait until it is over, because workers may finish in another order than
 //! the one in which entries stand in the file.
 
-use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use hprm_core::{
@@ -20,6 +19,8 @@ use crate::{Failure, Host};
 #[derive(Debug)]
 pub struct Trace {
     program: Arc<Program>,
+    /// What it will be called.
+    path: PathBuf,
     draft: Draft,
     /// The tag whose entries wait.
     tag: Tag,
@@ -41,15 +42,13 @@ impl Trace {
             program: program.name.clone(),
             federated: program.is_federated(),
         };
-        let unwritten = |error: io::Error| {
-            let file = format!("trace {}", path.display());
-            Failure::Trace { file, reason: error.to_string() }
-        };
+        let unwritten = |error| Failure::trace(path, &error);
         let mut draft = Draft::create(path).map_err(unwritten)?;
         draft.write(&Line::Header(header)).map_err(unwritten)?;
         let program = Arc::clone(program);
         Ok(Self {
             program,
+            path: path.to_owned(),
             draft,
             tag: Tag::NEVER,
             waiting: Vec::new(),
@@ -89,7 +88,8 @@ impl Trace {
         Ok(())
     }
 
-    /// Ends the trace with what became of the run, and gives the file its name.
+    /// Ends the trace with what became of the run, and gives the file its name. A trace that could not be
+    /// written so far leaves no file.
     ///
     /// # Errors
     ///
@@ -103,6 +103,8 @@ impl Trace {
             Ok(()) => (RunEnding::Done, None),
             Err(Failure::Left) => (RunEnding::Left, None),
             Err(Failure::Interrupted { .. }) => (RunEnding::Interrupted, None),
+            // Some of it is missing, in the middle.
+            Err(Failure::Trace { .. }) => return Ok(()),
             Err(failure) => (RunEnding::Failed, Some(failure.to_string())),
         };
         let end = End {
@@ -115,13 +117,14 @@ impl Trace {
         };
         self.flush()?;
         let published = self.draft.write(&Line::End(end)).and_then(|()| self.draft.publish());
-        published.map_err(unwritten)
+        published.map_err(|error| Failure::trace(&self.path, &error))
     }
 
     fn flush(&mut self) -> Result<(), Failure> {
         self.waiting.sort_unstable_by_key(|(place, _)| *place);
         for (_, entry) in self.waiting.drain(..) {
-            self.draft.write(&Line::Entry(entry)).map_err(unwritten)?;
+            let written = self.draft.write(&Line::Entry(entry));
+            written.map_err(|error| Failure::trace(&self.path, &error))?;
         }
         Ok(())
     }
@@ -183,8 +186,4 @@ pub fn reads<V: Clone>(
 fn action_name(program: &Program, action: ActionId) -> String {
     let spec = &program.actions[action];
     format!("{}.{}", program.reactors[spec.reactor].name, spec.name)
-}
-
-fn unwritten(error: io::Error) -> Failure {
-    Failure::Trace { file: "logical trace".to_owned(), reason: error.to_string() }
 }
