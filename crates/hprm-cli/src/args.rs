@@ -461,7 +461,8 @@ pub(crate) struct FederateArguments {
     /// on this machine, with its target properties.
     #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
     pub(crate) rti: Option<Address>,
-    /// Seconds that the RTI may take to be there, and the file with the secret.
+    /// Seconds that the RTI may take to be there, and the file with the secret; and for how long a link
+    /// that breaks while it is opened is opened again.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     pub(crate) connect_timeout: Duration,
     /// The name or address by which other machines reach this one, if that is not where its

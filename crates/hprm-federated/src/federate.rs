@@ -71,6 +71,8 @@ pub struct Federate {
     gone: BTreeSet<FederateId>,
     /// Federates that have sent their last frame on their direct links.
     silent: BTreeSet<FederateId>,
+    /// Federates to which this one opens direct links; the others open theirs.
+    opened: BTreeSet<FederateId>,
     /// Federates whose direct links have ended without a `Resign` or cannot be opened, and why not; and
     /// until when the RTI may explain it.
     missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
@@ -139,6 +141,7 @@ impl Federate {
             wants_to_leave: false,
             gone: BTreeSet::new(),
             silent: BTreeSet::new(),
+            opened: BTreeSet::new(),
             missing: BTreeMap::new(),
             lingering: BTreeMap::new(),
             meeting: Meeting::default(),
@@ -384,7 +387,9 @@ impl Federate {
                 self.connect();
                 self.get_ready(now);
             }
-            Frame::Start { at, first } if self.startup.awaits_start() => self.begin(at, first),
+            Frame::Start { at, first } if self.startup.awaits_start() => {
+                self.begin(now, at, first);
+            }
             Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(now, peer),
             Frame::Joined { federate, first } => self.joined(federate, first),
             Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),

@@ -29,6 +29,8 @@ pub struct Plan {
     pub cut: Option<(FederateId, PhysicalTime)>,
     /// Two federates whose direct link breaks at that time.
     pub broken: Option<(FederateId, FederateId, PhysicalTime)>,
+    /// How often direct links end while they are opened, if at all.
+    pub resets: Option<Resets>,
     /// Transient federates that are not launched at the beginning.
     pub absent: BTreeSet<FederateId>,
     /// What happens to transient federates, and when.
@@ -39,6 +41,15 @@ pub struct Plan {
     pub dnet: DnetMode,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
+}
+
+/// Direct links that end while they are opened, once for the acceptor before its opener knows of it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Resets {
+    /// How many.
+    pub count: u64,
+    /// After how long a link is opened again.
+    pub pause: Nanos,
 }
 
 /// How a clock deviates.

@@ -12,6 +12,7 @@ use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 use hprm_federated::{DnetMode, Topology};
 
 use crate::changes;
+use crate::plan::Resets;
 use crate::rng::mix;
 use crate::{
     Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, Visit, World, difference, generate,
@@ -345,6 +346,12 @@ impl Trial {
         if let Some((one, other, at)) = plan.broken {
             let (one, other) = (self.name(one), self.name(other));
             writeln!(f, "  the direct link between {one} and {other} breaks at {}", at.0)?;
+        }
+        if let Some(Resets { count, pause }) = plan.resets {
+            writeln!(
+                f,
+                "  {count} direct links end while they are opened; again after {pause} ns"
+            )?;
         }
         for (me, _) in self.program.federates.iter().filter(|(_, federate)| federate.transient) {
             let absent = if plan.absent.contains(&me) { ", and absent at the start" } else { "" };

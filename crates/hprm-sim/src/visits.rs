@@ -3,6 +3,7 @@
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program};
 
+use crate::plan::Resets;
 use crate::rng::mix;
 use crate::{Plan, Rng, Shape, Visit};
 
@@ -11,6 +12,11 @@ const VISITS: u64 = 0x7151;
 
 /// How long a program lasts that would not end by itself.
 const TIMEOUTS: [Nanos; 4] = [2_000, 5_000, 10_000, 20_000];
+
+/// After how long a federate opens a direct link again: soon, or later than a broken link is explained; the
+/// federates of a federation that runs do not wait so long.
+const SHORT: Nanos = 1_000;
+const LONG: Nanos = 3_000_000_000;
 
 /// Makes some federates of some programs transient, and draws what happens to them and to direct links.
 pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Plan) {
@@ -21,6 +27,11 @@ pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Pl
     if shape.coordination == Coordination::Decentralized && rng.percent(8) {
         let (one, other) = two(&mut rng, program);
         plan.broken = Some((one, other, time(&mut rng)));
+    }
+    if shape.coordination == Coordination::Decentralized && rng.percent(10) {
+        let running = program.federates.values().any(|federate| federate.transient);
+        let pause = if running || rng.percent(50) { SHORT } else { LONG };
+        plan.resets = Some(Resets { count: 1 + rng.below(6), pause });
     }
 }
 

@@ -12,7 +12,7 @@ use hprm_federated::{
 
 use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
-use crate::plan::{Outcome, Plan, Skew, Visit};
+use crate::plan::{Outcome, Plan, Resets, Skew, Visit};
 use crate::{Log, Rng};
 
 /// An event, as the log of a run shows it.
@@ -338,19 +338,34 @@ impl World {
         Ok(())
     }
 
-    /// A federate opens a direct link to another one.
+    /// A federate opens a direct link to another one. The link may end before the opener knows that it is up;
+    /// then it opens the link again.
     fn connected(&mut self, now: PhysicalTime, from: Instance, to: Instance) -> Result<(), Fault> {
         let node = &self.nodes[&from];
-        let opened = node.direct_links.has_opened(to);
+        let opened = node.direct_links.has_opened(to) && !node.is_over();
         let admitted = node.machine.peer_hello();
         let admitted = self.nodes[&to].machine.admit(&admitted);
         if self.nodes[&to].is_over() || !opened || admitted.is_err() {
             self.send_link_event(now, to, from, LinkEvent::Lost);
             return Ok(());
         }
-        self.node(to).direct_links.accept(from);
-        self.send_link_event(now, to, from, LinkEvent::Up);
-        self.turn(now, to, Input::PeerUp(from.federate))
+        let reset = self.plan.resets.as_mut().filter(|resets| resets.count > 0);
+        let Some(Resets { count, pause }) = reset else {
+            self.node(to).direct_links.accept(from);
+            self.send_link_event(now, to, from, LinkEvent::Up);
+            return self.turn(now, to, Input::PeerUp(from.federate));
+        };
+        *count -= 1;
+        let (is_admitted, again) = (count.is_multiple_of(2), now.plus(*pause));
+        let (one, other) = (Place::Federate(from), Place::Federate(to));
+        if is_admitted {
+            // What the acceptor sends on the link is lost.
+            self.turn(now, to, Input::PeerUp(from.federate))?;
+            let lost = Event::Federate(to, Input::PeerLost(from.federate));
+            self.network.send(now, one, other, lost);
+        }
+        self.network.send(again, one, other, Event::Connect { from, to });
+        Ok(())
     }
 
     /// A frame or the end of a direct link arrives, unless the receiver has closed it or opened another.

@@ -11,6 +11,7 @@
 mod links;
 mod membership;
 mod objects;
+mod openings;
 mod pace;
 mod reach;
 mod search;
@@ -494,7 +495,10 @@ where
             }
             Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
-            Output::ReaderGone(federate) => objects.store().reader_lost(federate),
+            Output::ReaderGone(federate) => {
+                links.give_up(federate);
+                objects.store().reader_lost(federate);
+            }
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
             Output::Ended { reason } => {
                 let failure = ended(self.scheduler.program(), self.federation.me(), reason);

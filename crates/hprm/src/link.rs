@@ -166,14 +166,6 @@ impl Link {
         }
     }
 
-    /// Whether both ends have proved what they have to.
-    pub(crate) fn is_established(&self) -> bool {
-        match self {
-            Self::Stream(link) => link.is_established(),
-            Self::Queue(_) => true,
-        }
-    }
-
     /// Whether the other end is known to be one of the same federation, or at least of the same user.
     pub(crate) fn is_proved(&self) -> bool {
         match self {

@@ -105,9 +105,20 @@ impl Federate {
         if self.gone.contains(&peer) {
             self.closed(peer);
         } else if !self.silent.contains(&peer) {
-            self.missing.insert(peer, (now.plus(EXPLANATION), None));
+            // The peer sends nothing before it has been welcomed, so nothing is lost, and it opens the link
+            // again; the RTI tells if it cannot.
+            let is_opened_again = self.startup.start().is_none() && !self.opened.contains(&peer);
+            let until = if is_opened_again { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
+            self.missing.insert(peer, (until, None));
         }
         self.left(now, peer);
+    }
+
+    /// The federation starts: a direct link that is missing now had been there for its other end, which
+    /// does not open it again.
+    pub(super) fn want_links(&mut self, now: PhysicalTime) {
+        let limit = now.plus(EXPLANATION);
+        self.missing.values_mut().for_each(|(until, _)| *until = limit.min(*until));
     }
 
     /// A federate has ended in order, but its direct link has not: something that it sent is lost.

@@ -69,6 +69,7 @@ impl Federate {
             self.end(reason);
             return;
         };
+        self.opened.insert(peer);
         self.outputs.push_back(Output::Connect { peer, listen });
     }
 
@@ -78,7 +79,8 @@ impl Federate {
         }
     }
 
-    pub(super) fn begin(&mut self, at: PhysicalTime, first: Tag) {
+    pub(super) fn begin(&mut self, now: PhysicalTime, at: PhysicalTime, first: Tag) {
+        self.want_links(now);
         let early = self.startup.begin(at);
         self.first = first;
         self.outputs.push_back(Output::Start { at, first });

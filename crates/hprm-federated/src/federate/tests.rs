@@ -328,6 +328,33 @@ fn a_link_that_breaks_must_be_explained() {
 }
 
 #[test]
+fn a_link_that_breaks_while_it_is_opened_is_opened_again() {
+    let from = FederateId(0);
+    let second = 1_000 * MILLISECOND;
+    let broken = || {
+        let mut machine = new("decentralized\na -> b", "b");
+        input(&mut machine, 0, Input::FromRti(peers(2)));
+        input(&mut machine, 0, Input::Loaded);
+        let ready = Output::ToRti(Frame::Ready { now: START });
+        assert_eq!(input(&mut machine, 0, Input::PeerUp(from)), [ready]);
+        assert!(input(&mut machine, 0, Input::PeerLost(from)).is_empty());
+        // Its other end tries for as long as its user wants.
+        assert_eq!(machine.next_wakeup(), None);
+        assert!(input(&mut machine, 100 * second, Input::Wake).is_empty());
+        machine
+    };
+    let start = || Input::FromRti(Frame::Start { at: START, first: Tag::START });
+    let mut machine = broken();
+    input(&mut machine, 100 * second, Input::PeerUp(from));
+    input(&mut machine, 100 * second, start());
+    assert_eq!(machine.next_wakeup(), None);
+    // The link was up for the other end, which does not open it again.
+    let mut machine = broken();
+    input(&mut machine, 100 * second, start());
+    assert_eq!(machine.next_wakeup(), Some(START.plus(102 * second)));
+}
+
+#[test]
 fn a_link_that_cannot_be_opened_must_be_explained() {
     let peer = FederateId(1);
     let second = 1_000 * MILLISECOND;

@@ -13,13 +13,17 @@ use hprm_federated::codec::CodecError;
 use hprm_federated::{FederationId, Frame, HostId, Input};
 
 use super::FederateOptions;
+use super::openings::Openings;
 use super::reach;
 use super::search::Search;
 use crate::link::{Keys, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
-use crate::wait::{Interest, wait};
+use crate::wait::{Deadline, Interest, wait};
 use crate::{Clock, Failure};
+
+/// How long one attempt to connect to a peer may take: this federate does nothing else meanwhile.
+const ATTEMPT: Nanos = 2_000_000_000;
 
 /// Descriptors of segments that have arrived, by owner and number.
 type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
@@ -30,6 +34,7 @@ pub(super) struct FederateLinks {
     poller: Poller,
     polled: PolledLinks,
     search: Search,
+    openings: Openings,
     /// Whether the link to the RTI is lost, and this federate looks for the RTI again.
     is_away: bool,
     keys: Keys,
@@ -164,6 +169,7 @@ impl FederateLinks {
                 acceptor,
             },
             search,
+            openings: Openings::new(&options.reach),
             is_away: false,
             keys,
             advertised,
@@ -215,11 +221,12 @@ impl FederateLinks {
     }
 
     /// Opens the link that carries this federate's messages to `peer`, which listens at one of
-    /// `addresses`. Does not wait for the peer, which may open its own link at the same time.
+    /// `addresses`. Does not wait for the peer, which may open its own link at the same time. A link that
+    /// breaks while it is opened is opened again.
     ///
     /// # Errors
     ///
-    /// At which addresses the peer cannot be reached, and why.
+    /// Why the peer cannot be reached.
     pub(super) fn connect_peer(
         &mut self,
         peer: FederateId,
@@ -227,15 +234,46 @@ impl FederateLinks {
         same_host: bool,
         hello: Frame,
     ) -> Result<(), String> {
-        let mut link = reach::peer(addresses, same_host, &self.keys, &self.network)?;
-        link.queue(hello, None);
-        self.polled.outgoing.insert(peer, PolledLink::new(link));
-        self.serials.open(peer);
-        Ok(())
+        let address = reach::peer_address(addresses, same_host)?;
+        self.openings.begin(peer, address, hello);
+        self.open_link(peer).map_or(Ok(()), Err)
+    }
+
+    /// Tries to open the link to a peer. Returns why it cannot be opened, if that is final.
+    fn open_link(&mut self, peer: FederateId) -> Option<String> {
+        let (address, hello) = self.openings.target(peer)?;
+        let deadline = Deadline::at(Clock::now().plus(ATTEMPT));
+        match self.network.connect(address, Purpose::Messages, &self.keys, deadline) {
+            Ok(mut link) => {
+                link.queue(hello.clone(), None);
+                self.polled.outgoing.insert(peer, PolledLink::new(link));
+                self.serials.open(peer);
+                None
+            }
+            Err(error) => self.openings.failed(peer, &error, Clock::local()),
+        }
+    }
+
+    /// Opens links again whose last attempt has failed a while ago.
+    fn open_links(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) {
+        for peer in self.openings.take_due(Clock::local()) {
+            if let Some(reason) = self.open_link(peer) {
+                inputs.push((self.serials.outgoing(peer), Input::Unreachable { peer, reason }));
+            }
+        }
+    }
+
+    /// Opens no link to a peer that has ended.
+    pub(super) fn give_up(&mut self, peer: FederateId) {
+        if self.openings.contains(peer) {
+            self.openings.end(peer);
+            self.polled.outgoing.remove(&peer);
+        }
     }
 
     /// Closes the links with a peer.
     pub(super) fn disconnect(&mut self, peer: FederateId) {
+        self.openings.end(peer);
         self.polled.outgoing.remove(&peer);
         self.polled.incoming.remove(&peer);
         self.serials.close(peer);
@@ -345,11 +383,13 @@ impl FederateLinks {
         self.lack.take().map_or(Ok(()), Err)?;
         self.read_rti(inputs)?;
         self.accept_peers(admit, inputs)?;
+        self.open_links(inputs);
         self.read_peers(inputs)
     }
 
     /// Waits until a link is ready, the loop is notified, or `until` has come.
     pub(super) fn wait(&mut self, inbox: &impl AsFd, until: Option<PhysicalTime>) -> Found {
+        let until = until.into_iter().chain(self.openings.next_wakeup()).min();
         self.poller.wait(&mut self.polled, inbox, until)
     }
 
@@ -404,26 +444,40 @@ impl FederateLinks {
         Ok(())
     }
 
-    /// Reads the links with peers. A peer whose link is broken counts as lost.
+    /// Reads the links with peers. A peer whose link is broken counts as lost, unless the link is opened
+    /// again.
     fn read_peers(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
-        let Self { polled: PolledLinks { outgoing, incoming, .. }, descriptors, serials, .. } =
-            self;
+        let Self {
+            polled: PolledLinks { outgoing, incoming, .. },
+            descriptors,
+            serials,
+            openings,
+            ..
+        } = self;
         // Messages of a peer whose link has ended come over the other link with it, and there may be more.
         let mut ended = Vec::new();
         for (peer, polled) in &mut *outgoing {
-            check_proof(polled, *peer)?;
             let serial = serials.outgoing(*peer);
-            if !read_peer(polled, (*peer, serial), descriptors, inputs)? {
-                ended.push(*peer);
-                if !incoming.contains_key(peer) {
-                    inputs.push((serial, Input::PeerLost(*peer)));
+            let begun = inputs.len();
+            let end = read_peer(polled, (*peer, serial), descriptors, inputs)?;
+            let is_up = |(_, input): &(LinkSerial, Input)| matches!(input, Input::PeerUp(_));
+            if openings.contains(*peer) && inputs[begun..].iter().any(is_up) {
+                openings.end(*peer);
+            }
+            let Some(error) = end else { continue };
+            ended.push(*peer);
+            if openings.contains(*peer) {
+                if let Some(reason) = openings.failed(*peer, &error, Clock::local()) {
+                    inputs.push((serial, Input::Unreachable { peer: *peer, reason }));
                 }
+            } else if !incoming.contains_key(peer) {
+                inputs.push((serial, Input::PeerLost(*peer)));
             }
         }
         ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
         for (peer, polled) in &mut *incoming {
             let serial = serials.incoming(*peer);
-            if !read_peer(polled, (*peer, serial), descriptors, inputs)? {
+            if read_peer(polled, (*peer, serial), descriptors, inputs)?.is_some() {
                 ended.push(*peer);
                 inputs.push((serial, Input::PeerLost(*peer)));
             }
@@ -433,23 +487,14 @@ impl FederateLinks {
     }
 }
 
-/// A process that listens at the address of a peer must prove that it belongs to the federation.
-fn check_proof(polled: &mut PolledLink, peer: FederateId) -> Result<(), Failure> {
-    if polled.link.is_established() {
-        return Ok(());
-    }
-    let read = polled.link.read().map(drop);
-    read.map_err(|error| Failure::Link(format!("the link to federate {}: {error}", peer.0)))
-}
-
-/// Reads a link with a peer, if it is ready. Returns whether it is still open. Only a lack of
+/// Reads a link with a peer, if it is ready. Returns how it has ended, if it has. Only a lack of
 /// memory or descriptors, which is the fault of neither end, is a failure.
 fn read_peer(
     polled: &mut PolledLink,
     (from, serial): (FederateId, LinkSerial),
     descriptors: &mut Descriptors,
     inputs: &mut Vec<(LinkSerial, Input)>,
-) -> Result<bool, Failure> {
+) -> Result<Option<io::Error>, Failure> {
     let open = polled.read(|frame, descriptor| {
         if let Frame::PeerWelcome { .. } = frame {
             inputs.push((serial, Input::PeerUp(from)));
@@ -459,10 +504,13 @@ fn read_peer(
         inputs.push((serial, Input::FromPeer { from, frame }));
     });
     match open {
+        Ok(true) => Ok(None),
+        Ok(false) => Ok(Some(io::ErrorKind::ConnectionReset.into())),
         Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {
             Err(failure(broken))
         }
-        open => Ok(open.unwrap_or(false)),
+        Err(Broken::Link(error)) => Ok(Some(error)),
+        Err(Broken::Frame(error)) => Ok(Some(io::Error::new(io::ErrorKind::InvalidData, error))),
     }
 }
 

@@ -7,16 +7,11 @@ use std::net::{IpAddr, SocketAddr};
 use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
-use hprm_core::Nanos;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
-use crate::link::{Keys, Link, LinkListener, Network, Purpose};
-use crate::wait::Deadline;
-use crate::{Address, Clock, Failure};
-
-/// How long a peer that listens may take to answer.
-const PEER_PATIENCE: Nanos = 20_000_000_000;
+use crate::link::{Keys, Link, LinkListener, Network};
+use crate::{Address, Failure};
 
 /// How long to look for the RTI, and where peers find this federate.
 #[derive(Clone, Debug)]
@@ -38,35 +33,22 @@ impl Default for Reach {
     }
 }
 
-/// Connects to a peer, over a Unix socket if it runs on the same host.
+/// Where to reach a peer that listens at `addresses`: over a Unix socket if it runs on the same host.
 ///
 /// # Errors
 ///
-/// At which addresses the peer cannot be reached, and why.
-pub(super) fn peer(
-    addresses: &str,
-    same_host: bool,
-    keys: &Keys,
-    network: &Network,
-) -> Result<Link, String> {
+/// Why it cannot be reached at any of them.
+pub(super) fn peer_address(addresses: &str, same_host: bool) -> Result<Address, String> {
     let unreachable = |error: &dyn std::fmt::Display| format!("at {addresses}: {error}");
     let mut parsed = Vec::new();
     for text in addresses.split_whitespace() {
         parsed.push(text.parse::<Address>().map_err(|error| unreachable(&error))?);
     }
-    let Some(address) = parsed
-        .iter()
-        .find(|address| address.is_unix() == same_host)
-        .or_else(|| parsed.iter().find(|address| !address.is_unix()))
-    else {
-        return Err(unreachable(
-            &"from another machine\n  hint: start it with `hprm federate --advertise HOST`",
-        ));
-    };
-    let until = Clock::now().plus(PEER_PATIENCE);
-    let deadline = Deadline::at(until);
-    let link = network.connect(address, Purpose::Messages, keys, deadline);
-    link.map_err(|error| unreachable(&error))
+    let near = parsed.iter().position(|address| address.is_unix() == same_host);
+    let chosen = near.or_else(|| parsed.iter().position(|address| !address.is_unix()));
+    chosen.map(|at| parsed.swap_remove(at)).ok_or_else(|| {
+        unreachable(&"from another machine\n  hint: start it with `hprm federate --advertise HOST`")
+    })
 }
 
 /// Listens for peers. Returns also the addresses of this federate, as peers read them.

@@ -15,7 +15,7 @@ use crate::{Address, Clock, Failure, nanoseconds};
 const ATTEMPT: Nanos = 5_000_000_000;
 
 /// Between two attempts; it doubles from the first to the last of these.
-const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
+pub(super) const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
 
 /// How often a link to a Unix socket may break while it is being opened; after that, it is not by chance,
 /// because no other processes connect there. Over TCP, the user gets a message with the possible cause after
@@ -104,7 +104,7 @@ impl Search {
         self.breaks += u32::from(is_break(error));
         let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
         let now = Clock::now();
-        if in_vain || now >= self.give_up || !passes(error) {
+        if in_vain || now >= self.give_up || !may_pass(error) {
             return Err(self.no_rti(error));
         }
         if self.breaks == BREAKS {
@@ -160,7 +160,7 @@ fn is_break(error: &io::Error) -> bool {
 }
 
 /// Whether a later attempt may succeed.
-fn passes(error: &io::Error) -> bool {
+pub(super) fn may_pass(error: &io::Error) -> bool {
     use io::ErrorKind;
     !matches!(
         error.kind(),

@@ -188,7 +188,11 @@ pub(crate) fn bind(program: &Arc<Program>, listen: Address, security: &Security)
     Rti::bind(&rti_options(program, listen, security)).unwrap()
 }
 
-fn rti_options(program: &Arc<Program>, listen: Address, security: &Security) -> RtiOptions {
+pub(crate) fn rti_options(
+    program: &Arc<Program>,
+    listen: Address,
+    security: &Security,
+) -> RtiOptions {
     RtiOptions {
         program: Arc::clone(program),
         fingerprint: Arc::new(program.fingerprint()),
