@@ -6,6 +6,7 @@
 //! large is copied for a walk that fails.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use hprm_core::copy_of;
 use hprm_core::limits::INLINE_LIMIT;
@@ -23,9 +24,11 @@ use super::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use super::kinds::{Kinds, Parts};
 use crate::failure::no_memory;
 
-/// How many members it takes until there is a look whether there is memory to note as many more, and how
-/// many bytes that takes for one, at most. A map cannot be asked.
-const OFTEN: usize = 4096;
+/// A map cannot be asked whether there is memory for one more member. So when the members have doubled, and
+/// each time that many have been added, the walk looks whether there is memory for as many again. It does not
+/// for the first ones: most values are small, and to ask for memory costs more than to encode them.
+const PROBES: Range<usize> = 64..4096;
+/// How many bytes a member takes, at most.
 const SEEN: usize = 128;
 
 /// A large buffer of the value.
@@ -128,7 +131,7 @@ struct Seen<'py> {
 
 impl<'py> Walk<'py> {
     fn new(py: Python<'py>) -> Self {
-        let mut head = Head::default();
+        let mut head = Head::new();
         head.push(format::DIRECT);
         let draft = Draft { head, sources: Vec::new() };
         let (seen, orders) = (BTreeMap::new(), BTreeMap::new());
@@ -388,8 +391,9 @@ impl<'py> Walk<'py> {
     }
 
     fn begin(&mut self, value: &Bound<'py, PyAny>, kind: NodeKind) {
-        if self.seen.len().is_multiple_of(OFTEN) {
-            self.draft.head.probe(OFTEN * SEEN);
+        let seen = self.seen.len();
+        if seen >= PROBES.start && (seen.is_power_of_two() || seen.is_multiple_of(PROBES.end)) {
+            self.draft.head.probe(seen.min(PROBES.end) * SEEN);
         }
         self.kind(kind);
         let number = self.seen.len() as u64;

@@ -16,6 +16,9 @@ pub(super) const INDIRECT: u8 = 2;
 /// Values nested deeper than this are left to pickle, which has its own limit.
 pub(super) const DEPTH_LIMIT: u32 = 100;
 
+/// How long most heads are, at most.
+const USUAL_HEAD: usize = 128;
+
 /// What a node is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
@@ -93,7 +96,7 @@ impl NodeKind {
 
 /// The head of a value that is being written. Where there is no memory for it, it says so later, and what
 /// is appended is lost.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Head {
     bytes: Vec<u8>,
     /// How long it would have had to be.
@@ -101,6 +104,12 @@ pub(super) struct Head {
 }
 
 impl Head {
+    pub(super) fn new() -> Self {
+        let mut head = Self { bytes: Vec::new(), lacks: None };
+        head.reserve(USUAL_HEAD);
+        head
+    }
+
     pub(super) fn push(&mut self, byte: u8) {
         if self.bytes.len() < self.bytes.capacity() {
             self.bytes.push(byte);
@@ -110,12 +119,19 @@ impl Head {
     }
 
     pub(super) fn extend_from_slice(&mut self, bytes: &[u8]) {
-        if self.bytes.try_reserve(bytes.len()).is_ok() {
+        if self.reserve(bytes.len()) {
             self.bytes.extend_from_slice(bytes);
-        } else {
-            self.lacks = Some(NoMemory(self.bytes.len() + bytes.len()));
+        }
+    }
+
+    /// Whether there is memory for so many bytes more.
+    fn reserve(&mut self, more: usize) -> bool {
+        let is_there = self.bytes.try_reserve(more).is_ok();
+        if !is_there {
+            self.lacks = Some(NoMemory(self.bytes.len() + more));
             self.bytes = Vec::new();
         }
+        is_there
     }
 
     /// Looks whether there is memory for so many bytes beside it.
