@@ -9,6 +9,8 @@ import threading
 import traceback
 from dataclasses import dataclass
 
+from hprm._findings import SYNTAX
+
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
 
@@ -23,7 +25,7 @@ _MEMORY = (
 class Description:
     """What an exception means for the program."""
 
-    #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted`` or ``raised``.
+    #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted``, ``mistake`` or ``raised``.
     end: str
     code: int = 1
     #: What has happened, in a sentence.
@@ -33,6 +35,8 @@ class Description:
     column: int | None = None
     #: The lines around the place.
     excerpt: str | None = None
+    #: The code of the diagnostic, if it is a mistake in the text of the program.
+    diagnostic: str | None = None
     #: The way to the place.
     details: str | None = None
     #: What to do about it.
@@ -139,9 +143,12 @@ def _syntax_error(error: SyntaxError) -> Description:
         f"{line} | {text}",
         f"{margin} | {marker}",
     ]
+    # The text of a program is compiled before it runs; any other text is compiled by the program.
+    mistake = (error.filename or "").endswith(".lf")
     return Description(
-        "raised",
+        "mistake" if mistake else "raised",
         message=error.msg,
+        diagnostic=getattr(error, "diagnostic", SYNTAX) if mistake else None,
         file=error.filename,
         line=line,
         column=column,

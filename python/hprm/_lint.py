@@ -104,6 +104,7 @@ def refuse(code: Code, reaction: ReactionSource, cls: ClassSource, known: Contai
             text = linecache.getline(found.file, found.line)
             error = SyntaxError(found.message, (found.file, found.line, found.column, text))
             error.hint = found.hint  # type: ignore[attr-defined]
+            error.diagnostic = found.code  # type: ignore[attr-defined]
             raise error
 
 

@@ -391,7 +391,7 @@ def test_a_wrong_value_of_a_parameter_is_a_diagnostic(hprm: Hprm, tmp_path: Path
     answer = hprm("run", "Main.lf", "--period", "soon")
     assert (answer.returncode, answer.stdout) == (1, "")
     assert "the parameter `period` must be a time, such as `10 ms`" in answer.stderr
-    assert "--period:1:1" in answer.stderr
+    assert "--> --period soon\n" in answer.stderr
     assert "Main.lf:2" in answer.stderr
 
 

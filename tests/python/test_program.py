@@ -391,7 +391,7 @@ def test_a_syntax_error_shows_the_line(run: Any) -> None:
     )
     assert outcome.code == 1
     lines = outcome.err.splitlines()
-    assert lines[0] == "error: invalid syntax"
+    assert lines[0] == "error[LF1001]: invalid syntax"
     assert lines[1].endswith("--> Program.lf:5:12")
     assert lines[3] == "5 |     if x ==:"
     assert lines[4].index("^") == lines[3].index("==:") + 2
@@ -402,7 +402,9 @@ def test_a_body_that_begins_beside_its_brace_is_helped(run: Any, start: str, bes
     outcome = run(f"target Python\nmain reactor {{ reaction(startup) {start}\n    x = 2\n=}} }}\n")
     assert outcome.code == 1
     hint = ": the first line stands beside `{=`; put it on a line of its own"
-    assert outcome.err.startswith("error: unexpected indent" + (hint if beside else "") + "\n")
+    assert outcome.err.startswith(
+        "error[LF1001]: unexpected indent" + (hint if beside else "") + "\n"
+    )
 
 
 def test_a_syntax_error_that_only_the_compiler_finds(run: Any) -> None:
@@ -628,5 +630,5 @@ def test_a_body_that_would_never_run_is_an_error(run: Any) -> None:
         """
     )
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith("error: `yield` makes a generator of this body")
+    assert outcome.err.startswith("error[LF1001]: `yield` makes a generator of this body")
     assert "Program.lf:6:9" in outcome.err

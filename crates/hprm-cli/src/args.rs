@@ -84,7 +84,7 @@ pub(crate) struct Properties {
     workers: Option<u32>,
     /// How long a process looks for messages before it sleeps: a time such as 100us, off, or auto, which
     /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = spin)]
     spin: Option<String>,
     /// Run federates and the RTI before all ordinary programs of this machine, in memory that is never
     /// swapped out; with a priority from 1 to 99, which is 50 otherwise. An error if the system forbids
@@ -94,7 +94,7 @@ pub(crate) struct Properties {
     realtime: Option<u8>,
     /// The processors of the federates, one each in the order of the program. The same as --property
     /// cpus=[N,...].
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = processor)]
     cpus: Vec<u32>,
     /// The most memory of one federate's object store, such as 512MB or 2GB. The same as the target
     /// property store-limit.
@@ -170,7 +170,7 @@ impl ProgramArguments {
 #[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct RunTime {
     /// Stop at this time after the start, such as '5 s'.
-    #[arg(short = 'o', long, value_name = "TIME")]
+    #[arg(short = 'o', long, value_name = "TIME", allow_hyphen_values = true, value_parser = time)]
     timeout: Option<String>,
     /// Do not wait for physical time.
     #[arg(short, long, value_name = "true|false", hide_possible_values = true, value_parser = clap::value_parser!(bool))]
@@ -179,7 +179,7 @@ pub(crate) struct RunTime {
     #[arg(short, long, value_name = "true|false", hide_possible_values = true, value_parser = clap::value_parser!(bool))]
     keepalive: Option<bool>,
     /// Start at the next physical time that is a multiple of this one.
-    #[arg(short = 'm', long, value_name = "TIME")]
+    #[arg(short = 'm', long, value_name = "TIME", allow_hyphen_values = true, value_parser = time)]
     start_time_multiple: Option<String>,
 }
 
@@ -220,7 +220,7 @@ pub(crate) struct Run {
     #[arg(long)]
     pub(crate) in_process: bool,
     /// Seconds that federates may take to join.
-    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
     /// Give one federate the terminal, so that breakpoint() in it starts the debugger. What it prints
     /// has no name in front.
@@ -254,7 +254,7 @@ pub(crate) struct Failures {
 pub(crate) struct Hang {
     /// Give up if a federate does not answer for that many seconds. Without it, the others wait: it
     /// may be busy in a long reaction.
-    #[arg(long = "hang-timeout", value_name = "SECONDS", value_parser = seconds)]
+    #[arg(long = "hang-timeout", value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     limit: Option<Duration>,
 }
 
@@ -316,10 +316,10 @@ pub(crate) struct Verify {
     #[arg(value_name = "FILE.lf")]
     pub(crate) file: PathBuf,
     /// How often to run it.
-    #[arg(long, value_name = "N", default_value = "6", value_parser = clap::value_parser!(u32).range(2..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "6", value_parser = clap::value_parser!(u32).range(2..))]
     pub(crate) runs: u32,
     /// Seconds that a run may take.
-    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "300", value_parser = seconds)]
     pub(crate) run_timeout: Duration,
     /// A folder for the traces, which are deleted otherwise.
     #[arg(long, value_name = "FOLDER")]
@@ -463,7 +463,7 @@ pub(crate) struct FederateArguments {
     pub(crate) rti: Option<Address>,
     /// Seconds that the RTI may take to be there, and the file with the secret; and for how long a link
     /// that breaks while it is opened is opened again.
-    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "60", value_parser = seconds)]
     pub(crate) connect_timeout: Duration,
     /// The name or address by which other machines reach this one, if that is not where its
     /// connection to the RTI begins. Only federates of a decentralized program connect to others.
@@ -501,10 +501,10 @@ Examples:
 The exit code is 1 if a federation does not do what its program does.")]
 pub(crate) struct Sim {
     /// The first seed.
-    #[arg(long, value_name = "N", default_value = "0")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "0")]
     pub(crate) seed: u64,
     /// How many seeds.
-    #[arg(long, value_name = "K", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) seeds: u64,
     /// Print all that happens, also if nothing is wrong.
     #[arg(long)]
@@ -552,11 +552,32 @@ pub(crate) fn join_times(
 /// The options whose value is a time.
 const TIMES: [&str; 4] = ["--timeout", "-o", "--start-time-multiple", "-m"];
 
+fn time(text: &str) -> Result<String, String> {
+    unless(hprm_lf::expected_time(text), text)
+}
+
+fn spin(text: &str) -> Result<String, String> {
+    unless(hprm_lf::expected_spin(text), text)
+}
+
+/// The text, unless something else is expected. A shell would run what is in backquotes.
+fn unless(expected: Option<&str>, text: &str) -> Result<String, String> {
+    match expected {
+        Some(expected) => Err(format!("it must be {}", expected.replace('`', "'"))),
+        None => Ok(text.to_owned()),
+    }
+}
+
+fn processor(text: &str) -> Result<u32, String> {
+    text.parse().map_err(|_| "not the number of a processor, as in --cpus 2,3".to_owned())
+}
+
 fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
+    let seconds: f64 =
+        text.parse().map_err(|_| "not a number of seconds, such as 2.5".to_owned())?;
     match Duration::try_from_secs_f64(seconds) {
         Ok(duration) if !duration.is_zero() => Ok(duration),
-        _ => Err("not a positive number of seconds".to_owned()),
+        _ => Err("not a positive number of seconds, such as 2.5".to_owned()),
     }
 }
 

@@ -19,7 +19,7 @@ pub(crate) fn running(arguments: &FederateArguments) -> Result<Option<Record>, E
         return Ok(if known { None } else { registry::at(rti) });
     }
     if secret.federation_file.is_some() {
-        return Err(Error::new("the secret is not enough to find a federation")
+        return Err(Error::option("the secret is not enough to find a federation")
             .hint("say where its RTI listens: --rti ADDRESS"));
     }
     let mut found = registry::of_program(&arguments.file);
@@ -57,7 +57,7 @@ fn one(mut found: Vec<Record>, file: &str) -> Result<Record, Error> {
         1 => Ok(found.swap_remove(0)),
         count => {
             let addresses: Vec<_> = found.iter().map(|record| record.rti.as_str()).collect();
-            Err(Error::new(format!("{count} federations of {file} run on this machine"))
+            Err(Error::option(format!("{count} federations of {file} run on this machine"))
                 .hint(format!("say which: --rti ADDRESS, one of {}", addresses.join(", "))))
         }
     }

@@ -36,6 +36,7 @@ mod source;
 mod terminal;
 mod threads;
 mod trace;
+mod usage;
 mod variables;
 mod verify;
 
@@ -56,7 +57,11 @@ fn main() -> ExitCode {
 /// What was asked for; apart, because it needs more of the stack than there may be.
 #[inline(never)]
 fn command() -> ExitCode {
-    let arguments = variables::parse().unwrap_or_else(|error| error.exit());
+    let words: Vec<_> = std::env::args_os().collect();
+    let arguments = match variables::parse(&words) {
+        Ok(arguments) => arguments,
+        Err(error) => return usage::show(&error, &words),
+    };
     message::speak_json(match &arguments.command {
         Command::Run(run) => run.failures.json,
         Command::Rti(rti) => rti.failures.json,

@@ -21,6 +21,11 @@ impl Error {
         Self::of(Kind::Command, message)
     }
 
+    /// That an option or an environment variable cannot be obeyed.
+    pub(crate) fn option(message: impl Into<String>) -> Self {
+        Self::of(Kind::Option, message)
+    }
+
     /// A failure of some kind.
     pub(crate) fn of(kind: Kind, message: impl Into<String>) -> Self {
         Self::from(Report::new(kind, message))

@@ -5,14 +5,18 @@
 
 use std::env;
 use std::ffi::{OsStr, OsString};
+use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use crate::args::Interpreter;
 use crate::message::Error;
 
 const PYTHON: &str = "python3";
+
+/// More bytes than an interpreter answers that is asked whether it is one, and the script that starts it.
+const LONGEST_ANSWER: u64 = 4096;
 
 /// What the search depends on.
 #[derive(Clone, Debug, Default)]
@@ -33,9 +37,9 @@ struct Surroundings {
 /// If there is none, or the stated one cannot be executed.
 pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
     if let Some(stated) = &interpreter.python {
-        return match is_executable(stated) {
+        return match is_executable(stated) && is_python(stated) {
             true => Ok(stated.clone()),
-            false => Err(Error::new(format!("{} is no Python interpreter", stated.display()))
+            false => Err(Error::option(format!("{} is no Python interpreter", stated.display()))
                 .hint("name an executable file, such as .venv/bin/python3")),
         };
     }
@@ -49,6 +53,23 @@ pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
         Error::new("there is no python3 to run reactions with")
             .hint("install Python 3.10 or later, then HPRM into it: pip install . in a checkout")
     })
+}
+
+/// Whether a program understands Python. One that is found, and not stated, has the name of Python, and is not
+/// asked.
+fn is_python(program: &Path) -> bool {
+    let mut command = Command::new(program);
+    command.args(["-I", "-S", "-c", "print('an', 'interpreter')"]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let Ok(mut process) = command.spawn() else { return false };
+    let mut answer = Vec::new();
+    let pipe = process.stdout.take().expect("it is piped");
+    // What is something else may write without end.
+    let read = pipe.take(LONGEST_ANSWER).read_to_end(&mut answer);
+    // It may have ended by itself.
+    let _ = process.kill();
+    let ended = process.wait();
+    read.is_ok() && ended.is_ok() && answer.ends_with(b"an interpreter\n")
 }
 
 /// The interpreter with one of the commands of the module `hprm`.
@@ -164,6 +185,10 @@ mod tests {
         let there = folder(&["python3"]);
         let stated = |path: PathBuf| find(&Interpreter { python: Some(path) });
         let python = there.path().join("python3");
+        // It can be executed, and says nothing.
+        assert!(stated(python.clone()).is_err());
+        assert!(stated(PathBuf::from("/bin/ls")).is_err());
+        std::fs::write(&python, "#!/bin/sh\necho an interpreter\n").unwrap();
         assert_eq!(stated(python.clone()).unwrap(), python);
         let error = stated(there.path().join("python4")).unwrap_err();
         assert!(format!("{error:?}").contains("python4 is no Python interpreter"), "{error:?}");

@@ -94,7 +94,7 @@ fn refuse_without_secret(address: &Address) -> Result<(), Error> {
     if !address.is_open() {
         return Ok(());
     }
-    Err(Error::new(format!(
+    Err(Error::option(format!(
         "{address} is open to other machines, and this federation has no secret that they share"
     ))
     .hint("name a file for it, which is made if it is missing: --federation-file FILE"))

@@ -24,6 +24,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
         return Ok(ExitCode::FAILURE);
     };
+    let debugged = debugged(&compiled.program, arguments)?;
     let python = python::find(&arguments.interpreter)?;
     if !compiled.program.is_federated() {
         // The one process that runs it shows the warnings.
@@ -50,7 +51,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         arguments: arguments.arguments.all().cloned().collect(),
         properties: arguments.properties.clone(),
         join_timeout: arguments.join_timeout,
-        debugged: debugged(&compiled.program, arguments)?,
+        debugged,
         patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
@@ -71,8 +72,11 @@ fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Er
 
 fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
     let names: Vec<_> = program.federates.values().map(|federate| federate.name.as_str()).collect();
-    Error::new(format!("{} has no federate {name}", file.display()))
-        .hint(format!("its federates: {}", names.join(", ")))
+    let error = Error::option(format!("{} has no federate {name}", file.display()));
+    match names.is_empty() {
+        true => error.hint("it has no federates: its main reactor says `main reactor`"),
+        false => error.hint(format!("its federates: {}", names.join(", "))),
+    }
 }
 
 /// Runs one federate of a program, in this process.

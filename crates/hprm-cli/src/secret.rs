@@ -51,7 +51,7 @@ pub(crate) fn of_federate(
     };
     let read = secret.federation_file.as_deref().map(|path| await_file(path, pause)).transpose()?;
     let secret = read.or(secret.federation).ok_or_else(|| {
-        Error::new("the secret of the federation is missing")
+        Error::option("the secret of the federation is missing")
             .hint("name the file with it, --federation-file FILE, or set HPRM_FEDERATION_ID")
     })?;
     Ok((secret, left()))
@@ -96,18 +96,31 @@ fn await_file(path: &Path, mut pause: impl FnMut() -> bool) -> Result<Federation
 }
 
 fn read(path: &Path) -> Result<FederationId, Error> {
-    let failed = |error: io::Error| Error::new(format!("cannot read {}: {error}", path.display()));
+    let failed =
+        |error: io::Error| Error::option(format!("cannot read {}: {error}", path.display()));
     let file = std::fs::File::open(path).map_err(failed)?;
     let metadata = file.metadata().map_err(failed)?;
+    if !metadata.is_file() {
+        let what = if metadata.is_dir() { "a directory" } else { "not a file" };
+        return Err(Error::option(format!(
+            "--federation-file {}: that is {what}, where a file with the secret should be",
+            path.display()
+        ))
+        .hint("name a file; the RTI makes it if it is missing"));
+    }
     if metadata.mode() & 0o077 != 0 || metadata.uid() != rustix::process::geteuid().as_raw() {
         let path = path.display();
-        return Err(Error::new(format!("others can read the secret in {path}, or own it")).hint(
-            format!("chmod 600 {path}, if no other user has read it; else choose another one"),
-        ));
+        return Err(Error::option(format!("others can read the secret in {path}, or own it"))
+            .hint(format!(
+                "chmod 600 {path}, if no other user has read it; else choose another one"
+            )));
     }
     let mut text = String::new();
     file.take(LONGEST).read_to_string(&mut text).map_err(failed)?;
-    text.trim().parse().map_err(|error| Error::new(format!("{}: {error}", path.display())))
+    text.trim().parse().map_err(|error| {
+        Error::option(format!("{}: {error}", path.display()))
+            .hint("the file has the secret alone, 32 hexadecimal digits; the RTI makes one if it is missing")
+    })
 }
 
 /// Makes the file, unless another process makes it first.
@@ -138,7 +151,7 @@ fn write(path: &Path) -> Result<FederationId, Error> {
         });
     // There may be none.
     let _ = std::fs::remove_file(draft);
-    written.map_err(|error| Error::new(format!("cannot write {}: {error}", path.display())))?;
+    written.map_err(|error| Error::option(format!("cannot write {}: {error}", path.display())))?;
     Ok(secret)
 }
 

@@ -10,27 +10,29 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory, FromArgMatches};
 
 use crate::args::{Arguments, join_times};
-use crate::parameters;
+use crate::{parameters, usage};
 
-/// What was typed, and what the environment says.
+/// What was typed, which are the `words`, and what the environment says.
 ///
 /// # Errors
 ///
 /// What is wrong with it, or the help that was asked for.
-pub(crate) fn parse() -> Result<Arguments, clap::Error> {
+pub(crate) fn parse(words: &[OsString]) -> Result<Arguments, clap::Error> {
     let command = Arguments::command()
         .mut_subcommands(|subcommand| subcommand.mut_args(without_an_empty_variable));
-    let words: Vec<_> = env::args_os().collect();
-    let words = join_times(&words, |_| false);
+    let words = join_times(words, |_| false);
     let parsed = command.clone().try_get_matches_from(&words);
     let arguments = parsed.and_then(|matches| Arguments::from_arg_matches(&matches));
     let arguments = match arguments {
         Err(error) => parameters::parse(&command, &words).unwrap_or(Err(error)),
         arguments => arguments,
     };
-    arguments.map_err(|error| match blamed(&command, &error) {
+    arguments.map_err(|mut error| match blamed(&command, &error) {
         Some(message) => command.clone().error(ErrorKind::ValueValidation, message),
-        None => error,
+        None => {
+            usage::name_as_typed(&mut error, &command, &words);
+            error
+        }
     })
 }
 

@@ -59,7 +59,7 @@ pub use compiled::{
     ParameterDecl, PlacedAt, Ports, ReactionBody, ReactionCode, ReactorPart, Runs, StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Severity};
-pub use overrides::PARAMETER;
+pub use overrides::{PARAMETER, expected_spin, expected_time};
 pub use properties::Settings;
 pub use render::{render, render_all};
 pub use source::{FileId, Position, SourceLoader, Sources, Span};

@@ -1,17 +1,16 @@
 //! What the user of a program states on the command line: target properties, as `KEY=VALUE`, and
 //! parameters of the main reactor, as `main.NAME=VALUE`.
 //!
-//! Both are parsed as the program's own text is, each in a source of its own, so that they mean the same
-//! and a mistake in one is shown like any other. `properties` knows what a property means, and
+//! Both are parsed as the program's own text is, each in a source of its own, so that they mean the same.
+//! A mistake in one is shown with the option that states it. `properties` knows what a property means, and
 //! `instance` which instance gets a parameter.
 
-use crate::ast::{Expression, ExpressionKind, Name, Parameter, Property};
+use crate::ast::{Element, ElementKind, Expression, ExpressionKind, Name, Parameter, Property};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::parser;
+use crate::properties::spin;
+use crate::property_values::{Read, time};
 use crate::source::{FileId, Sources, Span};
-
-/// What diagnostics call the place where properties are stated.
-const PLACE: &str = "--property";
 
 /// The prefix of a key that names a parameter of the main reactor: no target property has a dot.
 pub const PARAMETER: &str = "main.";
@@ -41,26 +40,70 @@ pub(crate) fn parse(stated: &[String], sources: &mut Sources, report: &mut Repor
     let mut overrides = Overrides::default();
     for stated in stated {
         let Some((key, value)) = stated.split_once('=') else {
-            let file = sources.add(PLACE, stated.clone());
+            let file = sources.add_stated(&as_property(stated), stated.clone());
             let message = format!("`{stated}` is no target property with a value");
             report.add(
                 Diagnostic::error("LF0608", Span::new(file, 0..stated.len()), message)
-                    .hint("write it as KEY=VALUE, such as `timeout=10 s`"),
+                    .hint("write it as KEY=VALUE, such as --property 'timeout=10 s'"),
             );
             continue;
         };
         if let Some(name) = key.strip_prefix(PARAMETER) {
-            let value = sources.add(&format!("--{name}"), value.to_owned());
+            let typed = format!("--{name} {}", as_word(value));
+            let value = sources.add_stated(&typed, value.to_owned());
             let span = Span::new(value, 0..sources.text(value).len());
             overrides.parameters.push(Stated { name: Name { text: name.to_owned(), span }, value });
             continue;
         }
-        let file = sources.add(PLACE, format!("target Python {{ {key}: {value} }}"));
+        let text = format!("target Python {{ {key}: {value} }}");
+        let file = sources.add_stated(&as_property(stated), text);
         let model = parser::parse(file, sources.text(file), report);
         let target = model.target.into_iter();
         overrides.properties.extend(target.flat_map(|target| target.properties));
     }
     overrides
+}
+
+/// What a time must be that is the value of a target property, if a text is not that.
+#[must_use]
+pub fn expected_time(text: &str) -> Option<&'static str> {
+    expected(text, time)
+}
+
+/// What the value of the target property `spin` must be, if a text is not that.
+#[must_use]
+pub fn expected_spin(text: &str) -> Option<&'static str> {
+    expected(text, spin)
+}
+
+fn expected<T>(text: &str, read: impl Fn(&Element) -> Read<T>) -> Option<&'static str> {
+    let mut report = Report::default();
+    let parsed =
+        parser::parse(FileId(0), &format!("target Python {{ value: {text} }}"), &mut report);
+    let properties = parsed.target.into_iter().flat_map(|target| target.properties);
+    let values: Vec<_> = properties.map(|property| property.value).collect();
+    match values.as_slice() {
+        [value] if !report.has_errors() => read(value).err(),
+        // It is no value of any kind.
+        _ => {
+            read(&Element { kind: ElementKind::List(Vec::new()), span: Span::new(FileId(0), 0..0) })
+                .err()
+        }
+    }
+}
+
+/// The option that states a property.
+fn as_property(stated: &str) -> String {
+    format!("--property {}", as_word(stated))
+}
+
+/// A text as one word of a shell.
+fn as_word(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "_-./=+:,@%".contains(c);
+    match text.chars().all(plain) && !text.is_empty() {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', r"'\''")),
+    }
 }
 
 impl Overrides {

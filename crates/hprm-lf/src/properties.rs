@@ -376,7 +376,7 @@ fn cpus(value: &Element) -> Read<Vec<u32>> {
 /// The longest time of busy-polling; a longer one is a mistake.
 const LONGEST_SPIN: Nanos = 1_000_000_000;
 
-fn spin(value: &Element) -> Read<Spin> {
+pub(crate) fn spin(value: &Element) -> Read<Spin> {
     const EXPECTED: &str = "`auto`, `off`, or a time up to a second, such as `100 us`";
     match word(value).map(str::to_ascii_lowercase).as_deref() {
         Some("auto") => Ok(Spin::Auto),

@@ -14,7 +14,7 @@ pub(crate) fn time(value: &Element) -> Read<Nanos> {
         ElementKind::Value(expression) => match expression.kind {
             ExpressionKind::Time(nanos) if nanos >= 0 => Ok(nanos),
             ExpressionKind::Integer(0) => Ok(0),
-            ExpressionKind::Time(_) => Err("a time that is not negative"),
+            ExpressionKind::Time(_) => Err("a time that is not negative, such as `10 s`"),
             _ => Err("a time, such as `10 s`"),
         },
         _ => Err("a time, such as `10 s`"),

@@ -32,6 +32,7 @@ pub fn render(diagnostic: &Diagnostic, sources: &Sources, color: bool) -> String
     for file in files {
         group = match snippet(diagnostic, file, sources) {
             Some(snippet) => group.element(snippet),
+            None if sources.is_stated(file) => group.element(Origin::path(sources.path(file))),
             None if file == diagnostic.span.file => {
                 let at = sources.position(diagnostic.span);
                 let origin = Origin::path(sources.path(file)).line(at.line as usize);
@@ -54,12 +55,16 @@ pub fn render_all(diagnostics: &[Diagnostic], sources: &Sources, color: bool) ->
     texts.join("\n\n")
 }
 
-/// The lines of a file that the diagnostic speaks of; none if one of them would fill the page.
+/// The lines of a file that the diagnostic speaks of; none if one of them would fill the page, or if it is an
+/// option.
 fn snippet<'a>(
     diagnostic: &'a Diagnostic,
     file: FileId,
     sources: &'a Sources,
 ) -> Option<Snippet<'a, annotate_snippets::Annotation<'a>>> {
+    if sources.is_stated(file) {
+        return None;
+    }
     let labels = || diagnostic.labels.iter().filter(|label| label.span.file == file);
     let primary = (diagnostic.span.file == file).then_some(diagnostic.span);
     let spans = || primary.into_iter().chain(labels().map(|label| label.span));

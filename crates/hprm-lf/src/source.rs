@@ -101,6 +101,8 @@ pub(crate) const MAX_FILE: usize = 16 << 20;
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Source {
     path: String,
+    /// Whether the text was stated on the command line; then the path is what the user has typed.
+    stated: bool,
     text: String,
     /// Offset of each line's first byte.
     lines: Vec<usize>,
@@ -120,10 +122,25 @@ impl Sources {
     }
 
     pub(crate) fn add(&mut self, path: &str, text: String) -> FileId {
+        self.add_source(path, text, false)
+    }
+
+    /// Adds what an option states. The user is shown the option, as it is `typed`, and no places in the text.
+    pub(crate) fn add_stated(&mut self, typed: &str, text: String) -> FileId {
+        self.add_source(typed, text, true)
+    }
+
+    fn add_source(&mut self, path: &str, text: String, stated: bool) -> FileId {
         let starts = text.match_indices('\n').map(|(at, _)| at + 1);
         let lines = std::iter::once(0).chain(starts).collect();
-        self.files.push(Source { path: path.to_owned(), text, lines });
+        self.files.push(Source { path: path.to_owned(), stated, text, lines });
         FileId(u32::try_from(self.files.len() - 1).expect("fewer files than u32 counts"))
+    }
+
+    /// Whether this is no file, but an option; then its path is the option.
+    #[must_use]
+    pub fn is_stated(&self, file: FileId) -> bool {
+        self.files[file.index()].stated
     }
 
     pub(crate) fn find(&self, path: &str) -> Option<FileId> {

@@ -341,19 +341,26 @@ fn properties_from_elsewhere_have_the_last_word() {
     let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
     assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"
     error[LF0603]: `timeout` must be a time, such as `10 s`
-     --> --property:1:26
-      |
-    1 | target Python { timeout: soon }
-      |                          ^^^^
+    --> --property timeout=soon
 
     error[LF0608]: `fast` is no target property with a value
-     --> --property:1:1
-      |
-    1 | fast
-      | ^^^^
-      |
-      = help: write it as KEY=VALUE, such as `timeout=10 s`
+    --> --property fast
+     = help: write it as KEY=VALUE, such as --property 'timeout=10 s'
     ");
+}
+
+#[test]
+fn a_time_on_its_own_is_read_as_in_a_program() {
+    for text in ["5 s", "5 sec", "0", "0 s", "100us"] {
+        assert_eq!(hprm_lf::expected_time(text), None, "{text}");
+    }
+    for text in ["5", "soon", "", "5 s, fast: true", "{=5=}", "}", "'5 s'"] {
+        assert_eq!(hprm_lf::expected_time(text), Some("a time, such as `10 s`"), "{text}");
+    }
+    let negative = Some("a time that is not negative, such as `10 s`");
+    assert_eq!(hprm_lf::expected_time("-1 s"), negative);
+    assert_eq!(hprm_lf::expected_spin("auto").or(hprm_lf::expected_spin("20 us")), None);
+    assert!(hprm_lf::expected_spin("2 s").is_some() && hprm_lf::expected_spin("zz").is_some());
 }
 
 #[test]

@@ -405,7 +405,7 @@ fn targets() {
     "#);
     let text = "target Python { timeout: -1 s, workers: 1001 }\nmain reactor { }";
     assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
-    error[LF0603]: `timeout` must be a time that is not negative
+    error[LF0603]: `timeout` must be a time that is not negative, such as `10 s`
      --> Main.lf:1:26
       |
     1 | target Python { timeout: -1 s, workers: 1001 }

@@ -1,6 +1,6 @@
 //! Turning what Python raised into the end of a program.
 
-use hprm::{Failure, Raised, Source};
+use hprm::{Failure, Kind, Raised, Report, Source};
 use hprm_core::NoMemory;
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
@@ -16,18 +16,26 @@ pub(crate) struct Described {
     line: Option<u32>,
     column: Option<u32>,
     excerpt: Option<String>,
+    diagnostic: Option<String>,
     details: Option<String>,
     hint: Option<String>,
 }
 
 impl Described {
     pub(crate) fn failure(self, source: Source) -> Failure {
-        let Self { end, code, message, file, line, column, excerpt, details, hint } = self;
+        let Self { end, code, message, file, line, column, excerpt, diagnostic, details, hint } =
+            self;
         match end.as_str() {
             "left" => Failure::Left,
             "exited" => Failure::Exited { code },
             "quit" => Failure::Quit { said: message },
             "interrupted" => Failure::interrupted(),
+            "mistake" => {
+                let plain = Report::new(Kind::Program, message);
+                let report =
+                    Report { diagnostic, file, line, column, excerpt, details, hint, ..plain };
+                Failure::Mistakes(vec![report])
+            }
             _ => {
                 let raised = Raised { source, message, file, line, column, excerpt, details, hint };
                 Failure::Raised(Box::new(raised))

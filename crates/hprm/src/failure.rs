@@ -274,15 +274,21 @@ impl Failure {
         let hprm_lf::CompileFailure { diagnostics, sources } = found;
         let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error);
         let report = |found: &hprm_lf::Diagnostic| {
-            let position = sources.position(found.span);
+            let stated = sources.is_stated(found.span.file);
+            let path = sources.path(found.span.file);
+            let position = (!stated).then(|| sources.position(found.span));
+            let (kind, message) = match stated {
+                true => (Kind::Option, format!("{path}: {}", found.message)),
+                false => (Kind::Program, found.message.clone()),
+            };
             Report {
                 diagnostic: Some(found.code.to_string()),
-                file: Some(sources.path(found.span.file).to_string()),
-                line: Some(position.line),
-                column: Some(position.column),
+                file: (!stated).then(|| path.to_owned()),
+                line: position.map(|position| position.line),
+                column: position.map(|position| position.column),
                 hint: found.hint.clone(),
                 rendered: Some(render(found, sources, color).trim_end().to_owned()),
-                ..Report::new(Kind::Program, found.message.clone())
+                ..Report::new(kind, message)
             }
         };
         Self::Mistakes(errors.map(report).collect())
@@ -314,7 +320,8 @@ impl Failure {
                 Source::Connection { .. } => Kind::Connection,
                 Source::Other(_) => Kind::Code,
             },
-            Self::Program(_) | Self::Mistakes(_) => Kind::Program,
+            Self::Program(_) => Kind::Program,
+            Self::Mistakes(reports) => reports.first().map_or(Kind::Program, |report| report.kind),
             Self::Option { .. } => Kind::Option,
             Self::System { .. } | Self::Listen { .. } => Kind::System,
             Self::Trace { .. } => Kind::Trace,
@@ -358,6 +365,10 @@ impl Failure {
             Self::Abandoned(report) | Self::Federate(report) => {
                 Report { code: plain.code, ..(**report).clone() }
             }
+            Self::Mistakes(reports) => match reports.as_slice() {
+                [report] => report.clone(),
+                _ => plain,
+            },
             Self::Quit { said } => Report { rendered: Some(said.clone()), ..plain },
             _ => Report { hint: self.hint().map(str::to_owned), ..plain },
         }

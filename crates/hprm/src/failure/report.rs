@@ -31,9 +31,10 @@ pub enum Kind {
     Left,
     /// A signal has asked the program to stop.
     Interrupted,
-    /// The program has mistakes.
+    /// The text of the program has a mistake, which was found before the program ran.
     Program,
-    /// An option, a property or a variable cannot be obeyed.
+    /// An option, a target property on the command line or an environment variable is wrong, or does not fit
+    /// the program.
     Option,
     /// The system refuses something.
     System,
@@ -175,7 +176,11 @@ impl Report {
             Label::Error => ("error", "1;31"),
             Label::Warning => ("warning", "1;33"),
         };
-        let mut text = format!("{} {}", painted(word, paint), self.message.trim_end());
+        let word = match &self.diagnostic {
+            Some(code) => format!("{word}[{code}]"),
+            None => word.to_owned(),
+        };
+        let mut text = format!("{} {}", painted(&word, paint), self.message.trim_end());
         if let Some(place) = self.excerpt.clone().or_else(|| self.place()) {
             let _ = write!(text, "\n{place}");
         }
@@ -269,6 +274,9 @@ mod tests {
         assert_eq!(whole().text(Label::Error, false), expected);
         let short = Report::new(Kind::Command, "no").hint("yes");
         assert_eq!(short.text(Label::Warning, false), "warning: no\n  hint: yes");
+        let mistake =
+            Report { diagnostic: Some("LF1001".to_owned()), ..Report::new(Kind::Program, "no") };
+        assert_eq!(mistake.text(Label::Error, false), "error[LF1001]: no");
         let colored = "\x1b[1;31merror:\x1b[0m no\n  \x1b[1;36mhint:\x1b[0m yes";
         assert_eq!(short.text(Label::Error, true), colored);
     }
