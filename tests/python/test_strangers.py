@@ -170,6 +170,40 @@ def test_a_federate_that_is_killed_before_all_have_joined_may_join_again(
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federation_that_is_not_complete_in_time_is_called_off(
+    bench: Bench, coordination: str
+) -> None:
+    federation = prepare(bench, coordination)
+    federation.start("rti", "--join-timeout", "5")
+    federation.start("camera")
+    federation.await_joined("camera")
+    ended = federation.finish()
+    missing = "federate planner did not join within 5 s"
+    assert (ended["rti"].code, ended["camera"].code) == (1, 1)
+    ended["rti"].assert_one_error(f"error: {missing}\n", "hint: start them with `hprm federate`")
+    ended["camera"].assert_one_error(f"the federation has not started: {missing}\n")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_has_left_before_the_start_is_named(
+    bench: Bench, coordination: str
+) -> None:
+    federation = prepare(bench, coordination)
+    federation.start("rti", "--join-timeout", "5")
+    federation.start("camera")
+    federation.await_joined("camera")
+    federation.members["camera"].kill()
+    finish(federation.members["camera"])
+    federation.start("planner")
+    federation.await_joined("planner")
+    ended = federation.finish("rti", "planner")
+    missing = "federate camera left before the start and did not join again within 5 s"
+    assert (ended["rti"].code, ended["planner"].code) == (1, 1)
+    ended["rti"].assert_one_error(f"error: {missing}\n")
+    ended["planner"].assert_one_error(f"the federation has not started: {missing}\n")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_an_rti_that_is_stopped_before_the_start_sends_its_federates_home(
     bench: Bench, coordination: str, number: signal.Signals

@@ -429,6 +429,10 @@ pub(crate) struct RtiArguments {
     /// machine share memory if they join over a Unix socket.
     #[arg(long, value_name = "ADDRESS", required = true)]
     pub(crate) listen: Vec<Address>,
+    /// Seconds that federates may take to join, from when the RTI listens. Then it names those that are
+    /// missing, and the federation does not start.
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
+    pub(crate) join_timeout: Duration,
     #[command(flatten)]
     pub(crate) hang: Hang,
     #[command(flatten)]

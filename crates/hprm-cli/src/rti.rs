@@ -52,7 +52,8 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
         },
         patience: arguments.hang.patience(),
     })
-    .map_err(|failure| Error::from(&failure))?;
+    .map_err(|failure| Error::from(&failure))?
+    .join_timeout(arguments.join_timeout);
     let interruption = Arc::new(Interruption::default());
     interruption.watch(rti.handle())?;
     for address in rti.addresses() {

@@ -6,13 +6,13 @@
 use std::fmt;
 use std::str::FromStr;
 
-use hprm_core::{ChannelId, Fact, FederateId, Payload, PhysicalTime, Tag};
+use hprm_core::{ChannelId, Fact, FederateId, Nanos, Payload, PhysicalTime, Tag};
 use serde::{Deserialize, Serialize};
 
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 10;
+pub const PROTOCOL: u32 = 11;
 
 /// What the members of a federation share, and what tells it from others. To a driver that lets
 /// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
@@ -116,6 +116,41 @@ pub enum Refusal {
     /// The RTI has been asked to stop before the start.
     #[error("the RTI has been stopped before the federation started")]
     Stopped,
+    /// Other federates have not joined in time.
+    #[error("the federation has not started: {0}")]
+    Missing(Missing),
+}
+
+/// Which federates are not there after the join timeout. There is at least one.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct Missing {
+    /// Federates that have never joined.
+    pub never: Vec<String>,
+    /// Federates that have joined, and whose links have ended since.
+    pub left: Vec<String>,
+    /// The join timeout, in nanoseconds.
+    pub limit: Nanos,
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { never, left, limit } = self;
+        let federates = |names: &[String]| {
+            let plural = if names.len() == 1 { "" } else { "s" };
+            format!("federate{plural} {}", names.join(", "))
+        };
+        if !never.is_empty() {
+            write!(f, "{} did not join", federates(never))?;
+        }
+        if !left.is_empty() {
+            let and = if never.is_empty() { "" } else { ", and " };
+            let left = federates(left);
+            write!(f, "{and}{left} left before the start and did not join again")?;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "it is for people")]
+        let seconds = *limit as f64 / 1e9;
+        write!(f, " within {seconds} s")
+    }
 }
 
 /// Each on a line of its own.

@@ -38,7 +38,9 @@ pub mod codec;
 pub use clock_sync::{ClockSync, Correction, DRIFT, Estimate};
 pub use fault::Fault;
 pub use federate::Federate;
-pub use frame::{BadFederationId, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
+pub use frame::{
+    BadFederationId, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer, Refusal,
+};
 pub use input::{End, Input, Output, Permission};
 pub use rti::{DnetMode, LinkId, Patience, Rti, RtiInput, RtiOutput};
 pub use slewed::SlewedClock;

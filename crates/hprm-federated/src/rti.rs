@@ -31,7 +31,7 @@ use self::join::{Candidate, Member};
 use self::traffic::Traffic;
 pub use self::watch::Patience;
 use self::watch::Watch;
-use crate::{Fault, FederationId, Frame, Refusal, Step, Topology, log};
+use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
 /// A connection that the driver has accepted; it never uses a number twice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -147,6 +147,8 @@ pub enum RtiOutput {
         /// The exit code of its process.
         code: i32,
     },
+    /// Not all federates have joined in time. The RTI has sent the others away.
+    Missing(Missing),
     /// All federates have ended.
     Finished,
 }
@@ -180,6 +182,10 @@ pub struct Rti {
     now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
+    /// Until when all must have joined, and how long that is; none, if the RTI waits for ever.
+    join_limit: Option<(PhysicalTime, Nanos)>,
+    /// Federates that have joined, and whose links have ended before all had joined.
+    strayed: BTreeSet<FederateId>,
     /// None, if the RTI does not watch for silent federates.
     watch: Option<Watch>,
     stop: Negotiation,
@@ -216,6 +222,8 @@ impl Rti {
             now: PhysicalTime(0),
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
+            join_limit: None,
+            strayed: BTreeSet::new(),
             watch: None,
             stop: Negotiation::Idle,
             ended: false,
@@ -264,6 +272,7 @@ impl Rti {
                 Ok(())
             }
             RtiInput::Wake => {
+                self.call_off(now);
                 self.look_after(now);
                 self.hurry_arrivals();
                 self.send_grants();
@@ -328,7 +337,8 @@ impl Rti {
         let due = self.advance.next_due().filter(|_| !silent);
         let grant = due.map(|tag| tag.due(self.start));
         let arrival = self.arrivals.next_wakeup();
-        [grant, arrival, self.next_silence()].into_iter().flatten().min()
+        let joined = self.join_limit.filter(|_| self.is_joining()).map(|(until, _)| until);
+        [grant, arrival, self.next_silence(), joined].into_iter().flatten().min()
     }
 
     /// A frame from a member. Each arm checks before it changes anything.

@@ -10,7 +10,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use hprm_core::{ProgramError, Tag};
-use hprm_federated::{Fault, Refusal};
+use hprm_federated::{Fault, Missing, Refusal};
 use hprm_lf::{Severity, render};
 
 use crate::Address;
@@ -113,6 +113,9 @@ pub enum Failure {
     /// The RTI does not let this federate join.
     #[error("the RTI refuses this federate: {0}")]
     Refused(Refusal),
+    /// Federates have not joined in time: the outcome of their RTI.
+    #[error("{0}")]
+    Missing(Missing),
     /// The link to the RTI has ended.
     #[error("federation {program}: the link to the RTI is lost")]
     RtiLost {
@@ -327,6 +330,7 @@ impl Failure {
             Self::Trace { .. } => Kind::Trace,
             Self::NoRti { .. } | Self::Unauthenticated { .. } | Self::RtiLost { .. } => Kind::Rti,
             Self::Refused(_) => Kind::Refused,
+            Self::Missing(_) => Kind::Absent,
             Self::Link(_) => Kind::Link,
             Self::Protocol(_) => Kind::Protocol,
             Self::Store(_) => Kind::Store,
@@ -392,6 +396,9 @@ impl Failure {
             }
             Self::System { hint, .. } => hint.as_deref(),
             Self::NoRti { hint, .. } => Some(hint),
+            Self::Missing(_) => Some(
+                "start them with `hprm federate`, or allow more time with `hprm rti --join-timeout`",
+            ),
             Self::Memory(_) => Some(
                 "drop values sooner, or let this process have more memory (ulimit -v, the limit of its \
                  container); what fits into the object store of its sender needs none in its receivers",

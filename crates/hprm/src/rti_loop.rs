@@ -9,6 +9,7 @@ use std::mem;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
 use hprm_federated::{
@@ -21,7 +22,7 @@ use crate::log::log_names;
 use crate::pipe_notifier::PipeNotifier;
 use crate::poller::{Broken, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
-use crate::{Address, Clock, Failure, Report, Security};
+use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
 
 /// How long after the last federate is ready the program starts: enough for the start time to reach all
 /// processes of one machine.
@@ -235,6 +236,13 @@ impl Rti {
         })
     }
 
+    /// Makes the RTI give up if not all federates have joined after `limit` from now.
+    #[must_use]
+    pub fn join_timeout(mut self, limit: Duration) -> Self {
+        self.machine = self.machine.calling_off_after(Clock::now(), nanoseconds(limit));
+        self
+    }
+
     /// The first address at which it listens.
     #[must_use]
     pub fn address(&self) -> &Address {
@@ -256,7 +264,7 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// The first failure of a federate, which `report` has got as well.
+    /// The first failure of a federate, which `report` has got as well, or that federates have not joined.
     pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let mut wakeup = None::<PhysicalTime>;
         loop {
@@ -411,6 +419,7 @@ impl Rti {
                     self.failure = Some(Failure::Federate(Box::new(heard.clone())));
                     report(RtiEvent::Failed { federate, report: heard });
                 }
+                RtiOutput::Missing(missing) => self.failure = Some(Failure::Missing(missing)),
                 RtiOutput::Finished => self.finished = true,
             }
         }

@@ -51,16 +51,21 @@ impl Rti {
         if self.phase == Phase::Running {
             self.ask_to_stop(Tag::START);
         } else if !self.failed {
-            self.failed = true;
-            let candidates = std::mem::take(&mut self.candidates).into_keys();
-            let links = self.members.values().filter_map(Member::link).chain(candidates);
-            let links: Vec<_> = links.collect();
-            self.topology.federates().for_each(|federate| self.members[federate] = Member::Gone);
-            for link in links {
-                self.send_away(link, Refusal::Stopped);
-            }
-            self.finish();
+            self.send_all_away(&Refusal::Stopped);
         }
+    }
+
+    /// The federation does not start: tells all that are there why.
+    pub(super) fn send_all_away(&mut self, reason: &Refusal) {
+        self.failed = true;
+        let candidates = std::mem::take(&mut self.candidates).into_keys();
+        let links = self.members.values().filter_map(Member::link).chain(candidates);
+        let links: Vec<_> = links.collect();
+        self.topology.federates().for_each(|federate| self.members[federate] = Member::Gone);
+        for link in links {
+            self.send_away(link, reason.clone());
+        }
+        self.finish();
     }
 
     /// Asks all federates to stop, at `tag` at the earliest.
@@ -140,12 +145,12 @@ impl Rti {
     /// A federate's link has ended. Before all have joined, no other federate knows it, so it may join
     /// again.
     pub(super) fn lost(&mut self, federate: FederateId) {
-        let is_joining = self.phase == Phase::Joining && !self.failed;
         if !self.members[federate].is_live() {
             return;
         }
-        if is_joining && !self.topology.is_transient(federate) {
+        if self.is_joining() && !self.topology.is_transient(federate) {
             self.members[federate] = Member::Absent;
+            self.strayed.insert(federate);
             self.outputs.push_back(RtiOutput::Left { federate });
         } else {
             let message = self.lost_message(federate);

@@ -1,9 +1,9 @@
 //! How a federation forms: which federates may join, and when tag zero is.
 
-use hprm_core::{FederateId, PhysicalTime, Tag};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
-use crate::{Fault, Frame, HostId, PROTOCOL, Peer, Refusal};
+use crate::{Fault, Frame, HostId, Missing, PROTOCOL, Peer, Refusal};
 
 /// How many federates with other programs are compared at a time. The RTI refuses further ones without
 /// details.
@@ -75,6 +75,7 @@ impl Rti {
         if self.phase == Phase::Joining {
             let Peer { host, listen, .. } = peer;
             self.members[federate] = Member::Live { link, host, listen, ready: None };
+            self.strayed.remove(&federate);
             self.gather();
         } else {
             self.arrivals.add(link, peer);
@@ -134,6 +135,38 @@ impl Rti {
         self.refused.insert(link);
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Refused { reason } });
         self.outputs.push_back(RtiOutput::Close { link });
+    }
+
+    /// Makes the RTI call the federation off if not all federates have joined `limit` after `now`.
+    #[must_use]
+    pub fn calling_off_after(mut self, now: PhysicalTime, limit: Nanos) -> Self {
+        self.join_limit = Some((now.plus(limit), limit));
+        self
+    }
+
+    /// Whether federates are still to join, so that the federation can start.
+    pub(super) fn is_joining(&self) -> bool {
+        self.phase == Phase::Joining && !self.failed
+    }
+
+    /// Sends all federates away if others have not joined in time.
+    pub(super) fn call_off(&mut self, now: PhysicalTime) {
+        let Some((until, limit)) = self.join_limit else { return };
+        if now < until || !self.is_joining() {
+            return;
+        }
+        let names = |has_strayed| -> Vec<String> {
+            let members = self.members.iter();
+            let missing = members.filter(|(federate, member)| {
+                !member.is_live()
+                    && !self.topology.is_transient(*federate)
+                    && self.strayed.contains(federate) == has_strayed
+            });
+            missing.map(|(federate, _)| self.topology.name(federate)).collect()
+        };
+        let missing = Missing { never: names(false), left: names(true), limit };
+        self.outputs.push_back(RtiOutput::Missing(missing.clone()));
+        self.send_all_away(&Refusal::Missing(missing));
     }
 
     /// Introduces the federates to one another, once they have joined. Transient ones may join later.

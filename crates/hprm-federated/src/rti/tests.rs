@@ -6,7 +6,9 @@ use hprm_core::{ChannelId, Fact, FederateId, Fingerprint, Payload, PhysicalTime,
 
 use super::{LinkId, Patience, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
-use crate::{Count, Fault, FederationId, Frame, HostId, PROTOCOL, Refusal, Step, Topology};
+use crate::{
+    Count, Fault, FederationId, Frame, HostId, Missing, PROTOCOL, Refusal, Step, Topology,
+};
 
 const FEDERATION: FederationId = FederationId(7);
 const NOW: PhysicalTime = PhysicalTime(0);
@@ -348,6 +350,54 @@ fn a_stop_before_the_start_refuses_all_federates() {
         rti.handle(NOW, RtiInput::RequestStop).unwrap();
         assert_eq!(rti.poll(), None);
     }
+}
+
+#[test]
+fn a_federation_that_is_not_complete_in_time_is_called_off() {
+    let limit = PhysicalTime(60 * SECOND);
+    let wait = |rti: &mut Rti, until: PhysicalTime| -> Vec<RtiOutput> {
+        rti.handle(until, RtiInput::Wake).unwrap();
+        std::iter::from_fn(|| rti.poll()).collect()
+    };
+    let joining = || rti("transient t\na -> b\nb -> c\nc -> t").calling_off_after(NOW, limit.0);
+    let id = |name| joining().topology.federates().find(|id| joining().topology.name(*id) == name);
+    let hello_of = |name| hello(id(name).unwrap().0);
+    // As long as federates may join, and once all have, nothing happens.
+    let mut rti = joining();
+    assert_eq!(rti.next_wakeup(), Some(limit));
+    assert!(wait(&mut rti, PhysicalTime(limit.0 - 1)).is_empty());
+    for (link, name) in ["a", "b", "c"].into_iter().enumerate() {
+        input(&mut rti, link.try_into().unwrap(), hello_of(name)).unwrap();
+    }
+    assert_eq!(rti.next_wakeup(), None);
+    assert!(wait(&mut rti, limit).is_empty());
+    // One never joins, and one does not join again.
+    let mut rti = joining();
+    input(&mut rti, 0, hello_of("a")).unwrap();
+    input(&mut rti, 1, hello_of("b")).unwrap();
+    close(&mut rti, 1);
+    let missing = Missing { never: vec!["c".into()], left: vec!["b".into()], limit: limit.0 };
+    assert_eq!(
+        missing.to_string(),
+        "federate c did not join, and federate b left before the start and did not join again within 60 s"
+    );
+    let reason = Refusal::Missing(missing.clone());
+    let expected = [
+        RtiOutput::Missing(missing),
+        sent(0, Frame::Refused { reason }),
+        RtiOutput::Close { link: LinkId(0) },
+        RtiOutput::Finished,
+    ];
+    assert_eq!(wait(&mut rti, limit), expected);
+    assert_eq!(rti.next_wakeup(), None);
+    // One that is back is not missing.
+    let mut rti = joining();
+    input(&mut rti, 0, hello_of("b")).unwrap();
+    close(&mut rti, 0);
+    input(&mut rti, 1, hello_of("b")).unwrap();
+    let outputs = wait(&mut rti, limit);
+    let Some(RtiOutput::Missing(missing)) = outputs.first() else { panic!("{outputs:?}") };
+    assert_eq!(missing.to_string(), "federates a, c did not join within 60 s");
 }
 
 #[test]
