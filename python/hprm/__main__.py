@@ -35,7 +35,10 @@ def main() -> NoReturn:
         _debugging.explain_breakpoints(getattr(options, "federate", ""))
     if options.command == "run" and options.in_process:
         code = _hprm.run_in_process(
-            options.file, options.property, logical_traces=options.logical_trace
+            options.file,
+            options.property,
+            logical_traces=options.logical_trace,
+            join_timeout=options.join_timeout,
         )
     elif options.command == "run":
         code = _hprm.run_program(
@@ -85,6 +88,12 @@ def _parser() -> argparse.ArgumentParser:
         "--in-process",
         action="store_true",
         help="give each federate a thread; the logical trace is a folder then",
+    )
+    run.add_argument(
+        "--join-timeout",
+        type=float,
+        metavar="SECONDS",
+        help="how long federates that are threads may take until all are loaded",
     )
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")

@@ -120,11 +120,16 @@ def describe_program(path: str, *, all: bool = False) -> ProgramSource:
     """
 
 def run_in_process(
-    path: str, properties: list[str] = ..., *, logical_traces: str | None = None
+    path: str,
+    properties: list[str] = ...,
+    *,
+    logical_traces: str | None = None,
+    join_timeout: float | None = None,
 ) -> int:
     """Run a federation in this process, a thread for each federate. Return the exit code.
 
     Each federate writes its share of the logical trace to a file in the folder ``logical_traces``.
+    If not all have loaded the program within ``join_timeout`` seconds, that is a failure.
     """
 
 def current_federate() -> int | None:

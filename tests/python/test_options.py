@@ -189,3 +189,18 @@ def test_a_mistake_in_a_module_is_an_exception_while_the_program_loads(folder: P
     found = report(hprm(folder, "run", "--json", "Main.lf"))
     assert (found["kind"], found["diagnostic"]) == ("code", None)
     assert found["file"].endswith("eye.py")
+
+
+@pytest.mark.parametrize("options", [[], ["--in-process"]])
+def test_the_time_to_join_includes_loading(folder: Path, options: list[str]) -> None:
+    text = FEDERATION.replace(
+        "reactor Node {", "reactor Node {\n  preamble {= import time; time.sleep(50) =}\n"
+    )
+    text = text.replace("b = new Node()", "b = new Quick()") + "reactor Quick { }\n"
+    (folder / "Fed.lf").write_text(text)
+    words = ["run", "--json", "--join-timeout", "1.5", *options, "Fed.lf"]
+    done = hprm(folder, *words)
+    found = json.loads(done.stderr.splitlines()[0])
+    assert (done.returncode, found["kind"]) == (1, "absent")
+    assert found["message"] == "federate a did not load its program within 1.5 s"
+    assert "--join-timeout" in found["hint"]

@@ -219,7 +219,8 @@ pub(crate) struct Run {
     /// and are read-only from then on.
     #[arg(long)]
     pub(crate) in_process: bool,
-    /// Seconds that federates may take to join.
+    /// Seconds that federates may take to join and to load their programs, from the start of their processes to
+    /// the start of the federation. With --debug there is no limit.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "30", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
     /// Give one federate the terminal, so that breakpoint() in it starts the debugger. What it prints

@@ -70,7 +70,7 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
     let outcome = rti.run(|event| {
         let heard = event.clone();
         match told(&compiled.program, event) {
-            Ok(line) => message::print_line(&line),
+            Ok(line) => line.iter().for_each(|line| message::print_line(line)),
             Err(verdict) => failure = failure.take().or(Some(verdict)),
         }
         roster.hear(&heard);
@@ -163,21 +163,23 @@ impl Interruption {
 }
 
 /// What a person reads about an event, or what has gone wrong.
-fn told(program: &Program, event: RtiEvent) -> Result<String, Box<Verdict>> {
+fn told(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<Verdict>> {
     let name = |federate: FederateId| program.federates[federate].name.as_str();
-    match event {
-        RtiEvent::Joined(federate) => Ok(format!("federate {} joined", name(federate))),
-        RtiEvent::Refused { name, reason } => Ok(format!("refused federate {name}: {reason}")),
+    Ok(Some(match event {
+        RtiEvent::Joined(federate) => format!("federate {} joined", name(federate)),
+        RtiEvent::Refused { name, reason } => format!("refused federate {name}: {reason}"),
         RtiEvent::Left(federate) => {
-            Ok(format!("federate {} has left before the start; it may join again", name(federate)))
+            format!("federate {} has left before the start; it may join again", name(federate))
         }
-        RtiEvent::Started(_) => Ok("the federation starts".to_owned()),
-        RtiEvent::Silent { federate, silence } => Ok(on_silent(name(federate), silence)),
-        RtiEvent::Answers { federate, silence } => Ok(on_answer(name(federate), silence)),
+        RtiEvent::Loaded(_) => return Ok(None),
+        RtiEvent::Started(_) => "the federation starts".to_owned(),
+        RtiEvent::Silent { federate, silence } => on_silent(name(federate), silence),
+        RtiEvent::Answers { federate, silence } => on_answer(name(federate), silence),
         RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
-            Err(Box::new(Verdict::on_federate(name(federate), true, Some(&report), None)))
+            let verdict = Verdict::on_federate(name(federate), true, Some(&report), None);
+            return Err(Box::new(verdict));
         }
-    }
+    }))
 }
 
 fn exit_code(code: i32) -> ExitCode {

@@ -5,6 +5,7 @@
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, ExitCode};
+use std::time::Duration;
 
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
@@ -50,7 +51,8 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         file: arguments.file.clone(),
         arguments: arguments.arguments.all().cloned().collect(),
         properties: arguments.properties.clone(),
-        join_timeout: arguments.join_timeout,
+        // A user at the debugger takes any time.
+        join_timeout: if debugged.is_some() { Duration::MAX } else { arguments.join_timeout },
         debugged,
         patience: arguments.hang.patience(),
         logical_trace: arguments.logical_trace.clone(),

@@ -27,6 +27,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
     command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());
+    command.arg("--join-timeout").arg(arguments.join_timeout.as_secs_f64().to_string());
     command.args(arguments.properties.options());
     let Some(path) = &arguments.logical_trace else {
         command.arg("--").arg(&arguments.file).args(arguments.arguments.all());

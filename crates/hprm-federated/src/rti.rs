@@ -110,6 +110,11 @@ pub enum RtiOutput {
         /// The federate.
         federate: FederateId,
     },
+    /// A federate has loaded its program, before the federation starts.
+    Loaded {
+        /// The federate.
+        federate: FederateId,
+    },
     /// All federates are ready, and know the time of tag zero.
     Started {
         /// The physical time of tag zero.

@@ -34,22 +34,25 @@ const STACK: usize = 8 << 20;
 ///
 /// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's. Each
 /// federate writes its share of the logical trace to a file of its name in the folder
-/// `logical_traces`.
+/// `logical_traces`. If they are not all loaded within `join_timeout` seconds, that is a failure.
 #[pyfunction]
-#[pyo3(signature = (path, properties = vec![], *, logical_traces = None))]
+#[pyo3(signature = (path, properties = vec![], *, logical_traces = None, join_timeout = None))]
 pub(crate) fn run_in_process(
     py: Python<'_>,
     path: &str,
     properties: Vec<String>,
     logical_traces: Option<PathBuf>,
+    join_timeout: Option<f64>,
 ) -> i32 {
     let outcome = compile(path, &properties, true).and_then(|compiled| {
         hprm::log_to_stderr(true)?;
+        let limit = join_timeout.map_or(Ok(Duration::MAX), Duration::try_from_secs_f64);
+        let limit = limit.map_err(|error| Failure::option(format!("--join-timeout: {error}")))?;
         let (compiled, wakeups) = (Arc::new(compiled), inbox()?);
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
         let interrupt = Interrupt::install(py, Scope::Whole, wakeups.wakeup()).map_err(raised)?;
-        let outcome = start(&compiled, &wakeups, logical_traces.as_deref())
+        let outcome = start(&compiled, &wakeups, logical_traces.as_deref(), limit)
             .map(|watch| watch.run(py, interrupt.get()));
         interrupt.get().end();
         interrupt.get().release(py);
@@ -90,6 +93,7 @@ fn start(
     compiled: &Arc<Compiled>,
     wakeups: &Inbox<Value>,
     logical_traces: Option<&Path>,
+    join_timeout: Duration,
 ) -> Result<Watch, Failure> {
     let program = &compiled.program;
     if !program.is_federated() {
@@ -122,7 +126,7 @@ fn start(
         patience: Patience::default(),
     };
     let rti = exchange.rti(&options)?;
-    let supervisor = Supervisor::new(program, Members::Threads, Duration::MAX);
+    let supervisor = Supervisor::new(program, Members::Threads, join_timeout);
     let watch = Watch { supervisor, arrivals, wakeups: wakeups.clone(), rti: rti.handle() };
     let reports = reporter.clone();
     let asked = Arc::clone(program);

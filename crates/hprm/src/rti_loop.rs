@@ -66,7 +66,9 @@ pub enum RtiEvent {
     /// The link of a federate has ended before all federates had joined. The federate may join again; the
     /// other federates wait for it.
     Left(FederateId),
-    /// All have joined; the program starts at this time.
+    /// A federate has loaded its program, before the federation starts.
+    Loaded(FederateId),
+    /// All have joined and loaded; the program starts at this time.
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may be in a long computation, or hang.
     Silent {
@@ -398,6 +400,7 @@ impl Rti {
                     report(RtiEvent::Joined(federate));
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
+                RtiOutput::Loaded { federate } => report(RtiEvent::Loaded(federate)),
                 RtiOutput::Started { at } => {
                     self.links.acceptor.inner.become_busy();
                     report(RtiEvent::Started(at));

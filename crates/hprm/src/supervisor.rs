@@ -94,6 +94,8 @@ struct FederateState {
     /// Whether the failure of its process has been reported.
     told: bool,
     joined: bool,
+    /// Whether it has loaded its program.
+    loaded: bool,
     /// Whether its link has ended before all had joined, and it has not joined again.
     left: bool,
     /// How its process ended, and when that was known.
@@ -125,7 +127,8 @@ enum Phase {
 pub struct Supervisor {
     members: Members,
     federates: Table<FederateId, FederateState>,
-    join_until: Duration,
+    /// When all must have joined and loaded, so that the federation starts.
+    start_until: Duration,
     started: bool,
     rti_ended: bool,
     /// What the RTI said of the first failure, and when.
@@ -147,7 +150,8 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// A supervisor of federates that have just been started.
+    /// A supervisor of federates that have just been started, and must all have joined and loaded within
+    /// `join_timeout`.
     #[must_use]
     pub fn new(program: &Program, members: Members, join_timeout: Duration) -> Self {
         let federates = program.federates.values().map(|federate| FederateState {
@@ -156,13 +160,14 @@ impl Supervisor {
             dropped: None,
             told: false,
             joined: false,
+            loaded: false,
             left: false,
             ending: None,
         });
         Self {
             members,
             federates: federates.collect(),
-            join_until: join_timeout,
+            start_until: join_timeout,
             started: false,
             rti_ended: false,
             accused: None,
@@ -241,7 +246,7 @@ impl Supervisor {
                 Some(until)
             }
         };
-        let joining = (!self.all_joined()).then_some(self.join_until);
+        let starting = (!self.started).then_some(self.start_until);
         let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
         let dropped = self.federates.values().filter_map(|federate| federate.dropped.as_ref());
         let heard = endings
@@ -252,7 +257,7 @@ impl Supervisor {
         let graces = heard.map(|at| at + GRACE);
         phase
             .into_iter()
-            .chain(joining)
+            .chain(starting)
             .chain(self.reminder)
             .chain(graces)
             .filter(|at| *at > now)
@@ -296,6 +301,7 @@ impl Supervisor {
                 let federate = &mut self.federates[federate];
                 (federate.joined, federate.left) = (true, false);
             }
+            RtiEvent::Loaded(federate) => self.federates[federate].loaded = true,
             RtiEvent::Left(federate) => self.federates[federate].left = true,
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
@@ -456,7 +462,7 @@ impl Supervisor {
         }
         // Federates that wait for the rest of a federation that is asked to stop are told to stop.
         let watching = self.phase == Phase::Watching;
-        (watching && now >= self.join_until && !self.all_joined()).then(|| self.absent())
+        (watching && now >= self.start_until && !self.started).then(|| self.late())
     }
 
     fn blame(&self, id: FederateId) -> Verdict {
@@ -467,11 +473,15 @@ impl Supervisor {
         Verdict::on_federate(&federate.name, federate.joined, heard, ending)
     }
 
-    fn absent(&self) -> Verdict {
+    /// The federates for which the start waits, if any has not joined, and else those that have not loaded.
+    fn late(&self) -> Verdict {
         let absent =
             self.federates.values().filter(|federate| !federate.is_in() && !federate.transient);
-        let names: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
-        Verdict::on_absent(&names, self.join_until.as_secs_f64())
+        let absent: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
+        let loading =
+            self.federates.values().filter(|federate| federate.is_in() && !federate.loaded);
+        let loading: Vec<_> = loading.map(|federate| federate.name.as_str()).collect();
+        Verdict::on_late(&absent, &loading, self.start_until.as_secs_f64())
     }
 
     /// The first federate that the others need whose end is of that kind, and when it ended.
@@ -507,10 +517,6 @@ impl Supervisor {
     fn is_good(&self, how: &FederateEnding) -> bool {
         *how == FederateEnding::Code(0)
             || self.is_interrupted() && *how == FederateEnding::Code(Signal::INTERRUPT.exit_code())
-    }
-
-    fn all_joined(&self) -> bool {
-        self.federates.values().all(|federate| federate.is_in() || federate.transient)
     }
 
     fn all_ended(&self) -> bool {

@@ -216,6 +216,7 @@ impl Rti {
             Member::Live { ready: ready @ None, .. } => *ready = Some(now),
             _ => return Err(Fault::Unexpected { frame: "Ready" }),
         }
+        self.outputs.push_back(RtiOutput::Loaded { federate: from });
         self.start_together();
         Ok(())
     }

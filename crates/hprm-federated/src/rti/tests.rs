@@ -84,11 +84,13 @@ fn all_federates_start_together_after_the_latest_clock() {
             RtiOutput::Send { link: LinkId(6), frame: Frame::Peers { .. } },
         ]
     ));
-    assert!(input(&mut rti, 5, Frame::Ready { now: PhysicalTime(30) }).unwrap().is_empty());
+    let loaded = |id| RtiOutput::Loaded { federate: FederateId(id) };
+    assert_eq!(input(&mut rti, 5, Frame::Ready { now: PhysicalTime(30) }).unwrap(), [loaded(0)]);
     let (at, first) = (PhysicalTime(130), Tag::START);
     assert_eq!(
         input(&mut rti, 6, Frame::Ready { now: PhysicalTime(20) }).unwrap(),
         [
+            loaded(1),
             sent(5, Frame::Start { at, first }),
             sent(6, Frame::Start { at, first }),
             RtiOutput::Started { at }

@@ -56,7 +56,7 @@ pub enum Kind {
     Lost,
     /// A process was killed by a signal.
     Killed,
-    /// Federates did not join in time.
+    /// Federates did not join, or load their programs, in time.
     Absent,
     /// The federation has not stopped in order.
     Unfinished,

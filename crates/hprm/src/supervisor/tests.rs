@@ -296,6 +296,26 @@ fn the_missing_are_waited_for_until_the_time_is_over() {
 }
 
 #[test]
+fn those_that_load_are_waited_for_until_the_time_is_over() {
+    let mut stage = Stage::empty();
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Loaded(B));
+    stage.pass(29_999);
+    assert!(stage.reports.is_empty());
+    stage.pass(1);
+    stage.reported_once("federate a did not load its program within 30 s");
+    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+}
+
+#[test]
+fn after_the_start_no_time_is_over() {
+    let mut stage = Stage::running();
+    stage.pass(1_000_000);
+    assert!(stage.reports.is_empty());
+}
+
+#[test]
 fn an_interrupt_stops_in_order() {
     let mut stage = Stage::running();
     stage.event(Observation::Signal(Signal::INTERRUPT));

@@ -65,13 +65,19 @@ impl Verdict {
         Self { report: Report { code, ..report.of(federate) }, code }
     }
 
-    /// Some federates did not join in time.
-    pub(super) fn on_absent(names: &[&str], seconds: f64) -> Self {
-        let (noun, names) = match names {
-            [name] => ("federate", (*name).to_owned()),
-            _ => ("federates", names.join(", ")),
+    /// Some federates did not join in time, or all have joined and some did not load in time.
+    pub(super) fn on_late(absent: &[&str], loading: &[&str], seconds: f64) -> Self {
+        let (names, what) = match absent {
+            [] => (loading, "load its program"),
+            _ => (absent, "join"),
         };
-        let said = format!("{noun} {names} did not join within {seconds} s");
+        let said = match names {
+            [name] => format!("federate {name} did not {what} within {seconds} s"),
+            _ => {
+                let what = what.replace("its program", "their programs");
+                format!("federates {} did not {what} within {seconds} s", names.join(", "))
+            }
+        };
         let report = Report::new(Kind::Absent, said)
             .hint("programs that take long to load need a longer --join-timeout");
         Self { report, code: 1 }
@@ -223,9 +229,16 @@ mod tests {
 
     #[test]
     fn the_missing_are_named() {
-        let absent = |names: &[&str]| Verdict::on_absent(names, 0.5).report.message.clone();
-        assert_eq!(absent(&["a"]), "federate a did not join within 0.5 s");
-        assert_eq!(absent(&["a", "b"]), "federates a, b did not join within 0.5 s");
+        let late = |absent: &[&str], loading: &[&str]| {
+            Verdict::on_late(absent, loading, 0.5).report.message
+        };
+        assert_eq!(late(&["a"], &["c"]), "federate a did not join within 0.5 s");
+        assert_eq!(late(&["a", "b"], &[]), "federates a, b did not join within 0.5 s");
+        assert_eq!(late(&[], &["a"]), "federate a did not load its program within 0.5 s");
+        assert_eq!(
+            late(&[], &["a", "b"]),
+            "federates a, b did not load their programs within 0.5 s"
+        );
     }
 
     #[test]
