@@ -4,6 +4,12 @@ Programs are written in ``.lf`` files and run by ``hprm run``; what their bodies
 well, for the modules that they import.
 """
 
+# ruff: noqa: E402, I001
+from hprm import _startup
+
+# Before anything that takes time to load.
+_startup.quiet()
+
 from hprm._classes import Make, ReactorBase
 from hprm._hprm import Tag, action_capsule_t, port_capsule
 from hprm._memory import empty, empty_like

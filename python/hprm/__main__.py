@@ -9,13 +9,14 @@ import signal
 import sys
 from typing import NoReturn
 
-from hprm import _debugging, _hprm, _threads
+from hprm import _debugging, _hprm, _startup, _threads
 from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
 
 
 def main() -> NoReturn:
     """Run what the command line says, and leave with its exit code."""
+    _startup.done()
     parser = _parser()
     options = parser.parse_args()
     parent = getattr(options, "die_with_parent", None)
@@ -39,6 +40,7 @@ def main() -> NoReturn:
             options.property,
             logical_traces=options.logical_trace,
             join_timeout=options.join_timeout,
+            hang_timeout=options.hang_timeout,
         )
     elif options.command == "run":
         code = _hprm.run_program(
@@ -94,6 +96,12 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         metavar="SECONDS",
         help="how long federates that are threads may take until all are loaded",
+    )
+    run.add_argument(
+        "--hang-timeout",
+        type=float,
+        metavar="SECONDS",
+        help="with --in-process: fail if a federate does not answer for so long",
     )
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")

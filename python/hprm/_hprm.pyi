@@ -125,6 +125,7 @@ def run_in_process(
     *,
     logical_traces: str | None = None,
     join_timeout: float | None = None,
+    hang_timeout: float | None = None,
 ) -> int:
     """Run a federation in this process, a thread for each federate. Return the exit code.
 

@@ -12,6 +12,7 @@ import subprocess
 import time
 
 import pytest
+import test_stalls
 from processes import COORDINATIONS, Bench, finish, hear, until
 from snippets import TELL
 
@@ -115,6 +116,23 @@ def test_a_hang_may_be_a_failure(bench: Bench, coordination: str, hang: str) -> 
     if hang == "stopped":
         # It does not even hear that it is asked to end.
         assert "warning: killed what did not end by itself: sink" in outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize("hang", [test_stalls.ENDLESS, test_stalls.SLEEPING, test_stalls.NATIVE])
+def test_a_thread_that_hangs_may_be_a_failure(bench: Bench, coordination: str, hang: str) -> None:
+    # The others cannot answer either while one holds the interpreter.
+    text = test_stalls.program("federated", hang).replace(
+        "federated reactor {",
+        "reactor Idle { timer t(0, 3 ms)\n reaction(t) {= pass =} }\n"
+        "federated reactor { idle = new[3] Idle() ",
+    )
+    text = text.replace("target Python", f"target Python {{ coordination: {coordination} }}")
+    outcome = bench.run(text, "--in-process", "--hang-timeout", "1.5")
+    assert outcome.code == 1
+    outcome.assert_one_error("error: federate worker has not answered for 1 s")
+    assert "warning: ends what has not ended within 2 s: " in outcome.err
+    test_stalls.assert_told(outcome.err, text, "federated", hang)
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

@@ -11,7 +11,7 @@ from processes import Bench, finish, hear, until
 from snippets import TELL
 
 PROGRAM = (
-    "target Python\npreamble {=\nimport itertools, os, pathlib, time\n"
+    "target Python\npreamble {=\nimport itertools, os, pathlib, re, time\n"
     + TELL
     + """\
 def work():

@@ -256,7 +256,7 @@ pub(crate) struct Hang {
     /// Give up if a federate does not answer for that many seconds. Without it, the others wait: it
     /// may be busy in a long reaction.
     #[arg(long = "hang-timeout", value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
-    limit: Option<Duration>,
+    pub(crate) limit: Option<Duration>,
 }
 
 impl Hang {

@@ -14,7 +14,7 @@ use crate::args::{FederateArguments, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
-use crate::{check, hosts, join, python, rti, secret, threads};
+use crate::{check, hosts, join, python, rti, secret, signals, threads};
 
 /// Runs a program to its end.
 ///
@@ -130,6 +130,6 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
 
 /// Becomes another program. Returns only if that fails.
 pub(crate) fn replace(mut command: Command) -> Error {
-    let error = command.exec();
+    let error = signals::without_ctrl_c(|| command.exec());
     Error::new(format!("cannot run {}: {error}", command.get_program().display()))
 }

@@ -6,9 +6,24 @@ use std::io;
 use std::sync::Arc;
 use std::thread;
 
-use hprm::supervisor::Signal;
+use hprm::supervisor;
+use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
+
+/// Starts an interpreter by `start` in such a way that Ctrl-C cannot stop it before it is ready for that: the
+/// signal waits until the package unblocks it, which it does first of all.
+pub(crate) fn without_ctrl_c<T>(start: impl FnOnce() -> T) -> T {
+    let mut ctrl_c = SigSet::empty();
+    ctrl_c.add(Signal::SIGINT);
+    // Without it, a Ctrl-C that comes very early shows a traceback.
+    let before = ctrl_c.thread_swap_mask(SigmaskHow::SIG_BLOCK);
+    let started = start();
+    if let Ok(before) = before {
+        let _ = before.thread_set_mask();
+    }
+    started
+}
 
 /// From now on, Ctrl-C, SIGTERM and the end of the terminal do not end this process but call
 /// `report`, until it returns false.
@@ -16,7 +31,9 @@ use signal_hook::iterator::Signals;
 /// # Errors
 ///
 /// If the system refuses.
-pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Result<()> {
+pub(crate) fn watch(
+    report: impl Fn(supervisor::Signal) -> bool + Send + 'static,
+) -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     // Started with `nohup`, it is meant to stay.
     if !is_ignored(SIGHUP) {
@@ -24,7 +41,7 @@ pub(crate) fn watch(report: impl Fn(Signal) -> bool + Send + 'static) -> io::Res
     }
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         for signal in signals.forever() {
-            if !report(Signal(signal)) {
+            if !report(supervisor::Signal(signal)) {
                 return;
             }
         }

@@ -29,6 +29,9 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());
     command.arg("--join-timeout").arg(arguments.join_timeout.as_secs_f64().to_string());
     command.args(arguments.properties.options());
+    if let Some(limit) = arguments.hang.limit {
+        command.arg("--hang-timeout").arg(limit.as_secs_f64().to_string());
+    }
     let Some(path) = &arguments.logical_trace else {
         command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
         return Err(replace(command));
@@ -77,7 +80,8 @@ fn supervise(mut command: Command) -> Result<ExitStatus, Error> {
     let failed = |error: std::io::Error| Error::new(format!("{what}: {error}"));
     signals::watch(forward).map_err(failed)?;
     // A group of its own, so that a Ctrl-C at the terminal does not reach it twice.
-    let mut process = command.process_group(0).spawn().map_err(failed)?;
+    let command = command.process_group(0);
+    let mut process = signals::without_ctrl_c(|| command.spawn()).map_err(failed)?;
     let set = |pid| *child.lock().unwrap_or_else(PoisonError::into_inner) = pid;
     let pid = Pid::from_child(&process);
     set(Some(pid));

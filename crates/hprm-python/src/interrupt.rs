@@ -1,71 +1,96 @@
-//! Signals: the first one asks the program to stop in order, the second one breaks into it. [`alone`](crate::alone)
-//! makes sure that the first one is enough for a federate that was started by hand.
+//! Signals, as the interpreter handles them: the first one asks the program to stop in order, the second one
+//! breaks into it. That it ends in time, even if the interpreter cannot handle them, is up to
+//! [`signals`](crate::signals).
 
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use hprm::Inbox;
+use hprm::StopProgress;
 use hprm::supervisor::{Signal, TOGETHER};
 
-use hprm_core::Scope;
 use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::alone;
+use crate::signals::{self, Heard};
 use crate::stalls;
-use crate::value::Value;
 
 const SIGINT: i32 = Signal::INTERRUPT.0;
 const SIGTERM: i32 = Signal::TERMINATE.0;
 const SIGHUP: i32 = Signal::HANG_UP.0;
 
+/// The signals that ask a process for its end, and what Python does about each if nothing handles it.
+const ASKING: [(i32, &str); 3] =
+    [(SIGINT, "default_int_handler"), (SIGTERM, "SIG_DFL"), (SIGHUP, "SIG_DFL")];
+
 /// The handler of the signals, as Python calls it.
 #[pyclass(frozen, module = "hprm._hprm")]
 #[derive(Default)]
 pub(crate) struct Interrupt {
-    /// Whether the interpreter writes to a descriptor of ours when a signal comes.
-    wakes: AtomicBool,
     /// The first signal that came, or zero.
     asked: AtomicI32,
     /// When it came.
     since: OnceLock<Instant>,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
-    /// Whether the loop has noticed, and whether the program has ended.
     progress: Arc<Progress>,
-    /// Where the interpreter writes if a thread watches for signals.
-    signal_writer: Mutex<Option<OwnedFd>>,
+    /// Where the interpreter writes the numbers of signals, while a thread listens.
+    writer: Mutex<Option<OwnedFd>>,
 }
 
 /// How far the end has come that a signal has asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Progress {
     /// Whether the loop knows of the signal.
-    pub(crate) noticed: AtomicBool,
+    noticed: AtomicBool,
+    /// Whether the interpreter has noticed that a signal breaks in.
+    broken: AtomicBool,
     /// Whether the program has ended, so that nothing is left to be broken into.
-    pub(crate) over: AtomicBool,
+    over: AtomicBool,
+}
+
+impl Progress {
+    /// Whether the loop knows of the signal.
+    pub(crate) fn is_noticed(&self) -> bool {
+        self.noticed.load(Ordering::Relaxed)
+    }
+
+    /// What is done so far.
+    pub(crate) fn steps(&self) -> StopProgress {
+        StopProgress {
+            broken: self.broken.load(Ordering::Relaxed),
+            over: self.over.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// Which signals the process handles.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Handled {
+    /// All that ask for the end.
+    All,
+    /// Ctrl-C; the launcher of the process decides when it is to end.
+    CtrlC,
 }
 
 impl Interrupt {
-    /// A handler that is in force, unless the program has one of its own, or this thread is not the
-    /// one that gets signals. A signal that comes just before the loop waits wakes it by a byte to
-    /// `wakeup`.
-    ///
-    /// Of a program in one process it handles all signals that ask for the end. A federate leaves
-    /// those to its launcher, which stops all of them together; without one, see [`Self::handle_all`].
+    /// A handler that is in force, unless the program has handlers of its own, or this thread is not the
+    /// one that gets signals. What a thread is to do that hears of all signals is made by `hear`.
     ///
     /// # Errors
     ///
     /// What Python raises.
-    pub(crate) fn install(
+    pub(crate) fn install<H>(
         py: Python<'_>,
-        scope: Scope,
-        wakeup: BorrowedFd<'_>,
-    ) -> PyResult<Py<Self>> {
+        handled: Handled,
+        hear: impl FnOnce(Arc<Progress>) -> H,
+    ) -> PyResult<Py<Self>>
+    where
+        H: FnMut(Heard) -> Option<Duration> + Send + 'static,
+    {
         let handler = Py::new(py, Self::default())?;
         hprm_store::watch_forks();
         let forked = PyDict::new(py);
@@ -77,56 +102,19 @@ impl Interrupt {
         if !this.is(&main) {
             return Ok(handler);
         }
-        let mut wakes = Self::handle(handler.bind(py), SIGINT, "default_int_handler")?;
-        if scope == Scope::Whole {
-            wakes |= Self::handle_all(handler.bind(py))?;
+        let mut numbers = Vec::new();
+        for (number, default) in ASKING {
+            let wanted = handled == Handled::All || number == SIGINT;
+            if wanted && Self::handle(handler.bind(py), number, default)? {
+                numbers.extend(u8::try_from(number));
+            }
         }
-        if wakes {
-            handler.get().wakes.store(true, Ordering::Relaxed);
-            Self::wake_by(py, wakeup)?;
+        if !numbers.is_empty() {
+            let writer = signals::listen(numbers, hear(Arc::clone(&handler.get().progress)))?;
+            write_to(py, writer.as_raw_fd())?;
+            *handler.get().writer.lock().unwrap_or_else(PoisonError::into_inner) = Some(writer);
         }
         Ok(handler)
-    }
-
-    /// Has the interpreter write the number of each signal that comes to a descriptor.
-    fn wake_by(py: Python<'_>, wakeup: BorrowedFd<'_>) -> PyResult<()> {
-        let signal = py.import(intern!(py, "signal"))?;
-        let quiet = PyDict::new(py);
-        quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
-        let wakeup = (wakeup.as_raw_fd(),);
-        signal.call_method(intern!(py, "set_wakeup_fd"), wakeup, Some(&quiet))?;
-        Ok(())
-    }
-
-    /// Handles all signals that ask a process to end, for a federate of that name which was started by
-    /// hand; it then ends within a bounded time after the first of these signals.
-    ///
-    /// # Errors
-    ///
-    /// What Python raises.
-    pub(crate) fn handle_alone(
-        slf: &Bound<'_, Self>,
-        federate: &str,
-        inbox: &Inbox<Value>,
-    ) -> PyResult<()> {
-        let py = slf.py();
-        if !(Self::handle_all(slf)? | slf.get().wakes.load(Ordering::Relaxed)) {
-            return Ok(());
-        }
-        let handled = [SIGINT, SIGTERM, SIGHUP].into_iter();
-        let handled = handled.filter(|number| Self::handles(slf, *number).unwrap_or(false));
-        let handled: Vec<_> = handled.filter_map(|number| u8::try_from(number).ok()).collect();
-        let progress = Arc::clone(&slf.get().progress);
-        let writer = alone::watch(federate, handled, inbox.clone(), progress)?;
-        Self::wake_by(py, writer.as_fd())?;
-        slf.get().wakes.store(true, Ordering::Relaxed);
-        *slf.get().signal_writer.lock().unwrap_or_else(PoisonError::into_inner) = Some(writer);
-        Ok(())
-    }
-
-    /// Has it handle what asks a process for its end, too. Returns whether it handles any of that.
-    fn handle_all(slf: &Bound<'_, Self>) -> PyResult<bool> {
-        Ok(Self::handle(slf, SIGTERM, "SIG_DFL")? | Self::handle(slf, SIGHUP, "SIG_DFL")?)
     }
 
     /// Handles a signal, unless the program has a handler of its own instead of the `default`.
@@ -140,14 +128,12 @@ impl Interrupt {
         Ok(is_free)
     }
 
-    /// Has the interpreter forget the descriptor, which is about to be closed.
+    /// Ends the thread that hears of signals.
     pub(crate) fn release(&self, py: Python<'_>) {
-        if self.wakes.swap(false, Ordering::Relaxed) {
+        let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if writer.is_some() {
             // Fails only while the interpreter itself comes to its end.
-            let _ = py
-                .import(intern!(py, "signal"))
-                .and_then(|signal| signal.call_method1(intern!(py, "set_wakeup_fd"), (-1,)));
-            self.signal_writer.lock().unwrap_or_else(PoisonError::into_inner).take();
+            let _ = write_to(py, -1);
         }
     }
 
@@ -191,6 +177,7 @@ impl Interrupt {
         if since.elapsed() < TOGETHER {
             return Ok(());
         }
+        this.progress.broken.store(true, Ordering::Relaxed);
         stalls::break_in(slf.py());
         if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
@@ -202,6 +189,8 @@ impl Interrupt {
 
     /// In a process that a body has forked: it is to obey its parent like any other.
     fn _forked(slf: &Bound<'_, Self>) -> PyResult<()> {
+        // The pipe leads to the parent.
+        slf.get().release(slf.py());
         [SIGTERM, SIGHUP].into_iter().try_for_each(|number| Self::restore(slf, number))
     }
 }
@@ -223,4 +212,13 @@ impl Interrupt {
         }
         Ok(())
     }
+}
+
+/// Has the interpreter write the number of each signal that comes to a descriptor, or -1 for none.
+fn write_to(py: Python<'_>, descriptor: i32) -> PyResult<()> {
+    let signal = py.import(intern!(py, "signal"))?;
+    let quiet = PyDict::new(py);
+    quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
+    signal.call_method(intern!(py, "set_wakeup_fd"), (descriptor,), Some(&quiet))?;
+    Ok(())
 }

@@ -11,7 +11,6 @@
 )]
 
 mod action;
-mod alone;
 mod api;
 mod backlog;
 mod bodies;
@@ -20,6 +19,7 @@ mod codec;
 mod console;
 mod digest;
 mod failure;
+mod forced_end;
 mod fork;
 mod host;
 mod interrupt;
@@ -34,6 +34,7 @@ mod program;
 mod run;
 mod runtime;
 mod serialize;
+mod signals;
 mod stage;
 mod stalls;
 mod tag;

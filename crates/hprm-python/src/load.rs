@@ -19,15 +19,25 @@ use crate::bodies::{self, Bodies};
 use crate::codec::Codec;
 use crate::failure::{failure_at, failure_in};
 use crate::host::PyHost;
-use crate::interrupt::Interrupt;
+use crate::interrupt::{Handled, Interrupt};
 use crate::mode::Mode;
 use crate::places::Places;
 use crate::port::Port;
 use crate::program;
 use crate::runtime::{Access, Runtime};
+use crate::signals;
 use crate::stalls;
 use crate::thread;
 use crate::value::Value;
+
+/// What looks after the process, so that it ends when it is asked to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Care {
+    /// The process itself; it runs that, as users call it.
+    Own(String),
+    /// Another process or, for a federate that is a thread, another thread.
+    Launcher,
+}
 
 /// Loads the share of a program that lies in `scope`: runs its preambles, makes its instances.
 ///
@@ -39,6 +49,7 @@ pub(crate) fn load(
     compiled: &Compiled,
     scope: Scope,
     inbox: &Inbox<Value>,
+    care: Care,
 ) -> Result<PyHost, Failure> {
     let wrong = |reason: String| Failure::option(reason);
     let backlog = Backlog::from_environment().map_err(wrong)?;
@@ -50,7 +61,16 @@ pub(crate) fn load(
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
     let pickling = pickling.map_err(wrong)?;
     // Last, so that Ctrl-C breaks into a preamble at once.
-    let interrupt = Interrupt::install(py, scope, inbox.wakeup()).map_err(loading)?;
+    let launched = care == Care::Launcher;
+    let interrupt = match care {
+        Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {
+            signals::stop_in_time(what, inbox.clone(), progress)
+        }),
+        Care::Launcher => {
+            Interrupt::install(py, Handled::CtrlC, |_| signals::notice(inbox.clone()))
+        }
+    };
+    let interrupt = interrupt.map_err(loading)?;
     let federate = match scope {
         Scope::Whole => FederateId(0),
         Scope::Federate(federate) => federate,
@@ -61,8 +81,6 @@ pub(crate) fn load(
     let places = Arc::new(Places::of(compiled));
     let origins = origins(compiled, scope, &places);
     stalls::watch(py, &runtime, &places, is_thread).map_err(wrong)?;
-    // The main thread reports for all federates.
-    let launched = is_thread;
     Ok(PyHost {
         runtime,
         bodies,

@@ -16,9 +16,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::console::{say, tell};
-use crate::failure::failure_in;
 use crate::interrupt::Interrupt;
-use crate::load::load;
+use crate::load::{Care, load};
 use crate::program;
 use crate::value::Value;
 
@@ -36,10 +35,12 @@ pub(crate) fn run_program(
     exit_code(&compile(path, &properties, true).and_then(|compiled| {
         hprm::log_to_stderr(false)?;
         let inbox = inbox()?;
-        let mut host = load(py, &compiled, Scope::Whole, &inbox)?;
+        let mut host =
+            load(py, &compiled, Scope::Whole, &inbox, Care::Own("the program".to_owned()))?;
         let trace =
             logical_trace.map(|path| Trace::create(&path, &compiled.program)).transpose()?;
         let outcome = hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace);
+        host.interrupt.get().end();
         outcome.map_err(|failure| by_signal(failure, host.interrupt.get()))
     }))
 }
@@ -97,13 +98,11 @@ pub(crate) fn run_federate(
         let mut interrupt = None;
         let outcome = hprm::run_federate(&options, &inbox, || {
             joined = true;
-            let mut host = load(py, &compiled, scope, &inbox)?;
-            host.launched = launched;
-            if !launched {
-                let interrupt = host.interrupt.bind(py);
-                let handled = Interrupt::handle_alone(interrupt, federate, &inbox);
-                handled.map_err(|error| failure_in(py, error, "handling signals"))?;
-            }
+            let care = match launched {
+                true => Care::Launcher,
+                false => Care::Own(format!("federate {federate}")),
+            };
+            let host = load(py, &compiled, scope, &inbox, care)?;
             interrupt = Some(host.interrupt.clone_ref(py));
             Ok(host)
         });

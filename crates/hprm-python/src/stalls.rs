@@ -15,7 +15,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::{ReactionRun, Stall, StallWatch};
-use hprm_core::show_time;
+use hprm_core::{FederateId, Scope, show_time};
 use nix::sys::pthread::{Pthread, pthread_kill};
 use nix::sys::signal::Signal;
 use pyo3::prelude::*;
@@ -68,6 +68,8 @@ static ASKED: AtomicBool = AtomicBool::new(false);
 /// Whether the process forks, and whether the thread holds locks; see [`pause`].
 static FORKING: AtomicBool = AtomicBool::new(false);
 static SAMPLING: AtomicBool = AtomicBool::new(false);
+/// Locked by the thread that tells, so that all is told before the process ends by force.
+static TELLING: Mutex<()> = Mutex::new(());
 static START: LazyLock<Instant> = LazyLock::new(Instant::now);
 
 /// A stall, with what is to be said of it.
@@ -109,6 +111,7 @@ pub(crate) fn watch(
         let _ = builder.spawn(move || {
             loop {
                 thread::sleep(period);
+                let _turn = telling();
                 for told in sampled() {
                     tell(&told);
                 }
@@ -125,19 +128,47 @@ pub(crate) fn ask() {
 
 /// Another signal breaks into the bodies that run: says into which.
 pub(crate) fn break_in(py: Python<'_>) {
-    // A copy of the process runs no reaction.
-    if FORKING.load(Ordering::SeqCst) {
-        return;
-    }
-    let told = {
-        let mut monitor = monitor();
-        let runs = monitor.runs();
-        let stalls = monitor.watch.break_in(START.elapsed(), runs.iter().map(|(run, _)| *run));
-        monitor.told(&stalls, &runs)
-    };
-    for told in told {
+    for told in untold() {
         show(&told, &stack(py, told.thread).unwrap_or_default());
     }
+}
+
+/// The process is about to end by force: says which bodies run, without the interpreter's lock.
+pub(crate) fn tell_of_all() {
+    // What is being told at this moment is told to its end.
+    let _turn = telling();
+    for told in untold() {
+        tell(&told);
+    }
+}
+
+/// The federates that run a reaction at this moment, the one that has been running for the longest time first.
+/// One that waits for the interpreter in order to begin a reaction does not run it yet.
+pub(crate) fn running_federates() -> Vec<FederateId> {
+    let monitor = monitor();
+    let mut running = monitor.runs();
+    running.sort_by_key(|(run, _)| monitor.watch.since(*run));
+    let federate = |(run, _): &(ReactionRun, Reacting)| match monitor.programs[run.program]
+        .runtime
+        .upgrade()?
+        .scope()
+    {
+        Scope::Federate(federate) => Some(federate),
+        Scope::Whole => None,
+    };
+    running.iter().filter_map(federate).collect()
+}
+
+/// What has not been told since the program was asked to stop, of all that runs.
+fn untold() -> Vec<Told> {
+    // A copy of the process runs no reaction.
+    if FORKING.load(Ordering::SeqCst) {
+        return Vec::new();
+    }
+    let mut monitor = monitor();
+    let runs = monitor.runs();
+    let stalls = monitor.watch.break_in(START.elapsed(), runs.iter().map(|(run, _)| *run));
+    monitor.told(&stalls, &runs)
 }
 
 /// What to tell now; nothing while the process forks.
@@ -313,6 +344,10 @@ fn limit() -> Result<Option<Duration>, String> {
     seconds.filter(|limit| !limit.is_zero()).map(Some).ok_or_else(|| {
         format!("{NAME}={text} means nothing; it is a number of seconds, as in 30, or off")
     })
+}
+
+fn telling() -> MutexGuard<'static, ()> {
+    TELLING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn monitor() -> MutexGuard<'static, Monitor> {

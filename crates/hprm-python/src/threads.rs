@@ -1,69 +1,87 @@
 //! Running a federation in this process: a thread for each federate, and one for the RTI.
 //!
-//! The main thread looks after them: it alone gets Ctrl-C. What is to be done is up to the
-//! [`Supervisor`], as for a federation of processes.
+//! The main thread looks after them, without the interpreter's lock, which a body may never release. What is to
+//! be done is up to the [`Supervisor`], as for a federation of processes.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::supervisor::{FederateEnding, Members, Observation, Order, Signal, Supervisor};
+use hprm::supervisor::{FederateEnding, Members, Observation, Order, Supervisor};
 use hprm::{
-    Address, Clock, Failure, FederateOptions, FederationId, Inbox, Kind, Label, Patience, Reach,
-    Report, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
+    Address, Failure, FederateOptions, FederationId, Kind, Label, Patience, Reach, Report,
+    RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
 };
-use hprm_core::Scope;
+use hprm_core::{Program, Scope};
 use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
 use crate::console::{say, show};
 use crate::failure::failure_in;
-use crate::interrupt::Interrupt;
-use crate::load::load;
+use crate::forced_end;
+use crate::interrupt::{Handled, Interrupt};
+use crate::load::{Care, load};
 use crate::run::{compile, exit_code, inbox};
+use crate::signals;
+use crate::stalls;
 use crate::thread::belong_to;
 use crate::value::Value;
 
 /// As much as the main thread has on most systems: Python code recurses.
 const STACK: usize = 8 << 20;
 
+/// How long the main thread may take to get the interpreter back, when federates have not ended.
+const ATTACHING: Duration = Duration::from_secs(1);
+/// How long the end of the process may take after that.
+const ENDING: Duration = Duration::from_secs(2);
+
 /// Runs a federation in this process to its end. Returns the exit code.
 ///
 /// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's. Each
 /// federate writes its share of the logical trace to a file of its name in the folder
-/// `logical_traces`. If they are not all loaded within `join_timeout` seconds, that is a failure.
+/// `logical_traces`. It is a failure if they are not all loaded within `join_timeout` seconds, or if one does not
+/// answer for `hang_timeout` seconds.
 #[pyfunction]
-#[pyo3(signature = (path, properties = vec![], *, logical_traces = None, join_timeout = None))]
+#[pyo3(signature = (
+    path, properties = vec![], *, logical_traces = None, join_timeout = None, hang_timeout = None
+))]
 pub(crate) fn run_in_process(
     py: Python<'_>,
     path: &str,
     properties: Vec<String>,
     logical_traces: Option<PathBuf>,
     join_timeout: Option<f64>,
+    hang_timeout: Option<f64>,
 ) -> i32 {
     let outcome = compile(path, &properties, true).and_then(|compiled| {
         hprm::log_to_stderr(true)?;
-        let limit = join_timeout.map_or(Ok(Duration::MAX), Duration::try_from_secs_f64);
-        let limit = limit.map_err(|error| Failure::option(format!("--join-timeout: {error}")))?;
-        let (compiled, wakeups) = (Arc::new(compiled), inbox()?);
+        let join_timeout = limit("--join-timeout", join_timeout)?.unwrap_or(Duration::MAX);
+        let silence = limit("--hang-timeout", hang_timeout)?.map(nanoseconds);
+        let compiled = Arc::new(compiled);
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
-        let interrupt = Interrupt::install(py, Scope::Whole, wakeups.wakeup()).map_err(raised)?;
-        let outcome = start(&compiled, &wakeups, logical_traces.as_deref(), limit)
-            .map(|watch| watch.run(py, interrupt.get()));
+        let (events, arrivals) = channel();
+        let signals = events.clone();
+        let interrupt = Interrupt::install(py, Handled::All, |_| signals::forward(signals));
+        let interrupt = interrupt.map_err(raised)?;
+        let patience = Patience { limit: silence };
+        let plan = Plan { compiled, join_timeout, patience, logical_traces };
+        let run = move || plan.start(&events).map(|rti| plan.watch(&rti, &arrivals));
+        let ended = py.detach(run);
         interrupt.get().end();
         interrupt.get().release(py);
-        let Outcome { code, is_traced } = outcome?;
-        if let Some(folder) = logical_traces.filter(|_| !is_traced) {
-            // One share is missing, so the others are of no use. The caller looks for what is left.
-            let _ = std::fs::remove_dir_all(folder);
-        }
-        Ok(code)
+        ended.map(Ended::attach)
     });
     outcome.unwrap_or_else(|failure| exit_code(&Err(failure)))
+}
+
+fn limit(option: &str, seconds: Option<f64>) -> Result<Option<Duration>, Failure> {
+    let limit = seconds.map(Duration::try_from_secs_f64).transpose();
+    limit.map_err(|error| Failure::option(format!("{option}: {error}")))
 }
 
 /// Has what a federate prints start with its name.
@@ -74,28 +92,113 @@ fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
     Ok(())
 }
 
-/// Reports events to the main thread.
-#[derive(Clone)]
-struct Reporter {
-    events: Sender<Observation>,
-    wakeups: Inbox<Value>,
+/// What is to be run, and how.
+struct Plan {
+    compiled: Arc<Compiled>,
+    join_timeout: Duration,
+    patience: Patience,
+    logical_traces: Option<PathBuf>,
 }
 
-impl Reporter {
-    fn tell(&self, event: Observation) {
-        // The receiver is gone once the process is about to end.
-        let _ = self.events.send(event);
-        self.wakeups.notify();
+impl Plan {
+    /// Starts the RTI and the federates. What becomes of them is reported to `events`.
+    fn start(&self, events: &Sender<Observation>) -> Result<RtiHandle, Failure> {
+        let program = &self.compiled.program;
+        check(program)?;
+        let exchange = ValueExchange::new();
+        let fingerprint = Arc::new(program.fingerprint());
+        let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
+        let options = RtiOptions {
+            program: Arc::clone(program),
+            fingerprint: Arc::clone(&fingerprint),
+            // It keeps other processes out, and no other process can reach these links.
+            federation: FederationId(0),
+            listen: listen.clone(),
+            also_listen: Vec::new(),
+            security: Security::default(),
+            patience: self.patience,
+        };
+        let rti = exchange.rti(&options)?;
+        let handle = rti.handle();
+        let reports = events.clone();
+        let asked = Arc::clone(program);
+        // The receiver of reports is gone once the process is about to end.
+        spawn("rti", move || {
+            // The federates ask for the same, and say so if it is refused.
+            let _ = hprm::enter_realtime(&asked.properties, None);
+            let outcome = rti.run(|event| drop(reports.send(Observation::Rti(event))));
+            let _ = reports.send(Observation::RtiEnded(outcome));
+        })?;
+        for (id, federate) in program.federates.iter() {
+            let traces = self.logical_traces.as_ref();
+            let options = FederateOptions {
+                program: Arc::clone(program),
+                fingerprint: Arc::clone(&fingerprint),
+                federate: id,
+                rti: listen.clone(),
+                federation: options.federation,
+                security: Security::default(),
+                reach: Reach::default(),
+                store: hprm::store_limits(self.compiled.settings.store),
+                trace: traces.map(|folder| folder.join(&federate.name)),
+            };
+            let (compiled, exchange) = (Arc::clone(&self.compiled), exchange.clone());
+            let reports = events.clone();
+            spawn(&federate.name, move || {
+                let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &exchange));
+                let how = ending(&compiled.program.federates[id].name, catch_unwind(run));
+                let _ = reports.send(Observation::Ended { federate: id, how });
+            })?;
+        }
+        Ok(handle)
+    }
+
+    /// Looks after them until all have ended, or must. Brings events to the supervisor, and carries out its
+    /// orders.
+    fn watch(&self, rti: &RtiHandle, arrivals: &Receiver<Observation>) -> Ended {
+        let program = &self.compiled.program;
+        let mut supervisor = Supervisor::new(program, Members::Threads, self.join_timeout);
+        let launched = Instant::now();
+        let mut is_traced = true;
+        loop {
+            let now = launched.elapsed();
+            supervisor.tick(now);
+            while let Some(order) = supervisor.poll() {
+                is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
+                carry_out(order, rti);
+            }
+            if let Some(code) = supervisor.outcome(now) {
+                if let Some(folder) = self.logical_traces.as_ref().filter(|_| !is_traced) {
+                    // One share is missing, so the others are of no use. The caller looks for what is left.
+                    let _ = std::fs::remove_dir_all(folder);
+                }
+                return Ended::new(code, supervisor.all_ended());
+            }
+            let wakeup = supervisor.next_wakeup(now);
+            let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
+            if let Ok(event) = arrivals.recv_timeout(patience) {
+                supervisor.handle(launched.elapsed(), blame_the_holder(program, event));
+            }
+        }
     }
 }
 
-fn start(
-    compiled: &Arc<Compiled>,
-    wakeups: &Inbox<Value>,
-    logical_traces: Option<&Path>,
-    join_timeout: Duration,
-) -> Result<Watch, Failure> {
-    let program = &compiled.program;
+/// All federates need the interpreter, which one of them may hold. Those that wait for it do not answer
+/// either, so a report about one of them is a report about the one that runs.
+fn blame_the_holder(program: &Program, event: Observation) -> Observation {
+    let Observation::Rti(RtiEvent::Failed { federate, mut report }) = event else { return event };
+    let running = stalls::running_federates();
+    if report.kind != Kind::Lost || running.contains(&federate) {
+        return Observation::Rti(RtiEvent::Failed { federate, report });
+    }
+    let holder = running.first().copied().unwrap_or(federate);
+    let [said, meant] = [federate, holder].map(|id| &program.federates[id].name);
+    let names = [said, meant].map(|name| format!("federate {name} "));
+    report.message = report.message.replacen(&names[0], &names[1], 1);
+    Observation::Rti(RtiEvent::Failed { federate: holder, report: report.of(meant) })
+}
+
+fn check(program: &Program) -> Result<(), Failure> {
     if !program.is_federated() {
         let message = format!("{} is not federated, so it has no federates", program.name);
         return Err(Failure::option(message));
@@ -110,53 +213,16 @@ fn start(
             hint: Some("run the program without --in-process"),
         });
     }
-    let (events, arrivals) = channel();
-    let reporter = Reporter { events, wakeups: wakeups.clone() };
-    let exchange = ValueExchange::new();
-    let fingerprint = Arc::new(program.fingerprint());
-    let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");
-    let options = RtiOptions {
-        program: Arc::clone(program),
-        fingerprint: Arc::clone(&fingerprint),
-        // It keeps other processes out, and no other process can reach these links.
-        federation: FederationId(0),
-        listen: listen.clone(),
-        also_listen: Vec::new(),
-        security: Security::default(),
-        patience: Patience::default(),
-    };
-    let rti = exchange.rti(&options)?;
-    let supervisor = Supervisor::new(program, Members::Threads, join_timeout);
-    let watch = Watch { supervisor, arrivals, wakeups: wakeups.clone(), rti: rti.handle() };
-    let reports = reporter.clone();
-    let asked = Arc::clone(program);
-    spawn("rti", move || {
-        // The federates ask for the same, and say so if it is refused.
-        let _ = hprm::enter_realtime(&asked.properties, None);
-        let outcome = rti.run(|event| reports.tell(Observation::Rti(event)));
-        reports.tell(Observation::RtiEnded(outcome));
-    })?;
-    for (id, federate) in program.federates.iter() {
-        let options = FederateOptions {
-            program: Arc::clone(program),
-            fingerprint: Arc::clone(&fingerprint),
-            federate: id,
-            rti: listen.clone(),
-            federation: options.federation,
-            security: Security::default(),
-            reach: Reach::default(),
-            store: hprm::store_limits(compiled.settings.store),
-            trace: logical_traces.map(|folder| folder.join(&federate.name)),
-        };
-        let (compiled, exchange, reports) =
-            (Arc::clone(compiled), exchange.clone(), reporter.clone());
-        spawn(&federate.name, move || {
-            let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &exchange));
-            let how = ending(&compiled.program.federates[id].name, catch_unwind(run));
-            reports.tell(Observation::Ended { federate: id, how });
-        })?;
+    Ok(())
+}
+
+fn carry_out(order: Order, rti: &RtiHandle) {
+    match order {
+        Order::RequestStop => rti.request_stop(),
+        Order::Report(report) => show(&report),
+        Order::Warn(report) => say(&report.text(Label::Warning, false)),
+        Order::Send { .. } => unreachable!("no thread can be sent a signal"),
     }
-    Ok(watch)
 }
 
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure> {
@@ -179,7 +245,7 @@ fn run_federate(
         py.detach(|| {
             hprm::run_federate_in(options, exchange, &inbox, || {
                 let scope = Scope::Federate(options.federate);
-                Python::attach(|py| load(py, compiled, scope, &inbox))
+                Python::attach(|py| load(py, compiled, scope, &inbox, Care::Launcher))
             })
         })
     })
@@ -200,56 +266,37 @@ fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> FederateE
     FederateEnding::Failed(Box::new(report))
 }
 
-/// How a federation has ended.
-struct Outcome {
+/// The end of a federation, which may have left threads behind that run code of the program.
+struct Ended {
     code: i32,
-    /// Whether no federate has failed because it could not write its share of the logical trace.
-    is_traced: bool,
+    /// Whether the main thread has the interpreter again.
+    is_attached: Arc<AtomicBool>,
 }
 
-/// The loop of the main thread: it brings events to the supervisor, and carries out its orders.
-struct Watch {
-    supervisor: Supervisor,
-    arrivals: Receiver<Observation>,
-    wakeups: Inbox<Value>,
-    rti: RtiHandle,
-}
-
-impl Watch {
-    /// Waits until all has ended, or must.
-    fn run(mut self, py: Python<'_>, interrupt: &Interrupt) -> Outcome {
-        let launched = Instant::now();
-        let mut is_traced = true;
-        loop {
-            while let Ok(event) = self.arrivals.try_recv() {
-                self.supervisor.handle(launched.elapsed(), event);
+impl Ended {
+    /// Unless `all` threads have ended, the process ends in time whatever they do: they may hold the interpreter,
+    /// which the main thread needs in order to end the process as Python does.
+    fn new(code: i32, all: bool) -> Self {
+        let is_attached = Arc::new(AtomicBool::new(false));
+        if !all {
+            stalls::tell_of_all();
+            let attached = Arc::clone(&is_attached);
+            let guard = move || {
+                thread::sleep(ATTACHING);
+                if attached.load(Ordering::Relaxed) {
+                    thread::sleep(ENDING);
+                }
+                forced_end::end(code)
+            };
+            if spawn("end", guard).is_err() {
+                forced_end::end(code);
             }
-            if interrupt.take(py) {
-                let signal = Observation::Signal(Signal(interrupt.signal()));
-                self.supervisor.handle(launched.elapsed(), signal);
-            }
-            let now = launched.elapsed();
-            self.supervisor.tick(now);
-            while let Some(order) = self.supervisor.poll() {
-                is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
-                self.carry_out(order);
-            }
-            if let Some(code) = self.supervisor.outcome(now) {
-                return Outcome { code, is_traced };
-            }
-            let patience = self.supervisor.next_wakeup(now).map(|at| at.saturating_sub(now));
-            let until = patience.map(|patience| Clock::now().plus(nanoseconds(patience)));
-            let wakeups = &self.wakeups;
-            py.detach(|| wakeups.sleep(until));
         }
+        Self { code, is_attached }
     }
 
-    fn carry_out(&self, order: Order) {
-        match order {
-            Order::RequestStop => self.rti.request_stop(),
-            Order::Report(report) => show(&report),
-            Order::Warn(report) => say(&report.text(Label::Warning, false)),
-            Order::Send { .. } => unreachable!("no thread can be sent a signal"),
-        }
+    fn attach(self) -> i32 {
+        self.is_attached.store(true, Ordering::Relaxed);
+        self.code
     }
 }

@@ -10,7 +10,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use hprm_core::{ActionId, Nanos, PhysicalTime};
 
 use crate::pipe_notifier::PipeNotifier;
-use crate::wait::wait_for;
 use crate::{Clock, Failure};
 
 /// An action that a thread outside of the loop has scheduled.
@@ -123,19 +122,6 @@ impl<V> Inbox<V> {
         }
     }
 
-    /// A descriptor for code that can only write a byte, such as a signal handler: the byte wakes up the
-    /// loop. A write never blocks.
-    #[must_use]
-    pub fn wakeup(&self) -> BorrowedFd<'_> {
-        self.shared.notifier.writer()
-    }
-
-    /// Waits for a notification, or until `until`: for a thread that has no loop.
-    pub fn sleep(&self, until: Option<PhysicalTime>) {
-        wait_for(self.as_fd(), until);
-        self.shared.notifier.clear();
-    }
-
     /// Whether a loop may wait: it was not notified since it last looked. From now on the notifier wakes it
     /// up.
     pub(crate) fn may_sleep(&self) -> bool {
@@ -143,8 +129,7 @@ impl<V> Inbox<V> {
         !self.shared.notified.load(Ordering::SeqCst)
     }
 
-    /// Notes that a loop has waited, and whether the notifier has ended that: a signal handler may have
-    /// written a byte, and nothing else.
+    /// Notes that a loop has waited, and whether the notifier has ended that.
     pub(crate) fn waited(&self, notified: bool) {
         self.shared.asleep.store(false, Ordering::Release);
         if notified {
@@ -211,14 +196,6 @@ mod tests {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
     use super::*;
-
-    #[test]
-    fn a_ring_ends_a_sleep_and_a_time_does_too() {
-        let inbox = Inbox::<()>::new().unwrap();
-        inbox.notify();
-        inbox.sleep(None);
-        inbox.sleep(Some(Clock::now()));
-    }
 
     #[test]
     fn only_a_loop_that_sleeps_is_notified() {

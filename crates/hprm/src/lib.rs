@@ -26,6 +26,7 @@ mod rti_loop;
 mod spin;
 mod staging;
 mod stall;
+mod stop_timer;
 mod store_limits;
 pub mod supervisor;
 pub mod trace;
@@ -51,6 +52,7 @@ pub use realtime::enter_realtime;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};
 pub use stall::{ReactionRun, Stall, StallWatch};
+pub use stop_timer::{StopProgress, StopStep, StopTimer};
 pub use store_limits::{container_memory, store_limits};
 pub use value_exchange::ValueExchange;
 

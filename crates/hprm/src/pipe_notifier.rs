@@ -1,4 +1,4 @@
-//! A notifier between threads, and for signal handlers.
+//! A notifier between threads.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -7,8 +7,6 @@ use rustix::io::{read, write};
 use rustix::pipe::{PipeFlags, pipe_with};
 
 /// Wakes up a loop that waits on it. To be cleared before the loop looks for events.
-///
-/// A pipe, so that code which can only write a byte can notify it too: a signal handler.
 #[derive(Debug)]
 pub(crate) struct PipeNotifier {
     reader: OwnedFd,
@@ -29,11 +27,6 @@ impl PipeNotifier {
     pub(crate) fn clear(&self) {
         // Fails only when it was not notified. Bytes that do not fit notify again.
         let _ = read(&self.reader, &mut [0; 256]);
-    }
-
-    /// The descriptor to which a byte is written to notify the loop.
-    pub(crate) fn writer(&self) -> BorrowedFd<'_> {
-        self.writer.as_fd()
     }
 }
 

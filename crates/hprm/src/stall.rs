@@ -91,6 +91,12 @@ impl StallWatch {
         stalls
     }
 
+    /// Since when a reaction has been running, as far as samples show; if it is in none, it has just begun.
+    #[must_use]
+    pub fn since(&self, run: ReactionRun) -> Duration {
+        self.seen.get(&run).map_or(Duration::MAX, |seen| seen.since)
+    }
+
     /// The user breaks into what runs. Returns what has not been reported since the program was asked to
     /// stop.
     pub fn break_in(

@@ -29,7 +29,7 @@ const AFTER_FAILURE: Duration = Duration::from_secs(2);
 /// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
 pub const TOGETHER: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
-const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
+pub(crate) const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
 /// After this time the federates that have not ended get the signal themselves, and report the reaction
 /// that does not return.
 const REMINDER: Duration = Duration::from_secs(2);
@@ -220,13 +220,17 @@ impl Supervisor {
         }
         match self.phase {
             Phase::Stopping { until } if now >= until => {
-                if self.members == Members::Threads {
-                    self.warn_of_the_stubborn();
-                }
+                // A failure after the signal ends the time for an orderly stop.
+                let (what, limit) = match self.reported {
+                    true => ("ended", AFTER_FAILURE),
+                    false => ("stopped in order", AFTER_INTERRUPT),
+                };
+                let limit = limit.as_secs();
+                self.warn_of_the_living(&format!("ends what has not {what} within {limit} s"));
                 self.terminate(now);
             }
             Phase::Terminating { until } if now >= until => {
-                self.warn_of_the_stubborn();
+                self.warn_of_the_living("killed what did not end by itself");
                 self.kill(now);
             }
             _ => {}
@@ -306,11 +310,9 @@ impl Supervisor {
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
-                let mut report = Report::new(Kind::Lost, on_silent(name, silence));
-                if self.members == Members::Processes {
-                    let hint = "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
-                    report = report.hint(hint);
-                }
+                let hint =
+                    "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
+                let report = Report::new(Kind::Lost, on_silent(name, silence)).hint(hint);
                 self.orders.push_back(Order::Warn(Box::new(report)));
             }
             RtiEvent::Answers { federate, silence } => {
@@ -363,6 +365,9 @@ impl Supervisor {
         if self.exit_code.is_some() {
             // A pipe stays broken, and every federate that writes to it says so.
             if signal != Signal::BROKEN_PIPE {
+                if !matches!(self.phase, Phase::Killing { .. }) {
+                    self.warn_of_the_living("killed what had not ended at the second signal");
+                }
                 self.kill(now);
             }
             return;
@@ -421,15 +426,12 @@ impl Supervisor {
         self.orders.extend(living.map(|(to, _)| Order::Send { signal, to }));
     }
 
-    fn warn_of_the_stubborn(&mut self) {
+    /// Reports what happens to the federates that have not ended, and why.
+    fn warn_of_the_living(&mut self, fate: &str) {
         let living = self.federates.values().filter(|federate| federate.ending.is_none());
         let names: Vec<_> = living.map(|federate| federate.name.as_str()).collect();
         if !names.is_empty() {
-            let names = names.join(", ");
-            let warning = match self.members {
-                Members::Processes => format!("killed what did not end by itself: {names}"),
-                Members::Threads => format!("did not end by itself: {names}"),
-            };
+            let warning = format!("{fate}: {}", names.join(", "));
             self.warn(Kind::Unfinished, warning);
         }
     }
@@ -519,7 +521,9 @@ impl Supervisor {
             || self.is_interrupted() && *how == FederateEnding::Code(Signal::INTERRUPT.exit_code())
     }
 
-    fn all_ended(&self) -> bool {
+    /// Whether all federates have ended.
+    #[must_use]
+    pub fn all_ended(&self) -> bool {
         self.federates.values().all(|federate| federate.ending.is_some())
     }
 }

@@ -204,9 +204,10 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
     assert_eq!(stage.sent, [(TERM, B)]);
     stage.pass(1_000);
     assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
-    assert!(stage.reports[1].contains("killed what did not end by itself: b"));
+    assert!(stage.reports[1].contains("ends what has not ended within 2 s: b"));
+    assert!(stage.reports[2].contains("killed what did not end by itself: b"));
     stage.exits(B, FederateEnding::Signal(Signal::KILL));
-    assert_eq!(stage.reports.len(), 2, "the end that was ordered is no news");
+    assert_eq!(stage.reports.len(), 3, "the end that was ordered is no news");
     assert_eq!(stage.outcome(), Some(4));
 }
 
@@ -338,9 +339,23 @@ fn a_second_interrupt_kills() {
     stage.pass(100);
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(KILL, B)]);
+    stage.event(Observation::Signal(Signal::INTERRUPT));
     stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(130));
+    stage.reported_once("killed what had not ended at the second signal: b");
+}
+
+#[test]
+fn an_interrupt_that_is_not_obeyed_says_what_is_ended_and_why() {
+    let mut stage = Stage::running();
+    stage.event(Observation::Signal(Signal::TERMINATE));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.pass(4_999);
     assert!(stage.reports.is_empty());
+    stage.pass(1);
+    stage.reported_once("ends what has not stopped in order within 5 s: b");
+    stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(143), 1));
 }
 
 #[test]
@@ -442,7 +457,8 @@ fn output_that_cannot_be_written_is_one_failure() {
     assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
     stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
     stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
-    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 2));
+    assert!(stage.reports[1].contains("ends what has not ended within 2 s: a, b"));
 }
 
 #[test]
@@ -524,7 +540,11 @@ fn threads_that_do_not_end_end_with_the_process() {
     assert_eq!(stage.outcome(), None);
     stage.pass(1);
     assert_eq!(stage.outcome(), Some(3));
-    assert!(stage.reports[1].contains("did not end by itself: b"), "{:?}", stage.reports);
+    assert!(
+        stage.reports[1].contains("ends what has not ended within 2 s: b"),
+        "{:?}",
+        stage.reports
+    );
     assert_eq!((stage.sent.len(), stage.stops), (0, 0));
 }
 
@@ -548,6 +568,7 @@ fn a_second_interrupt_ends_threads_at_once() {
     stage.pass(4_000);
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.sent.len(), stage.outcome()), (0, Some(130)));
+    stage.reported_once("killed what had not ended at the second signal: a, b");
 }
 
 #[test]

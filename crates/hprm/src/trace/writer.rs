@@ -3,8 +3,9 @@
 //! The entries of one tag wait until it is over, because workers may finish in another order than
 //! the one in which entries stand in the file.
 
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use hprm_core::{
     ActionId, InputId, InputValue, Program, ReactionId, ReactionRecord, ScheduleRequest, Scheduler,
@@ -15,13 +16,27 @@ use super::line::{End, Enter, Entry, Header, Line, Read, RunEnding, Schedule, Se
 use super::{Described, Draft};
 use crate::{Failure, Host};
 
+/// The file of a trace that is being written.
+#[derive(Debug)]
+struct Output {
+    /// None once the trace has ended.
+    draft: Option<Draft>,
+    /// The last tag whose entries have been written.
+    through: Tag,
+    /// How many inputs came too late until then.
+    tardy: u64,
+}
+
+/// The traces that this process is writing.
+static OPEN: Mutex<Vec<Weak<Mutex<Output>>>> = Mutex::new(Vec::new());
+
 /// The trace of a run.
 #[derive(Debug)]
 pub struct Trace {
     program: Arc<Program>,
     /// What it will be called.
     path: PathBuf,
-    draft: Draft,
+    output: Arc<Mutex<Output>>,
     /// The tag whose entries wait.
     tag: Tag,
     waiting: Vec<((u32, ReactionId), Entry)>,
@@ -46,10 +61,16 @@ impl Trace {
         let mut draft = Draft::create(path).map_err(unwritten)?;
         draft.write(&Line::Header(header)).map_err(unwritten)?;
         let program = Arc::clone(program);
+        let output = Output { draft: Some(draft), through: Tag::START, tardy: 0 };
+        let output = Arc::new(Mutex::new(output));
+        let mut open = locked(&OPEN);
+        open.retain(|output| output.strong_count() > 0);
+        open.push(Arc::downgrade(&output));
+        drop(open);
         Ok(Self {
             program,
             path: path.to_owned(),
-            draft,
+            output,
             tag: Tag::NEVER,
             waiting: Vec::new(),
             begun: Vec::new(),
@@ -116,16 +137,18 @@ impl Trace {
             early: scheduler.leaves_early(),
         };
         self.flush()?;
-        let published = self.draft.write(&Line::End(end)).and_then(|()| self.draft.publish());
-        published.map_err(|error| Failure::trace(&self.path, &error))
+        locked(&self.output).end(end).map_err(|error| Failure::trace(&self.path, &error))
     }
 
     fn flush(&mut self) -> Result<(), Failure> {
         self.waiting.sort_unstable_by_key(|(place, _)| *place);
+        let mut output = locked(&self.output);
         for (_, entry) in self.waiting.drain(..) {
-            let written = self.draft.write(&Line::Entry(entry));
+            let written = output.write(&Line::Entry(entry));
             written.map_err(|error| Failure::trace(&self.path, &error))?;
+            output.through = self.tag;
         }
+        output.tardy = self.tardy;
         Ok(())
     }
 
@@ -162,6 +185,39 @@ impl Trace {
             physical: record.physical,
         }
     }
+}
+
+impl Output {
+    fn write(&mut self, line: &Line) -> io::Result<()> {
+        self.draft.as_mut().map_or(Ok(()), |draft| draft.write(line))
+    }
+
+    fn end(&mut self, end: End) -> io::Result<()> {
+        self.write(&Line::End(end))?;
+        self.draft.take().map_or(Ok(()), Draft::publish)
+    }
+}
+
+/// Ends all traces of this process behind the last tag that they have, because the process is about to be
+/// ended by force while reactions run. What cannot be written is left out.
+pub fn cut_traces() {
+    for output in locked(&OPEN).iter().filter_map(Weak::upgrade) {
+        // One that is being written to this moment may wait for its reader.
+        let Ok(mut output) = output.try_lock() else { continue };
+        let end = End {
+            end: at(output.through),
+            outcome: RunEnding::Interrupted,
+            message: None,
+            physical: true,
+            tardy: output.tardy,
+            early: false,
+        };
+        let _ = output.end(end);
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What a reaction finds at its inputs. To be called when its body begins, not before: code that has a

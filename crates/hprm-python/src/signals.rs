@@ -1,0 +1,165 @@
+//! Signals that ask for the end, on a thread of their own: they are noticed even while code that is not
+//! Python's holds the interpreter.
+//!
+//! The interpreter's handler in C writes the number of each signal to a pipe, on whichever thread it comes,
+//! and this thread reads them. [`stop_in_time`] makes sure that a process ends some time after the first of
+//! them; what the program itself notices of a signal is in [`interrupt`](crate::interrupt).
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use hprm::supervisor::{Observation, Signal};
+use hprm::trace::cut_traces;
+use hprm::{Inbox, Kind, Report, StopStep, StopTimer};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::read;
+use rustix::pipe::{PipeFlags, pipe_with};
+use rustix::process::{getpid, kill_process};
+
+use crate::console::show;
+use crate::forced_end;
+use crate::interrupt::Progress;
+use crate::stalls;
+use crate::value::Value;
+
+/// What the thread hears.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Heard {
+    /// A signal that asks for the end.
+    Ask(Signal),
+    /// Another signal, for which the program has a handler.
+    Other,
+    /// Nothing for as long as the thread was to wait.
+    Nothing,
+}
+
+/// Starts the thread. It calls `hear`, which returns for how long to wait for the next signal. Signals of these
+/// `numbers` ask for the end. Returns where the interpreter is to write; the thread ends when that is closed.
+///
+/// # Errors
+///
+/// If the system has no pipe or no thread left.
+pub(crate) fn listen(
+    numbers: Vec<u8>,
+    mut hear: impl FnMut(Heard) -> Option<Duration> + Send + 'static,
+) -> io::Result<OwnedFd> {
+    let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;
+    // A signal handler writes, and must not wait.
+    rustix::io::ioctl_fionbio(&writer, true)?;
+    let run = move || {
+        let mut timeout = None;
+        let mut read_numbers = [0; 64];
+        loop {
+            if !is_readable(&reader, timeout) {
+                timeout = hear(Heard::Nothing);
+                continue;
+            }
+            let Ok(count @ 1..) = read(&reader, &mut read_numbers) else { return };
+            for number in &read_numbers[..count] {
+                timeout = hear(match numbers.contains(number) {
+                    true => Heard::Ask(Signal(i32::from(*number))),
+                    false => Heard::Other,
+                });
+            }
+        }
+    };
+    thread::Builder::new().name("signals".to_owned()).spawn(run)?;
+    Ok(writer)
+}
+
+/// Whether there is something to read, or the end, before the `timeout`.
+fn is_readable(pipe: &OwnedFd, timeout: Option<Duration>) -> bool {
+    let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
+    poll(&mut [PollFd::new(pipe, PollFlags::IN)], timeout.as_ref()).is_ok_and(|ready| ready > 0)
+}
+
+/// For a process that another one looks after: its launcher ends it, and it has only to notice that it is
+/// asked to stop.
+pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(Heard) -> Option<Duration> {
+    move |heard| {
+        if matches!(heard, Heard::Ask(_)) {
+            stalls::ask();
+        }
+        inbox.notify();
+        None
+    }
+}
+
+/// For a process whose federates are threads: their supervisor is told.
+pub(crate) fn forward(events: Sender<Observation>) -> impl FnMut(Heard) -> Option<Duration> {
+    move |heard| {
+        if let Heard::Ask(signal) = heard {
+            stalls::ask();
+            // The receiver is gone once the process is about to end.
+            let _ = events.send(Observation::Signal(signal));
+        }
+        None
+    }
+}
+
+/// For a process that looks after itself: it stops in order, or ends at the latest when the [`StopTimer`]
+/// says so. `what` it runs is named to the user.
+pub(crate) fn stop_in_time(
+    what: String,
+    inbox: Inbox<Value>,
+    progress: Arc<Progress>,
+) -> impl FnMut(Heard) -> Option<Duration> {
+    let start = Instant::now();
+    let mut timer = StopTimer::default();
+    let mut told = false;
+    move |heard| {
+        let now = start.elapsed();
+        if let Heard::Ask(signal) = heard {
+            stalls::ask();
+            timer.signal(now, signal);
+        }
+        if heard != Heard::Nothing {
+            inbox.notify();
+        }
+        match timer.tick(now, progress.steps()) {
+            None => {}
+            Some(StopStep::BreakIn(signal)) => {
+                told = true;
+                show(&unfinished(&what, &progress));
+                // To the process, so that the main thread gets it, whatever that waits for.
+                if let Some(signal) = rustix::process::Signal::from_named_raw(signal.0) {
+                    let _ = kill_process(getpid(), signal);
+                }
+            }
+            Some(StopStep::End { signal, after }) => {
+                stalls::tell_of_all();
+                // That takes a moment.
+                if !progress.steps().over {
+                    let code = signal.exit_code();
+                    if !told {
+                        show(&Report { code, ..stubborn(&what, after) });
+                    }
+                    cut_traces();
+                    forced_end::end(code);
+                }
+            }
+        }
+        timer.next_wakeup(now).map(|at| at.saturating_sub(now))
+    }
+}
+
+fn unfinished(what: &str, progress: &Progress) -> Report {
+    let reason = match progress.is_noticed() {
+        false => "a reaction does not return",
+        true => "the RTI, another federate or a reaction takes too long, or does not answer at all",
+    };
+    let limit = StopTimer::ORDERLY.as_secs();
+    let said = format!("{what} has not stopped in order within {limit} s: it ends now");
+    Report::new(Kind::Unfinished, said).hint(reason)
+}
+
+fn stubborn(what: &str, after: Duration) -> Report {
+    let seconds = after.as_secs();
+    let said =
+        format!("{what} has not ended within {seconds} s after a second signal: it ends now");
+    Report::new(Kind::Unfinished, said).hint("a reaction does not return")
+}

@@ -1,0 +1,159 @@
+//! The stop timer: what a process does after signals have asked it to stop, and when.
+//!
+//! The first signal asks for an orderly stop. A second one, or the end of the time for that, breaks into what
+//! runs. If the process still runs some time after that, it ends at once. The caller reads the clock,
+//! receives the signals and ends the process.
+
+use std::time::Duration;
+
+use crate::supervisor::{AFTER_INTERRUPT, Signal, TOGETHER};
+
+/// How long the interpreter may take to notice that a signal breaks into what runs. Code that is not Python's
+/// may hold it.
+const NOTICE: Duration = Duration::from_secs(1);
+/// How long the process may take to end after that.
+const UNWIND: Duration = Duration::from_secs(3);
+
+/// What is to be done.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum StopStep {
+    /// Nothing has ended in time: break into what runs, by this signal.
+    BreakIn(Signal),
+    /// End the process now.
+    End {
+        /// The first signal.
+        signal: Signal,
+        /// How long the process has not ended after it was broken into.
+        after: Duration,
+    },
+}
+
+/// What the process has done so far.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct StopProgress {
+    /// Whether the interpreter has noticed that a signal breaks in.
+    pub broken: bool,
+    /// Whether the program has ended.
+    pub over: bool,
+}
+
+/// See the module.
+#[derive(Clone, Debug, Default)]
+pub struct StopTimer {
+    /// The first signal, and when it came.
+    asked: Option<(Signal, Duration)>,
+    /// When a signal broke in.
+    broken: Option<Duration>,
+    ended: bool,
+}
+
+impl StopTimer {
+    /// How long an orderly stop may take.
+    pub const ORDERLY: Duration = AFTER_INTERRUPT;
+
+    /// A signal has come.
+    pub fn signal(&mut self, now: Duration, signal: Signal) {
+        match self.asked {
+            None => self.asked = Some((signal, now)),
+            Some((_, at)) if now >= at + TOGETHER => {
+                self.broken.get_or_insert(now);
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// What is due; each step once.
+    pub fn tick(&mut self, now: Duration, progress: StopProgress) -> Option<StopStep> {
+        let (signal, asked) = self.asked.filter(|_| !progress.over && !self.ended)?;
+        let Some(broken) = self.broken else {
+            if now < asked + Self::ORDERLY {
+                return None;
+            }
+            self.broken = Some(now);
+            return Some(StopStep::BreakIn(signal));
+        };
+        let after = if progress.broken { UNWIND } else { NOTICE };
+        if now < broken + after {
+            return None;
+        }
+        self.ended = true;
+        Some(StopStep::End { signal, after })
+    }
+
+    /// When to call [`Self::tick`] if no signal comes.
+    pub fn next_wakeup(&self, now: Duration) -> Option<Duration> {
+        let (_, asked) = self.asked.filter(|_| !self.ended)?;
+        let due = match self.broken {
+            None => vec![asked + Self::ORDERLY],
+            Some(at) => vec![at + NOTICE, at + UNWIND],
+        };
+        due.into_iter().find(|at| *at > now)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RUNS: StopProgress = StopProgress { broken: false, over: false };
+    const BROKEN: StopProgress = StopProgress { broken: true, over: false };
+    const OVER: StopProgress = StopProgress { broken: false, over: true };
+
+    fn ms(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    /// What is done, and when, if signals come at these times.
+    fn steps(signals: &[u64], progress: impl Fn(u64) -> StopProgress) -> Vec<(u64, StopStep)> {
+        let mut timer = StopTimer::default();
+        let mut signals: Vec<_> = signals.iter().map(|at| ms(*at)).collect();
+        let mut steps = Vec::new();
+        let mut now = Duration::ZERO;
+        loop {
+            while signals.first().is_some_and(|at| *at <= now) {
+                timer.signal(signals.remove(0), Signal::TERMINATE);
+            }
+            let at = u64::try_from(now.as_millis()).unwrap();
+            steps.extend(timer.tick(now, progress(at)).map(|step| (at, step)));
+            let next = timer.next_wakeup(now).into_iter().chain(signals.first().copied()).min();
+            let Some(next) = next else { return steps };
+            assert!(next > now, "it never asks to be called at once");
+            now = next;
+        }
+    }
+
+    const BREAK_IN: StopStep = StopStep::BreakIn(Signal::TERMINATE);
+
+    fn end(after: u64) -> StopStep {
+        StopStep::End { signal: Signal::TERMINATE, after: ms(after) }
+    }
+
+    #[test]
+    fn a_program_that_stops_in_order_is_left_alone() {
+        let stops = |at| if at >= 4000 { OVER } else { RUNS };
+        assert_eq!(steps(&[10], stops), []);
+        assert_eq!(steps(&[], |_| RUNS), []);
+    }
+
+    #[test]
+    fn one_signal_ends_what_never_answers() {
+        assert_eq!(steps(&[10], |_| RUNS), [(5010, BREAK_IN), (6010, end(1000))]);
+    }
+
+    #[test]
+    fn what_is_broken_into_may_take_longer_to_end() {
+        let broken = |at| if at >= 5500 { BROKEN } else { RUNS };
+        assert_eq!(steps(&[10], broken), [(5010, BREAK_IN), (8010, end(3000))]);
+        let ends = |at| if at >= 7000 { OVER } else { broken(at) };
+        assert_eq!(steps(&[10], ends), [(5010, BREAK_IN)]);
+    }
+
+    #[test]
+    fn a_second_signal_does_not_wait() {
+        assert_eq!(steps(&[10, 300], |_| RUNS), [(1300, end(1000))]);
+        assert_eq!(steps(&[10, 300], |_| BROKEN), [(3300, end(3000))]);
+        // More of them change nothing, and one sent twice is one.
+        assert_eq!(steps(&[10, 300, 400, 2000], |_| BROKEN), [(3300, end(3000))]);
+        assert_eq!(steps(&[10, 50], |_| RUNS), [(5010, BREAK_IN), (6010, end(1000))]);
+    }
+}
