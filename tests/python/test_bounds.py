@@ -70,8 +70,10 @@ def test_a_bound_keeps_so_many_messages(
 @pytest.mark.parametrize(
     ("bound", "connection", "message"),
     [
-        ('@bound(0, "drop")', "~>", "takes a number of messages"),
-        ('@bound(3, "defer")', "~>", "takes a number of messages"),
+        ('@bound(0, "drop")', "~>", "the number of messages of `@bound` must be from 1 to"),
+        ('@bound(3, "defer")', "~>", "`@bound` has no policy `defer`"),
+        ("@bound(3) @bound(4)", "~>", "`@bound` is stated twice"),
+        ('@bound(3, polcy="drop")', "~>", "`@bound` has no argument `polcy`"),
         ("@bound", "~>", "takes a number of messages"),
         ("@bound(3)", "->", "`@bound` does not belong here"),
         ("@bounds(3)", "~>", "there is no attribute `@bounds`"),

@@ -295,8 +295,15 @@ pub(crate) struct Reference {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Attribute {
     pub(crate) name: Name,
-    pub(crate) arguments: Vec<Expression>,
+    pub(crate) arguments: Vec<AttributeArgument>,
     pub(crate) span: Span,
+}
+
+/// An argument of an attribute: `value`, or `name = value`.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct AttributeArgument {
+    pub(crate) name: Option<Name>,
+    pub(crate) value: Expression,
 }
 
 #[derive(Clone, PartialEq, Debug)]

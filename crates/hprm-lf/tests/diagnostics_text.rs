@@ -302,6 +302,77 @@ main reactor {
     "#);
 }
 
+/// The messages and hints for a federation in which attributes stand before its connection and its instance.
+fn of_attributes(connection: &str, instance: &str) -> String {
+    let text = format!(
+        "reactor A {{ input i output o }}\nfederated reactor {{\n{instance} a = new A()\nb = new A()\n\
+         {connection}\na.o ~> b.i\n}}"
+    );
+    let text = format!("target Python\n{text}");
+    let said = match hprm_lf::check("Main.lf", &mut |_: &str| Ok(text.clone())) {
+        Ok(_) => return String::new(),
+        Err(failure) => hprm_lf::render_all(&failure.diagnostics, &failure.sources, false),
+    };
+    let told = |line: &&str| line.starts_with("error") || line.contains("= help");
+    let lines: Vec<_> = said.lines().filter(told).map(str::trim).collect();
+    lines.join("\n")
+}
+
+#[test]
+fn the_arguments_of_attributes_have_names_and_limits() {
+    let none = [
+        ("@bound(3)", ""),
+        ("@bound(n=3, policy=\"replace\")", ""),
+        ("@bound(policy=\"drop\", n=3)", ""),
+        (
+            "@bound(3, policy=\"drop\")",
+            "@maxwait(value=1 s) @layout(option=\"a\", value=\"b\") @layout(option=\"c\", value=\"d\")",
+        ),
+        ("@absent_after(value=1 s)", "@transient @side(value=\"east\")"),
+    ];
+    for (connection, instance) in none {
+        assert_eq!(of_attributes(connection, instance), "", "{connection} {instance}");
+    }
+    assert_snapshot!(of_attributes("@bound(n=2, polcy=\"drop\")", "@maxwait(time=1 s)"), @r"
+    error[LF0212]: `@maxwait` has no argument `time`
+    = help: its arguments: `value`
+    error[LF0212]: `@bound` has no argument `polcy`
+    = help: did you mean `policy`?
+    ");
+    assert_snapshot!(of_attributes("@bound(2, \"replac\")", "@transient(value=1)"), @r"
+    error[LF0212]: `@transient` has no argument `value`
+    = help: its arguments: there are none
+    error[LF0212]: `@bound` has no policy `replac`
+    = help: did you mean `replace`?
+    ");
+    assert_snapshot!(of_attributes("@bound(9999999999)", "@side(sid=\"east\")"), @r#"
+    error[LF0212]: `@side` has no argument `sid`
+    = help: its arguments: `value`
+    error[LF0212]: the number of messages of `@bound` must be from 1 to 4294967295
+    = help: write `@bound(10, "replace")`, or "drop" to keep the first 10
+    "#);
+    assert_snapshot!(of_attributes("@bound(99999999999999999999)", ""), @r"
+    error[LF0005]: this number is too large
+    = help: whole numbers have 64 bits; the value of a parameter or state variable may be larger, as `{= ... =}`
+    ");
+    assert_snapshot!(of_attributes("@bound(2, n=3)", "@layout(option=\"a\", option=\"b\")"), @r"
+    error[LF0212]: the argument `option` is stated twice
+    error[LF0212]: the argument `n` is stated twice
+    ");
+    assert_snapshot!(of_attributes("@bound(2) @Bound(3)", "@maxwait(1 s) @maxwait(1 s)"), @r"
+    error[LF0212]: `@maxwait` is stated twice
+    = help: remove one of the two
+    error[LF0212]: `@bound` is stated twice
+    = help: remove one of the two
+    ");
+    assert_snapshot!(of_attributes("@absent_after(1 s) @absent_after(2 s)", "@transient @transient"), @r"
+    error[LF0212]: `@transient` is stated twice
+    = help: remove one of the two
+    error[LF0212]: `@absent_after` is stated twice
+    = help: remove one of the two
+    ");
+}
+
 #[test]
 fn attributes() {
     assert_snapshot!(errors("

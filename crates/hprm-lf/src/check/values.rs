@@ -7,7 +7,7 @@ use crate::ast::{Expression, ExpressionKind, Width, WidthTerm};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean, existing};
 use crate::model::{Declarations, Model};
 
-use super::Models;
+use super::{Models, attributes};
 
 pub(super) fn check(model: &Model<'_>, models: &Models<'_>, report: &mut Report) {
     let declared = &model.declared;
@@ -144,12 +144,12 @@ fn expressions<'a>(declared: &Declarations<'a>) -> Vec<&'a Expression> {
     }
     for connection in declared.connections.iter().map(|connection| connection.decl) {
         all.extend(&connection.delay);
-        all.extend(connection.attributes.iter().flat_map(|attribute| &attribute.arguments));
+        all.extend(attributes::arguments(&connection.attributes));
     }
     for instance in &declared.instances {
         all.extend(terms(&instance.decl.width));
         all.extend(instance.decl.assignments.iter().map(|assignment| &assignment.value));
-        all.extend(instance.decl.attributes.iter().flat_map(|attribute| &attribute.arguments));
+        all.extend(attributes::arguments(&instance.decl.attributes));
     }
     all
 }

@@ -83,7 +83,7 @@ impl Parser<'_> {
         let Some(magnitude) = parsed else {
             return self.lose(
                 Diagnostic::error("LF0005", token.span, "this number is too large")
-                    .hint("whole numbers have 64 bits; write larger ones as `{= ... =}`"),
+                    .hint("whole numbers have 64 bits; the value of a parameter or state variable may be larger, as `{= ... =}`"),
             );
         };
         let number = if negative { -magnitude } else { magnitude };

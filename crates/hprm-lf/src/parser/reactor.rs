@@ -2,8 +2,8 @@
 
 use super::{MEMBERS, Parsed, Parser};
 use crate::ast::{
-    Attribute, Expression, Member, ModeNode, Parameter, ReactorKind, ReactorNode, StateNode, Width,
-    WidthTerm,
+    Attribute, AttributeArgument, Expression, Member, ModeNode, Name, Parameter, ReactorKind,
+    ReactorNode, StateNode, Width, WidthTerm,
 };
 use crate::diagnostic::Diagnostic;
 use crate::source::Span;
@@ -216,12 +216,17 @@ impl Parser<'_> {
         Ok(attributes)
     }
 
-    fn attribute_argument(&mut self) -> Parsed<Expression> {
-        if self.is(TokenKind::Identifier) && self.peek(1).kind == TokenKind::Mark('=') {
-            self.advance();
-            self.advance();
-        }
-        self.expression()
+    fn attribute_argument(&mut self) -> Parsed<AttributeArgument> {
+        let named = self.is(TokenKind::Identifier) && self.peek(1).kind == TokenKind::Mark('=');
+        let name = match named {
+            true => {
+                let name = self.advance();
+                self.advance();
+                Some(Name { text: self.text_of(name).to_owned(), span: name.span })
+            }
+            false => None,
+        };
+        Ok(AttributeArgument { name, value: self.expression()? })
     }
 
     pub(super) fn width(&mut self) -> Parsed<Option<Width>> {
