@@ -55,13 +55,31 @@ def make_certificates(place: dict[str, str], folder: Path) -> None:
         subprocess.run(here(line, place), cwd=folder, check=True, capture_output=True)
 
 
+[SECRET] = [block for block in BLOCKS if "rand -hex" in block[0]]
 FEDERATIONS = [block for block in BLOCKS if block[0].startswith("hprm rti ")]
 
 
 def test_the_text_has_commands() -> None:
     assert len(FEDERATIONS) == 6
-    others = [block for block in BLOCKS if block not in FEDERATIONS]
+    others = [block for block in BLOCKS if block not in [*FEDERATIONS, SECRET]]
     assert all(line.startswith("openssl ") for block in others for line in block)
+
+
+def test_a_secret_that_is_made_as_it_is_written_is_one(tmp_path: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is missing")
+    (tmp_path / "Main.lf").write_text(PROGRAM)
+    subprocess.run(SECRET[0], shell=True, cwd=tmp_path, check=True)
+    words = "federate Main.lf camera --rti unix:@hprm-nowhere --connect-timeout 0.1"
+    done = subprocess.run(
+        [Path(sys.executable).with_name("hprm"), *words.split(), "--federation-file", "secret"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "error: no RTI at unix:@hprm-nowhere" in done.stderr
 
 
 @pytest.mark.parametrize("backwards", [False, True], ids=["RTI first", "RTI last"])

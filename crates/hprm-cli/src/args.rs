@@ -82,7 +82,7 @@ pub(crate) struct Properties {
     /// another; 0 is as many as there are processors. The same as --property workers=N.
     #[arg(short, long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
     workers: Option<u32>,
-    /// How long a process looks for messages before it sleeps: a time such as 100us, off, or auto, which
+    /// How long a process busy-polls for messages before it sleeps: a time such as 100us, off, or auto, which
     /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
     #[arg(long, value_name = "TIME", value_parser = spin)]
     spin: Option<String>,
