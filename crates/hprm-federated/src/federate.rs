@@ -269,12 +269,13 @@ impl Federate {
     }
 
     /// What the machine wants done next, if anything.
+    #[inline]
     pub fn poll(&mut self) -> Option<Output> {
-        let output = self.outputs.pop_front();
+        let output = self.outputs.pop_front()?;
         if log::is_on() {
-            output.iter().for_each(log::federate_output);
+            log::federate_output(&output);
         }
-        output
+        Some(output)
     }
 
     // The handshake of direct links, which precedes `Input::PeerUp`.

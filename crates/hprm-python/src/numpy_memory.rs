@@ -99,6 +99,20 @@ pub(crate) fn map_copy_on_write(py: Python<'_>, object: &Object) -> Option<Arc<C
     handler(py)?.store.map_copy_on_write(object)
 }
 
+/// Whether the program has imported NumPy. The dict of modules is kept: an import statement takes longer than
+/// encoding a small value.
+///
+/// # Errors
+///
+/// If Python raises.
+pub(crate) fn is_imported(py: Python<'_>) -> PyResult<bool> {
+    let modules = MODULES.get_or_try_init(py, || {
+        let modules = py.import(intern!(py, "sys"))?.getattr(intern!(py, "modules"))?;
+        Ok::<_, PyErr>(modules.cast_into::<PyDict>()?.unbind())
+    })?;
+    modules.bind(py).contains(intern!(py, "numpy"))
+}
+
 /// The handler of this process, if it was made already.
 fn made_handler(py: Python<'_>) -> Option<&'static StoreHandler> {
     HANDLER.get(py).copied().flatten()
@@ -110,11 +124,7 @@ fn handler(py: Python<'_>) -> Option<&'static StoreHandler> {
         return *handler;
     }
     let allocator = ALLOCATOR.get()?;
-    let modules = MODULES.get_or_try_init(py, || {
-        let modules = py.import(intern!(py, "sys"))?.getattr(intern!(py, "modules"))?;
-        Ok::<_, PyErr>(modules.cast_into::<PyDict>()?.unbind())
-    });
-    if !modules.is_ok_and(|it| it.bind(py).contains(intern!(py, "numpy")).unwrap_or(false)) {
+    if !is_imported(py).unwrap_or(false) {
         return None;
     }
     // A NumPy that is not as expected is no error: its arrays are copied.

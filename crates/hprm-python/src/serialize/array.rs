@@ -34,11 +34,9 @@ impl Numpy {
         if let Some(numpy) = NUMPY.get(py) {
             return Ok(Some(numpy));
         }
-        let modules = py.import(intern!(py, "sys"))?.getattr(intern!(py, "modules"))?;
-        if modules.contains(intern!(py, "numpy"))? {
-            Self::imported(py).map(Some)
-        } else {
-            Ok(None)
+        match numpy_memory::is_imported(py)? {
+            true => Self::imported(py).map(Some),
+            false => Ok(None),
         }
     }
 

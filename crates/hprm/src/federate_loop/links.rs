@@ -335,17 +335,16 @@ impl FederateLinks {
     /// Writes what can be written. That a peer has ended, or that there was no memory for a frame, shows when
     /// the links are read the next time.
     pub(super) fn flush(&mut self) {
-        let mut lack = None;
-        for link in self.polled.links_mut() {
+        let Self { polled, lack, .. } = self;
+        for link in polled.links_mut() {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    lack = Some(no_memory(&error));
+                    lack.get_or_insert_with(|| no_memory(&error));
                 }
                 Err(_) => link.discard(),
             }
         }
-        self.lack = self.lack.take().or(lack);
     }
 
     /// Whether there is as much to write as the other end reads at once. A link whose other end took no more
@@ -380,7 +379,9 @@ impl FederateLinks {
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
         inputs: &mut Vec<(LinkSerial, Input)>,
     ) -> Result<(), Failure> {
-        self.lack.take().map_or(Ok(()), Err)?;
+        if let Some(lack) = self.lack.take() {
+            return Err(lack);
+        }
         self.read_rti(inputs)?;
         self.accept_peers(admit, inputs)?;
         self.open_links(inputs);

@@ -144,7 +144,10 @@ impl Outbound {
 
     /// Discards the bytes.
     fn start_over(&mut self) {
-        self.descriptors.clear();
+        // Most messages have none, and to clear a map that is empty takes it apart all the same.
+        if !self.descriptors.is_empty() {
+            self.descriptors.clear();
+        }
         self.buffer.clear();
         self.written = 0;
         if self.buffer.capacity() > 8 * EAGER_BUFFER {

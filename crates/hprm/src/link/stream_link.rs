@@ -248,7 +248,6 @@ impl StreamLink {
                 Err(error) => return Err(error),
             }
         }
-        self.outbound.clear();
         Ok(())
     }
 
