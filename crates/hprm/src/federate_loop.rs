@@ -44,8 +44,8 @@ use pace::{LINGER, Pace, Used};
 ///
 /// # Errors
 ///
-/// What a reaction raised, or why the federation ended. A failure that another federate has
-/// reported has an empty message.
+/// What a reaction raised, or why the federation ended. If another federate has failed first, that is
+/// [`Failure::Abandoned`] with the report of the other federate.
 pub fn run_federate<H: Host>(
     options: &FederateOptions,
     inbox: &Inbox<H::Value>,
@@ -57,8 +57,8 @@ where
     run(options, None, inbox, load)
 }
 
-/// Runs a federate to its end, as [`run_federate`] does, whose federation is in this process: in
-/// `exchange`, and so is its RTI.
+/// Runs a federate to its end, as [`run_federate`] does, if all federates and the RTI are threads of this
+/// process. Values travel through `exchange`, which the threads share.
 ///
 /// # Errors
 ///
@@ -97,12 +97,12 @@ where
     enter_realtime(properties, Some(options.federate.index()))?;
     let mut federation = Membership::join(options, inbox, network)?;
     let scope = Scope::Federate(options.federate);
-    let made = load().and_then(|host| {
+    let loaded = load().and_then(|host| {
         let trace = options.trace.as_deref().map(|path| Trace::create(path, &options.program));
         Ok((host, Workers::new(&options.program, scope, trace.transpose()?)?))
     });
-    let (host, workers) = match made {
-        Ok(made) => made,
+    let (host, workers) = match loaded {
+        Ok(loaded) => loaded,
         Err(failure) => return Err(federation.fail(failure)),
     };
     let mut federate = FederateLoop {
@@ -135,7 +135,7 @@ where
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
     workers: Workers<H::Value>,
-    /// The time at which this round of the loop has read the clock.
+    /// What the clock showed at the beginning of this round of the loop.
     now: PhysicalTime,
     inbox: &'a Inbox<H::Value>,
     host: H,
@@ -143,14 +143,15 @@ struct FederateLoop<'a, H: Host> {
     /// Holds the values of messages, if the federation is in this process.
     exchange: Option<ValueExchange<H::Value>>,
     phase: Phase,
-    /// Whether the machine knows that this federate is ready to start.
+    /// Whether the loop has told the machine that this federate is ready to start.
     loaded: bool,
+    /// Whether a signal has asked this process to stop.
     interrupted: bool,
-    /// What has come over links. Empty between rounds; its memory is used again.
+    /// What has come over links. Empty between rounds; the loop keeps the vector for its memory.
     inputs: Vec<(LinkSerial, Input)>,
-    /// When the loop last looked at the links: it has read what had come by then.
+    /// When the loop last looked at the links: it has read all that had come by then.
     looked_at: PhysicalTime,
-    /// Decides whether messages may wait for more of them.
+    /// Decides whether outbound messages may wait for those of the next tags.
     pace: Pace,
 }
 
@@ -171,13 +172,13 @@ where
     H::Value: Send + Sync,
 {
     fn run(&mut self) -> Result<(), Failure> {
-        let mut moved = false;
+        let mut advanced = false;
         while self.phase != Phase::Done {
             self.compare_clocks();
-            // Before the inbox: an action that is scheduled from now on has a later time, so what the machine
-            // promises to other federates by this reading of the clock stays true.
+            // The loop reads the clock before the inbox: an action that another thread schedules after that has
+            // a later time, so what the machine promises to other federates for this time stays true.
             let before = mem::replace(&mut self.now, Clock::now());
-            if moved {
+            if advanced {
                 self.pace.took(self.now.since(before), Used::by_this_thread);
             }
             self.read_inbox()?;
@@ -185,12 +186,12 @@ where
             self.get_ready()?;
             self.send_releases()?;
             self.handle(Input::Wake)?;
-            moved = match self.phase {
-                Phase::Running => self.step()?,
-                Phase::Processing => self.go_on()?,
+            advanced = match self.phase {
+                Phase::Running => self.run_next_tag()?,
+                Phase::Processing => self.continue_tag()?,
                 Phase::Joining | Phase::Done => false,
             };
-            if !moved && self.phase != Phase::Done {
+            if !advanced && self.phase != Phase::Done {
                 self.flush();
                 self.wait();
             }
@@ -198,24 +199,24 @@ where
         Ok(())
     }
 
-    /// Ends in order or with a failure, and tells the federation which.
+    /// Ends the federate, in order or with a failure, and tells the federation which of the two.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         let traced = self.end_trace(&outcome);
         match Failure::or_untraced(outcome, traced) {
             Ok(()) => {
-                self.federation.say_goodbye();
+                self.federation.finish_sending();
                 match self.interrupted {
                     true => Err(self.interruption()),
                     false => Ok(()),
                 }
             }
             Err(Failure::Left) => {
-                // The program chose to leave: for other federates that is an ordinary end.
+                // The program has exited with code 0: for other federates that is an orderly end.
                 let ended = self.handle(Input::Leave);
-                self.federation.say_goodbye();
+                self.federation.finish_sending();
                 ended
             }
-            // The exception of Python does not tell which signal it was.
+            // The failure comes from a Python exception, which does not say which signal it was.
             Err(Failure::Interrupted { .. }) => {
                 let interruption = self.interruption();
                 Err(self.federation.fail(interruption))
@@ -241,7 +242,7 @@ where
         self.federation.read(&mut inputs)?;
         for (serial, input) in inputs.drain(..) {
             match input {
-                input if self.federation.links.is_past(serial, &input) => {}
+                input if self.federation.links.is_from_closed_link(serial, &input) => {}
                 Input::FromRti(frame @ Frame::ClockReply { .. }) => {
                     if self.federation.time.answered(&frame) {
                         self.now = Clock::now();
@@ -259,8 +260,8 @@ where
         time.ask(links);
     }
 
-    /// Tells the machine once that this federate is ready to start; only after the clock has been set right,
-    /// because the machine sends times of that clock.
+    /// Tells the machine once that this federate is ready to start. That must wait until the clock is
+    /// synchronized, because the machine then sends the clock's time to the RTI.
     fn get_ready(&mut self) -> Result<(), Failure> {
         if self.loaded || !self.federation.time.is_settled() {
             return Ok(());
@@ -272,7 +273,7 @@ where
     fn read_inbox(&mut self) -> Result<(), Failure> {
         let mut stop = self.inbox.take_stop()?;
         if self.host.interrupted() {
-            // An orderly stop needs the other federates; after a second interrupt this one does not wait for
+            // An orderly stop waits for the other federates. After a second signal this federate ends without
             // them.
             if self.interrupted || self.phase == Phase::Joining {
                 return Err(self.interruption());
@@ -294,7 +295,8 @@ where
                 self.scheduler.mark_departure(Some(me));
                 self.handle(Input::RequestDeparture)?;
             }
-            // Before any other input: the machine promises nothing beyond the next event.
+            // The machine must know the next event before it gets any other input: only then does it promise
+            // nothing beyond that event.
             self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         }
         if stop {
@@ -311,8 +313,8 @@ where
         Ok(())
     }
 
-    /// Runs the next tag if it may begin. Returns whether it did.
-    fn step(&mut self) -> Result<bool, Failure> {
+    /// Runs the next tag, if it may begin. Returns false if the loop has to wait before it tries again.
+    fn run_next_tag(&mut self) -> Result<bool, Failure> {
         self.handle(Input::NextEvent(self.scheduler.next_event()))?;
         let tag = self.scheduler.next_tag();
         let due = tag.due(self.scheduler.start_time());
@@ -325,7 +327,7 @@ where
         if self.should_look(tag) {
             self.looked_at = self.now;
             if self.federation.links.look(self.inbox).readable {
-                // Perhaps a message for this tag, or an earlier one.
+                // A message for this tag, or for an earlier one, may have come: the loop reads it first.
                 return Ok(true);
             }
         }
@@ -337,12 +339,12 @@ where
         self.workers.watch_lag(&self.scheduler, &mut self.host, (tag, due), self.now);
         self.scheduler.begin(tag);
         self.phase = Phase::Processing;
-        self.go_on()
+        self.continue_tag()
     }
 
-    /// Whether something may have come that the loop must read before a tag begins. If the tag was already safe
-    /// when the loop last looked at the links, it has read all that had come when the tag became safe; but
-    /// other requests to this federate must not wait for long either.
+    /// Whether the loop must look at the links before it begins a tag. If the tag was already safe when the
+    /// loop last looked at them, the loop has read all messages for the tag. It looks again after a while
+    /// nevertheless, because other requests to this federate must not wait for long.
     fn should_look(&self, tag: Tag) -> bool {
         let was_safe = tag.due(self.scheduler.start_time()) <= self.looked_at
             && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
@@ -354,8 +356,9 @@ where
         self.federation.links.flush();
     }
 
-    /// Runs the rest of the current tag as far as the machine permits. Returns false if it has to wait.
-    fn go_on(&mut self) -> Result<bool, Failure> {
+    /// Runs the rest of the current tag as far as the machine permits. Returns false if the loop has to wait
+    /// before it tries again.
+    fn continue_tag(&mut self) -> Result<bool, Failure> {
         while self.federation.machine.is_stepwise() {
             let level = self.scheduler.next_level();
             self.handle(Input::Reached(level))?;
@@ -364,8 +367,8 @@ where
                 return Ok(false);
             }
             if self.federation.machine.may_pass(level, self.looked_at) != Permission::Granted {
-                // The passing of time has made the level safe, so the loop must first read what had come by
-                // then.
+                // The level has become safe only since the loop last looked at the links, because time has
+                // passed. So the loop must first read the messages that came meanwhile.
                 self.looked_at = now;
                 if self.federation.links.look(self.inbox).readable {
                     return Ok(true);
@@ -388,12 +391,12 @@ where
         if self.scheduler.take_stop_request() {
             self.handle(Input::RequestStop)?;
         }
-        // Before the machine hears of the next event.
+        // The machine must know that the federate leaves before it reports the next event to the RTI.
         if self.scheduler.take_departure() && !last {
             self.handle(Input::Depart)?;
         }
         if last {
-            // While the RTI still hears of it if the trace cannot be written.
+            // After `Finished` it would be too late to tell the RTI that the trace cannot be written.
             self.end_trace(&Ok(()))?;
             self.handle(Input::Finished)?;
             self.phase = Phase::Done;
@@ -402,7 +405,8 @@ where
     }
 
     fn send_all(&mut self) -> Result<(), Failure> {
-        // First: a receiver of a message of this tag can then use the memory of its earlier objects again.
+        // Releases go before messages: a receiver of both can recycle the released memory when it handles the
+        // message.
         self.send_releases()?;
         while let Some(message) = self.scheduler.poll_outbound() {
             self.send(message)?;
@@ -426,13 +430,13 @@ where
         let shares_memory = machine.shares_memory_with(to);
         let near = shares_memory && links.is_beside(to);
         let payload = self.host.encode(&mut objects.store(), channel, &value, near)?;
-        let (mut payload, changes) = if shares_memory && links.pass_descriptors(to, route.physical)
-        {
-            let changes = objects.share(&payload, to)?;
-            (payload, changes)
-        } else {
-            (objects.inline(payload)?, Changes::default())
-        };
+        let (mut payload, changes) =
+            if shares_memory && links.descriptors_precede(to, route.physical) {
+                let changes = objects.share(&payload, to)?;
+                (payload, changes)
+            } else {
+                (objects.inline(payload)?, Changes::default())
+            };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;
         }
@@ -496,17 +500,18 @@ where
             Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
             Output::ReaderGone(federate) => {
-                links.give_up(federate);
+                links.stop_opening(federate);
                 objects.store().reader_lost(federate);
             }
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
             Output::Ended { reason } => {
-                let failure = ended(self.scheduler.program(), self.federation.me(), reason);
+                let failure =
+                    failure_of_end(self.scheduler.program(), self.federation.me(), reason);
                 if let Failure::Abandoned(report) = &failure {
                     self.host.abandoned(report);
                 }
-                // An interrupted federate was to end anyway, and neither could it wait for the others, nor the
-                // others for it.
+                // A federate that a signal has interrupted ends because of the signal, even if the failure of
+                // another federate has kept it from stopping in order.
                 return Err(if self.interrupted { self.interruption() } else { failure });
             }
         }
@@ -528,7 +533,7 @@ where
         Ok(self.host.receive(channel, payload, opened, Clock::now(), near))
     }
 
-    /// Waits until something may have changed.
+    /// Waits until a link, another thread or the clock may permit this federate to continue.
     fn wait(&mut self) {
         let until = self.wakeup();
         tracing::trace!(
@@ -573,7 +578,8 @@ where
     }
 }
 
-fn ended(program: &Program, me: FederateId, reason: End) -> Failure {
+/// The failure with which this federate ends when the machine has ended for `reason`.
+fn failure_of_end(program: &Program, me: FederateId, reason: End) -> Failure {
     match reason {
         End::Failed { federate, message, .. } if federate == me => Failure::Link(message),
         End::Failed { federate, message, code } => {

@@ -22,7 +22,7 @@ use crate::spin;
 use crate::wait::{Deadline, Interest, wait};
 use crate::{Clock, Failure};
 
-/// How long one attempt to connect to a peer may take: this federate does nothing else meanwhile.
+/// How long one attempt to connect to a peer may take. The federate's loop does nothing else meanwhile.
 const ATTEMPT: Nanos = 2_000_000_000;
 
 /// Descriptors of segments that have arrived, by owner and number.
@@ -42,12 +42,12 @@ pub(super) struct FederateLinks {
     host: HostId,
     serials: LinkSerials,
     descriptors: Descriptors,
-    /// Why something could not be written.
+    /// Why a frame could not be written: this process had no memory for it. The next read returns it.
     lack: Option<Failure>,
 }
 
-/// The number of a link with a peer. The links with one peer follow one another, and a later one has a greater
-/// number.
+/// The number of a link. A federate and a peer may open and close several links one after the other; a later
+/// link has a greater number.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) struct LinkSerial(u64);
 
@@ -55,7 +55,8 @@ impl LinkSerial {
     const RTI: Self = Self(0);
 }
 
-/// The latest links with each peer, and the last that this federate closed.
+/// For each peer, the numbers of the latest links, and the greatest number that was in use when this federate
+/// last closed the links with the peer.
 #[derive(Default)]
 struct LinkSerials {
     count: u64,
@@ -133,7 +134,8 @@ impl PolledLinks {
         self.outgoing.get(&peer).or_else(|| self.incoming.get(&peer))
     }
 
-    /// Whether the link to the RTI is of a kind that only processes of one user on one machine have.
+    /// Whether the RTI certainly runs for the same user on this machine: only such processes have a link of
+    /// this kind.
     fn is_beside_rti(&self) -> bool {
         self.rti.as_ref().is_some_and(|polled| polled.link.is_local())
     }
@@ -179,11 +181,12 @@ impl FederateLinks {
         })
     }
 
-    /// Drops the link to the RTI, which is of no use. This federate then joins again over a new one.
+    /// Drops the link to the RTI, which is broken. This federate then looks for the RTI, and joins again over a
+    /// new link.
     ///
     /// # Errors
     ///
-    /// If that cannot succeed.
+    /// If the RTI cannot be found any more.
     pub(super) fn lose_rti(&mut self) -> Result<(), Failure> {
         self.polled.rti = None;
         self.is_away = true;
@@ -195,7 +198,7 @@ impl FederateLinks {
         self.is_away.then(|| self.search.next())
     }
 
-    /// Notes that the federation runs: from now on the loop serves members before pending links.
+    /// Notes that the federation runs: from now on the loop serves members before pending connections.
     pub(super) fn become_busy(&mut self) {
         self.polled.acceptor.iter_mut().for_each(|acceptor| acceptor.inner.become_busy());
     }
@@ -263,8 +266,8 @@ impl FederateLinks {
         }
     }
 
-    /// Opens no link to a peer that has ended.
-    pub(super) fn give_up(&mut self, peer: FederateId) {
+    /// Stops opening a link to a peer, because the peer has ended.
+    pub(super) fn stop_opening(&mut self, peer: FederateId) {
         if self.openings.contains(peer) {
             self.openings.end(peer);
             self.polled.outgoing.remove(&peer);
@@ -279,9 +282,9 @@ impl FederateLinks {
         self.serials.close(peer);
     }
 
-    /// Whether an input comes from a link with a peer that this federate has closed since it read the input,
-    /// or has replaced by another link.
-    pub(super) fn is_past(&self, serial: LinkSerial, input: &Input) -> bool {
+    /// Whether an input came over a link that this federate has closed, or replaced by another link with the
+    /// same peer, since it read the input.
+    pub(super) fn is_from_closed_link(&self, serial: LinkSerial, input: &Input) -> bool {
         let (Input::PeerUp(peer) | Input::PeerLost(peer) | Input::FromPeer { from: peer, .. }) =
             input
         else {
@@ -292,18 +295,18 @@ impl FederateLinks {
         replaced || self.serials.is_closed(*peer, serial)
     }
 
-    /// Whether descriptors that this federate sends first reach a federate on the same host before a message
-    /// on a channel, `physical` or not.
-    pub(super) fn pass_descriptors(&self, to: FederateId, physical: bool) -> bool {
+    /// Whether a descriptor that this federate sends to `to` arrives before a message that it sends afterwards
+    /// on a channel, `physical` or not. Only then may the message refer to an object in that segment.
+    pub(super) fn descriptors_precede(&self, to: FederateId, physical: bool) -> bool {
         match self.polled.to(to) {
-            // A message on a physical channel takes another path, and may overtake them.
+            // A message on a physical channel goes through the RTI, and may overtake the descriptor.
             Some(polled) => polled.link.is_local() && !physical,
             None => self.polled.is_beside_rti(),
         }
     }
 
-    /// Whether all links with a peer, or the link with the RTI if there are none, are of a kind that only
-    /// processes of one user on one machine have.
+    /// Whether a peer certainly runs for the same user on this machine: its links, or the link to the RTI if
+    /// messages go through that, are of a kind that only such processes have.
     pub(super) fn is_beside(&self, peer: FederateId) -> bool {
         let PolledLinks { outgoing, incoming, .. } = &self.polled;
         let mut links = outgoing.get(&peer).into_iter().chain(incoming.get(&peer));
@@ -332,8 +335,8 @@ impl FederateLinks {
         self.descriptors.remove(&(owner, segment))
     }
 
-    /// Writes what can be written. That a peer has ended, or that there was no memory for a frame, shows when
-    /// the links are read the next time.
+    /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
+    /// ended, or that there was no memory for a frame.
     pub(super) fn flush(&mut self) {
         let Self { polled, lack, .. } = self;
         for link in polled.links_mut() {
@@ -354,12 +357,13 @@ impl FederateLinks {
     }
 
     /// Ends the links in order: writes everything within `patience`, and makes sure that it arrives. With
-    /// `all`, a long message may take longer, as long as some of it leaves.
+    /// `all`, `patience` begins again whenever some bytes of a long message have left.
     pub(super) fn leave(&mut self, patience: Nanos, all: bool) {
         self.poller.drain(&mut self.polled, patience, all);
         let until = Clock::now().plus(patience);
         // If this end closed a TCP connection before it has read everything, the kernel would reset the
-        // connection, and the other end would lose what it has not read yet. So the other end closes it.
+        // connection, and the other end would lose what it has not read yet. So this end waits until the
+        // other end closes the connection.
         let mut links: Vec<_> = self.polled.links_mut().filter(|link| !link.is_local()).collect();
         links.iter_mut().for_each(|link| link.finish());
         while !links.is_empty() && Clock::now() < until {
@@ -410,7 +414,7 @@ impl FederateLinks {
         let Some(polled) = &mut self.polled.rti else { return Ok(()) };
         let descriptors = &mut self.descriptors;
         let open = polled.read(|frame, descriptor| {
-            keep(descriptors, &frame, descriptor);
+            keep_descriptor(descriptors, &frame, descriptor);
             inputs.push((LinkSerial::RTI, Input::FromRti(frame)));
         });
         if !open.map_err(failure)? {
@@ -455,7 +459,8 @@ impl FederateLinks {
             openings,
             ..
         } = self;
-        // Messages of a peer whose link has ended come over the other link with it, and there may be more.
+        // A peer has two links with this federate if both opened one. When the outgoing link ends, messages of
+        // the peer may still come over the incoming link, so the peer is lost only when that has ended too.
         let mut ended = Vec::new();
         for (peer, polled) in &mut *outgoing {
             let serial = serials.outgoing(*peer);
@@ -488,8 +493,9 @@ impl FederateLinks {
     }
 }
 
-/// Reads a link with a peer, if it is ready. Returns how it has ended, if it has. Only a lack of
-/// memory or descriptors, which is the fault of neither end, is a failure.
+/// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has
+/// ended. The function fails only if this process lacks memory or descriptors: that is the fault of neither end
+/// of the link.
 fn read_peer(
     polled: &mut PolledLink,
     (from, serial): (FederateId, LinkSerial),
@@ -501,7 +507,7 @@ fn read_peer(
             inputs.push((serial, Input::PeerUp(from)));
             return;
         }
-        keep(descriptors, &frame, descriptor);
+        keep_descriptor(descriptors, &frame, descriptor);
         inputs.push((serial, Input::FromPeer { from, frame }));
     });
     match open {
@@ -515,13 +521,14 @@ fn read_peer(
     }
 }
 
-fn keep(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd>) {
+/// Keeps the descriptor that came with a segment until the segment is mapped.
+fn keep_descriptor(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd>) {
     if let (Frame::Segment { owner, segment, .. }, Some(descriptor)) = (frame, descriptor) {
         descriptors.insert((*owner, *segment), descriptor);
     }
 }
 
-/// This process has no memory for a message that it sends or receives.
+/// The failure if this process has no memory for a message that it sends or receives.
 pub(super) fn no_memory(error: &dyn Display) -> Failure {
     Failure::Memory(error.to_string())
 }

@@ -101,8 +101,8 @@ impl Membership {
         failure
     }
 
-    /// Makes sure that all frames that were sent arrive, however long they are.
-    pub(super) fn say_goodbye(&mut self) {
+    /// Ends the links in order, and waits until all frames have left, however long they are.
+    pub(super) fn finish_sending(&mut self) {
         self.links.leave(FAREWELL, true);
     }
 
