@@ -36,7 +36,7 @@ const START_DELAY_ACROSS: Nanos = 250_000_000;
 pub struct RtiOptions {
     /// The program of the federation.
     pub program: Arc<Program>,
-    /// The fingerprint that all federates must have: that of the program, or of more.
+    /// The fingerprint that all federates must have: of the program, perhaps with its bodies and modules.
     pub fingerprint: Arc<Fingerprint>,
     /// The secret of the federation.
     pub federation: FederationId,
@@ -58,7 +58,7 @@ pub enum RtiEvent {
     Joined(FederateId),
     /// A process may not join.
     Refused {
-        /// As which federate.
+        /// The federate as which the process wants to join.
         name: String,
         /// Why.
         reason: Refusal,
@@ -109,9 +109,10 @@ pub struct Rti {
     address: Address,
     links: RtiLinks,
     poller: Poller,
-    /// The links that may hold something. Empty between rounds; its memory is used again.
+    /// The links that may have something to read. Empty between rounds; the loop keeps the vector for its
+    /// memory.
     ready: Vec<LinkId>,
-    /// What has come over a link. Empty between rounds; its memory is used again.
+    /// The frames that have come over a link. Empty between rounds; the loop keeps the vector for its memory.
     frames: Vec<(Frame, Option<OwnedFd>)>,
     next_link: u32,
     /// Descriptors of segments that the RTI forwards from owner to reader.
@@ -266,7 +267,8 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// The first failure of a federate, which `report` has got as well, or that federates have not joined.
+    /// The first failure of a federate, which `report` has received as well, or the names of the federates that
+    /// have not joined in time.
     pub fn run(mut self, mut report: impl FnMut(RtiEvent)) -> Result<(), Failure> {
         let mut wakeup = None::<PhysicalTime>;
         loop {
@@ -280,7 +282,8 @@ impl Rti {
                 self.accept(&mut report)?;
             }
             self.read_all();
-            // Only after reading: an answer that has come is not late.
+            // The machine is told of the time only after the links have been read: an answer that has already
+            // arrived is not late.
             if wakeup.is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
             }
@@ -302,7 +305,8 @@ impl Rti {
         let failed = |error| Failure::system("the RTI cannot accept links", &error);
         let admitted = self.links.acceptor.admit(Clock::local()).map_err(failed)?;
         if !admitted.is_empty() {
-            // Links that ended before these were opened must be noticed first.
+            // A federate may have lost its link and opened a new one. The machine must know of the end of the
+            // old link before it handles the first frame of the new one.
             self.links.by_id.values_mut().for_each(|polled| polled.note(true));
             self.read_all();
         }
@@ -311,7 +315,7 @@ impl Rti {
             self.next_link += 1;
             let hello = if link.is_local() { hello } else { from_elsewhere(hello) };
             self.links.by_id.insert(id, PolledLink::new(link));
-            self.frame(id, hello, None);
+            self.handle_frame(id, hello, None);
             self.apply(report);
             // More frames may have come with the first one.
             self.read(id);
@@ -319,7 +323,7 @@ impl Rti {
         Ok(())
     }
 
-    /// Reads the links that may hold something.
+    /// Reads the links that may have something to read.
     fn read_all(&mut self) {
         let mut ready = mem::take(&mut self.ready);
         let readable = self.links.by_id.iter().filter(|(_, polled)| polled.may_be_read());
@@ -328,15 +332,15 @@ impl Rti {
         self.ready = ready;
     }
 
-    /// Reads what a link holds; one that is broken is closed, and no other link is affected.
+    /// Reads what a link has to read. If the link is broken, the RTI closes it; no other link is affected.
     fn read(&mut self, id: LinkId) {
         let Some(polled) = self.links.by_id.get_mut(&id) else { return };
         let mut frames = mem::take(&mut self.frames);
         let open = polled.read(|frame, descriptor| frames.push((frame, descriptor)));
         for (frame, descriptor) in frames.drain(..) {
-            // After one of them, the link may be closed.
+            // Handling a frame may close the link.
             if self.links.by_id.contains_key(&id) {
-                self.frame(id, frame, descriptor);
+                self.handle_frame(id, frame, descriptor);
             }
         }
         self.frames = frames;
@@ -351,7 +355,7 @@ impl Rti {
         }
     }
 
-    fn frame(&mut self, link: LinkId, frame: Frame, descriptor: Option<OwnedFd>) {
+    fn handle_frame(&mut self, link: LinkId, frame: Frame, descriptor: Option<OwnedFd>) {
         if let (Frame::Segment { owner, reader, segment, .. }, Some(fd)) = (&frame, descriptor) {
             self.descriptors.insert((*owner, *reader, *segment), fd);
         }
@@ -365,7 +369,8 @@ impl Rti {
         }
     }
 
-    /// Gives the machine an input. A fault in a frame is the peer's, and the RTI closes its link.
+    /// Gives the machine an input. If a frame breaks the protocol, its sender is wrong, and the RTI closes the
+    /// link.
     fn handle_input(&mut self, input: RtiInput) {
         let from = match &input {
             RtiInput::Frame { link, .. } => Some(*link),
@@ -414,11 +419,11 @@ impl Rti {
                 RtiOutput::Dropped { federate, message, code } => {
                     report(RtiEvent::Dropped {
                         federate,
-                        report: self.heard(federate, &message, code),
+                        report: self.report_of(federate, &message, code),
                     });
                 }
                 RtiOutput::Failed { federate, message, code } => {
-                    let heard = self.heard(federate, &message, code);
+                    let heard = self.report_of(federate, &message, code);
                     self.failure = Some(Failure::Federate(Box::new(heard.clone())));
                     report(RtiEvent::Failed { federate, report: heard });
                 }
@@ -426,11 +431,13 @@ impl Rti {
                 RtiOutput::Finished => self.finished = true,
             }
         }
-        // The descriptors that are left were for federates that have ended.
+        // Each descriptor left with the frame of its segment; those that remain were for federates that have
+        // ended.
         self.descriptors.clear();
     }
 
-    fn heard(&self, federate: FederateId, message: &str, code: i32) -> Report {
+    /// The report on a federate that has failed, with the federate's name.
+    fn report_of(&self, federate: FederateId, message: &str, code: i32) -> Report {
         Report::heard(&self.program.federates[federate].name, message, code)
     }
 
@@ -446,19 +453,19 @@ impl Rti {
     }
 
     fn flush(&mut self, report: &mut impl FnMut(RtiEvent)) {
-        let mut lacks = Vec::new();
+        let mut without_memory = Vec::new();
         for (id, PolledLink { link, .. }) in &mut self.links.by_id {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    lacks.push((*id, error.to_string()));
+                    without_memory.push((*id, error.to_string()));
                 }
-                // The other end is closed. What it sent before is still to be read, so the loop notices the
-                // end when it reads, and not here.
+                // The other end is closed. The frames that it sent before are still to be read, so the loop
+                // handles the end of the link when it reads the link, and not here.
                 Err(_) => link.discard(),
             }
         }
-        lacks.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
+        without_memory.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
         let moved: Vec<_> = self
             .links
             .by_id

@@ -1,13 +1,13 @@
-//! What to do about the federates of a federation that this process has launched, as a machine without
-//! processes and threads.
+//! The supervisor decides what is to be done about the federates that this process has launched. It is a
+//! machine: it handles no process or thread itself.
 //!
-//! The driver tells it what happens, and when; it orders what is to be done. It reports the first failure, once
-//! the true cause is known, and not the failures that follow from it. After that the federates may end by
-//! themselves. Processes that do not are asked to end, then they are killed: in the end none is left. Threads
-//! end with the process.
+//! The driver tells the supervisor what happens, and when; the supervisor gives orders to the driver. It
+//! reports the first failure, once the true cause is known, and not the failures that follow from it. After that the
+//! federates have some time to end by themselves. Then the supervisor has the remaining processes asked to end,
+//! and at last killed, so that none is left. Threads end with the process.
 //!
-//! Time is counted from the launch. Processes, threads and signals are the driver's: the command's
-//! launcher for processes, the Python package for threads.
+//! Time is counted from the launch. The driver is the command's launcher if federates are processes, and the
+//! Python package if they are threads.
 
 mod signal;
 mod verdict;
@@ -22,11 +22,13 @@ use crate::{Failure, Kind, Report, RtiEvent};
 pub use signal::Signal;
 pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
 
-/// How long to wait for the second source of a failure.
+/// How long to wait for the second report of a failure: the RTI and the federate's process report it one by
+/// one.
 const GRACE: Duration = Duration::from_millis(500);
 /// How long the other federates may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
-/// How long after a signal another one is the same: `timeout` sends it to a process and to its group.
+/// Two signals within this time count as one: the command `timeout` sends its signal both to a process and to
+/// the process group.
 pub const TOGETHER: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
 pub(crate) const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
@@ -50,16 +52,16 @@ pub enum Members {
 pub enum Observation {
     /// A federate has ended, and all that it wrote has been forwarded.
     Ended {
-        /// Which.
+        /// The federate.
         federate: FederateId,
-        /// In which way.
+        /// In which way it has ended.
         how: FederateEnding,
     },
     /// The RTI reports an event.
     Rti(RtiEvent),
     /// The RTI has come to its end.
     RtiEnded(Result<(), Failure>),
-    /// What federates write cannot be forwarded.
+    /// The output of federates cannot be forwarded.
     Unwritable(Box<Report>),
     /// A signal asks this process to stop.
     Signal(Signal),
@@ -89,10 +91,10 @@ struct FederateState {
     name: String,
     /// Whether the other federates continue without it.
     transient: bool,
-    /// Of a transient federate that could not continue: what the RTI reported, and when.
+    /// If this is a transient federate that could not continue: what the RTI reported of it, and when.
     dropped: Option<(Report, Duration)>,
     /// Whether the failure of its process has been reported.
-    told: bool,
+    is_reported: bool,
     joined: bool,
     /// Whether it has loaded its program.
     loaded: bool,
@@ -109,7 +111,7 @@ impl FederateState {
     }
 }
 
-/// What is going on.
+/// How far the end of the federation has come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
     /// The federation runs.
@@ -122,7 +124,7 @@ enum Phase {
     Killing { until: Duration },
 }
 
-/// See the module.
+/// The machine that this module describes.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Supervisor {
     members: Members,
@@ -131,21 +133,22 @@ pub struct Supervisor {
     start_until: Duration,
     started: bool,
     rti_ended: bool,
-    /// What the RTI said of the first failure, and when.
+    /// The federate that failed first according to the RTI, the RTI's report, and when it came.
     accused: Option<(FederateId, Report, Duration)>,
-    /// What the RTI said of its own failure, and when.
+    /// With which failure the RTI has ended, and when.
     rti_failure: Option<(Failure, Duration)>,
     phase: Phase,
     /// Whether a failure has been reported; there is only one.
     reported: bool,
-    /// What the first signal or failure has decided.
+    /// The exit code that follows from the first signal or failure.
     exit_code: Option<i32>,
     /// When a signal has asked this process to stop, if that was before anything failed.
     interrupted: Option<Duration>,
-    /// When the federates that have not ended get the signal.
+    /// When to send the signal to the federates that have not ended.
     reminder: Option<Duration>,
-    /// What the first failure of a transient federate has decided, if nothing else has.
-    dropped: Option<i32>,
+    /// The exit code that follows from the first failure of a transient federate. It counts only if there is
+    /// no `exit_code`.
+    transient_code: Option<i32>,
     orders: VecDeque<Order>,
 }
 
@@ -158,7 +161,7 @@ impl Supervisor {
             name: federate.name.clone(),
             transient: federate.transient,
             dropped: None,
-            told: false,
+            is_reported: false,
             joined: false,
             loaded: false,
             left: false,
@@ -177,7 +180,7 @@ impl Supervisor {
             exit_code: None,
             interrupted: None,
             reminder: None,
-            dropped: None,
+            transient_code: None,
             orders: VecDeque::new(),
         }
     }
@@ -188,7 +191,7 @@ impl Supervisor {
             Observation::Ended { federate, how } => {
                 self.federates[federate].ending.get_or_insert((how, now));
             }
-            Observation::Rti(event) => self.hear(now, event),
+            Observation::Rti(event) => self.handle_rti_event(now, event),
             Observation::RtiEnded(outcome) => {
                 self.rti_ended = true;
                 self.rti_failure = outcome.err().map(|failure| (failure, now));
@@ -211,7 +214,7 @@ impl Supervisor {
         {
             self.fail(now, verdict);
         }
-        self.tell_of_dropped(now);
+        self.report_transient_failures(now);
         if let Some(at) = self.reminder
             && now >= at
         {
@@ -226,11 +229,11 @@ impl Supervisor {
                     false => ("stopped in order", AFTER_INTERRUPT),
                 };
                 let limit = limit.as_secs();
-                self.warn_of_the_living(&format!("ends what has not {what} within {limit} s"));
+                self.warn_of_unfinished(&format!("ends what has not {what} within {limit} s"));
                 self.terminate(now);
             }
             Phase::Terminating { until } if now >= until => {
-                self.warn_of_the_living("killed what did not end by itself");
+                self.warn_of_unfinished("killed what did not end by itself");
                 self.kill(now);
             }
             _ => {}
@@ -272,13 +275,14 @@ impl Supervisor {
     pub fn outcome(&self, now: Duration) -> Option<i32> {
         let gone = self.all_ended();
         let over = match self.phase {
-            // A process that was killed may not have been noticed yet: its output may be stuck.
+            // The driver may not have seen yet that a killed process has ended: it forwards the output first,
+            // which may be stuck.
             Phase::Killing { until } => gone || now >= until,
             _ if self.reported || matches!(self.phase, Phase::Terminating { .. }) => gone,
-            // The RTI may know of a failure that no exit code tells.
-            _ => gone && self.undisputed(now),
+            // The RTI may still report a failure that no exit code shows.
+            _ => gone && self.is_surely_good(now),
         };
-        over.then(|| self.exit_code.or(self.dropped).unwrap_or(0))
+        over.then(|| self.exit_code.or(self.transient_code).unwrap_or(0))
     }
 
     /// Whether nothing has gone wrong so far.
@@ -291,9 +295,9 @@ impl Supervisor {
         self.interrupted.is_some()
     }
 
-    fn hear(&mut self, now: Duration, event: RtiEvent) {
+    fn handle_rti_event(&mut self, now: Duration, event: RtiEvent) {
         match event {
-            // It came while the federation was ending, and hears of that itself.
+            // The process came while the federation was ending, and the RTI has told it so.
             RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
             RtiEvent::Refused { name, reason } => {
                 self.warn(
@@ -328,14 +332,14 @@ impl Supervisor {
         }
     }
 
-    /// Reports transient federates that have failed, once their process and the RTI have both reported it.
-    /// If the user has started them by hand, only the RTI reports it.
-    fn tell_of_dropped(&mut self, now: Duration) {
+    /// Reports transient federates that have failed, once both their process and the RTI have reported it. If
+    /// the user has started such a federate by hand, only the RTI reports its failure.
+    fn report_transient_failures(&mut self, now: Duration) {
         let due = |at: Duration| now >= at + GRACE;
         for id in self.federates.ids() {
             let federate = &mut self.federates[id];
             let failed = federate.ending.clone().filter(|(how, _)| {
-                federate.transient && *how != FederateEnding::Code(0) && !federate.told
+                federate.transient && *how != FederateEnding::Code(0) && !federate.is_reported
             });
             let complete = match (&federate.dropped, &failed) {
                 (None, None) => false,
@@ -345,28 +349,29 @@ impl Supervisor {
             if !complete {
                 continue;
             }
-            federate.told |= failed.is_some();
+            federate.is_reported |= failed.is_some();
             let heard = federate.dropped.take().map(|(report, _)| report);
             let ending = failed.map(|(how, _)| how);
             let verdict =
                 Verdict::on_federate(&federate.name, true, heard.as_ref(), ending.as_ref());
-            self.dropped.get_or_insert(verdict.code);
+            self.transient_code.get_or_insert(verdict.code);
             if self.exit_code.is_none() {
                 self.orders.push_back(Order::Report(Box::new(verdict.report)));
             }
         }
     }
 
-    /// The first time, all is to end in order; the second time, at once.
+    /// A signal asks this process to stop. At the first signal the federation stops in order, at the second
+    /// one the supervisor has all processes killed.
     fn interrupt(&mut self, now: Duration, signal: Signal) {
         if self.interrupted.is_some_and(|at| now < at + TOGETHER) {
             return;
         }
         if self.exit_code.is_some() {
-            // A pipe stays broken, and every federate that writes to it says so.
+            // A broken pipe is no second signal: the driver reports it anew for each federate that writes to it.
             if signal != Signal::BROKEN_PIPE {
                 if !matches!(self.phase, Phase::Killing { .. }) {
-                    self.warn_of_the_living("killed what had not ended at the second signal");
+                    self.warn_of_unfinished("killed what had not ended at the second signal");
                 }
                 self.kill(now);
             }
@@ -388,7 +393,8 @@ impl Supervisor {
         self.exit_code.get_or_insert(verdict.code);
         self.orders.push_back(Order::Report(Box::new(verdict.report)));
         self.reminder = None;
-        // The RTI tells the others. Processes that have not started need no time to end in order.
+        // The RTI has told the other federates to end, and they need time to do that in order. Processes that
+        // have not started need none.
         if self.started || self.members == Members::Threads {
             self.phase = Phase::Stopping { until: now + AFTER_FAILURE };
         } else {
@@ -422,14 +428,14 @@ impl Supervisor {
         if self.members == Members::Threads {
             return;
         }
-        let living = self.federates.iter().filter(|(_, federate)| federate.ending.is_none());
-        self.orders.extend(living.map(|(to, _)| Order::Send { signal, to }));
+        let unfinished = self.federates.iter().filter(|(_, federate)| federate.ending.is_none());
+        self.orders.extend(unfinished.map(|(to, _)| Order::Send { signal, to }));
     }
 
     /// Reports what happens to the federates that have not ended, and why.
-    fn warn_of_the_living(&mut self, fate: &str) {
-        let living = self.federates.values().filter(|federate| federate.ending.is_none());
-        let names: Vec<_> = living.map(|federate| federate.name.as_str()).collect();
+    fn warn_of_unfinished(&mut self, fate: &str) {
+        let unfinished = self.federates.values().filter(|federate| federate.ending.is_none());
+        let names: Vec<_> = unfinished.map(|federate| federate.name.as_str()).collect();
         if !names.is_empty() {
             let warning = format!("{fate}: {}", names.join(", "));
             self.warn(Kind::Unfinished, warning);
@@ -442,9 +448,9 @@ impl Supervisor {
 
     /// The cause of a failure, as soon as it is known.
     ///
-    /// A signal is the cause of all other reports. Then comes the report of the RTI, which knows which
-    /// federate failed first; then its own end, which ends all others; then an exit code without a
-    /// report.
+    /// If a signal has killed a federate's process, that is the cause of all other reports. Otherwise the cause
+    /// is what the RTI reports, which knows which federate failed first; otherwise the failure of the RTI
+    /// itself, which ends all federates; otherwise the exit code of a federate that the RTI has not reported.
     fn verdict(&self, now: Duration) -> Option<Verdict> {
         let due = |at: Duration| now >= at + GRACE;
         let signalled = self.first_ending(|_, how| matches!(how, FederateEnding::Signal(_)));
@@ -462,7 +468,8 @@ impl Supervisor {
         if let Some((federate, at)) = suspect {
             return due(at).then(|| self.blame(federate));
         }
-        // Federates that wait for the rest of a federation that is asked to stop are told to stop.
+        // If the federation has been asked to stop, federates that still wait for others are told to stop, so
+        // none is late.
         let watching = self.phase == Phase::Watching;
         (watching && now >= self.start_until && !self.started).then(|| self.late())
     }
@@ -486,25 +493,26 @@ impl Supervisor {
         Verdict::on_late(&absent, &loading, self.start_until.as_secs_f64())
     }
 
-    /// The first federate that the others need whose end is of that kind, and when it ended.
+    /// Among the federates that are not transient and have ended in a way for which `is` holds, the one that
+    /// ended first, and when.
     fn first_ending(
         &self,
         is: impl Fn(&FederateState, &FederateEnding) -> bool,
     ) -> Option<(FederateId, Duration)> {
-        let lasting = self.federates.iter().filter(|(_, federate)| !federate.transient);
-        let ended = lasting.filter_map(|(id, federate)| {
+        let required = self.federates.iter().filter(|(_, federate)| !federate.transient);
+        let ended = required.filter_map(|(id, federate)| {
             let (how, at) = federate.ending.as_ref()?;
             is(federate, how).then_some((id, *at))
         });
         ended.min_by_key(|(_, at)| *at)
     }
 
-    /// Whether no report can come any more that contradicts a good end.
-    fn undisputed(&self, now: Duration) -> bool {
+    /// Whether all federates have ended well, and no report that says otherwise can come any more.
+    fn is_surely_good(&self, now: Duration) -> bool {
         let good = |federate: &FederateState| {
             let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_good(how));
             match federate.transient {
-                true => federate.dropped.is_none() && (well || federate.told),
+                true => federate.dropped.is_none() && (well || federate.is_reported),
                 false => federate.joined && well,
             }
         };
@@ -514,8 +522,8 @@ impl Supervisor {
         settled && self.federates.values().all(good) && (self.rti_ended || late)
     }
 
-    /// Whether a process that ends like that has ended in order. The signal that has stopped this one
-    /// may have reached it too.
+    /// Whether a federate's process that ends like this has ended in order. The signal that has stopped this
+    /// process may have reached the federate's process too: then that one ends with the signal's code.
     fn is_good(&self, how: &FederateEnding) -> bool {
         *how == FederateEnding::Code(0)
             || self.is_interrupted() && *how == FederateEnding::Code(Signal::INTERRUPT.exit_code())
