@@ -2,9 +2,9 @@
 //! machine: it handles no process or thread itself.
 //!
 //! The driver tells the supervisor what happens, and when; the supervisor gives orders to the driver. It
-//! reports the first failure, once the true cause is known, and not the failures that follow from it. After that the
-//! federates have some time to end by themselves. Then the supervisor has the remaining processes asked to end,
-//! and at last killed, so that none is left. Threads end with the process.
+//! reports the first failure, once the true cause is known, and not the failures that follow from it. After
+//! that the federates have some time to end by themselves. Then the supervisor has the remaining processes
+//! asked to end, and at last killed, so that none is left. Threads end with the process.
 //!
 //! Time is counted from the launch. The driver is the command's launcher if federates are processes, and the
 //! Python package if they are threads.
@@ -368,7 +368,7 @@ impl Supervisor {
             return;
         }
         if self.exit_code.is_some() {
-            // A broken pipe is no second signal: the driver reports it anew for each federate that writes to it.
+            // A broken pipe is no second signal: the driver reports it for each federate that writes to it.
             if signal != Signal::BROKEN_PIPE {
                 if !matches!(self.phase, Phase::Killing { .. }) {
                     self.warn_of_unfinished("killed what had not ended at the second signal");

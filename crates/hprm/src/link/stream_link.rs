@@ -3,7 +3,7 @@
 //! On one machine, the transport of a link is a Unix stream socket together with ring buffers, through which
 //! the bytes go. Otherwise it is TCP without Nagle's delay (paper, section III-C, real-time sockets), perhaps
 //! with TLS. A link allocates its buffers once: it reads and writes a message that fits into the eager limit
-//! without another allocation. It knows frames, not what they mean. Before the first frame, both ends prove
+//! without another allocation. A link knows frames, not what they mean. Before the first frame, both ends prove
 //! that they belong to the federation ([`proof`]), unless the kernel vouches for the other end.
 
 use std::collections::VecDeque;
@@ -22,14 +22,14 @@ use super::{Address, Arrival, Keys};
 use crate::notifier::Notifier;
 use crate::wait::{Deadline, Interest, wait};
 
-/// The longest frame of a process that has not joined yet, in bytes.
-const UNPROVED_LIMIT: usize = 4096;
+/// The longest frame that a link accepts while the other end is not trusted, in bytes.
+const UNTRUSTED_LIMIT: usize = 4096;
 
 /// One end of a link whose transport carries bytes.
 #[derive(Debug)]
 pub(crate) struct StreamLink {
     stream: Stream,
-    /// What both ends prove to one another, until that is over.
+    /// The handshake by which both ends authenticate, until it is over.
     handshake: Option<Box<Handshake>>,
     /// Whether the other end is known to belong to the federation.
     trusted: bool,
@@ -37,7 +37,7 @@ pub(crate) struct StreamLink {
     mute: bool,
     inbound: Inbound,
     outbound: Outbound,
-    /// Whether some of a long message has moved.
+    /// Whether parts of a message that is longer than a frame have come or left.
     has_moved: bool,
 }
 
@@ -47,15 +47,15 @@ struct Inbound {
     buffer: Vec<u8>,
     start: usize,
     end: usize,
-    /// How many more bytes the frame under way needs, as far as that is known.
+    /// How many more bytes the incomplete frame needs, as far as that is known.
     missing: usize,
     decoder: Decoder,
     descriptors: VecDeque<OwnedFd>,
 }
 
 impl StreamLink {
-    /// Connects to a listening address, by the deadline at the latest. What is queued leaves once the
-    /// other end has proved itself; [`Self::establish`] waits for that.
+    /// Connects to a listening address, by the deadline at the latest. Queued frames leave once the handshake
+    /// is over; [`Self::establish`] waits for that.
     pub(crate) fn connect(
         address: &Address,
         purpose: Purpose,
@@ -69,7 +69,7 @@ impl StreamLink {
         Ok(link)
     }
 
-    /// A link that another process has opened, which has not been identified yet.
+    /// A link that another process has opened. This process does not know yet which one that is.
     pub(crate) fn accepted(
         socket: Socket,
         purpose: Purpose,
@@ -93,8 +93,8 @@ impl StreamLink {
             trusted: false,
             mute: false,
             inbound: Inbound {
-                // A process that has not been identified costs little memory.
-                buffer: vec![0; UNPROVED_LIMIT],
+                // An unauthenticated client costs little memory.
+                buffer: vec![0; UNTRUSTED_LIMIT],
                 start: 0,
                 end: 0,
                 missing: 0,
@@ -106,30 +106,30 @@ impl StreamLink {
         })
     }
 
-    /// The other end belongs to the federation.
+    /// Notes that the other end belongs to the federation: from now on it may send frames of any length.
     pub(crate) fn trust(&mut self) {
         self.trusted = true;
         self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
         self.outbound.prepare();
     }
 
-    /// Whether both ends have proved what they have to.
+    /// Whether the handshake is over, or this link needs none.
     pub(crate) fn is_established(&self) -> bool {
         self.handshake.is_none()
     }
 
-    /// Whether the other end is known to be one of the same federation, or at least of the same user.
+    /// Whether the other end is known to belong to the federation, or at least to the same user.
     pub(crate) fn is_proved(&self) -> bool {
         self.is_established() || self.is_local()
     }
 
-    /// Whether the other end has begun to prove that, as far as this process can tell.
+    /// Whether the other end has begun the handshake, as far as this process can tell.
     pub(crate) fn has_spoken(&self) -> bool {
         self.handshake.as_ref().is_none_or(|handshake| handshake.is_greeted())
             || self.stream.has_spoken()
     }
 
-    /// Waits until both ends have proved what they have to, until the deadline at the latest.
+    /// Waits until the handshake is over, until the deadline at the latest.
     pub(crate) fn establish(&mut self, deadline: Deadline) -> io::Result<()> {
         loop {
             self.flush()?;
@@ -185,7 +185,7 @@ impl StreamLink {
         self.outbound.writable_len()
     }
 
-    /// Whether some of a message that is longer than a frame has come or left since this was asked.
+    /// Whether parts of a message that is longer than a frame have come or left since the last call.
     pub(crate) fn take_moved(&mut self) -> bool {
         std::mem::take(&mut self.has_moved)
     }
@@ -199,14 +199,14 @@ impl StreamLink {
         !self.mute && (more || self.stream.has_outbound())
     }
 
-    /// Whether something is to be written that waits until the socket takes more. What waits for room in a
-    /// ring buffer does not count: there the notifier wakes up the loop.
+    /// Whether bytes wait until the socket takes more. Bytes that wait for room in a ring buffer do not count:
+    /// the peer notifies the loop when it has made room.
     pub(crate) fn waits_for_socket(&self) -> bool {
         self.has_outbound() && self.stream.waits_for_socket()
     }
 
-    /// Whether this process sees what comes in shared memory, without asking the kernel; only the end of the
-    /// peer it does not see there.
+    /// Whether bytes come through shared memory, where this process sees them without asking the kernel. Only
+    /// the socket shows that the peer has ended.
     pub(crate) fn is_in_memory(&self) -> bool {
         self.stream.is_in_memory()
     }
@@ -222,7 +222,7 @@ impl StreamLink {
         self.stream.wake_up();
     }
 
-    /// Whether something has been received that the socket does not report any more.
+    /// Whether received bytes wait in this process, so that the socket does not report them as readable.
     pub(crate) fn has_unread(&self) -> bool {
         self.stream.has_unread()
     }
@@ -297,8 +297,8 @@ impl StreamLink {
         Ok(())
     }
 
-    /// Reads what the handshake wants, and nothing beyond. A refusal is an error, which leaves
-    /// before it is returned.
+    /// Reads the bytes that the handshake wants, and no more. If the handshake refuses the other end, this end
+    /// sends the refusal before it returns it as an error.
     fn read_handshake(&mut self) -> io::Result<Arrival> {
         let Some(handshake) = &mut self.handshake else { return Ok(Arrival::Bytes) };
         let mut buffer = [0; proof::LONGEST];
@@ -318,8 +318,9 @@ impl StreamLink {
             Err(arrival) => return Ok(arrival),
         };
         if taken == Err(Refused::Encrypted) {
-            // A socket that is closed with bytes unread may take the answer with it.
-            let mut rest = [0; UNPROVED_LIMIT];
+            // If this end closed the socket while it holds unread bytes, the kernel would reset the connection,
+            // and the other end might not get the answer.
+            let mut rest = [0; UNTRUSTED_LIMIT];
             let _ = self.stream.receive(&mut rest, &mut self.inbound.descriptors);
         }
         self.flush_handshake()?;
@@ -340,7 +341,8 @@ impl StreamLink {
         Ok(match arrival(received)? {
             Ok(count) => {
                 *end += count;
-                // A read ends at a descriptor, too, and at the end of what was encrypted at once.
+                // A read that has not filled the buffer has read all that there was, except if it has ended at a
+                // descriptor or at the end of a TLS record.
                 let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
                 if is_rest { Arrival::Rest } else { Arrival::Bytes }
             }
@@ -352,7 +354,7 @@ impl StreamLink {
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
         let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;
         let frame = loop {
-            let (more, of) = match decoder.next(&buffer[*start..*end])? {
+            let (more, frame_len) = match decoder.next(&buffer[*start..*end])? {
                 Decoded::Frame(frame, len) => {
                     *start += len;
                     break frame;
@@ -364,9 +366,9 @@ impl StreamLink {
                 }
                 Decoded::Missing(more) => (more, *end - *start + more),
             };
-            let limit = UNPROVED_LIMIT;
-            if !self.trusted && of > limit {
-                return Err(CodecError::TooLong { len: of, limit });
+            let limit = UNTRUSTED_LIMIT;
+            if !self.trusted && frame_len > limit {
+                return Err(CodecError::TooLong { len: frame_len, limit });
             }
             if more > 0 {
                 *missing = more;
@@ -384,7 +386,7 @@ impl StreamLink {
     }
 }
 
-/// How many bytes have come, or the state of the link if none have.
+/// How many bytes have come; if none have, what that says of the link.
 fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
     match received {
         Ok(0) => Ok(Err(Arrival::Closed)),
@@ -397,7 +399,7 @@ fn arrival(received: io::Result<usize>) -> io::Result<Result<usize, Arrival>> {
     }
 }
 
-/// What is read and written needs memory, which the system may not have.
+/// The error of a read or a write for which the system has no memory.
 pub(super) fn no_memory(error: CodecError) -> io::Error {
     io::Error::new(io::ErrorKind::OutOfMemory, error)
 }
@@ -413,8 +415,8 @@ impl AsFd for StreamLink {
 }
 
 impl Inbound {
-    /// Makes sure that a read can bring something: moves what is left to the front, and grows to
-    /// the frame that is under way.
+    /// Makes room for the next read: moves the bytes that are not a frame yet to the front of the buffer, and
+    /// grows the buffer for the incomplete frame.
     fn make_room(&mut self) -> io::Result<()> {
         if self.start == self.end {
             (self.start, self.end) = (0, 0);
