@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
-from hprm import _hprm, _thread_failures, _threads
+from hprm import _errors, _hprm, _thread_failures, _threads
 
 #: How long a federation that has failed waits for the threads of a federate, in seconds.
 AFTER_FAILURE = 2.0
@@ -59,14 +59,33 @@ def leave(code: int, patience: float | None = None) -> NoReturn:
 
     None is as long as they take.
     """
-    # The kernel keeps eight bits, and a failure must not become a zero.
-    code = code if 0 <= code <= 255 else 1
+    code = _errors.exit_code(code)
     try:
         _listen(code)
         if patience != 0:
             _wait_for_threads(code, patience)
     except _Stopped as stopped:
         code = code or stopped.code
+    _finish(code)
+
+
+def leave_child(error: BaseException | None) -> NoReturn:
+    """End a process that a body has forked, and that comes back from it: as Python ends one."""
+    code = 0
+    match error:
+        case None | SystemExit(code=None):
+            pass
+        case SystemExit(code=int(number)):
+            # Here a zero may come of it, as elsewhere: the program has asked for that.
+            code = number & 0xFF
+        case SystemExit(code=text):
+            _say(str(text))
+            code = 1
+        case _:
+            code = _SIGNALLED + signal.SIGINT if isinstance(error, KeyboardInterrupt) else 1
+            with contextlib.suppress(Exception):
+                sys.excepthook(type(error), error, error.__traceback__)
+    _wait_for_threads(code, None)
     _finish(code)
 
 
@@ -95,6 +114,11 @@ def _wait_for_threads(code: int, patience: float | None) -> None:
     try:
         # What the interpreter calls: executors are told, and end what they have been given.
         threading._shutdown()  # type: ignore[attr-defined]
+    except AssertionError:
+        # A forked copy of a thread that Python has not started; executors have been told.
+        for thread in threading.enumerate():
+            if not thread.daemon and thread is not threading.current_thread():
+                thread.join()
     except Exception:
         traceback.print_exc()
     finally:
@@ -217,7 +241,12 @@ def _write_files() -> None:
     files.sort(key=lambda it: not issubclass(type(it), _io._TextIOBase))
     # A thread that is writing to a file has its lock.
     work = threading.Thread(target=_flush, args=(files,), daemon=True)
-    work.start()
+    try:
+        work.start()
+    except RuntimeError:
+        # There is no memory for a thread.
+        _flush(files)
+        return
     work.join(_WRITING)
 
 

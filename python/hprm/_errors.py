@@ -4,10 +4,9 @@ How that is told is the extension module's business, which makes a failure of it
 """
 
 import os
-import sys
 import threading
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hprm._findings import SYNTAX
 
@@ -52,23 +51,43 @@ def describe(error: BaseException, what: str, place: str = "") -> Description:
         case SystemExit(code=None | 0):
             return Description("left", 0)
         case SystemExit(code=int(code)):
-            # As the process ends, which keeps eight bits: a failure must not become a zero.
-            return Description("exited", code if 0 <= code <= 255 else 1)
+            return Description("exited", exit_code(code))
         case SystemExit(code=reason):
-            return Description("quit", message=_text(reason))
+            return Description("quit", message=printable(_text(reason)))
         case KeyboardInterrupt():
             return Description("interrupted")
     return raised(error, what, place)
 
 
+def exit_code(code: int) -> int:
+    """Return the last eight bits of an exit code, which the system keeps; of a failure no zero."""
+    return code & 0xFF or int(code != 0)
+
+
 def raised(error: BaseException, what: str, place: str = "") -> Description:
     """Return what is known of an exception by which ``what`` has failed, whatever it is."""
+    try:
+        found = _raised(error, what, place)
+    except Exception:
+        # No memory or no descriptor is left, perhaps. What has happened must be told nevertheless.
+        name = type(error).__name__
+        found = Description("raised", message=f"{what} raised {name}: {_text(error)}")
+    texts = {name: printable(it) for name, it in vars(found).items() if isinstance(it, str)}
+    return replace(found, **texts)
+
+
+def printable(text: str) -> str:
+    """Return a text with escapes for what no encoding has: halves of characters."""
+    return text.encode(errors="backslashreplace").decode()
+
+
+def _raised(error: BaseException, what: str, place: str) -> Description:
     if isinstance(error, SyntaxError) and error.filename is not None:
         return _syntax_error(error)
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
-    reason = _text(error).partition("\n")[0]
+    reason = _text(error).strip().partition("\n")[0].rstrip()
     file, line = _place(trace, place)
     text = "".join(trace.format()).rstrip()
     return Description(
@@ -93,17 +112,14 @@ def _place(trace: traceback.TracebackException, place: str) -> tuple[str | None,
 
 
 def _hint(error: BaseException, text: str) -> str | None:
-    if isinstance(error, ModuleNotFoundError) and error.name:
-        package = error.name.partition(".")[0]
-        return (
-            f"the program runs with {sys.executable}; install {package} there, or name "
-            "another interpreter with --python"
-        )
     if isinstance(error, MemoryError):
         return _MEMORY
-    # Only programs that fail pay for it.
-    from hprm import _hints
-
+    try:
+        # Only programs that fail pay for it.
+        from hprm import _hints
+    except Exception:
+        # No descriptor is left to read it, perhaps.
+        return None
     hint = _hints.of(error)
     # Python's own is in the text, from version 3.12 on.
     if hint is not None and hint.startswith("did you mean") and "Did you mean" in text:

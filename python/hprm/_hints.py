@@ -44,6 +44,14 @@ def of(error: BaseException) -> str | None:
 
 
 def _hint(error: BaseException) -> str | None:
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package = error.name.partition(".")[0]
+        return (
+            f"the program runs with {sys.executable}; install {package} there, or name "
+            "another interpreter with --python"
+        )
+    if isinstance(error, ImportError) and "failed to map segment" in str(error):
+        return "no memory is left to load it: raise ulimit -v, or the limit of the container"
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     lines = [line for _, line in traceback.walk_tb(error.__traceback__)]
     if not frames:

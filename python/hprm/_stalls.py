@@ -7,6 +7,8 @@ import signal
 import sys
 import traceback
 
+from hprm._errors import printable
+
 # Frames that do not help a reader.
 _OWN = os.path.dirname(__file__) + os.sep
 
@@ -22,7 +24,7 @@ def stack(thread: int) -> str | None:
     frames = [it for it in traceback.extract_stack(frame) if not it.filename.startswith(_OWN)]
     # What the program was started by is above the body.
     first = next((at for at, it in enumerate(frames) if it.filename.endswith(".lf")), 0)
-    return "".join(traceback.format_list(frames[first:][-_DEPTH:]))
+    return printable("".join(traceback.format_list(frames[first:][-_DEPTH:])))
 
 
 def arm(number: int) -> int | None:

@@ -1,4 +1,4 @@
-"""Ctrl-C while the process of a program starts: it ends without a traceback.
+"""Ctrl-C and failures while the process of a program starts: it ends without a traceback.
 
 The command ``hprm`` blocks the signal when it starts an interpreter, so that none comes too early.
 """
@@ -6,7 +6,7 @@ The command ``hprm`` blocks the signal when it starts an interpreter, so that no
 import os
 import signal
 import sys
-from types import FrameType
+from types import FrameType, TracebackType
 
 
 def quiet() -> None:
@@ -16,6 +16,7 @@ def quiet() -> None:
         return
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
+    sys.excepthook = _tell
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 
 
@@ -23,7 +24,16 @@ def done() -> None:
     """Have Ctrl-C raise ``KeyboardInterrupt`` from now on, as bodies expect it."""
     if signal.getsignal(signal.SIGINT) is _end:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.excepthook is _tell:
+        sys.excepthook = sys.__excepthook__
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
     os._exit(128 + number)
+
+
+def _tell(kind: type[BaseException], error: BaseException, _trace: TracebackType | None) -> None:
+    hint = "is memory left (ulimit -v, the limit of its container)? hprm doctor looks at the rest"
+    print(
+        f"error: HPRM cannot be loaded: {kind.__name__}: {error}\n  hint: {hint}", file=sys.stderr
+    )

@@ -41,6 +41,6 @@ def _end_program(args: threading.ExceptHookArgs) -> None:
         threading.__excepthook__(args)
         return
     name = args.thread.name if args.thread is not None else "of native code"
-    if not api.fail(name, _errors.raised(error, f"thread {name}")):
+    if not api.fail(_errors.printable(name), _errors.raised(error, f"thread {name}")):
         global _failed_at_the_end
         _failed_at_the_end = True

@@ -67,6 +67,13 @@ federated reactor {
 """
 
 
+PROCESSES_AND_THREADS = [
+    ("centralized", []),
+    ("decentralized", []),
+    ("centralized", ["--in-process"]),
+]
+
+
 def program(coordination: str | None, body: str) -> str:
     """A program that does BODY on its third tick; a federation if it has a coordination."""
     text = MAIN if coordination is None else FEDERATION.replace("COORDINATION", coordination)
@@ -147,6 +154,35 @@ def test_an_exit_code_is_passed_on(bench: Bench, coordination: str | None) -> No
     assert "Traceback" not in outcome.err
     if coordination is not None:
         outcome.assert_one_error("error: federate pong exited with code 3")
+
+
+@pytest.mark.parametrize(("coordination", "options"), [(None, []), *PROCESSES_AND_THREADS])
+@pytest.mark.parametrize(("chosen", "code"), [("-1", 255), ("256", 1), ("259", 3), ("10**30", 1)])
+def test_an_exit_code_has_eight_bits_and_a_failure_is_no_zero(
+    bench: Bench, coordination: str | None, options: list[str], chosen: str, code: int
+) -> None:
+    outcome = bench.run(program(coordination, f"sys.exit({chosen})"), *options)
+    assert outcome.code == code, outcome.err
+    if coordination is not None:
+        outcome.assert_one_error(f"error: federate pong exited with code {code}")
+
+
+@pytest.mark.parametrize(("coordination", "options"), [(None, []), *PROCESSES_AND_THREADS])
+def test_a_text_that_no_encoding_has_is_told_with_escapes(
+    bench: Bench, coordination: str | None, options: list[str]
+) -> None:
+    text = program(coordination, r"raise ValueError('no \udcff')")
+    outcome = bench.run(text, *options)
+    assert outcome.code == 1
+    told = r"raised ValueError: no \udcff"
+    outcome.assert_one_error(
+        told, f"  --> Main.lf:{line_of(text, 'raise ValueError')}", "Traceback"
+    )
+
+
+def test_a_text_that_begins_with_an_empty_line_is_told(bench: Bench) -> None:
+    outcome = bench.run(program(None, r"raise ValueError('\n  first\nsecond')"))
+    outcome.assert_one_error("error: reaction Main.1 raised ValueError: first\n")
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
@@ -441,7 +477,7 @@ def test_a_mistake_is_reported_once_for_all_threads(bench: Bench, options: list[
 
 
 @pytest.mark.parametrize("options", THREADS)
-@pytest.mark.parametrize(("leave", "code"), [("sys.exit(3)", 3), ("sys.exit(300)", 1)])
+@pytest.mark.parametrize(("leave", "code"), [("sys.exit(3)", 3), ("sys.exit(300)", 44)])
 def test_an_exit_code_of_a_thread_is_passed_on(
     bench: Bench, options: list[str], leave: str, code: int
 ) -> None:

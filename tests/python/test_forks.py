@@ -385,3 +385,52 @@ federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sin
     assert (outcome.code, outcome.err) == (0, "")
     said = ["[sink] Value", "[source] handling 0", "[source] sending 0"]
     assert sorted(outcome.out.splitlines()) == said
+
+
+CHILD = """\
+target Python {{ timeout: 0 ms }}
+preamble {{= import os, sys =}}
+reactor Parent {{
+  reaction(startup) {{=
+    pid = os.fork()
+    if pid == 0:
+        {end}
+    status = os.waitpid(pid, 0)[1]
+    print("code", os.waitstatus_to_exitcode(status), flush=True)
+  =}}
+}}
+{kind} reactor {{ parent = new Parent() }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("main", []),
+        ("main", ["--workers", "2"]),
+        ("federated", []),
+        ("federated", ["--in-process"]),
+    ],
+)
+@pytest.mark.parametrize(
+    ("end", "code", "said"),
+    [
+        ("1 / 0", 1, "ZeroDivisionError: division by zero\n"),
+        ("sys.exit(-1)", 255, ""),
+        ("sys.exit('enough')", 1, "enough\n"),
+        ("sys.exit()", 0, ""),
+    ],
+)
+def test_a_forked_process_ends_as_python_ends_one(
+    bench: Bench, kind: str, options: list[str], end: str, code: int, said: str
+) -> None:
+    outcome = bench.run(CHILD.format(kind=kind, end=end), "--json", *options)
+    assert outcome.code == 0, outcome.err
+    assert f"code {code}\n" in outcome.out
+    # What it writes is no report of a failure of the program.
+    assert '{"kind"' not in outcome.err and outcome.errors == []
+    assert "AssertionError" not in outcome.err
+    if said.startswith("Zero"):
+        assert "Traceback (most recent call last):" in outcome.err
+    assert outcome.err.endswith(said)
+    assert bool(outcome.err) == bool(said)

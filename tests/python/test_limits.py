@@ -26,11 +26,14 @@ federated reactor { source = new Source()  sink = new Sink()  source.out -> sink
 ALL = "[sink] 20000.0\n" * 3
 
 
-def run(folder: Path, limit: str, coordination: str) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, limit: str, coordination: str, *options: str
+) -> subprocess.CompletedProcess[str]:
     """Run the program within a limit, as a shell sets it."""
     (folder / "Main.lf").write_text(PROGRAM)
     hprm = Path(sys.executable).with_name("hprm")
-    command = f"ulimit {limit} && exec {hprm} run --property coordination={coordination} Main.lf"
+    options = (f"--property coordination={coordination}", *options)
+    command = f"ulimit {limit} && exec {hprm} run {' '.join(options)} Main.lf"
     shell = ["bash", "-c", command]
     return subprocess.run(
         shell, cwd=folder, capture_output=True, text=True, timeout=60, check=False
@@ -67,14 +70,32 @@ def test_a_low_limit_of_open_files_is_raised_where_that_is_allowed(tmp_path: Pat
 
 
 @pytest.mark.parametrize("files", [8, 12, 16, 18, 20, 25, 26])
-@pytest.mark.parametrize("coordination", COORDINATIONS)
+@pytest.mark.parametrize(
+    ("coordination", "options"),
+    [*((it, []) for it in COORDINATIONS), ("centralized", ["--in-process"])],
+)
 def test_too_few_descriptors_are_said_once_or_suffice(
-    tmp_path: Path, coordination: str, files: int
+    tmp_path: Path, coordination: str, options: list[str], files: int
 ) -> None:
-    done = run(tmp_path, f"-n {files}", coordination)
+    done = run(tmp_path, f"-n {files}", coordination, *options)
     if done.returncode == 0:
         assert (done.stdout, done.stderr) == (ALL, "")
         return
     assert done.stderr.count("error:") == 1, done.stderr
     assert "too many open files" in done.stderr
     assert "ulimit -n" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "memory"),
+    [
+        *((["--in-process"], memory) for memory in (20_000, 40_000, 60_000, 100_000)),
+        *(([], memory) for memory in (40_000, 60_000, 100_000)),
+    ],
+)
+def test_too_little_memory_shows_no_code_of_hprm(
+    tmp_path: Path, options: list[str], memory: int
+) -> None:
+    done = run(tmp_path, f"-v {memory}", "centralized", *options)
+    assert done.returncode == 1
+    assert "/hprm/_" not in done.stderr.replace("/hprm/_hprm.", ""), done.stderr

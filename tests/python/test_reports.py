@@ -212,3 +212,14 @@ def test_commands_with_one_result_have_the_failure_in_it(bench: Bench) -> None:
     report = json.loads(outcome.out)["error"]
     assert (outcome.code, set(report)) == (1, FIELDS)
     assert "raised ValueError: no" in report["message"]
+
+
+@pytest.mark.parametrize(("coordination", "options"), WAYS)
+@pytest.mark.parametrize(
+    "write", ["sys.stderr.write('x'); sys.stderr.flush()", "os.write(2, b'x')"]
+)
+def test_an_object_begins_on_a_line_of_its_own(
+    bench: Bench, coordination: str | None, options: tuple[str, ...], write: str
+) -> None:
+    report = told(bench, program(coordination, f"{write}; raise ValueError('no')"), *options)
+    assert report["message"].endswith("raised ValueError: no")

@@ -62,7 +62,7 @@ pub(crate) struct Plan {
 /// If it cannot be started; nothing is left of it then.
 pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let program = &compiled.program;
-    limits::check_files(program.federates.len())?;
+    limits::check_files(program.federates.len(), false)?;
     let (events, arrivals) = sync_channel(EVENTS);
     let signals = events.clone();
     signals::watch(move |signal| signals.send(Observation::Signal(signal)).is_ok())

@@ -17,6 +17,10 @@ const LEAST_STACK: u64 = 128 << 10;
 /// notifier, and descriptors that are being sent.
 const FILES: u64 = 14;
 const FILES_EACH: u64 = 6;
+/// The same for a process whose federates are threads: modules that are being read, the pipe for signals, and
+/// notifiers.
+const FILES_IN_PROCESS: u64 = 18;
+const FILES_OF_THREAD: u64 = 4;
 
 /// Raises the limit of the stack if it is low.
 ///
@@ -37,13 +41,18 @@ pub(crate) fn check_stack() -> Result<(), Error> {
     Err(Error::new(error).hint("raise the limit: ulimit -s 8192"))
 }
 
-/// Raises the limit of open files, if the command needs more for so many federates.
+/// Raises the limit of open files, if the command, or the process that has the federates as threads, needs more
+/// for so many federates.
 ///
 /// # Errors
 ///
 /// If it cannot be raised: some federate would find the RTI closed, without a reason.
-pub(crate) fn check_files(federates: usize) -> Result<(), Error> {
-    let needed = FILES + FILES_EACH * federates as u64;
+pub(crate) fn check_files(federates: usize, in_process: bool) -> Result<(), Error> {
+    let (own, each) = match in_process {
+        true => (FILES_IN_PROCESS, FILES_OF_THREAD),
+        false => (FILES, FILES_EACH),
+    };
+    let needed = own + each * federates as u64;
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     let Some(now) = current.filter(|now| *now < needed) else { return Ok(()) };
     if maximum.is_none_or(|maximum| maximum >= needed)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use hprm::Disk;
+use hprm::{Disk, Kind, Report, Unreadable};
 use hprm_lf::{CompileFailure, Compiled};
 
 use crate::message::Error;
@@ -44,12 +44,16 @@ fn read(path: &Path) -> Result<(&str, Disk), Error> {
             .hint("programs are files whose name ends in .lf"));
     }
     let mut disk = Disk::from_environment();
-    disk.read_ahead(name).map_err(|reason| unreadable(name, &reason))?;
+    disk.read_ahead(name).map_err(|found| unreadable(name, found))?;
     Ok((name, disk))
 }
 
-fn unreadable(name: &str, reason: &str) -> Error {
-    let error = Error::new(format!("cannot read {name}: {reason}"));
+fn unreadable(name: &str, Unreadable { reason, line }: Unreadable) -> Error {
+    let report = Report::new(Kind::Command, format!("cannot read {name}: {reason}"));
+    if line.is_some() {
+        return Error::from(Report { file: Some(name.to_owned()), line, ..report });
+    }
+    let error = Error::from(report);
     match Path::new(name).try_exists() {
         Ok(false) => error.hint("is the path right? It is relative to the current directory"),
         _ => error,
@@ -85,5 +89,7 @@ mod tests {
         std::fs::write(&path, b"target Python\n\xff\n").unwrap();
         let Err(error) = compile(&path, &[]) else { panic!("it is text") };
         assert!(format!("{error:?}").contains("line 2 is not UTF-8 text"), "{error:?}");
+        let report = error.report();
+        assert_eq!((report.file.as_deref(), report.line), (path.to_str(), Some(2)));
     }
 }

@@ -13,6 +13,7 @@ use hprm_core::Program;
 use rustix::process::{Pid, kill_process};
 
 use crate::args::Run;
+use crate::limits;
 use crate::message::{self, Error};
 use crate::run::replace;
 use crate::signals;
@@ -24,6 +25,7 @@ use crate::trace::Parts;
 ///
 /// If it cannot be started, or the trace cannot be written.
 pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
+    limits::check_files(program.federates.len(), true)?;
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
     command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());

@@ -4,6 +4,7 @@
 //! What is wrong is clap's to say; [`variables`](crate::variables) names the variable if it stems from one.
 
 use std::ffi::OsString;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue};
@@ -20,9 +21,15 @@ const WRONG: u8 = 2;
 pub(crate) fn show(error: &clap::Error, words: &[OsString]) -> ExitCode {
     let wants_json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
     if !error.use_stderr() || !wants_json {
-        // If it cannot be written, that cannot be reported.
-        let _ = error.print();
-        return if error.use_stderr() { ExitCode::from(WRONG) } else { ExitCode::SUCCESS };
+        let printed = error.print().and_then(|()| std::io::stdout().flush());
+        return match printed {
+            _ if error.use_stderr() => ExitCode::from(WRONG),
+            Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+                message::unwritable(&error).show();
+                ExitCode::FAILURE
+            }
+            _ => ExitCode::SUCCESS,
+        };
     }
     let error = Error::from(report(&error.to_string()));
     message::speak_json(true);

@@ -15,9 +15,17 @@ pub(crate) fn tell_programs() {
     JSON.store(true, Ordering::Relaxed);
 }
 
-/// Writes a line, or several, to the standard error. Errors are ignored: it may be closed.
+/// Whether code of the program has run, so that it may have written the beginning of a line.
+static PROGRAM_WRITES: AtomicBool = AtomicBool::new(false);
+
+/// From now on the program may write, too.
+pub(crate) fn program_writes() {
+    PROGRAM_WRITES.store(true, Ordering::Relaxed);
+}
+
+/// Writes a line, or several, to the standard error, in one piece. Errors are ignored: it may be closed.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
 }
 
 /// Tells of a failure, unless there is nothing to tell.
@@ -36,6 +44,8 @@ pub(crate) fn tell(failure: &Failure) {
 /// Shows a report.
 pub(crate) fn show(report: &Report) {
     say(&match JSON.load(Ordering::Relaxed) {
+        // On a line of its own, at the cost of an empty one.
+        true if PROGRAM_WRITES.load(Ordering::Relaxed) => format!("\n{}", report.json()),
         true => report.json(),
         false => report.text(Label::Error, false),
     });

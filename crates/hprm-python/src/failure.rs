@@ -25,21 +25,15 @@ impl Described {
     pub(crate) fn failure(self, source: Source) -> Failure {
         let Self { end, code, message, file, line, column, excerpt, diagnostic, details, hint } =
             self;
+        let plain = Report::new(Kind::Program, message);
+        let report = Report { diagnostic, file, line, column, excerpt, details, hint, ..plain };
         match end.as_str() {
             "left" => Failure::Left,
             "exited" => Failure::Exited { code },
-            "quit" => Failure::Quit { said: message },
+            "quit" => Failure::Quit { said: report.message },
             "interrupted" => Failure::interrupted(),
-            "mistake" => {
-                let plain = Report::new(Kind::Program, message);
-                let report =
-                    Report { diagnostic, file, line, column, excerpt, details, hint, ..plain };
-                Failure::Mistakes(vec![report])
-            }
-            _ => {
-                let raised = Raised { source, message, file, line, column, excerpt, details, hint };
-                Failure::Raised(Box::new(raised))
-            }
+            "mistake" => Failure::Mistakes(vec![report]),
+            _ => Failure::Raised(Box::new(Raised { source, report })),
         }
     }
 }

@@ -5,12 +5,10 @@
 
 use std::sync::Arc;
 
-use hprm::{Failure, Kind, Report};
+use hprm::{Kind, Report};
 use hprm_store::StoreAllocator;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-
-use crate::failure::failure_in;
 
 /// What of itself a forked process calls.
 const WHAT: &str = "a process that a body has forked";
@@ -51,21 +49,18 @@ pub(crate) fn refuse_in_child() -> PyResult<()> {
 }
 
 /// If this is a process that a body has forked, and that has come back from the program's code with
-/// this outcome: ends it. Only the first process is part of the program, and speaks to the other
-/// federates.
+/// this outcome: ends it, as Python ends a process. Only the first process is part of the program, and speaks
+/// to the other federates.
 ///
 /// # Errors
 ///
 /// The outcome, or what went wrong.
-pub(crate) fn leave_if_child<T>(py: Python<'_>, outcome: Result<T, Failure>) -> Result<T, Failure> {
+pub(crate) fn leave_if_child<T>(py: Python<'_>, outcome: PyResult<T>) -> PyResult<T> {
     if !is_child() {
         return outcome;
     }
-    let code = outcome.err().map_or(0, |failure| {
-        crate::console::tell(&failure);
-        failure.exit_code()
-    });
-    let left = py.import("hprm._ending").and_then(|ending| ending.call_method1("leave", (code,)));
+    let raised = outcome.err().map(|error| error.into_value(py));
+    py.import("hprm._ending")?.call_method1("leave_child", (raised,))?;
     // That does not return, unless the package is broken.
-    Err(left.err().map_or(Failure::Exited { code }, |error| failure_in(py, error, WHAT)))
+    Err(PyRuntimeError::new_err(format!("{WHAT} does not end")))
 }

@@ -88,11 +88,11 @@ impl PyHost {
             if !self.is_thread {
                 numpy_memory::enter(py);
             }
-            let outcome = self.call(py, scheduler, turn, effects).map_err(|error| {
+            let outcome = fork::leave_if_child(py, self.call(py, scheduler, turn, effects));
+            outcome.map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
                 failure(py, error, Source::Reaction { name, tag: scheduler.tag() })
-            });
-            fork::leave_if_child(py, outcome)
+            })
         })
     }
 
@@ -167,7 +167,8 @@ impl Host for PyHost {
         let payload = Python::attach(|py| {
             let encoded = value.encoded(py, codec, store, self.federate, trust);
             // A serializer of the program's own may fork, too.
-            fork::leave_if_child(py, encoded.map_err(|error| self.not_sent(py, channel, error)))
+            let encoded = fork::leave_if_child(py, encoded);
+            encoded.map_err(|error| self.not_sent(py, channel, error))
         });
         // A small value leaves the store as it was.
         if payload.as_ref().is_ok_and(|payload| !payload.parts.is_empty()) {

@@ -17,6 +17,7 @@ use crate::api::Api;
 use crate::backlog::Backlog;
 use crate::bodies::{self, Bodies};
 use crate::codec::Codec;
+use crate::console;
 use crate::failure::{failure_at, failure_in};
 use crate::host::PyHost;
 use crate::interrupt::{Handled, Interrupt};
@@ -56,6 +57,7 @@ pub(crate) fn load(
     let program = Arc::clone(&compiled.program);
     let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
     let loading = |error| failure_in(py, error, &format!("loading {}", compiled.program.name));
+    console::program_writes();
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());

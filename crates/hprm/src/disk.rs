@@ -15,6 +15,15 @@ pub struct Disk {
     ahead: BTreeMap<String, String>,
 }
 
+/// Why a file cannot be read.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Unreadable {
+    /// The reason, as a sentence for people.
+    pub reason: String,
+    /// The line that is no text, if that is the reason.
+    pub line: Option<u32>,
+}
+
 impl Disk {
     /// Takes the folders with packages from the environment variable `LF_PACKAGES`.
     #[must_use]
@@ -28,8 +37,8 @@ impl Disk {
     ///
     /// # Errors
     ///
-    /// Why it cannot be read, as a sentence for people.
-    pub fn read_ahead(&mut self, path: &str) -> Result<(), String> {
+    /// Why it cannot be read.
+    pub fn read_ahead(&mut self, path: &str) -> Result<(), Unreadable> {
         self.ahead.insert(path.to_owned(), read(path)?);
         Ok(())
     }
@@ -37,7 +46,7 @@ impl Disk {
 
 impl SourceLoader for Disk {
     fn load(&mut self, path: &str) -> Result<String, String> {
-        self.ahead.remove(path).map_or_else(|| read(path), Ok)
+        self.ahead.remove(path).map_or_else(|| read(path).map_err(|found| found.reason), Ok)
     }
 
     fn list(&mut self, folder: &str) -> Vec<String> {
@@ -69,12 +78,14 @@ fn text_of(path: &Path) -> Option<String> {
     path.to_str().map(str::to_owned)
 }
 
-fn read(path: &str) -> Result<String, String> {
-    let bytes = std::fs::read(path).map_err(|error| reason(&error))?;
+fn read(path: &str) -> Result<String, Unreadable> {
+    let bytes =
+        std::fs::read(path).map_err(|error| Unreadable { reason: reason(&error), line: None })?;
     String::from_utf8(bytes).map_err(|error| {
         let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
-        format!("line {line} is not UTF-8 text")
+        let reason = format!("line {line} is not UTF-8 text");
+        Unreadable { reason, line: u32::try_from(line).ok() }
     })
 }
 

@@ -46,7 +46,7 @@ pub enum Failure {
         said: String,
     },
     /// Code of the program cannot go on.
-    #[error("{}", .0.message)]
+    #[error("{}", .0.report.message)]
     Raised(Box<Raised>),
     /// What the program is made of does not fit together.
     #[error(transparent)]
@@ -142,25 +142,13 @@ pub enum Failure {
     Federate(Box<Report>),
 }
 
-/// Code of a program that cannot go on: what it is, what happened, and where.
+/// Code of a program that cannot go on: which it is, and what happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Raised {
     /// Which code.
     pub source: Source,
-    /// What happened, in a sentence.
-    pub message: String,
-    /// The file where it happened.
-    pub file: Option<String>,
-    /// The line of it, from 1.
-    pub line: Option<u32>,
-    /// The column of it, from 1.
-    pub column: Option<u32>,
-    /// The lines around the place, if they are to be shown.
-    pub excerpt: Option<String>,
-    /// More for people, on lines of its own: the way to the place, such as a traceback.
-    pub details: Option<String>,
-    /// What to do about it.
-    pub hint: Option<String>,
+    /// What happened, where, and what to do about it. Its kind follows from the source.
+    pub report: Report,
 }
 
 /// Code of a program.
@@ -253,10 +241,8 @@ impl Failure {
     /// Code of the program cannot go on, and the message says all.
     #[must_use]
     pub fn raised(source: Source, message: impl Into<String>) -> Self {
-        let message = message.into();
-        let (file, line, column, excerpt, details, hint) = (None, None, None, None, None, None);
-        let raised = Raised { source, message, file, line, column, excerpt, details, hint };
-        Self::Raised(Box::new(raised))
+        let report = Report::new(Kind::Code, message);
+        Self::Raised(Box::new(Raised { source, report }))
     }
 
     /// An option or a property is wrong, and the message says all.
@@ -301,7 +287,7 @@ impl Failure {
     #[must_use]
     pub fn with_hint(mut self, hint: &str) -> Self {
         if let Self::Raised(raised) = &mut self {
-            raised.hint = Some(match raised.hint.take() {
+            raised.report.hint = Some(match raised.report.hint.take() {
                 Some(other) => format!("{hint}; {other}"),
                 None => hint.to_owned(),
             });
@@ -410,19 +396,22 @@ impl Failure {
 
 impl Raised {
     fn report(&self, plain: Report) -> Report {
-        let Self { source, file, line, column, excerpt, details, hint, .. } = self.clone();
-        let (reaction, tag) = match source {
-            Source::Reaction { name, tag } => (Some(name), Some((tag.time, tag.microstep))),
+        let (reaction, tag) = match &self.source {
+            Source::Reaction { name, tag } => (Some(name.clone()), Some((tag.time, tag.microstep))),
             _ => (None, None),
         };
-        Report { reaction, tag, file, line, column, excerpt, details, hint, ..plain }
+        Report { kind: plain.kind, code: plain.code, reaction, tag, ..self.report.clone() }
     }
 }
 
-/// The exit code for the code of a failure: one that the system can carry, and that does not mean success.
+/// The exit code for the code of a failure: its last eight bits, which the system keeps, but never the zero that
+/// means success.
 #[must_use]
 pub fn exit_code(code: i32) -> i32 {
-    if (1..=255).contains(&code) { code } else { 1 }
+    match code & 0xff {
+        0 => 1,
+        code => code,
+    }
 }
 
 fn mistakes(reports: &[Report]) -> String {

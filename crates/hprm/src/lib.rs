@@ -39,7 +39,7 @@ pub use app::{
     Reactor, Readable, Runnable, Sender, Timer,
 };
 pub use clock::{Clock, nanoseconds};
-pub use disk::Disk;
+pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
 pub use host::{Host, SharedBodies};
