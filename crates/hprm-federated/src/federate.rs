@@ -1,8 +1,8 @@
-//! A federate's side of everything: joining, advancing, exchanging messages, ending.
+//! A federate's side of the coordination: joining, advancing, exchanging messages, ending.
 //!
 //! One machine for both coordinations. What differs between them is in `centralized` and
-//! `decentralized`; `startup` and `stop` keep the state of those phases. This file sorts what comes
-//! in; `starting`, `meeting`, `messages` and `ending` carry it out.
+//! `decentralized`; `startup` and `stop` keep the state of those phases. This file hands each
+//! input to the code for it; `starting`, `meeting`, `messages` and `ending` have that code.
 
 mod ending;
 mod meeting;
@@ -65,7 +65,8 @@ pub struct Federate {
     first: Tag,
     /// Its last tag, if it leaves while the federation may go on.
     departure: Option<Tag>,
-    /// The federate leaves after its next tag, if that comes sooner.
+    /// Whether this federate has asked the RTI at which tag it may leave. It then leaves after the next tag
+    /// that it completes, if that is before the RTI's tag.
     wants_to_leave: bool,
     /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
@@ -73,30 +74,31 @@ pub struct Federate {
     silent: BTreeSet<FederateId>,
     /// Federates to which this one opens direct links; the others open theirs.
     opened: BTreeSet<FederateId>,
-    /// Federates whose direct links have ended without a `Resign` or cannot be opened, and why not; and
-    /// until when the RTI may explain it.
+    /// Federates whose direct links have ended without a `Resign` or cannot be opened. For each: until when
+    /// this federate waits for the RTI to report its end, and why the link cannot be opened.
     missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
-    /// Federates that have ended, in order or not, and whose direct links have not; and until when
-    /// that may stay so.
+    /// Federates that have ended, in order or not, and whose direct links are still open; and until when they
+    /// may stay open.
     lingering: BTreeMap<FederateId, Lingering>,
     /// Federates that are about to join.
     meeting: Meeting,
-    /// What is in transit to receivers and from senders.
+    /// Counts what is in transit to receivers and from senders.
     flow: Flow,
-    /// How this federate asks to join.
+    /// The frame with which this federate asks to join.
     hello: Frame,
-    /// Whether it has asked more than once.
+    /// Whether it has asked to join more than once.
     rejoins: bool,
-    /// Whether there is no link to the RTI, and will be another one.
+    /// Whether the link to the RTI is lost, and the driver opens another one.
     is_away: bool,
-    /// This federate has resigned, failed, or the RTI has told it to end: the machine ignores all inputs.
+    /// Whether this federate has resigned or failed, or the RTI has told it to end. Then the machine ignores
+    /// all inputs.
     over: bool,
     outputs: VecDeque<Output>,
 }
 
 impl Federate {
-    /// A federate that asks to join. `listen` is where it accepts direct links; under decentralized
-    /// coordination a federate with inputs needs that.
+    /// A federate that asks to join. `listen` is the address at which it accepts direct links; under
+    /// decentralized coordination a federate with inputs needs one.
     #[must_use]
     pub fn new(
         me: FederateId,
@@ -153,8 +155,8 @@ impl Federate {
         }
     }
 
-    /// Another limit of what may be in transit to a receiver when a tag begins. It has to be the same in
-    /// all federates.
+    /// Sets another limit of how much may be in transit to a receiver when a tag begins. The limit must be the
+    /// same in all federates.
     #[must_use]
     pub fn with_flow_limit(mut self, bytes: u64) -> Self {
         self.flow = Flow::new(&self.topology, self.me, bytes);
@@ -188,16 +190,16 @@ impl Federate {
         }
     }
 
-    /// Whether this federate is idle, and perhaps all are. Then the last tag comes sooner than the
-    /// program's timeout.
+    /// Whether this federate has no more events, and perhaps no federate has. Then the program ends before its
+    /// timeout, so this federate must not begin the tag of the timeout.
     fn may_starve(&self) -> bool {
         self.activity == Activity::Idle(Tag::FOREVER)
             && self.topology.starves()
             && self.stop != Stop::Decided
     }
 
-    /// Whether this federate goes through tags level by level: it asks [`Self::may_pass`] before each
-    /// of them, and says by [`Input::Reached`] how far it has got.
+    /// Whether this federate goes through tags level by level: the driver asks [`Self::may_pass`] before each
+    /// level, and tells the machine by [`Input::Reached`] how far the scheduler has come.
     #[must_use]
     pub fn is_stepwise(&self) -> bool {
         match &self.coordinator {
@@ -286,11 +288,11 @@ impl Federate {
         self.startup.peer_hello(self.me)
     }
 
-    /// Which federate has opened a direct link, by its first frame, and the answer to it.
+    /// From the first frame of a direct link: which federate has opened the link, and the answer to that frame.
     ///
     /// # Errors
     ///
-    /// If it may not link to this federate; the link should be closed.
+    /// If the peer may not link to this federate. The driver should close the link.
     pub fn admit(&self, hello: &Frame) -> Result<(FederateId, Frame), Refusal> {
         let peer = self.startup.greeted(hello)?;
         Ok((peer, Frame::PeerWelcome { federate: self.me }))
@@ -331,8 +333,8 @@ impl Federate {
             }
             Input::NextEvent(tag) => {
                 if !matches!(self.activity, Activity::Processing | Activity::Within(_)) {
-                    // The federate does something at its last tag, even without an event of the
-                    // scheduler.
+                    // At its last tag the federate runs its shutdown reactions, even if the scheduler has no
+                    // event there.
                     let next = tag.min(self.last_tag());
                     self.activity = Activity::Idle(next);
                     self.reached(next);
@@ -373,7 +375,7 @@ impl Federate {
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(self.leave()),
             Input::Failed { message, code } => self.fail(message, code),
-            Input::Wake => self.look_after_links(now),
+            Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
         Ok(())
@@ -445,7 +447,7 @@ impl Federate {
         Ok(())
     }
 
-    /// A frame of the RTI about advancing, or about the reports of that.
+    /// A frame of the RTI that permits the federate to advance, or says which reports the RTI does not need.
     fn advance_frame(&mut self, frame: &Frame) -> Result<(), Fault> {
         match (&mut self.coordinator, frame) {
             (Coordinator::Centralized(machine), Frame::TagAdvanceGrant { tag }) => {
@@ -526,7 +528,7 @@ impl Federate {
         }
     }
 
-    /// What the scheduler does next, if it has reported that.
+    /// The step that the scheduler wants to take next, if it has reported that.
     fn next_step(&self) -> Option<Step> {
         match self.activity {
             Activity::Unknown | Activity::Processing => None,
@@ -535,8 +537,8 @@ impl Federate {
         }
     }
 
-    /// Tells the other federates of the cycle on which channels nothing comes at the current tag, now
-    /// that all steps before `next` are done.
+    /// All steps before `next` are done: tells the other federates of a cycle without delay which channels to
+    /// them are absent at the current tag.
     fn passed(&mut self, next: Step, now: PhysicalTime) {
         let (Coordinator::Decentralized(machine), Some(start)) =
             (&mut self.coordinator, self.startup.start())

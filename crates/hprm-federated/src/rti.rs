@@ -1,6 +1,7 @@
-//! The RTI: which federates belong to the federation, when it starts and ends, and the frames between.
+//! The RTI: which federates belong to the federation, when it starts and ends, and which frames it sends
+//! them.
 //!
-//! This file has the machine's state and sorts what comes in. Joining and starting are in `join`,
+//! This file has the machine's state, and hands each input to the code for it. Joining and starting are in `join`,
 //! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
 //! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not
 //! answer in `watch`. The RTI never looks into a payload.
@@ -33,7 +34,7 @@ pub use self::watch::Patience;
 use self::watch::Watch;
 use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
-/// A connection that the driver has accepted; it never uses a number twice.
+/// A connection that the driver has accepted. The driver never uses a number twice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct LinkId(pub u32);
 
@@ -47,7 +48,7 @@ pub enum RtiInput {
         /// The frame.
         frame: Frame,
     },
-    /// A frame is in transit on a link, and some bytes of it have moved.
+    /// Parts of a long message have moved on a link, so the federate at its other end is not silent.
     Moved {
         /// The link.
         link: LinkId,
@@ -57,7 +58,7 @@ pub enum RtiInput {
         /// The link.
         link: LinkId,
     },
-    /// The bytes on a link are no frame, or break the protocol; the link is closed.
+    /// The bytes on a link are no frame, or break the protocol. The driver closes the link.
     Broken {
         /// The link.
         link: LinkId,
@@ -85,8 +86,8 @@ pub enum RtiOutput {
         /// The link.
         link: LinkId,
     },
-    /// The process at the other end of a link belongs to the federation, and the RTI has asked it for its
-    /// program: its answer may be long.
+    /// The RTI has asked the process at the other end of a link for its program. The driver must accept a long
+    /// answer: the process belongs to the federation.
     Asked {
         /// The link.
         link: LinkId,
@@ -134,7 +135,7 @@ pub enum RtiOutput {
         /// After how long, in nanoseconds.
         silence: Nanos,
     },
-    /// A transient federate could not go on; the others go on without it.
+    /// A transient federate could not continue. The others continue without it.
     Dropped {
         /// The federate.
         federate: FederateId,
@@ -143,7 +144,8 @@ pub enum RtiOutput {
         /// The exit code of its process.
         code: i32,
     },
-    /// A federate could not go on; the RTI has told the others to end. It reports only the first failure.
+    /// A federate could not continue, and the RTI has told the others to end. The RTI reports only the first
+    /// failure.
     Failed {
         /// The federate.
         federate: FederateId,
@@ -152,7 +154,7 @@ pub enum RtiOutput {
         /// The exit code of its process.
         code: i32,
     },
-    /// Not all federates have joined in time. The RTI has sent the others away.
+    /// Not all federates have joined in time. The RTI has refused those that had joined.
     Missing(Missing),
     /// All federates have ended.
     Finished,
@@ -181,13 +183,14 @@ pub struct Rti {
     candidates: BTreeMap<LinkId, Candidate>,
     /// Links that will be closed. The process at the other end may not know that yet.
     refused: BTreeSet<LinkId>,
-    /// The physical time of tag zero, and of the latest input; of use only to federates that join late
-    /// or leave early.
+    /// The physical time of tag zero.
     start: PhysicalTime,
+    /// The physical time of the latest input. The RTI needs it only if federates join late or leave early.
     now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
-    /// Until when all must have joined, and how long that is; none, if the RTI waits for ever.
+    /// Until when all must have joined, and how long that was from the beginning; none if the RTI waits for
+    /// ever.
     join_limit: Option<(PhysicalTime, Nanos)>,
     /// Federates that have joined, and whose links have ended before all had joined.
     strayed: BTreeSet<FederateId>,
@@ -196,8 +199,8 @@ pub struct Rti {
     stop: Negotiation,
     /// Whether a federate has processed the last tag of the program.
     ended: bool,
-    /// The latest of the last tags of federates that have left before; the program ends after it.
-    past: Tag,
+    /// The latest of the last tags of the federates that have left; the program ends after it.
+    latest_departure: Tag,
     failed: bool,
     finished: bool,
     outputs: VecDeque<RtiOutput>,
@@ -232,7 +235,7 @@ impl Rti {
             watch: None,
             stop: Negotiation::Idle,
             ended: false,
-            past: Tag::NEVER,
+            latest_departure: Tag::NEVER,
             failed: false,
             finished: false,
             outputs: VecDeque::new(),
@@ -277,9 +280,9 @@ impl Rti {
                 Ok(())
             }
             RtiInput::Wake => {
-                self.call_off(now);
-                self.look_after(now);
-                self.hurry_arrivals();
+                self.apply_join_limit(now);
+                self.check_for_silence(now);
+                self.apply_arrival_limits();
                 self.send_grants();
                 Ok(())
             }
@@ -310,7 +313,7 @@ impl Rti {
         }
     }
 
-    /// A link cannot be used any more; if that is the fault of the other end, `reason` says why.
+    /// Handles the end of a link. If the RTI closes it because of the other end, `reason` says why.
     fn closed(&mut self, link: LinkId, reason: Option<&str>) {
         self.refused.remove(&link);
         self.candidates.remove(&link);
@@ -337,16 +340,16 @@ impl Rti {
     /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        // While a report is missing, nothing is granted, whatever is due.
-        let silent = self.failed || self.traffic.lags();
-        let due = self.advance.next_due().filter(|_| !silent);
+        // While a report is missing the RTI grants nothing, so it need not wake up for a grant that is due.
+        let grants_nothing = self.failed || self.traffic.lags();
+        let due = self.advance.next_due().filter(|_| !grants_nothing);
         let grant = due.map(|tag| tag.due(self.start));
         let arrival = self.arrivals.next_wakeup();
         let joined = self.join_limit.filter(|_| self.is_joining()).map(|(until, _)| until);
         [grant, arrival, self.next_silence(), joined].into_iter().flatten().min()
     }
 
-    /// A frame from a member. Each arm checks before it changes anything.
+    /// A frame from a member. Each arm checks the frame before it changes the state.
     fn frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
         let unexpected = Err(Fault::Unexpected { frame: frame.name() });
         let running = self.phase == Phase::Running;
@@ -498,7 +501,8 @@ impl Rti {
         }
     }
 
-    /// Sends the grants that are new and useful, and recalls federates whose skipped reports others need.
+    /// Sends the grants that are new and useful, and tells federates to report again if others need the reports
+    /// that they skip.
     fn send_grants(&mut self) {
         if self.failed || self.traffic.lags() {
             return;
@@ -526,11 +530,11 @@ impl Rti {
         }
     }
 
-    /// Tells its neighbours that a federate has ended, or does not join after all. It sends nothing more,
-    /// and messages to it that have been counted do not arrive.
-    fn end_one(&mut self, federate: FederateId, in_order: bool) {
+    /// Tells the neighbours of a federate that the federate has ended, or does not join after all. From now on
+    /// the RTI expects no message from it, and excuses messages to it that were counted and do not arrive.
+    fn announce_end(&mut self, federate: FederateId, in_order: bool) {
         if self.phase == Phase::Joining {
-            // The federates do not know of one another yet, and another process may join in its place.
+            // The federates do not know of one another yet, and another process may join as this federate.
             return;
         }
         if self.phase == Phase::Running {

@@ -242,7 +242,7 @@ impl Rti {
     /// Makes the RTI give up if not all federates have joined after `limit` from now.
     #[must_use]
     pub fn join_timeout(mut self, limit: Duration) -> Self {
-        self.machine = self.machine.calling_off_after(Clock::now(), nanoseconds(limit));
+        self.machine = self.machine.with_join_limit(Clock::now(), nanoseconds(limit));
         self
     }
 

@@ -141,9 +141,9 @@ impl Federate {
         }
     }
 
-    /// Time has passed: closes links that stand still, and fails if the RTI has not explained a broken
-    /// one.
-    pub(super) fn look_after_links(&mut self, now: PhysicalTime) {
+    /// Applies the time limits of links: closes the links that have stayed open too long after their peers have
+    /// ended, and fails if the RTI has not explained in time why a link is broken.
+    pub(super) fn apply_link_limits(&mut self, now: PhysicalTime) {
         self.cut_off(now);
         self.miss(now);
     }

@@ -1,11 +1,11 @@
-//! Transient federates: joining a federation that runs, leaving it, joining again, and taking over from
-//! an instance that is still there.
+//! Transient federates: joining a running federation, leaving it, joining it again, and replacing an
+//! instance that still runs.
 //!
-//! A federate that arrives loads its program first, so that no federate waits for a successor meanwhile.
-//! Then the RTI asks the instance whose place it takes to leave; then it tells the neighbours, which
-//! answer from which tag on they know of the new one; then that one links to them, and the RTI gives it
-//! the tag at which it starts. This tag is after all grants that the RTI made while the federate was
-//! absent.
+//! An arriving federate loads its program first, so that no other federate waits for that. If an earlier
+//! instance of the federate still runs, its predecessor, the RTI then tells that instance to leave. Next the
+//! RTI tells the neighbours, and each neighbour answers from which tag on it takes the arriving federate into
+//! account. Then the arriving federate links to the others, and the RTI gives it the tag at which it starts.
+//! This tag is after all grants that the RTI made while the federate was absent.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,27 +19,29 @@ use crate::{Fault, Frame, Peer, Refusal};
 /// How long a predecessor has to leave.
 const DEPARTURE: Nanos = 2_000_000_000;
 
-/// How long it may take to link to the others, which may be on other machines.
+/// How long an arriving federate may take to link to the others, which may be on other machines.
 const LINKING: Nanos = 10_000_000_000;
 
-/// By how much the RTI moves the start of a federate at once, at most, while a neighbour is busy.
-const LATER: Nanos = 1_000_000_000;
+/// The most by which the RTI postpones the start of a federate each time, while a receiver is busy.
+const LONGEST_MARGIN: Nanos = 1_000_000_000;
 
-/// After how long it does so, at least.
-const SOON: Nanos = 1_000;
+/// The least time that receivers have to answer before the RTI postpones the start.
+const SHORTEST_ANSWER: Nanos = 1_000;
 
+/// How far an arriving federate has come.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 enum Stage {
-    /// It loads the program.
+    /// The federate loads its program.
     Loading,
-    /// The program is loaded. Its predecessor, if there is one, has until then to leave.
+    /// The program is loaded. If there is a predecessor, the RTI has told it to leave, and it has until then.
     Waiting { until: Option<PhysicalTime> },
-    /// These neighbours have not answered yet that they know of it.
+    /// The RTI has told the neighbours. These have not answered yet that they know of the federate.
     Meeting { unanswered: BTreeSet<FederateId> },
-    /// It links to the others, and has until then.
+    /// The federate links to the others, and has time to do so until then.
     Linking { until: PhysicalTime },
-    /// It could start at `first`. These receivers have not answered yet that they wait for what it sends
-    /// from there on; if they take longer than `until`, it starts later, at most by that `margin`.
+    /// The federate could start at `first`. The `unanswered` receivers have not answered yet that they wait
+    /// for its messages from that tag on. If they have not at `until`, the RTI postpones the start by
+    /// `margin`.
     Agreeing { unanswered: BTreeSet<FederateId>, first: Tag, until: PhysicalTime, margin: Nanos },
 }
 
@@ -48,20 +50,20 @@ struct Arrival {
     link: LinkId,
     peer: Peer,
     stage: Stage,
-    /// The neighbours that have answered.
+    /// The neighbours that have answered: they know of the federate, and may send to it.
     met: BTreeSet<FederateId>,
-    /// No neighbour has processed anything after this tag without it.
+    /// The federate starts after this tag: up to it, neighbours may have processed tags without the federate.
     after: Tag,
 }
 
 impl Arrival {
-    /// Whether the others know of it.
+    /// Whether the RTI has told the neighbours of the federate.
     fn is_known(&self) -> bool {
         !matches!(self.stage, Stage::Loading | Stage::Waiting { .. })
     }
 }
 
-/// The federates that are arriving.
+/// The transient federates that are joining the running federation.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub(super) struct Arrivals(BTreeMap<FederateId, Arrival>);
 
@@ -81,20 +83,20 @@ impl Arrivals {
         self.0.get(&federate).is_some_and(|arrival| arrival.link == link)
     }
 
-    /// The link to a federate that is arriving, if `from` has answered.
+    /// The link to an arriving federate, if its neighbour `from` knows of it.
     pub(super) fn link_of(&self, federate: FederateId, from: FederateId) -> Option<LinkId> {
         let arrival = self.0.get(&federate)?;
         arrival.met.contains(&from).then_some(arrival.link)
     }
 
-    /// The link to a federate that is arriving and knows of the others.
+    /// The link to an arriving federate, if the RTI has introduced the others to it.
     pub(super) fn link_of_introduced(&self, federate: FederateId) -> Option<LinkId> {
         let arrival = self.0.get(&federate)?;
         let knows = matches!(arrival.stage, Stage::Linking { .. } | Stage::Agreeing { .. });
         knows.then_some(arrival.link)
     }
 
-    /// A federate has ended.
+    /// A federate has ended: no arriving federate waits for its answer any more.
     pub(super) fn forget(&mut self, federate: FederateId) {
         for arrival in self.0.values_mut() {
             if let Stage::Meeting { unanswered } | Stage::Agreeing { unanswered, .. } =
@@ -125,7 +127,7 @@ impl Rti {
         self.arrivals.0.contains_key(&federate).then_some(Refusal::Duplicate)
     }
 
-    /// A frame from a federate that is arriving.
+    /// A frame from an arriving federate.
     pub(super) fn arrival_frame(
         &mut self,
         federate: FederateId,
@@ -158,7 +160,7 @@ impl Rti {
         Ok(())
     }
 
-    /// The link of a federate that is arriving has ended.
+    /// The link of an arriving federate has ended.
     pub(super) fn arrival_lost(&mut self, federate: FederateId, reason: Option<&str>) {
         let message = match reason {
             None => self.lost_message(federate),
@@ -168,27 +170,27 @@ impl Rti {
         self.withdraw(federate);
     }
 
-    /// A federate does not join after all.
+    /// Forgets an arriving federate, which does not join after all.
     fn withdraw(&mut self, federate: FederateId) {
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
         if arrival.is_known() {
-            self.end_one(federate, false);
+            self.announce_end(federate, false);
             self.send_grants();
         }
         self.admit_arrivals();
     }
 
-    /// The federation ends: no federate may join any more.
-    pub(super) fn turn_away(&mut self) {
+    /// The federation ends: the RTI refuses all arriving federates.
+    pub(super) fn refuse_arrivals(&mut self) {
         for (federate, arrival) in std::mem::take(&mut self.arrivals.0) {
             self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
             if arrival.is_known() {
-                self.end_one(federate, false);
+                self.announce_end(federate, false);
             }
         }
     }
 
-    /// A transient federate cannot go on. The others go on without it.
+    /// A transient federate could not continue. The others continue without it.
     pub(super) fn dropped(&mut self, federate: FederateId, message: String, code: i32) {
         self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
         if self.phase == Phase::Running {
@@ -196,27 +198,27 @@ impl Rti {
             return;
         }
         self.members[federate] = Member::Absent;
-        self.end_one(federate, false);
+        self.announce_end(federate, false);
         self.gather();
         self.start_together();
     }
 
-    /// Takes each federate that is arriving as far as that is possible now.
+    /// Takes each arriving federate through as many stages as is possible now.
     pub(super) fn admit_arrivals(&mut self) {
         if self.phase != Phase::Running {
             return;
         }
         let arriving: Vec<_> = self.arrivals.0.keys().copied().collect();
         for federate in arriving {
-            self.replace(federate);
+            self.replace_predecessor(federate);
             self.link_up(federate);
             self.start_late(federate);
         }
     }
 
-    /// Time has passed: the RTI does not wait for federates that have not left or linked in time, and a
-    /// federate that would start while its neighbours are busy starts later.
-    pub(super) fn hurry_arrivals(&mut self) {
+    /// Applies the time limits of arriving federates: drops a predecessor that has not left in time and an
+    /// arriving federate that has not linked in time, and postpones a start that receivers have not confirmed.
+    pub(super) fn apply_arrival_limits(&mut self) {
         let now = self.now;
         let due = self.arrivals.0.iter().filter_map(|(federate, arrival)| {
             let until = match arrival.stage {
@@ -244,16 +246,16 @@ impl Rti {
                     self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
                     self.withdraw(federate);
                 }
-                _ => self.offer(federate),
+                _ => self.offer_start(federate),
             }
         }
         self.admit_arrivals();
     }
 
-    /// Asks the predecessor of a federate that has loaded its program to leave, and introduces it to
-    /// its neighbours if there is none. Of neighbours that join at the same time one waits for the
-    /// other: a federate that has not joined cannot be introduced.
-    fn replace(&mut self, federate: FederateId) {
+    /// Tells the predecessor of an arriving federate that has loaded its program to leave. If no predecessor
+    /// runs, the RTI introduces the arriving federate to its neighbours. Of two neighbours that arrive at the
+    /// same time, one waits for the other: the RTI can introduce a federate only to those that have joined.
+    fn replace_predecessor(&mut self, federate: FederateId) {
         let neighbours = self.topology.neighbours(federate);
         let joining = |(other, arrival): (&FederateId, &Arrival)| {
             arrival.is_known() && neighbours.contains(other)
@@ -271,8 +273,8 @@ impl Rti {
         }
     }
 
-    /// Tells a federate to leave, at the next tag at which no other federate relies on what it does, at
-    /// `least` or later.
+    /// Tells a federate to leave at the earliest tag for which no other federate relies on its reports yet,
+    /// but not before `least`.
     pub(super) fn dismiss(&mut self, federate: FederateId, least: Tag) {
         let tag = self.entry(federate).max(least);
         self.advance.depart(&self.topology, federate, tag);
@@ -280,7 +282,7 @@ impl Rti {
         self.send_grants();
     }
 
-    /// Tells the neighbours of a federate that it is about to join.
+    /// Tells the neighbours of an arriving federate that it is about to join.
     fn introduce(&mut self, federate: FederateId) {
         let neighbours = self.topology.neighbours(federate).iter().copied();
         let unanswered: BTreeSet<_> = neighbours.filter(|n| self.members[*n].is_live()).collect();
@@ -292,7 +294,7 @@ impl Rti {
         }
     }
 
-    /// Introduces the others to a federate of which all neighbours know.
+    /// Once all neighbours know of an arriving federate, sends it what it needs to link to the others.
     fn link_up(&mut self, federate: FederateId) {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         match &arrival.stage {
@@ -305,10 +307,11 @@ impl Rti {
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Peers { peers } });
     }
 
-    /// A neighbour knows of a federate that is arriving, or waits for it.
+    /// A neighbour has answered that it knows of an arriving federate, or waits for the federate's messages. It
+    /// may have processed tags up to `tag` without them.
     pub(super) fn met(&mut self, neighbour: FederateId, federate: FederateId, life: u32, tag: Tag) {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
-        // The answer may be about an earlier process, which has given up.
+        // The answer may be about an earlier process, which does not join any more.
         if arrival.peer.life != life {
             return;
         }
@@ -331,14 +334,14 @@ impl Rti {
     /// The earliest tag at which a federate may join, or must leave.
     fn entry(&self, federate: FederateId) -> Tag {
         let elapsed = self.now.since(self.start).max(0);
-        // Under decentralized coordination no federate waits for it yet: its first messages should not be
-        // tardy.
+        // Under decentralized coordination no federate waits yet for the messages of an arriving federate. The
+        // margin is time for the first ones to arrive, so that they are not tardy.
         let margin = if self.is_centralized() { 0 } else { self.start_delay };
         Tag::new(elapsed.saturating_add(margin), 0)
             .max(self.advance.entry(&self.topology, federate))
     }
 
-    /// A federate has linked to the others. Under centralized coordination it can start at once: no
+    /// An arriving federate has linked to the others. Under centralized coordination it can start at once: no
     /// federate advances without a grant. Under decentralized coordination its receivers have to answer
     /// that they wait for its messages.
     fn agree(&mut self, federate: FederateId) {
@@ -351,22 +354,22 @@ impl Rti {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let (until, margin) = (self.now, self.start_delay.max(0));
         arrival.stage = Stage::Agreeing { unanswered, first: Tag::NEVER, until, margin };
-        self.offer(federate);
+        self.offer_start(federate);
         self.start_late(federate);
     }
 
-    /// Announces the tag at which a federate could start; from there on the others take it into account.
-    /// No federate waits for that: while a receiver is busy and does not answer, the RTI moves the tag
-    /// again and again.
-    fn offer(&mut self, federate: FederateId) {
+    /// Announces the tag at which an arriving federate could start; from that tag on the others take it into
+    /// account. They continue meanwhile: while a receiver is busy and does not answer, the RTI postpones the
+    /// tag again and again.
+    fn offer_start(&mut self, federate: FederateId) {
         let entry = self.entry(federate);
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let Stage::Agreeing { first, until, margin, .. } = &mut arrival.stage else { return };
         let later = if *first == Tag::NEVER { 0 } else { *margin };
         let tag =
             Tag::new(entry.time.saturating_add(later), entry.microstep).max(arrival.after.succ());
-        (*first, *until) = (tag, self.now.plus((*margin / 2).max(SOON)));
-        *margin = margin.saturating_mul(2).min(LATER);
+        (*first, *until) = (tag, self.now.plus((*margin / 2).max(SHORTEST_ANSWER)));
+        *margin = margin.saturating_mul(2).min(LONGEST_MARGIN);
         if tag > self.topology.timeout() {
             let link = arrival.link;
             self.refuse(link, self.topology.name(federate), Refusal::TooLate);
@@ -381,14 +384,15 @@ impl Rti {
         self.send_grants();
     }
 
-    /// Starts a federate for which all receivers wait.
+    /// Starts an arriving federate, once all receivers wait for its messages.
     fn start_late(&mut self, federate: FederateId) {
         let Some(Arrival { after, stage, .. }) = self.arrivals.0.get(&federate) else { return };
         match stage {
             Stage::Agreeing { unanswered, first, .. } if unanswered.is_empty() => {
-                // A receiver had come too far already.
+                // A receiver has already processed a tag that is not before `first`, so the federate starts
+                // later.
                 if *after >= *first {
-                    self.offer(federate);
+                    self.offer_start(federate);
                 }
             }
             _ => return,

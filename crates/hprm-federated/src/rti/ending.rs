@@ -28,12 +28,12 @@ impl Rti {
     /// A federate that has resigned has processed the last tag of the program. Then that tag holds for
     /// the others too: there is one last tag for all.
     pub(super) fn stop_request(&mut self, from: FederateId, tag: Tag) {
-        let tag = if self.ended { Tag::FOREVER } else { tag.max(self.past.succ()) };
+        let tag = if self.ended { Tag::FOREVER } else { tag.max(self.latest_departure.succ()) };
         match &mut self.stop {
             Negotiation::Decided => return,
             Negotiation::Asking { latest, .. } => *latest = (*latest).max(tag),
             Negotiation::Idle => {
-                self.turn_away();
+                self.refuse_arrivals();
                 let mut answered = Table::filled(self.members.len(), false);
                 answered[from] = true;
                 self.stop = Negotiation::Asking { latest: tag, answered };
@@ -70,10 +70,11 @@ impl Rti {
 
     /// Asks all federates to stop, at `tag` at the earliest.
     pub(super) fn ask_to_stop(&mut self, tag: Tag) {
-        self.turn_away();
+        self.refuse_arrivals();
         if self.stop == Negotiation::Idle {
             let answered = Table::filled(self.members.len(), false);
-            let latest = if self.ended { Tag::FOREVER } else { tag.max(self.past.succ()) };
+            let latest =
+                if self.ended { Tag::FOREVER } else { tag.max(self.latest_departure.succ()) };
             self.stop = Negotiation::Asking { latest, answered };
             self.send_all(&Frame::StopRequest { tag: latest });
         }
@@ -113,7 +114,7 @@ impl Rti {
     /// A federate has completed the last tag.
     pub(super) fn resigned(&mut self, federate: FederateId) {
         self.ended = true;
-        self.turn_away();
+        self.refuse_arrivals();
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = Tag::FOREVER;
         }
@@ -122,7 +123,7 @@ impl Rti {
 
     /// A federate has ended before the last tag of the program, which is after its own.
     pub(super) fn left(&mut self, federate: FederateId, tag: Tag) {
-        self.past = self.past.max(tag);
+        self.latest_departure = self.latest_departure.max(tag);
         self.advance.left(federate, tag);
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = (*latest).max(tag.succ());
@@ -133,7 +134,7 @@ impl Rti {
     /// A federate has ended, at the last tag or before, and the others go on.
     pub(super) fn gone(&mut self, federate: FederateId, in_order: bool) {
         self.members[federate] = Member::Gone;
-        self.end_one(federate, in_order);
+        self.announce_end(federate, in_order);
         self.arrivals.forget(federate);
         self.send_grants();
         self.decide();
@@ -188,7 +189,7 @@ impl Rti {
         }
         self.members[federate] = Member::Gone;
         if !std::mem::replace(&mut self.failed, true) {
-            self.turn_away();
+            self.refuse_arrivals();
             self.send_all(&Frame::Failed { federate, message: message.clone(), code });
             self.outputs.push_back(RtiOutput::Failed { federate, message, code });
         }

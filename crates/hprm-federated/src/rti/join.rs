@@ -137,9 +137,9 @@ impl Rti {
         self.outputs.push_back(RtiOutput::Close { link });
     }
 
-    /// Makes the RTI call the federation off if not all federates have joined `limit` after `now`.
+    /// Makes the RTI refuse all federates if some have not joined `limit` after `now`.
     #[must_use]
-    pub fn calling_off_after(mut self, now: PhysicalTime, limit: Nanos) -> Self {
+    pub fn with_join_limit(mut self, now: PhysicalTime, limit: Nanos) -> Self {
         self.join_limit = Some((now.plus(limit), limit));
         self
     }
@@ -149,8 +149,8 @@ impl Rti {
         self.phase == Phase::Joining && !self.failed
     }
 
-    /// Sends all federates away if others have not joined in time.
-    pub(super) fn call_off(&mut self, now: PhysicalTime) {
+    /// Refuses all federates if some have not joined in time.
+    pub(super) fn apply_join_limit(&mut self, now: PhysicalTime) {
         let Some((until, limit)) = self.join_limit else { return };
         if now < until || !self.is_joining() {
             return;

@@ -361,7 +361,7 @@ fn a_federation_that_is_not_complete_in_time_is_called_off() {
         rti.handle(until, RtiInput::Wake).unwrap();
         std::iter::from_fn(|| rti.poll()).collect()
     };
-    let joining = || rti("transient t\na -> b\nb -> c\nc -> t").calling_off_after(NOW, limit.0);
+    let joining = || rti("transient t\na -> b\nb -> c\nc -> t").with_join_limit(NOW, limit.0);
     let id = |name| joining().topology.federates().find(|id| joining().topology.name(*id) == name);
     let hello_of = |name| hello(id(name).unwrap().0);
     // As long as federates may join, and once all have, nothing happens.

@@ -89,8 +89,9 @@ impl Rti {
         Some(due).filter(|due| *due < PhysicalTime::FOREVER)
     }
 
-    /// Asks silent federates whether they are there, reports them, and gives them up.
-    pub(super) fn look_after(&mut self, now: PhysicalTime) {
+    /// Asks silent federates to answer. Reports those that do not, and fails once one has been silent for the
+    /// limit.
+    pub(super) fn check_for_silence(&mut self, now: PhysicalTime) {
         if self.phase != Phase::Running {
             return;
         }

@@ -222,7 +222,7 @@ impl StreamLink {
         self.stream.wake_up();
     }
 
-    /// Whether received bytes wait in this process, so that the socket does not report them as readable.
+    /// Whether bytes wait that the socket does not report as readable: in a ring buffer, or decrypted.
     pub(crate) fn has_unread(&self) -> bool {
         self.stream.has_unread()
     }
@@ -341,7 +341,7 @@ impl StreamLink {
         Ok(match arrival(received)? {
             Ok(count) => {
                 *end += count;
-                // A read that has not filled the buffer has read all that there was, except if it has ended at a
+                // A read that has not filled the buffer has read all that there was, unless it has ended at a
                 // descriptor or at the end of a TLS record.
                 let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
                 if is_rest { Arrival::Rest } else { Arrival::Bytes }
