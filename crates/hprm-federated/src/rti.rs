@@ -1,10 +1,10 @@
 //! The RTI: which federates belong to the federation, when it starts and ends, and which frames it sends
 //! them.
 //!
-//! This file has the machine's state, and hands each input to the code for it. Joining and starting are in `join`,
-//! advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
-//! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not
-//! answer in `watch`. The RTI never looks into a payload.
+//! This file has the machine's state, and hands each input to the code for it. Joining and starting are in
+//! `join`, advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
+//! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not answer
+//! in `watch`. The RTI never looks into a payload.
 
 mod advance;
 mod arriving;
