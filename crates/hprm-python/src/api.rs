@@ -15,7 +15,7 @@ use crate::action::nanos;
 use crate::console::tell;
 use crate::failure::Described;
 use crate::numpy_memory;
-use crate::runtime::{Late, Runtime};
+use crate::runtime::{DeadlineHandler, Runtime};
 use crate::tag::Tag;
 
 /// The runtime of one program, for its module `lf`.
@@ -88,7 +88,9 @@ impl Api {
     #[pyo3(signature = (invoke_deadline_handler = true))]
     fn check_deadline(&self, py: Python<'_>, invoke_deadline_handler: bool) -> PyResult<bool> {
         let Some(late) = self.0.deadline_missed(py)? else { return Ok(false) };
-        if let Some(Late { handler, arguments }) = late.filter(|_| invoke_deadline_handler) {
+        if let Some(DeadlineHandler { handler, arguments }) =
+            late.filter(|_| invoke_deadline_handler)
+        {
             handler.bind(py).call1(arguments.fresh(py)?)?;
         }
         Ok(true)

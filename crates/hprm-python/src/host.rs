@@ -20,7 +20,7 @@ use crate::fork;
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::places::Places;
-use crate::runtime::{Late, Runtime};
+use crate::runtime::{DeadlineHandler, Runtime};
 use crate::serialize::Trust;
 use crate::thread;
 use crate::value::Value;
@@ -59,7 +59,10 @@ impl PyHost {
     ) -> PyResult<()> {
         let bodies = &self.bodies[&reaction];
         let late = bodies.deadline.as_ref().filter(|_| body != Body::Deadline).map(|handler| {
-            Late { handler: handler.clone_ref(py), arguments: bodies.arguments.clone_ref(py) }
+            DeadlineHandler {
+                handler: handler.clone_ref(py),
+                arguments: bodies.arguments.clone_ref(py),
+            }
         });
         let here = (reaction, thread::ident(py));
         self.runtime.enter(scheduler, here, mem::take(effects), late);

@@ -168,7 +168,7 @@ impl Interrupt {
             return Ok(());
         }
         let since = this.since.get_or_init(Instant::now);
-        stalls::ask();
+        stalls::note_stop_request();
         if this.asked.load(Ordering::Relaxed) == 0 {
             this.asked.store(number, Ordering::Relaxed);
             this.pending.store(true, Ordering::Relaxed);
@@ -178,7 +178,7 @@ impl Interrupt {
             return Ok(());
         }
         this.progress.broken.store(true, Ordering::Relaxed);
-        stalls::break_in(slf.py());
+        stalls::report_interrupted(slf.py());
         if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
         }

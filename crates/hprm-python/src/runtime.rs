@@ -1,9 +1,9 @@
-//! The running program, as the objects that Python code holds reach it.
+//! The state of the running program that its Python objects share: ports, actions and the module `lf`.
 //!
-//! While a reaction runs, what it may read and what it asks for are here, and ports and actions find
-//! them; the rest of the time nothing can be read or set. Several reactions run at the same time if
-//! the program has several workers. The lock is never held while Python code may run: values are
-//! cloned out, and dropped by the loop.
+//! While a reaction runs, this state has the scheduler that the reaction reads, and the effects that it
+//! asks for; outside of reactions no port can be read or set. Several reactions run at the same time if
+//! the program has several workers. No thread holds the lock while Python code may run: a read clones
+//! the value, and the loop drops it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
@@ -38,43 +38,44 @@ struct Cell {
     entries: u64,
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
-    /// The tag at which these reactors started.
+    /// The tag at which the reactors of this program or federate started.
     first: Tag,
-    /// Whether this federate is to stop alone, and the loop has yet to hear of it.
+    /// Whether the program wants this federate alone to stop, and the loop does not know that yet.
     departs: bool,
     stats: StoreStats,
-    /// How long the federate waits for its inputs, once that was changed.
+    /// How long the federate waits for its inputs, if the program has changed that.
     maxwait: Option<Nanos>,
-    /// Whether the loop has yet to hear of it.
+    /// Whether the loop does not know `maxwait` yet.
     maxwait_is_news: bool,
 }
 
 /// A reaction that runs.
 struct Running {
     reaction: ReactionId,
-    /// How many had begun before.
+    /// How many reactions had begun before this one.
     number: u64,
-    /// Its thread, as Python counts threads.
+    /// Python's identifier of the thread that runs it.
     ident: u64,
     thread: ThreadId,
     scheduler: Arc<Scheduler<Value>>,
     effects: Effects<Value>,
-    late: Option<Late>,
+    /// What runs if it misses its deadline.
+    late: Option<DeadlineHandler>,
 }
 
-/// A reaction that runs, as a sample shows it.
+/// A reaction that runs at the moment of a sample.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Reacting {
+pub(crate) struct SampledRun {
     pub(crate) reaction: ReactionId,
     /// Different for each run.
     pub(crate) number: u64,
     pub(crate) tag: Tag,
-    /// Its thread, as Python counts threads.
+    /// Python's identifier of the thread that runs it.
     pub(crate) thread: u64,
 }
 
 /// The deadline handler of a reaction, and its arguments.
-pub(crate) struct Late {
+pub(crate) struct DeadlineHandler {
     pub(crate) handler: Py<PyAny>,
     pub(crate) arguments: Arguments,
 }
@@ -91,7 +92,7 @@ pub(crate) enum Access {
 }
 
 impl Runtime {
-    /// Of a program of which nothing runs yet.
+    /// The state of a program of which nothing runs yet.
     pub(crate) fn new(
         program: Arc<Program>,
         scope: Scope,
@@ -113,14 +114,14 @@ impl Runtime {
 
     // For the host.
 
-    /// Lets `reaction` run on this thread, which Python knows as `ident`: it reads `scheduler`, and what it asks for is added to
-    /// `effects`.
+    /// Notes that `reaction` runs on this thread from now on. `ident` is Python's identifier of the thread. The
+    /// reaction reads `scheduler`, and what it asks for is added to `effects`.
     pub(crate) fn enter(
         &self,
         scheduler: &Arc<Scheduler<Value>>,
         (reaction, ident): (ReactionId, u64),
         effects: Effects<Value>,
-        late: Option<Late>,
+        late: Option<DeadlineHandler>,
     ) {
         let mut cell = self.cell();
         cell.latest = Some((scheduler.tag(), scheduler.start_time()));
@@ -140,12 +141,12 @@ impl Runtime {
         running.map(|running| running.effects).unwrap_or_default()
     }
 
-    /// What runs now. Any thread may ask, and needs nothing of the interpreter for it.
-    pub(crate) fn sample(&self) -> Vec<Reacting> {
+    /// The reactions that run now. Any thread may call this, without the interpreter's lock.
+    pub(crate) fn sample(&self) -> Vec<SampledRun> {
         let cell = self.cell();
         let sampled = cell.running.iter().map(|running| {
             let Running { reaction, number, ident, ref scheduler, .. } = *running;
-            Reacting { reaction, number, tag: scheduler.tag(), thread: ident }
+            SampledRun { reaction, number, tag: scheduler.tag(), thread: ident }
         });
         sampled.collect()
     }
@@ -155,33 +156,33 @@ impl Runtime {
         self.cell().stats = stats;
     }
 
-    /// How long the federate is to wait for its inputs, if the loop has not heard of it yet.
+    /// How long the federate is to wait for its inputs, if the loop does not know that yet.
     pub(crate) fn take_maxwait(&self) -> Option<Nanos> {
         let mut cell = self.cell();
         let news = std::mem::take(&mut cell.maxwait_is_news);
         cell.maxwait.filter(|_| news)
     }
 
-    /// Whether this federate is to stop alone, if the loop has not heard of it yet.
+    /// Whether this federate alone is to stop, and the loop does not know that yet.
     pub(crate) fn take_departure(&self) -> bool {
         std::mem::take(&mut self.cell().departs)
     }
 
     // For ports and actions.
 
-    /// The value at a port; of a persistent one that is absent, the last.
+    /// The value at a port; if the port is persistent and absent, the last value.
     pub(crate) fn read(
         &self,
         (owner, access): (ReactionId, Access),
         port: PortId,
     ) -> PyResult<Option<Value>> {
-        self.during(owner, port, |running| running.latest(port, access).cloned())
+        self.with_owner(owner, port, |running| running.latest(port, access).cloned())
     }
 
     /// Makes a port persistent, with a first value.
     pub(crate) fn remember(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.during(owner, port, |running| running.effects.keep(port, value))
+        self.with_owner(owner, port, |running| running.effects.keep(port, value))
     }
 
     /// Whether a port has a value.
@@ -190,12 +191,12 @@ impl Runtime {
         (owner, access): (ReactionId, Access),
         port: PortId,
     ) -> PyResult<bool> {
-        self.during(owner, port, |running| running.port(port, access).is_some())
+        self.with_owner(owner, port, |running| running.port(port, access).is_some())
     }
 
     /// The tag that the value at a port was meant for.
     pub(crate) fn intended_tag(&self, owner: ReactionId, port: PortId) -> PyResult<Tag> {
-        self.during(owner, port, |Running { scheduler, .. }| {
+        self.with_owner(owner, port, |Running { scheduler, .. }| {
             scheduler.intended_tag(port).unwrap_or(scheduler.tag())
         })
     }
@@ -203,19 +204,19 @@ impl Runtime {
     /// Sets a port.
     pub(crate) fn set(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.during(owner, port, |running| running.effects.set(port, value))
+        self.with_owner(owner, port, |running| running.effects.set(port, value))
     }
 
     /// Whether an action is present, and its value.
     pub(crate) fn action(&self, action: ActionId) -> PyResult<Option<Option<Value>>> {
-        // At one tag it is the same for all reactions.
+        // All reactions that run at the same time have the same tag, so the first one will do.
         match self.cell().running.first() {
             Some(running) => Ok(running.scheduler.action(action).map(|value| value.cloned())),
-            None => Err(self.outside(&self.program.actions[action].name)),
+            None => Err(self.outside_error(&self.program.actions[action].name)),
         }
     }
 
-    /// Schedules an action. One that is physical may be scheduled from everywhere.
+    /// Schedules an action. Any thread may schedule a physical action at any time.
     pub(crate) fn schedule(
         &self,
         action: ActionId,
@@ -224,7 +225,7 @@ impl Runtime {
     ) -> PyResult<()> {
         fork::refuse_in_child()?;
         let known = value.map(Value::new);
-        if let Some(Running { scheduler, effects, .. }) = self.cell().reacting() {
+        if let Some(Running { scheduler, effects, .. }) = self.cell().running_here() {
             effects.schedule(scheduler, action, extra, known, Clock::now);
             return Ok(());
         }
@@ -239,7 +240,7 @@ impl Runtime {
         let scheduled =
             |value| Ok::<_, PyErr>(Value::scheduled(value, self.backlog.admit(&spec.name, value)?));
         let value = value.map(scheduled).transpose()?;
-        // Refused if the program has ended: the thread will soon notice.
+        // The inbox refuses the action if the program has ended. The thread need not know: it ends soon too.
         let _ = self.inbox.schedule(action, extra, value);
         Ok(())
     }
@@ -254,7 +255,7 @@ impl Runtime {
         fork::refuse_in_child()?;
         let name = &self.program.modes[mode].name;
         let mut cell = self.cell();
-        match cell.reacting() {
+        match cell.running_here() {
             Some(running) if running.reaction == owner => {
                 running.effects.enter(mode, transition);
                 Ok(())
@@ -263,7 +264,7 @@ impl Runtime {
                 "reaction {} cannot enter mode {name}, which is not an effect of it",
                 self.program.reaction_name(running.reaction),
             ))),
-            None => Err(self.outside(&format!("the mode {name}"))),
+            None => Err(self.outside_error(&format!("the mode {name}"))),
         }
     }
 
@@ -272,26 +273,26 @@ impl Runtime {
     /// Ends the program at its next tag.
     pub(crate) fn request_stop(&self) -> PyResult<()> {
         fork::refuse_in_child()?;
-        match self.cell().reacting() {
+        match self.cell().running_here() {
             Some(running) => running.effects.request_stop(),
             None => self.inbox.request_stop(),
         }
         Ok(())
     }
 
-    /// Ends the program with a failure: a thread of it cannot go on. Returns false if it has ended.
+    /// Ends the program with a failure of one of its threads. Returns false if the program has already ended.
     pub(crate) fn fail(&self, failure: Failure) -> bool {
         self.inbox.fail(failure)
     }
 
-    /// Ends this federate at its next tag; the others go on.
+    /// Ends this federate at its next tag; the other federates continue.
     pub(crate) fn depart(&self) -> PyResult<()> {
         fork::refuse_in_child()?;
         let mut cell = self.cell();
-        if let Some(running) = cell.reacting() {
+        if let Some(running) = cell.running_here() {
             running.effects.leave();
         } else if matches!(self.scope(), Scope::Whole) {
-            // A thread is of no federate where all run in one process.
+            // The whole program runs in one scheduler, so a thread belongs to no federate.
             self.inbox.request_stop();
         } else {
             cell.departs = true;
@@ -314,13 +315,18 @@ impl Runtime {
     }
 
     /// Whether the running reaction has missed its deadline, and the handler for that.
-    pub(crate) fn deadline_missed(&self, py: Python<'_>) -> PyResult<Option<Option<Late>>> {
+    pub(crate) fn deadline_missed(
+        &self,
+        py: Python<'_>,
+    ) -> PyResult<Option<Option<DeadlineHandler>>> {
         let mut cell = self.cell();
-        let Some(running) = cell.reacting() else { return Err(self.outside("a deadline")) };
+        let Some(running) = cell.running_here() else {
+            return Err(self.outside_error("a deadline"));
+        };
         let Running { reaction, scheduler, effects, late, .. } = running;
         effects.mark_physical();
         let missed = effects.misses_deadline(scheduler, *reaction, Clock::now());
-        let late = late.as_ref().map(|late| Late {
+        let late = late.as_ref().map(|late| DeadlineHandler {
             handler: late.handler.clone_ref(py),
             arguments: late.arguments.clone_ref(py),
         });
@@ -331,7 +337,7 @@ impl Runtime {
     pub(crate) fn set_deadline(&self, deadline: Nanos) -> PyResult<()> {
         fork::refuse_in_child()?;
         let mut cell = self.cell();
-        let running = cell.reacting().ok_or_else(|| self.outside("a deadline"))?;
+        let running = cell.running_here().ok_or_else(|| self.outside_error("a deadline"))?;
         running.effects.set_deadline(deadline);
         Ok(())
     }
@@ -352,7 +358,7 @@ impl Runtime {
 
     /// Notes for the trace that the running reaction reads the clock.
     pub(crate) fn note_physical(&self) {
-        if let Some(running) = self.cell().reacting() {
+        if let Some(running) = self.cell().running_here() {
             running.effects.mark_physical();
         }
     }
@@ -375,17 +381,16 @@ impl Runtime {
         }
     }
 
-    /// The share of it that runs here.
+    /// The part of the program that runs here.
     pub(crate) fn scope(&self) -> Scope {
         self.scope
     }
 
     // Inside.
 
-    /// Uses the reaction whose argument the port is, which must run, and on this thread.
-    ///
-    /// A port that a program has kept is not an argument of whatever runs later.
-    fn during<R>(
+    /// Calls `uses` with the reaction `owner`, of which `port` is an argument. This thread must run that
+    /// reaction: the body of a later reaction cannot use a port that the program has kept.
+    fn with_owner<R>(
         &self,
         owner: ReactionId,
         port: PortId,
@@ -393,15 +398,15 @@ impl Runtime {
     ) -> PyResult<R> {
         let mut cell = self.cell();
         let runs = cell.running.iter().any(|running| running.reaction == owner);
-        match cell.reacting() {
+        match cell.running_here() {
             Some(running) if running.reaction == owner => Ok(uses(running)),
-            Some(running) => Err(self.of_another(owner, running.reaction, port)),
-            None if runs => Err(self.elsewhere(owner, port)),
-            None => Err(self.outside(&self.program.port_name(port))),
+            Some(running) => Err(self.kept_port_error(owner, running.reaction, port)),
+            None if runs => Err(self.other_thread_error(owner, port)),
+            None => Err(self.outside_error(&self.program.port_name(port))),
         }
     }
 
-    fn of_another(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
+    fn kept_port_error(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
         let [owner, running] =
             [owner, running].map(|reaction| self.program.reaction_name(reaction));
         PyRuntimeError::new_err(format!(
@@ -411,7 +416,7 @@ impl Runtime {
         ))
     }
 
-    fn elsewhere(&self, owner: ReactionId, port: PortId) -> PyErr {
+    fn other_thread_error(&self, owner: ReactionId, port: PortId) -> PyErr {
         PyRuntimeError::new_err(format!(
             "port {} can be used only on the thread that runs reaction {}, and this is another one; \
              other threads schedule a physical action",
@@ -420,7 +425,7 @@ impl Runtime {
         ))
     }
 
-    fn outside(&self, what: &str) -> PyErr {
+    fn outside_error(&self, what: &str) -> PyErr {
         PyRuntimeError::new_err(format!(
             "{what} can be used only inside a reaction, and none is running"
         ))
@@ -433,7 +438,7 @@ impl Runtime {
 
 impl Cell {
     /// The reaction that runs on this thread.
-    fn reacting(&mut self) -> Option<&mut Running> {
+    fn running_here(&mut self) -> Option<&mut Running> {
         let this = thread::current().id();
         self.running.iter_mut().find(|running| running.thread == this)
     }
@@ -448,7 +453,7 @@ impl Running {
         }
     }
 
-    /// The same; of a persistent port that is absent, the value that it remembers.
+    /// As [`Self::port`]; if the port is persistent and absent, the value that it remembers.
     fn latest(&self, port: PortId, access: Access) -> Option<&Value> {
         match access {
             Access::Read => self.scheduler.latest(port),

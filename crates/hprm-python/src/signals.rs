@@ -82,7 +82,7 @@ fn is_readable(pipe: &OwnedFd, timeout: Option<Duration>) -> bool {
 pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(Heard) -> Option<Duration> {
     move |heard| {
         if matches!(heard, Heard::Ask(_)) {
-            stalls::ask();
+            stalls::note_stop_request();
         }
         inbox.notify();
         None
@@ -93,7 +93,7 @@ pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(Heard) -> Option<Duratio
 pub(crate) fn forward(events: Sender<Observation>) -> impl FnMut(Heard) -> Option<Duration> {
     move |heard| {
         if let Heard::Ask(signal) = heard {
-            stalls::ask();
+            stalls::note_stop_request();
             // The receiver is gone once the process is about to end.
             let _ = events.send(Observation::Signal(signal));
         }
@@ -114,7 +114,7 @@ pub(crate) fn stop_in_time(
     move |heard| {
         let now = start.elapsed();
         if let Heard::Ask(signal) = heard {
-            stalls::ask();
+            stalls::note_stop_request();
             timer.signal(now, signal);
         }
         if heard != Heard::Nothing {
@@ -131,7 +131,7 @@ pub(crate) fn stop_in_time(
                 }
             }
             Some(StopStep::End { signal, after }) => {
-                stalls::tell_of_all();
+                stalls::report_all();
                 // That takes a moment.
                 if !progress.steps().over {
                     let code = signal.exit_code();

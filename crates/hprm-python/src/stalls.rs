@@ -1,10 +1,10 @@
-//! Reactions that do not return: a thread samples what runs, and says where.
+//! Reports reactions that do not return, and where in their code they are.
 //!
-//! One thread serves all programs of the process. It needs no lock of the interpreter to see that a
-//! reaction hangs; to show its stack, another thread asks for that lock. If the reaction never releases
-//! it, because code that is not Python's holds it, a signal to that thread has `faulthandler` write the
-//! stack. The thread stands still meanwhile, so no lock is needed. What is told when is decided by
-//! [`StallWatch`].
+//! One thread, the monitor, serves all programs of the process: it samples which reactions run. For that it
+//! does not need the interpreter's lock. To show the stack of a reaction, a second thread asks for that lock.
+//! If the reaction's thread never releases the lock, because it executes code that is not Python's, the
+//! monitor sends it a signal, at which `faulthandler` writes the stack. Its thread stands still meanwhile, so
+//! no lock is needed. [`StallWatch`] decides which reactions are reported, and when.
 
 use std::fs;
 use std::mem;
@@ -23,23 +23,23 @@ use pyo3::types::PyDict;
 
 use crate::console::say;
 use crate::places::Places;
-use crate::runtime::{Reacting, Runtime};
+use crate::runtime::{Runtime, SampledRun};
 
-/// The environment variable with the seconds after which a long reaction is told.
-const NAME: &str = "HPRM_LONG_REACTION";
-/// Without it.
-const AFTER: Duration = Duration::from_secs(5);
+/// The environment variable with the seconds after which a long reaction is reported.
+const VARIABLE: &str = "HPRM_LONG_REACTION";
+/// After which time a long reaction is reported if the environment does not say.
+const DEFAULT_LIMIT: Duration = Duration::from_secs(5);
 
 /// What to do about a reaction that is meant to take long.
 const HINT: &str = "\n  hint: it may be meant to take long, and is told once; HPRM_LONG_REACTION=SECONDS says \
                     after which time, or off";
 
-/// Between two samples, at most.
+/// The longest time between two samples.
 const PERIOD: Duration = Duration::from_millis(500);
 /// How long to wait for the interpreter's lock. A loop in Python releases it after milliseconds.
-const PATIENCE: Duration = Duration::from_secs(1);
-/// How long the stack may take then.
-const LONG_PATIENCE: Duration = Duration::from_secs(10);
+const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+/// How long to wait for the stack, once the lock has been obtained.
+const STACK_PATIENCE: Duration = Duration::from_secs(10);
 /// How often, and how many times, to look whether `faulthandler` has written.
 const LOOKS: (Duration, u32) = (Duration::from_millis(20), 25);
 
@@ -54,29 +54,31 @@ struct Watched {
 struct Monitor {
     watch: StallWatch,
     programs: Vec<Watched>,
-    /// Where `faulthandler` writes, if it does.
+    /// The descriptor to which `faulthandler` writes stacks, if it can.
     dump: Option<i32>,
-    runs: bool,
+    /// Whether the monitor's thread has been started.
+    is_started: bool,
 }
 
 static MONITOR: LazyLock<Mutex<Monitor>> = LazyLock::new(|| {
-    let watch = StallWatch::new(Some(AFTER));
-    Mutex::new(Monitor { watch, programs: Vec::new(), dump: None, runs: false })
+    let watch = StallWatch::new(Some(DEFAULT_LIMIT));
+    Mutex::new(Monitor { watch, programs: Vec::new(), dump: None, is_started: false })
 });
-/// Whether the user has asked for the end.
-static ASKED: AtomicBool = AtomicBool::new(false);
-/// Whether the process forks, and whether the thread holds locks; see [`pause`].
+/// Whether a signal has asked the program to stop.
+static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
+/// Whether the process forks, and whether the monitor's thread may hold locks; see [`pause`].
 static FORKING: AtomicBool = AtomicBool::new(false);
 static SAMPLING: AtomicBool = AtomicBool::new(false);
-/// Locked by the thread that tells, so that all is told before the process ends by force.
-static TELLING: Mutex<()> = Mutex::new(());
+/// A thread holds this lock while it reports, so that the process is not ended by force in the middle of a
+/// report.
+static REPORTING: Mutex<()> = Mutex::new(());
 static START: LazyLock<Instant> = LazyLock::new(Instant::now);
 
-/// A stall, with what is to be said of it.
-struct Told {
+/// The report of a stall, without the stack.
+struct StallReport {
     title: String,
     hint: &'static str,
-    /// As Python counts threads.
+    /// Python's identifier of the thread.
     thread: u64,
     dump: Option<i32>,
 }
@@ -85,7 +87,7 @@ struct Told {
 ///
 /// # Errors
 ///
-/// A message, if what the environment says of it means nothing.
+/// A message, if the environment variable has no valid value.
 pub(crate) fn watch(
     py: Python<'_>,
     runtime: &Arc<Runtime>,
@@ -97,23 +99,23 @@ pub(crate) fn watch(
     let is_first = {
         let mut monitor = monitor();
         monitor.programs.push(Watched { runtime, places, is_thread });
-        !mem::replace(&mut monitor.runs, true)
+        !mem::replace(&mut monitor.is_started, true)
     };
     if is_first {
-        // Without it, the stack of native code is not shown.
+        // If `faulthandler` cannot be armed, reports lack the stack of native code.
         let dump = arm(py).ok().flatten();
         pause_for_forks(py).map_err(|error| error.to_string())?;
         let mut monitor = monitor();
         (monitor.watch, monitor.dump) = (StallWatch::new(limit), dump);
         let period = limit.map_or(PERIOD, |limit| (limit / 4).clamp(PERIOD / 25, PERIOD));
         let builder = thread::Builder::new().name("stalls".to_owned());
-        // Without the thread a long reaction is not told, and nothing else is lost.
+        // If the thread cannot be started, long reactions are not reported, and nothing else is lost.
         let _ = builder.spawn(move || {
             loop {
                 thread::sleep(period);
-                let _turn = telling();
-                for told in sampled() {
-                    tell(&told);
+                let _turn = reporting();
+                for due in due_reports() {
+                    report(&due);
                 }
             }
         });
@@ -121,34 +123,34 @@ pub(crate) fn watch(
     Ok(())
 }
 
-/// A signal has asked the program to stop.
-pub(crate) fn ask() {
-    ASKED.store(true, Ordering::Relaxed);
+/// Notes that a signal has asked the program to stop.
+pub(crate) fn note_stop_request() {
+    STOP_REQUESTED.store(true, Ordering::Relaxed);
 }
 
-/// Another signal breaks into the bodies that run: says into which.
-pub(crate) fn break_in(py: Python<'_>) {
-    for told in untold() {
-        show(&told, &stack(py, told.thread).unwrap_or_default());
+/// A second signal is about to interrupt the bodies that run: reports which they are.
+pub(crate) fn report_interrupted(py: Python<'_>) {
+    for due in unreported() {
+        show(&due, &stack(py, due.thread).unwrap_or_default());
     }
 }
 
-/// The process is about to end by force: says which bodies run, without the interpreter's lock.
-pub(crate) fn tell_of_all() {
-    // What is being told at this moment is told to its end.
-    let _turn = telling();
-    for told in untold() {
-        tell(&told);
+/// The process is about to end by force: reports which bodies run, without the interpreter's lock.
+pub(crate) fn report_all() {
+    // The monitor's thread may be writing a report: waits for its end.
+    let _turn = reporting();
+    for due in unreported() {
+        report(&due);
     }
 }
 
-/// The federates that run a reaction at this moment, the one that has been running for the longest time first.
-/// One that waits for the interpreter in order to begin a reaction does not run it yet.
+/// The federates that run a reaction at this moment. The federate whose reaction has been running for the
+/// longest time is first. A federate that waits for the interpreter's lock does not run its reaction yet.
 pub(crate) fn running_federates() -> Vec<FederateId> {
     let monitor = monitor();
     let mut running = monitor.runs();
     running.sort_by_key(|(run, _)| monitor.watch.since(*run));
-    let federate = |(run, _): &(ReactionRun, Reacting)| match monitor.programs[run.program]
+    let federate = |(run, _): &(ReactionRun, SampledRun)| match monitor.programs[run.program]
         .runtime
         .upgrade()?
         .scope()
@@ -159,27 +161,27 @@ pub(crate) fn running_federates() -> Vec<FederateId> {
     running.iter().filter_map(federate).collect()
 }
 
-/// What has not been told since the program was asked to stop, of all that runs.
-fn untold() -> Vec<Told> {
-    // A copy of the process runs no reaction.
+/// The running reactions that have not been reported since the program was asked to stop.
+fn unreported() -> Vec<StallReport> {
+    // A forked process runs no reaction.
     if FORKING.load(Ordering::SeqCst) {
         return Vec::new();
     }
     let mut monitor = monitor();
     let runs = monitor.runs();
     let stalls = monitor.watch.break_in(START.elapsed(), runs.iter().map(|(run, _)| *run));
-    monitor.told(&stalls, &runs)
+    monitor.reports(&stalls, &runs)
 }
 
-/// What to tell now; nothing while the process forks.
-fn sampled() -> Vec<Told> {
+/// What to report now; nothing while the process forks.
+fn due_reports() -> Vec<StallReport> {
     SAMPLING.store(true, Ordering::SeqCst);
-    let told = if FORKING.load(Ordering::SeqCst) { Vec::new() } else { look() };
+    let due = if FORKING.load(Ordering::SeqCst) { Vec::new() } else { sample() };
     SAMPLING.store(false, Ordering::SeqCst);
-    told
+    due
 }
 
-/// Before a fork: the copy must find no lock that the thread here holds.
+/// Before a fork: waits until the monitor's thread holds no lock, because the child could never take that lock.
 #[pyfunction]
 fn pause() {
     FORKING.store(true, Ordering::SeqCst);
@@ -202,96 +204,96 @@ fn pause_for_forks(py: Python<'_>) -> PyResult<()> {
     Ok(())
 }
 
-fn look() -> Vec<Told> {
+fn sample() -> Vec<StallReport> {
     let mut monitor = monitor();
     let runs = monitor.runs();
-    let (now, asked) = (START.elapsed(), ASKED.load(Ordering::Relaxed));
+    let (now, asked) = (START.elapsed(), STOP_REQUESTED.load(Ordering::Relaxed));
     let stalls = monitor.watch.look(now, runs.iter().map(|(run, _)| *run), asked);
-    monitor.told(&stalls, &runs)
+    monitor.reports(&stalls, &runs)
 }
 
 impl Monitor {
-    /// What runs now.
-    fn runs(&self) -> Vec<(ReactionRun, Reacting)> {
+    /// The reactions that run now.
+    fn runs(&self) -> Vec<(ReactionRun, SampledRun)> {
         let mut runs = Vec::new();
         for (program, watched) in self.programs.iter().enumerate() {
             let Some(runtime) = watched.runtime.upgrade() else { continue };
-            runs.extend(runtime.sample().into_iter().map(|reacting| {
-                let Reacting { reaction, number, .. } = reacting;
-                (ReactionRun { program, reaction, number }, reacting)
+            runs.extend(runtime.sample().into_iter().map(|sampled| {
+                let SampledRun { reaction, number, .. } = sampled;
+                (ReactionRun { program, reaction, number }, sampled)
             }));
         }
         runs
     }
 
-    fn told(&self, stalls: &[Stall], runs: &[(ReactionRun, Reacting)]) -> Vec<Told> {
+    fn reports(&self, stalls: &[Stall], runs: &[(ReactionRun, SampledRun)]) -> Vec<StallReport> {
         let find = |stall: &Stall| runs.iter().find(|(run, _)| *run == stall.run);
-        let told = |stall: &Stall| {
-            let (run, reacting) = find(stall)?;
+        let report = |stall: &Stall| {
+            let (run, sampled) = find(stall)?;
             let watched = &self.programs[run.program];
             let runtime = watched.runtime.upgrade()?;
-            let title = title(stall, reacting, watched, &runtime);
-            let hint = if stall.keeps { "" } else { HINT };
-            Some(Told { title, hint, thread: reacting.thread, dump: self.dump })
+            let title = title(stall, sampled, watched, &runtime);
+            let hint = if stall.delays_stop { "" } else { HINT };
+            Some(StallReport { title, hint, thread: sampled.thread, dump: self.dump })
         };
-        stalls.iter().filter_map(told).collect()
+        stalls.iter().filter_map(report).collect()
     }
 }
 
-/// What is told, without the stack.
-fn title(stall: &Stall, reacting: &Reacting, watched: &Watched, runtime: &Runtime) -> String {
+/// What a report says, without the stack.
+fn title(stall: &Stall, sampled: &SampledRun, watched: &Watched, runtime: &Runtime) -> String {
     let program = runtime.program();
     let federate = runtime.federate_name();
     let prefix = federate.filter(|_| watched.is_thread).map(|name| format!("[{name}] "));
     let prefix = prefix.unwrap_or_default();
     let of = federate.map_or_else(String::new, |name| format!(" of federate {name}"));
-    let name = program.reaction_name(reacting.reaction);
-    let place = watched.places.of_reaction(reacting.reaction);
+    let name = program.reaction_name(sampled.reaction);
+    let place = watched.places.of_reaction(sampled.reaction);
     let place = place.map_or_else(String::new, |place| format!(" ({place})"));
-    let (time, microstep) = (show_time(reacting.tag.time), reacting.tag.microstep);
+    let (time, microstep) = (show_time(sampled.tag.time), sampled.tag.microstep);
     let at = format!("at tag ({time}, {microstep})");
     let lasts = match stall.lasts.as_secs_f64() {
         seconds if seconds < 1.0 => "less than a second".to_owned(),
         seconds => format!("{seconds:.0} s"),
     };
     let what = format!("reaction {name}{of}{place} has been running for {lasts} {at}");
-    match stall.keeps {
+    match stall.delays_stop {
         true => format!("{prefix}warning: {what}, and the end waits for it"),
         false => format!("{prefix}warning: {what}"),
     }
 }
 
-/// Says it, with the stack if that is to be had.
-fn tell(told: &Told) {
+/// Writes a report, with the stack if it can be obtained.
+fn report(due: &StallReport) {
     let (sender, answer) = channel();
-    let thread = told.thread;
-    let asks = thread::Builder::new().name("stack".to_owned()).spawn(move || {
+    let thread = due.thread;
+    let asker = thread::Builder::new().name("stack".to_owned()).spawn(move || {
         Python::attach(|py| {
-            // The channel is closed if that took too long.
+            // The receiver is gone if the lock took too long.
             if sender.send(None).is_ok() {
                 let _ = sender.send(Some(stack(py, thread).unwrap_or_default()));
             }
         });
     });
-    let attached = asks.ok().and_then(|_| answer.recv_timeout(PATIENCE).ok());
+    let attached = asker.ok().and_then(|_| answer.recv_timeout(LOCK_PATIENCE).ok());
     let is_attached = attached.is_some();
-    match attached.and_then(|_| answer.recv_timeout(LONG_PATIENCE).ok()) {
-        Some(stack) => show(told, &stack.unwrap_or_default()),
-        None if is_attached => show(told, ""),
+    match attached.and_then(|_| answer.recv_timeout(STACK_PATIENCE).ok()) {
+        Some(stack) => show(due, &stack.unwrap_or_default()),
+        None if is_attached => show(due, ""),
         None => {
             let native =
                 "  it holds the interpreter inside of code that is not Python's, called in:";
-            let frames = told.dump.and_then(|dump| dumped(dump, thread)).unwrap_or_default();
+            let frames = due.dump.and_then(|dump| dumped(dump, thread)).unwrap_or_default();
             match frames.is_empty() {
-                true => show(told, native.trim_end_matches(", called in:")),
-                false => show(told, &format!("{native}\n{frames}")),
+                true => show(due, native.trim_end_matches(", called in:")),
+                false => show(due, &format!("{native}\n{frames}")),
             }
         }
     }
 }
 
-fn show(told: &Told, stack: &str) {
-    let (title, hint) = (&told.title, told.hint);
+fn show(due: &StallReport, stack: &str) {
+    let (title, hint) = (&due.title, due.hint);
     let end = if stack.is_empty() { "" } else { "\n" };
     say(&format!("{title}{end}{}{hint}", stack.trim_end()));
 }
@@ -302,13 +304,14 @@ fn stack(py: Python<'_>, thread: u64) -> Option<String> {
     stalls.call_method1("stack", (thread,)).ok()?.extract().ok()?
 }
 
-/// Has `faulthandler` write the stack of a thread when the signal comes that nothing else uses. Returns where to.
+/// Has `faulthandler` write the stack of a thread that gets `SIGSTKFLT`, a signal that nothing else uses.
+/// Returns the descriptor to which it writes.
 fn arm(py: Python<'_>) -> PyResult<Option<i32>> {
     let number = Signal::SIGSTKFLT as i32;
     py.import("hprm._stalls")?.call_method1("arm", (number,))?.extract()
 }
 
-/// What `faulthandler` writes of a thread, whichever holds the interpreter's lock.
+/// The stack of a thread as `faulthandler` writes it, whichever thread holds the interpreter's lock.
 fn dumped(dump: i32, thread: u64) -> Option<String> {
     let path = format!("/proc/self/fd/{dump}");
     let before = fs::read(&path).ok()?.len();
@@ -331,10 +334,10 @@ fn dumped(dump: i32, thread: u64) -> Option<String> {
     Some(frames[first..].join("\n"))
 }
 
-/// When to tell.
+/// After which time a long reaction is reported; none if it is not.
 fn limit() -> Result<Option<Duration>, String> {
-    let Some(text) = std::env::var_os(NAME).filter(|text| !text.is_empty()) else {
-        return Ok(Some(AFTER));
+    let Some(text) = std::env::var_os(VARIABLE).filter(|text| !text.is_empty()) else {
+        return Ok(Some(DEFAULT_LIMIT));
     };
     let text = text.to_string_lossy();
     if text == "off" {
@@ -342,12 +345,12 @@ fn limit() -> Result<Option<Duration>, String> {
     }
     let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
     seconds.filter(|limit| !limit.is_zero()).map(Some).ok_or_else(|| {
-        format!("{NAME}={text} means nothing; it is a number of seconds, as in 30, or off")
+        format!("{VARIABLE}={text} means nothing; it is a number of seconds, as in 30, or off")
     })
 }
 
-fn telling() -> MutexGuard<'static, ()> {
-    TELLING.lock().unwrap_or_else(PoisonError::into_inner)
+fn reporting() -> MutexGuard<'static, ()> {
+    REPORTING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn monitor() -> MutexGuard<'static, Monitor> {

@@ -279,7 +279,7 @@ impl Ended {
     fn new(code: i32, all: bool) -> Self {
         let is_attached = Arc::new(AtomicBool::new(false));
         if !all {
-            stalls::tell_of_all();
+            stalls::report_all();
             let attached = Arc::clone(&is_attached);
             let guard = move || {
                 thread::sleep(ATTACHING);

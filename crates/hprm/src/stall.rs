@@ -31,7 +31,7 @@ pub struct Stall {
     /// For how long, at least.
     pub lasts: Duration,
     /// Whether the user waits for the program to stop.
-    pub keeps: bool,
+    pub delays_stop: bool,
 }
 
 /// See the module.
@@ -50,7 +50,7 @@ pub struct StallWatch {
 struct Seen {
     since: Duration,
     /// Whether it has been reported that the end waits for it.
-    keeps: bool,
+    delays_stop: bool,
 }
 
 impl StallWatch {
@@ -75,16 +75,17 @@ impl StallWatch {
         let is_due = self.asked.is_some_and(|at| now >= at + AFTER_SIGNAL);
         let mut stalls = Vec::new();
         for run in runs {
-            let mut seen = before.get(&run).copied().unwrap_or(Seen { since: now, keeps: false });
+            let mut seen =
+                before.get(&run).copied().unwrap_or(Seen { since: now, delays_stop: false });
             let lasts = now.saturating_sub(seen.since);
-            if is_due && lasts >= AFTER_SIGNAL && !seen.keeps {
-                seen.keeps = true;
+            if is_due && lasts >= AFTER_SIGNAL && !seen.delays_stop {
+                seen.delays_stop = true;
                 self.told.insert((run.program, run.reaction));
-                stalls.push(Stall { run, lasts, keeps: true });
+                stalls.push(Stall { run, lasts, delays_stop: true });
             } else if self.limit.is_some_and(|limit| lasts >= limit)
                 && self.told.insert((run.program, run.reaction))
             {
-                stalls.push(Stall { run, lasts, keeps: false });
+                stalls.push(Stall { run, lasts, delays_stop: false });
             }
             self.seen.insert(run, seen);
         }
@@ -106,11 +107,11 @@ impl StallWatch {
     ) -> Vec<Stall> {
         let mut stalls = Vec::new();
         for run in runs {
-            let seen = self.seen.entry(run).or_insert(Seen { since: now, keeps: false });
-            if !std::mem::replace(&mut seen.keeps, true) {
+            let seen = self.seen.entry(run).or_insert(Seen { since: now, delays_stop: false });
+            if !std::mem::replace(&mut seen.delays_stop, true) {
                 self.told.insert((run.program, run.reaction));
                 let lasts = now.saturating_sub(seen.since);
-                stalls.push(Stall { run, lasts, keeps: true });
+                stalls.push(Stall { run, lasts, delays_stop: true });
             }
         }
         stalls
@@ -148,7 +149,7 @@ mod tests {
     fn a_reaction_that_does_not_return_is_told_once() {
         let told = look(&mut five(), (0, 60), |_| vec![run(3, 17)], false);
         let lasts = Duration::from_secs(5);
-        assert_eq!(told, [(10, Stall { run: run(3, 17), lasts, keeps: false })]);
+        assert_eq!(told, [(10, Stall { run: run(3, 17), lasts, delays_stop: false })]);
     }
 
     #[test]
@@ -172,7 +173,7 @@ mod tests {
         assert_eq!(look(&mut watch, (0, 60), |_| vec![run(3, 1)], false), []);
         let told = look(&mut watch, (60, 70), |_| vec![run(3, 1)], true);
         let lasts = Duration::from_secs(61);
-        assert_eq!(told, [(122, Stall { run: run(3, 1), lasts, keeps: true })]);
+        assert_eq!(told, [(122, Stall { run: run(3, 1), lasts, delays_stop: true })]);
     }
 
     #[test]
@@ -181,13 +182,13 @@ mod tests {
         assert_eq!(look(&mut watch, (0, 8), |_| vec![run(3, 1)], false).len(), 1);
         let told = look(&mut watch, (8, 20), |_| vec![run(3, 1)], true);
         assert_eq!(
-            told.iter().map(|(half, stall)| (*half, stall.keeps)).collect::<Vec<_>>(),
+            told.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
             [(18, true)]
         );
         // A shutdown reaction that began after the signal.
         let told = look(&mut watch, (20, 30), |_| vec![run(5, 2)], true);
         assert_eq!(
-            told.iter().map(|(half, stall)| (*half, stall.keeps)).collect::<Vec<_>>(),
+            told.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
             [(42, true)]
         );
     }
@@ -207,7 +208,7 @@ mod tests {
         watch.look(Duration::from_secs(1), [run(3, 1)], false);
         let now = Duration::from_secs(3);
         let [stall] = watch.break_in(now, [run(3, 1)])[..] else { panic!("it is told") };
-        assert_eq!((stall.lasts, stall.keeps), (Duration::from_secs(2), true));
+        assert_eq!((stall.lasts, stall.delays_stop), (Duration::from_secs(2), true));
         assert_eq!(watch.break_in(now, [run(3, 1)]), []);
         assert_eq!(watch.look(Duration::from_secs(9), [run(3, 1)], true), []);
     }

@@ -1,9 +1,9 @@
-//! Walking a value into a head, and a list of large buffers that are not copied yet.
+//! Encodes a value as a head, and a list of large buffers that are not copied yet.
 //!
 //! Values of the basic types and arrays are written here, those of known classes after `hprm._kinds`
 //! has taken them apart. A value with anything else in it is pickled as a whole, because only then do
-//! all shared references in it survive. Where the large buffers go is decided afterwards, so nothing
-//! large is copied for a walk that fails.
+//! all shared references in it survive. The caller copies the large buffers afterwards, so a walk that
+//! fails has copied nothing large.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -24,12 +24,13 @@ use super::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use super::kinds::{Kinds, Parts};
 use crate::failure::no_memory;
 
-/// A map cannot be asked whether there is memory for one more member. So when the members have doubled, and
-/// each time that many have been added, the walk looks whether there is memory for as many again. It does not
-/// for the first ones: most values are small, and to ask for memory costs more than to encode them.
+/// At which lengths of [`Walk::seen`] the walk probes for memory: a map cannot report that it has no memory for
+/// one more member. From the `start` on, the walk probes each time that the length has doubled, and after each
+/// `end` more members. Below the `start` it does not: most values are small, and a probe costs more than to
+/// encode them.
 const PROBES: Range<usize> = 64..4096;
-/// How many bytes a member takes, at most.
-const SEEN: usize = 128;
+/// How many bytes a member of [`Walk::seen`] takes, at most.
+const SEEN_BYTES: usize = 128;
 
 /// A large buffer of the value.
 pub(super) enum Source<'py> {
@@ -39,9 +40,9 @@ pub(super) enum Source<'py> {
     Bytes(Bound<'py, PyBytes>),
     /// The UTF-8 of a string.
     Text(Bound<'py, PyString>),
-    /// Anything else that has bytes in a row.
+    /// The contiguous bytes of another object.
     Buffer(PyBuffer<u8>),
-    /// A callable that fills a buffer of that length.
+    /// A callable that fills a buffer, and the length of that buffer.
     Written(Bound<'py, PyAny>, usize),
 }
 
@@ -53,9 +54,9 @@ pub(super) struct Draft<'py> {
 
 /// Why a walk ends early.
 pub(super) enum Stop {
-    /// Something in the value is for pickle.
+    /// A part of the value can only be pickled.
     Foreign(Box<Culprit>),
-    /// Python raised.
+    /// Python has raised an exception.
     Raised(PyErr),
 }
 
@@ -74,7 +75,7 @@ impl Stop {
         Self::Foreign(Box::new(Culprit::cycle(value)))
     }
 
-    /// The same, as seen from the container.
+    /// Adds, for the error, at which `place` of its container the value is.
     fn within(mut self, place: impl FnOnce() -> String) -> Self {
         if let Self::Foreign(culprit) = &mut self {
             culprit.within(place());
@@ -87,7 +88,7 @@ impl Stop {
 ///
 /// # Errors
 ///
-/// If something in it is for pickle, or Python raises.
+/// If a part of the value can only be pickled, or Python raises.
 pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, Stop> {
     let mut walk = Walk::new(value.py());
     walk.node(value)?;
@@ -98,7 +99,7 @@ pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, Stop>
 ///
 /// # Errors
 ///
-/// If pickle cannot take it.
+/// If the value cannot be pickled.
 pub(super) fn pickle<'py>(value: &Bound<'py, PyAny>) -> PyResult<Draft<'py>> {
     let mut walk = Walk::new(value.py());
     walk.pickle(value)?;
@@ -111,21 +112,23 @@ struct Walk<'py> {
     draft: Draft<'py>,
     /// The numbers of the values that may occur again, by address.
     seen: BTreeMap<usize, Seen<'py>>,
-    /// Keeps what was made for this walk alone, so that no address is used twice.
+    /// Objects that only this walk refers to. They live until it ends, so that no other object gets their
+    /// addresses.
     kept: Vec<Bound<'py, PyAny>>,
-    /// By what members of sets are sorted: their bytes, by address.
-    orders: BTreeMap<usize, Vec<u8>>,
-    /// Buffers longer than this are not in the head.
+    /// The bytes by which the walk sorts members of sets, by the address of the member.
+    sort_keys: BTreeMap<usize, Vec<u8>>,
+    /// The walk copies no buffers into the head that are longer than this.
     limit: usize,
     depth: u32,
 }
 
 struct Seen<'py> {
     number: u64,
-    /// Something that is not complete: a reference to it from inside cannot be rebuilt.
+    /// Whether the members of the value are still being written. A receiver cannot rebuild a reference from
+    /// one of them to the value.
     open: bool,
-    /// Not read: another thread may take the value out of its container meanwhile, and then the next one
-    /// could have its address.
+    /// Keeps the value alive: otherwise another thread could remove it from its container during the walk, and
+    /// another object could get its address.
     _value: Bound<'py, PyAny>,
 }
 
@@ -134,8 +137,8 @@ impl<'py> Walk<'py> {
         let mut head = Head::new();
         head.push(format::DIRECT);
         let draft = Draft { head, sources: Vec::new() };
-        let (seen, orders) = (BTreeMap::new(), BTreeMap::new());
-        Self { py, draft, seen, kept: Vec::new(), orders, limit: INLINE_LIMIT, depth: 0 }
+        let (seen, sort_keys) = (BTreeMap::new(), BTreeMap::new());
+        Self { py, draft, seen, kept: Vec::new(), sort_keys, limit: INLINE_LIMIT, depth: 0 }
     }
 
     fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
@@ -156,13 +159,13 @@ impl<'py> Walk<'py> {
             self.text(value)?;
         } else if let Ok(value) = value.cast_exact::<PyBool>() {
             self.kind(if value.is_true() { NodeKind::True } else { NodeKind::False });
-        } else if !self.again(value)? {
+        } else if !self.write_if_seen(value)? {
             self.shared(value)?;
         }
         Ok(())
     }
 
-    /// A value that other values may refer to as well.
+    /// Writes a value to which other parts of the message may refer as well.
     fn shared(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if let Some(numpy) = Numpy::if_imported(self.py)?.filter(|numpy| numpy.is_array(value)) {
             self.array(numpy, value)?;
@@ -171,12 +174,12 @@ impl<'py> Walk<'py> {
         } else if let Ok(value) = value.cast_exact::<PyList>() {
             self.begin(value.as_any(), NodeKind::List);
             put_number(&mut self.draft.head, value.len() as u64);
-            self.all(value.as_any(), value.len(), value.iter(), &index)?;
+            self.members(value.as_any(), value.len(), value.iter(), &index)?;
         } else if let Ok(value) = value.cast_exact::<PyTuple>() {
             self.begin(value.as_any(), NodeKind::Tuple);
             put_number(&mut self.draft.head, value.len() as u64);
             self.set_open(value.as_any(), true);
-            self.all(value.as_any(), value.len(), value.iter(), &index)?;
+            self.members(value.as_any(), value.len(), value.iter(), &index)?;
             self.set_open(value.as_any(), false);
         } else if let Ok(value) = value.cast_exact::<PyBytes>() {
             self.begin(value.as_any(), NodeKind::Bytes);
@@ -190,6 +193,7 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
+    /// Continues [`Self::shared`] with the types that are rarer.
     fn rarer(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if let Ok(value) = value.cast_exact::<PyComplex>() {
             self.kind(NodeKind::Complex);
@@ -218,6 +222,7 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
+    /// Writes the parts into which `hprm._kinds` has taken a value.
     fn made(
         &mut self,
         kinds: &Kinds,
@@ -230,7 +235,7 @@ impl<'py> Walk<'py> {
         self.set_open(value, true);
         self.kept.push(parts.members.clone().into_any());
         let place = |at| kinds.place(parts, at).unwrap_or_default();
-        self.all(value, parts.members.len(), parts.members.iter(), &place)?;
+        self.members(value, parts.members.len(), parts.members.iter(), &place)?;
         self.set_open(value, false);
         Ok(())
     }
@@ -261,7 +266,8 @@ impl<'py> Walk<'py> {
 
     fn dict(&mut self, dict: &Bound<'py, PyDict>) -> Result<(), Stop> {
         self.begin(dict.as_any(), NodeKind::Dict);
-        // A copy: the collector may run code while we walk, and that may change the dict.
+        // The walk reads a copy of the items: the garbage collector may run code meanwhile, and that may change
+        // the dict.
         let items = dict.items();
         put_number(&mut self.draft.head, items.len() as u64);
         let pairs = items.iter().map(pair).collect::<PyResult<Vec<_>>>()?;
@@ -270,10 +276,10 @@ impl<'py> Walk<'py> {
                 pairs[at / 2][0].repr().map_or_else(|_| "?".to_owned(), |key| key.to_string());
             if at.is_multiple_of(2) { format!("{{key {key}}}") } else { format!("[{key}]") }
         };
-        self.all(dict.as_any(), pairs.len() * 2, pairs.iter().flatten().cloned(), &place)
+        self.members(dict.as_any(), pairs.len() * 2, pairs.iter().flatten().cloned(), &place)
     }
 
-    /// The members in an order that does not depend on their hashes.
+    /// Writes the members of a set in an order that does not depend on their hashes, which differ between runs.
     fn set(&mut self, set: &Bound<'py, PyAny>, kind: NodeKind) -> Result<(), Stop> {
         self.begin(set, kind);
         self.set_open(set, true);
@@ -281,36 +287,38 @@ impl<'py> Walk<'py> {
         put_number(&mut self.draft.head, members.len() as u64);
         let mut sorted = Vec::with_capacity(members.len());
         for member in members {
-            let order = self.order(&member).map_err(|stop| stop.within(|| "{...}".to_owned()))?;
-            sorted.push((order, member));
+            let key = self.sort_key(&member).map_err(|stop| stop.within(|| "{...}".to_owned()))?;
+            sorted.push((key, member));
         }
         sorted.sort_by(|(one, _), (other, _)| one.cmp(other));
         let members = sorted.into_iter().map(|(_, member)| member);
-        self.all(set, members.len(), members, &|_| "{...}".to_owned())?;
+        self.members(set, members.len(), members, &|_| "{...}".to_owned())?;
         self.set_open(set, false);
         Ok(())
     }
 
-    /// The bytes of a member of a set for itself, wherever it occurs.
-    fn order(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, Stop> {
-        if let Some(order) = self.orders.get(&address(member)) {
-            return Ok(copy_of(order).map_err(no_memory)?);
+    /// The bytes by which a member of a set is sorted: the encoding of the member alone, so that it does not
+    /// depend on where the set is.
+    fn sort_key(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, Stop> {
+        if let Some(key) = self.sort_keys.get(&address(member)) {
+            return Ok(copy_of(key).map_err(no_memory)?);
         }
         let mut walk = Walk::new(self.py);
-        // What it has found out of sets in the member is the same for this walk.
+        // The sort keys of sets inside the member are the same in both walks.
         (walk.limit, walk.depth) = (usize::MAX, self.depth + 1);
-        walk.orders = std::mem::take(&mut self.orders);
+        walk.sort_keys = std::mem::take(&mut self.sort_keys);
         let walked = walk.node(member);
-        self.orders = walk.orders;
+        self.sort_keys = walk.sort_keys;
         self.kept.append(&mut walk.kept);
         walked?;
         self.kept.push(member.clone());
-        let order = walk.draft.head.into_bytes();
-        self.orders.insert(address(member), copy_of(&order).map_err(no_memory)?);
-        Ok(order)
+        let key = walk.draft.head.into_bytes();
+        self.sort_keys.insert(address(member), copy_of(&key).map_err(no_memory)?);
+        Ok(key)
     }
 
-    fn all(
+    /// Writes the members of a container. `place` says for the error where in it a member is.
+    fn members(
         &mut self,
         container: &Bound<'py, PyAny>,
         expected: usize,
@@ -352,7 +360,11 @@ impl<'py> Walk<'py> {
             // A lone surrogate has no UTF-8.
             let kinds = Kinds::get(self.py)?;
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
-            return if self.again(value)? { Ok(()) } else { self.made(kinds, value, &parts) };
+            return if self.write_if_seen(value)? {
+                Ok(())
+            } else {
+                self.made(kinds, value, &parts)
+            };
         };
         self.kind(NodeKind::Str);
         self.blob(text.as_bytes(), || Source::Text(value.clone()));
@@ -376,8 +388,8 @@ impl<'py> Walk<'py> {
         self.draft.head.push(kind as u8);
     }
 
-    /// A reference to the value, if it occurred before.
-    fn again(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, Stop> {
+    /// Writes a reference to the value, if the value has occurred before. Returns whether it has.
+    fn write_if_seen(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, Stop> {
         match self.seen.get(&address(value)) {
             None => Ok(false),
             Some(Seen { open: true, .. }) => Err(Stop::cycle(value)),
@@ -390,10 +402,11 @@ impl<'py> Walk<'py> {
         }
     }
 
+    /// Begins the node of a value that may occur again, and numbers the value.
     fn begin(&mut self, value: &Bound<'py, PyAny>, kind: NodeKind) {
         let seen = self.seen.len();
         if seen >= PROBES.start && (seen.is_power_of_two() || seen.is_multiple_of(PROBES.end)) {
-            self.draft.head.probe(seen.min(PROBES.end) * SEEN);
+            self.draft.head.probe(seen.min(PROBES.end) * SEEN_BYTES);
         }
         self.kind(kind);
         let number = self.seen.len() as u64;
@@ -437,19 +450,21 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
+    /// Writes a buffer into the head.
     fn inline(&mut self, bytes: &[u8]) {
         put_number(&mut self.draft.head, (bytes.len() as u64) << 1);
         self.draft.head.extend_from_slice(bytes);
     }
 
+    /// Writes only the length of a buffer into the head, and leaves the buffer for later.
     fn part(&mut self, len: usize, source: Source<'py>) {
         put_number(&mut self.draft.head, (len as u64) << 1 | 1);
         self.draft.sources.push(source);
     }
 }
 
-/// The bytes in a row that a buffer is, if it is nothing else: neither elements of another format, be
-/// they single characters, nor of several dimensions.
+/// The bytes of a buffer, if it has one dimension and its elements are unsigned bytes. A node of bytes would
+/// lose any other format, even that of single characters, and any other shape.
 fn plain_bytes(value: &Bound<'_, PyAny>) -> Option<PyBuffer<u8>> {
     let bytes = PyBuffer::<u8>::get(value).ok()?;
     (bytes.dimensions() == 1 && bytes.format() == c"B").then_some(bytes)
