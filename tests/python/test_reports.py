@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from processes import COORDINATIONS, Bench, finish
 from test_failures import MAIN, line_of, program
+from test_store_limit import WITHOUT_MEMORY
 
 FIELDS = {
     *("kind", "message", "code", "diagnostic", "federate", "reaction", "tag", "file", "line"),
@@ -223,3 +224,52 @@ def test_an_object_begins_on_a_line_of_its_own(
 ) -> None:
     report = told(bench, program(coordination, f"{write}; raise ValueError('no')"), *options)
     assert report["message"].endswith("raised ValueError: no")
+
+
+#: What a body does to the connection with the RTI, or with a peer.
+NOISE = """\
+import socket
+for entry in os.listdir('/proc/self/fd'):
+    try:
+        sock = socket.socket(fileno=os.dup(int(entry)))
+        if sock.family == socket.AF_INET and sock.getpeername():
+            sock.sendall(b'\\xff' * 100)
+    except OSError:
+        pass
+"""
+
+
+def test_a_federate_whose_bytes_are_no_frames_breaks_the_protocol(bench: Bench) -> None:
+    body = "exec(" + repr(NOISE) + ")"
+    (bench.folder / "Main.lf").write_text(program("centralized", body))
+    federation = bench.federation("127.0.0.1:0")
+    for name in ("rti", "ping", "pong"):
+        federation.start(name, "--json")
+    outcomes = federation.finish()
+    for name in ("rti", "ping"):
+        (report,) = reports(outcomes[name].err)
+        assert (report["kind"], report["federate"], report["code"]) == ("protocol", "pong", 1)
+        assert report["message"].startswith("federate pong")
+        assert "the federation's protocol: the bytes are not a frame" in report["message"]
+    assert "run the same version everywhere" in reports(outcomes["rti"].err)[0]["hint"]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_receiver_without_memory_for_a_message(bench: Bench, coordination: str) -> None:
+    text = WITHOUT_MEMORY.format(coordination=coordination, room=10_000_000)
+    report = told(bench, text)
+    assert (report["kind"], report["federate"]) == ("memory", "receiver")
+    assert "no memory is left for" in report["message"]
+    assert report["hint"].startswith("drop values sooner")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_receiver_that_cannot_map_the_memory_of_an_object(
+    bench: Bench, coordination: str
+) -> None:
+    text = WITHOUT_MEMORY.replace('"1 MB"', '"1 GB"').replace(
+        "bytes(20_000_000)", "__import__('numpy').ones(40_000_000)"
+    )
+    report = told(bench, text.format(coordination=coordination, room=30_000_000))
+    assert (report["kind"], report["federate"]) == ("store", "receiver")
+    assert "the object store: " in report["message"]

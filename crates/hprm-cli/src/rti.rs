@@ -167,7 +167,10 @@ fn told(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<Verdic
     let name = |federate: FederateId| program.federates[federate].name.as_str();
     Ok(Some(match event {
         RtiEvent::Joined(federate) => format!("federate {} joined", name(federate)),
-        RtiEvent::Refused { name, reason } => format!("refused federate {name}: {reason}"),
+        RtiEvent::Refused { name, reason } => {
+            let hint = reason.hint().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
+            format!("refused federate {name}: {reason}{hint}")
+        }
         RtiEvent::Left(federate) => {
             format!("federate {} has left before the start; it may join again", name(federate))
         }

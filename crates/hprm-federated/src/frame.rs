@@ -89,20 +89,16 @@ pub struct Peer {
 #[non_exhaustive]
 pub enum Refusal {
     /// Another federation's secret.
-    #[error("this is another federation: check the federation id")]
+    #[error("this is another federation")]
     WrongFederation,
     /// Another program, or another version of it.
-    #[error(
-        "its program differs from that of the federation{}\n  hint: run the same files with the same \
-         properties everywhere",
-        listed(differences)
-    )]
+    #[error("its program differs from that of the federation{}", listed(differences))]
     WrongProgram {
         /// In what, in sentences.
         differences: Vec<String>,
     },
     /// Another version of the protocol.
-    #[error("another version of the protocol: run the same version of hprm everywhere")]
+    #[error("another version of the protocol")]
     WrongProtocol,
     /// The program has no such federate, or none that links to this one.
     #[error("the program has no such federate here")]
@@ -119,6 +115,21 @@ pub enum Refusal {
     /// Other federates have not joined in time.
     #[error("the federation has not started: {0}")]
     Missing(Missing),
+}
+
+impl Refusal {
+    /// What to do about it.
+    #[must_use]
+    pub fn hint(&self) -> Option<&'static str> {
+        Some(match self {
+            Self::WrongFederation => {
+                "check the federation id: the secret must be the same everywhere"
+            }
+            Self::WrongProgram { .. } => "run the same files with the same properties everywhere",
+            Self::WrongProtocol => "run the same version of hprm everywhere",
+            _ => return None,
+        })
+    }
 }
 
 /// Which federates are not there after the join timeout. There is at least one.

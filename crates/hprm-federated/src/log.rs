@@ -90,8 +90,8 @@ pub(crate) fn rti_input(links: &Links, input: &RtiInput) {
         RtiInput::Closed { link } => {
             tracing::debug!(target: RTI, "{} is closed", OtherEnd { links, link: *link });
         }
-        RtiInput::Broken { link, reason } => {
-            tracing::debug!(target: RTI, "{} is broken: {reason}", OtherEnd { links, link: *link });
+        RtiInput::Broken { link, message } => {
+            tracing::debug!(target: RTI, "{} is broken: {message}", OtherEnd { links, link: *link });
         }
         RtiInput::RequestStop => tracing::debug!(target: RTI, "{input:?}"),
     }

@@ -58,12 +58,13 @@ pub enum RtiInput {
         /// The link.
         link: LinkId,
     },
-    /// The bytes on a link are no frame, or break the protocol. The driver closes the link.
+    /// A link cannot be used: its bytes are no frame, or break the protocol, or the RTI has no memory for them.
+    /// The driver closes the link.
     Broken {
         /// The link.
         link: LinkId,
-        /// What is wrong, for people.
-        reason: String,
+        /// What is wrong: the failure of the federate at the other end.
+        message: String,
     },
     /// The user, or a program that is no federate, asks the federation to stop.
     RequestStop,
@@ -275,8 +276,8 @@ impl Rti {
                 self.closed(link, None);
                 Ok(())
             }
-            RtiInput::Broken { link, reason } => {
-                self.closed(link, Some(&reason));
+            RtiInput::Broken { link, message } => {
+                self.closed(link, Some(message));
                 Ok(())
             }
             RtiInput::Wake => {
@@ -313,16 +314,16 @@ impl Rti {
         }
     }
 
-    /// Handles the end of a link. If the RTI closes it because of the other end, `reason` says why.
-    fn closed(&mut self, link: LinkId, reason: Option<&str>) {
+    /// A link cannot be used any more; if it has not just ended, `message` says why.
+    fn closed(&mut self, link: LinkId, message: Option<String>) {
         self.refused.remove(&link);
         self.candidates.remove(&link);
         let Some(federate) = self.links.remove(&link) else { return };
         if self.arrivals.is_link_of(federate, link) {
-            self.arrival_lost(federate, reason);
+            self.arrival_lost(federate, message);
         } else if self.members[federate].link() == Some(link) {
-            match reason {
-                Some(reason) => self.broken(federate, reason),
+            match message {
+                Some(message) => self.broken(federate, message),
                 None => self.lost(federate),
             }
         }

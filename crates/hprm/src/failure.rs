@@ -125,9 +125,14 @@ pub enum Failure {
     /// A link cannot be used any more.
     #[error("{0}")]
     Link(String),
-    /// The other end does not follow the protocol.
-    #[error("the federation's protocol: {0}")]
-    Protocol(#[from] Fault),
+    /// What comes over a link does not follow the protocol.
+    #[error("the federation's protocol: {reason}")]
+    Protocol {
+        /// What is wrong with it.
+        reason: String,
+        /// What to do about it.
+        hint: Option<&'static str>,
+    },
     /// The object store cannot do what it should.
     #[error("the object store: {0}")]
     Store(String),
@@ -251,6 +256,13 @@ impl Failure {
         Self::Option { message: message.into(), hint: None }
     }
 
+    /// What comes over a link does not follow the protocol.
+    pub(crate) fn protocol(reason: &dyn Display) -> Self {
+        let hint = "what has sent this is no federate of this version of hprm, or has a defect: run the \
+                    same version everywhere";
+        Self::Protocol { reason: reason.to_string(), hint: Some(hint) }
+    }
+
     /// The object store is wrong.
     #[must_use]
     pub(crate) fn store(reason: &dyn Display) -> Self {
@@ -318,7 +330,7 @@ impl Failure {
             Self::Refused(_) => Kind::Refused,
             Self::Missing(_) => Kind::Absent,
             Self::Link(_) => Kind::Link,
-            Self::Protocol(_) => Kind::Protocol,
+            Self::Protocol { .. } => Kind::Protocol,
             Self::Store(_) => Kind::Store,
             Self::Memory(_) => Kind::Memory,
             Self::Abandoned(report) | Self::Federate(report) => report.kind,
@@ -377,14 +389,16 @@ impl Failure {
     /// What to do about it.
     fn hint(&self) -> Option<&str> {
         match self {
-            Self::Option { hint, .. } | Self::Listen { hint, .. } | Self::Trace { hint, .. } => {
-                *hint
-            }
+            Self::Option { hint, .. }
+            | Self::Listen { hint, .. }
+            | Self::Trace { hint, .. }
+            | Self::Protocol { hint, .. } => *hint,
             Self::System { hint, .. } => hint.as_deref(),
             Self::NoRti { hint, .. } => Some(hint),
             Self::Missing(_) => Some(
                 "start them with `hprm federate`, or allow more time with `hprm rti --join-timeout`",
             ),
+            Self::Refused(refusal) => refusal.hint(),
             Self::Memory(_) => Some(
                 "drop values sooner, or let this process have more memory (ulimit -v, the limit of its \
                  container); what fits into the object store of its sender needs none in its receivers",
@@ -411,6 +425,16 @@ pub fn exit_code(code: i32) -> i32 {
     match code & 0xff {
         0 => 1,
         code => code,
+    }
+}
+
+impl From<Fault> for Failure {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            // What this program sends is too much.
+            Fault::TooManyParts { .. } => Self::Protocol { reason: fault.to_string(), hint: None },
+            fault => Self::protocol(&fault),
+        }
     }
 }
 

@@ -12,11 +12,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
+use hprm_federated::codec::CodecError;
 use hprm_federated::{
     FederationId, Frame, LinkId, Patience, Refusal, RtiInput, RtiOutput, Topology,
 };
 
-use crate::link::descriptors::{advice, no_notifier};
+use crate::link::descriptors::no_notifier;
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::log::log_names;
 use crate::pipe_notifier::PipeNotifier;
@@ -347,10 +348,15 @@ impl Rti {
         match open {
             Ok(true) => {}
             Ok(false) | Err(Broken::Link(_)) => self.close(id),
-            Err(Broken::Frame(error)) => self.break_off(id, error.to_string()),
+            Err(Broken::Frame(error @ CodecError::NoMemory(_))) => {
+                self.break_off(id, &Failure::Memory(error.to_string()));
+            }
+            Err(Broken::Frame(error)) => self.break_off(id, &Failure::protocol(&error)),
+            Err(Broken::Shortage(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
+                self.break_off(id, &Failure::Memory(error.to_string()));
+            }
             Err(Broken::Shortage(error)) => {
-                let advice = advice(&error).map(|hint| format!("\n  hint: {hint}"));
-                self.break_off(id, format!("{error}{}", advice.unwrap_or_default()));
+                self.break_off(id, &Failure::system("the RTI cannot receive from it", &error));
             }
         }
     }
@@ -377,13 +383,15 @@ impl Rti {
             _ => None,
         };
         if let (Err(fault), Some(link)) = (self.machine.handle(Clock::now(), input), from) {
-            self.break_off(link, fault.to_string());
+            self.break_off(link, &Failure::protocol(&fault));
         }
     }
 
-    /// Closes a link on which nothing more can be trusted.
-    fn break_off(&mut self, link: LinkId, reason: String) {
-        self.handle_input(RtiInput::Broken { link, reason });
+    /// Closes a link on which nothing more can be trusted, or for which there is no memory. That is the failure
+    /// of the federate at its other end.
+    fn break_off(&mut self, link: LinkId, failure: &Failure) {
+        let message = failure.report().encoded();
+        self.handle_input(RtiInput::Broken { link, message });
         self.close(link);
     }
 
@@ -458,14 +466,14 @@ impl Rti {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    without_memory.push((*id, error.to_string()));
+                    without_memory.push((*id, Failure::Memory(error.to_string())));
                 }
                 // The other end is closed. The frames that it sent before are still to be read, so the loop
                 // handles the end of the link when it reads the link, and not here.
                 Err(_) => link.discard(),
             }
         }
-        without_memory.into_iter().for_each(|(id, reason)| self.break_off(id, reason));
+        without_memory.into_iter().for_each(|(id, failure)| self.break_off(id, &failure));
         let moved: Vec<_> = self
             .links
             .by_id

@@ -300,10 +300,10 @@ impl Supervisor {
             // The process came while the federation was ending, and the RTI has told it so.
             RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
             RtiEvent::Refused { name, reason } => {
-                self.warn(
-                    Kind::Refused,
-                    format!("the RTI refuses a process as federate {name}: {reason}"),
-                );
+                let said = format!("the RTI refuses a process as federate {name}: {reason}");
+                let hint = reason.hint().map(str::to_owned);
+                let report = Report { hint, ..Report::new(Kind::Refused, said) };
+                self.orders.push_back(Order::Warn(Box::new(report)));
             }
             RtiEvent::Joined(federate) => {
                 let federate = &mut self.federates[federate];

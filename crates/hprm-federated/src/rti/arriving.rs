@@ -160,12 +160,9 @@ impl Rti {
         Ok(())
     }
 
-    /// The link of an arriving federate has ended.
-    pub(super) fn arrival_lost(&mut self, federate: FederateId, reason: Option<&str>) {
-        let message = match reason {
-            None => self.lost_message(federate),
-            Some(reason) => self.broken_message(federate, reason),
-        };
+    /// The link of a federate that is arriving has ended.
+    pub(super) fn arrival_lost(&mut self, federate: FederateId, message: Option<String>) {
+        let message = message.unwrap_or_else(|| self.lost_message(federate));
         self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
         self.withdraw(federate);
     }

@@ -167,17 +167,12 @@ impl Rti {
         format!("the process of federate {} ended {when}", self.topology.name(federate))
     }
 
-    /// A federate breaks the protocol. That is a defect of HPRM, or an attack.
-    pub(super) fn broken(&mut self, federate: FederateId, reason: &str) {
+    /// The link of a federate cannot be used: the federate breaks the protocol, which is a defect of HPRM or an
+    /// attack, or memory is short.
+    pub(super) fn broken(&mut self, federate: FederateId, message: String) {
         if self.members[federate].is_live() {
-            let message = self.broken_message(federate, reason);
             self.fail(federate, message, LOST);
         }
-    }
-
-    pub(super) fn broken_message(&self, federate: FederateId, reason: &str) -> String {
-        let name = self.topology.name(federate);
-        format!("federate {name} breaks the protocol of the federation: {reason}")
     }
 
     /// A federate cannot go on, so the federation cannot, unless the federate is transient. The RTI

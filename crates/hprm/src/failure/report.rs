@@ -46,13 +46,13 @@ pub enum Kind {
     Refused,
     /// A link cannot be used any more.
     Link,
-    /// A process does not follow the protocol.
+    /// What comes over a link does not follow the protocol.
     Protocol,
     /// The object store cannot do what it should.
     Store,
     /// There is no memory for a message.
     Memory,
-    /// The RTI has lost a federate: its link has ended, it does not answer or breaks the protocol.
+    /// The RTI has lost a federate: its link has ended, or it does not answer.
     Lost,
     /// A process was killed by a signal.
     Killed,

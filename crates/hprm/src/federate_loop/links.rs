@@ -539,7 +539,7 @@ fn failure(broken: Broken) -> Failure {
         Broken::Shortage(error) if error.kind() == io::ErrorKind::OutOfMemory => no_memory(&error),
         Broken::Shortage(error) => Failure::system("cannot receive from another federate", &error),
         Broken::Frame(error @ CodecError::NoMemory(_)) => no_memory(&error),
-        Broken::Frame(error) => Failure::Link(format!("a link is broken: {error}")),
+        Broken::Frame(error) => Failure::protocol(&error),
         Broken::Link(error) => Failure::Link(format!("a link is broken: {error}")),
     }
 }
