@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import pytest
-from processes import Bench
+from processes import COORDINATIONS, Bench, until
 
 # The receiver reads the messages while it is busy, but for the first one; all wait at once.
 PROGRAM = """\
@@ -65,6 +68,100 @@ def test_a_bound_keeps_so_many_messages(
         told = f"warning: {dropped} messages were dropped on the connection Main.source.out ~> "
         assert told + "Main.sink.inp: 3 may wait (`@bound`)" in outcome.err
         assert outcome.err.count("warning") == 1
+
+
+@pytest.mark.parametrize(("kind", "coordination", "options"), WAYS[1:])
+def test_a_bound_that_blocks_loses_nothing(
+    bench: Bench, kind: str, coordination: str, options: list[str]
+) -> None:
+    text = PROGRAM.replace("KIND", kind).replace("BOUND", '@bound(2, "block")')
+    # A message waits for 10 ms at least: a sender that is not blocked would send all at once.
+    text = text.replace("after 100 ms", "after 10 ms").replace("600 ms", "5 s")
+    text = text.replace(
+        "print(inp.value)", "print(inp.value); lf.request_stop() if inp.value == 7 else None"
+    )
+    outcome = bench.run(text.replace("COORDINATION", coordination), *options)
+    assert outcome.code == 0, outcome.err
+    assert [int(line.split()[-1]) for line in outcome.out.splitlines()] == list(range(8))
+    assert "dropped" not in outcome.err
+
+
+FULL = """\
+target Python { COORDINATION }
+preamble {= import os, pathlib, time =}
+reactor Source {
+  output out
+  state count = 0
+  timer t(0, 1 ms)
+  reaction(t) -> out {=
+    out.set(self.count)
+    self.count += 1
+    pathlib.Path("sent").write_text(str(self.count))
+  =}
+  reaction(shutdown) {= print("sent", self.count) =}
+}
+reactor Sink {
+  input inp
+  reaction(inp) {=
+    pathlib.Path("sink.pid").write_text(f"{os.getpid()}\\n")
+    while not pathlib.Path("go").exists(): time.sleep(0.001)
+  =}
+}
+federated reactor {
+  source = new Source()
+  TRANSIENT
+  sink = new Sink()
+  @bound(3, "block")
+  source.out ~> sink.inp
+}
+"""
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_blocked_sender_stops_when_it_is_asked_to(bench: Bench, coordination: str) -> None:
+    text = FULL.replace("COORDINATION", f"coordination: {coordination}").replace("TRANSIENT", "")
+    federation = bench.by_hand(text, "source", "sink")
+    bench.pid("sink")
+    # The sink holds one message, so that two more may wait.
+    until(lambda: (bench.folder / "sent").read_text() == "3", "the source has sent three")
+    federation.members["source"].send_signal(signal.SIGTERM)
+    (bench.folder / "go").touch()
+    ended = federation.finish()
+    assert [outcome.code for outcome in ended.values()] == [0, 128 + signal.SIGTERM, 0], ended
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_receiver_that_is_killed_frees_a_blocked_sender(bench: Bench, coordination: str) -> None:
+    text = FULL.replace("COORDINATION", f"coordination: {coordination}")
+    federation = bench.by_hand(text.replace("TRANSIENT", "@transient"), "source", "sink")
+    pid = bench.pid("sink")
+    counts: list[str] = []
+
+    def stands_still() -> bool:
+        # The source has sent others before the sink has joined.
+        counts.append((bench.folder / "sent").read_text())
+        return len(counts) > 30 and len(set(counts[-30:])) == 1
+
+    until(stands_still, "the source is blocked")
+    os.kill(pid, signal.SIGKILL)
+    until(lambda: (bench.folder / "sent").read_text() not in ("", counts[-1]), "it goes on")
+    federation.members["source"].send_signal(signal.SIGTERM)
+    ended = federation.finish("source", "rti")
+    assert ended["source"].code == 128 + signal.SIGTERM, ended
+
+
+def test_a_bound_that_would_block_for_ever_is_an_error(bench: Bench) -> None:
+    text = PROGRAM.replace("COORDINATION", "").replace("BOUND", '@bound(2, "block")')
+    outcome = bench.run(text.replace("KIND", "main"))
+    assert outcome.code == 1
+    outcome.assert_one_error("error[LF0507]", "Main.lf:22", "one process cannot wait for itself")
+    text = text.replace("KIND", "federated").replace("input inp", "input inp\n  output back")
+    text = text.replace("output out", "output out\n  input back\n  reaction(back) {= pass =}")
+    text = text.replace("reaction(inp) {= print", "reaction(inp) -> back {= back.set(1); print")
+    text = text.replace("after 100 ms", "after 100 ms\n  sink.back -> source.back after 1 s")
+    outcome = bench.run(text)
+    assert outcome.code == 1
+    assert "its receiver sink may wait for its sender source" in outcome.err, outcome.err
 
 
 @pytest.mark.parametrize(

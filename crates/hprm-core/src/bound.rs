@@ -1,8 +1,11 @@
 //! Bounds of physical connections: how many messages may wait for their receiver, and what happens to one
 //! that is too many.
 //!
-//! A message waits from its arrival until its tag is processed. The scheduler applies the policy, so
-//! it is the same within a process, between processes and between threads.
+//! A message waits from its arrival until its tag is processed. The scheduler applies the policies that drop
+//! messages, so they are the same within a process, between processes and between threads. That a sender
+//! waits is up to the coordination; [`blocking`] says where it may.
+
+pub(crate) mod blocking;
 
 use std::collections::VecDeque;
 
@@ -25,6 +28,8 @@ pub enum Overflow {
     Drop,
     /// The message that has waited longest is dropped.
     Replace,
+    /// No such message arrives: the sender waits until there is room.
+    Block,
 }
 
 /// The messages of one bounded connection that wait.
@@ -49,7 +54,7 @@ pub(crate) enum Admission {
 impl Waiting {
     /// Counts a message that has arrived, and decides what to do with it.
     pub(crate) fn admit(&mut self, bound: Bound) -> Admission {
-        if self.tags.len() < bound.messages.max(1) as usize {
+        if bound.overflow == Overflow::Block || self.tags.len() < bound.messages.max(1) as usize {
             return Admission::Insert;
         }
         self.dropped += 1;
@@ -66,6 +71,17 @@ impl Waiting {
     /// A message waits at `tag`, which is after those of all others.
     pub(crate) fn inserted(&mut self, tag: Tag) {
         self.tags.push_back(tag);
+    }
+
+    /// The message at `tag` is suspended with the mode of its connection, and does not wait for its receiver.
+    pub(crate) fn suspended(&mut self, tag: Tag) {
+        self.tags.retain(|waiting| *waiting != tag);
+    }
+
+    /// A message that was suspended waits again, at `tag`.
+    pub(crate) fn resumed(&mut self, tag: Tag) {
+        let at = self.tags.partition_point(|waiting| *waiting < tag);
+        self.tags.insert(at, tag);
     }
 
     /// The messages through `tag` have been processed.

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::bound::blocking::{Unsafe, unsafe_blocking};
 use crate::level::{self, CausalityLoop, Precedence};
 use crate::reach;
 use crate::{
@@ -34,6 +35,16 @@ pub enum ProgramError {
         name: String,
         /// The connections that set it; one, if the other source is a reaction.
         connections: Vec<ConnectionId>,
+    },
+    /// A connection that blocks its sender, and whose receiver may wait for the sender.
+    #[error("connection {name} must not block its sender: {why}")]
+    Blocking {
+        /// The connection.
+        connection: ConnectionId,
+        /// Its ends.
+        name: String,
+        /// Why not.
+        why: String,
     },
     /// Connections that form a cycle, with no reaction among them.
     #[error("port {name} is connected to itself, through other ports")]
@@ -296,6 +307,7 @@ impl ProgramBuilder {
                     reaction.inferred_deadline = inferred_deadlines[id];
                 }
                 self.find_ends();
+                self.check_blocking()?;
                 Ok(self.program)
             }
             Err(CausalityLoop(reactions)) => {
@@ -388,6 +400,24 @@ impl ProgramBuilder {
 
     fn two_sources(&self, port: PortId, connections: Vec<ConnectionId>) -> ProgramError {
         ProgramError::TwoSources { port, name: self.program.port_name(port), connections }
+    }
+
+    fn check_blocking(&self) -> Result<(), ProgramError> {
+        let program = &self.program;
+        let Some(Unsafe { connection, way }) = unsafe_blocking(program) else { return Ok(()) };
+        let names: Vec<_> = way.iter().map(|me| program.federates[*me].name.as_str()).collect();
+        let why = match (names.first(), names.last()) {
+            (Some(receiver), Some(sender)) => format!(
+                "its receiver {receiver} may wait for its sender {sender}, by the connections between \
+                 {}, and then both would wait for ever",
+                names.join(", ")
+            ),
+            _ => "its ends are not in different federates, and one process cannot wait for itself"
+                .to_owned(),
+        };
+        let Connection { from, to, .. } = program.connections[connection];
+        let name = format!("{} ~> {}", program.port_name(from), program.port_name(to));
+        Err(ProgramError::Blocking { connection, name, why })
     }
 
     fn check_federates(&self) -> Result<(), ProgramError> {

@@ -33,6 +33,7 @@ mod wiring;
 
 pub mod limits;
 
+pub use bound::blocking::{Unsafe, unsafe_blocking};
 pub use bound::{Bound, Overflow};
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use clock_sync::{ClockSyncMode, ClockSyncOptions};

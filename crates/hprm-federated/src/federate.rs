@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
-use hprm_core::{Coordination, FederateId, Fingerprint, PhysicalTime, Program, Tag};
+use hprm_core::{ChannelId, Coordination, FederateId, Fingerprint, PhysicalTime, Program, Tag};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
@@ -175,7 +175,11 @@ impl Federate {
     /// due by the clock.
     #[must_use]
     pub fn permission(&self, tag: Tag, now: PhysicalTime) -> Permission {
-        if self.stop.refuses(tag) || self.may_starve() || self.flow.is_ahead(tag) {
+        if self.stop.refuses(tag)
+            || self.may_starve()
+            || self.flow.is_ahead(tag)
+            || self.flow.is_full()
+        {
             return Permission::Wait;
         }
         let Some(start) = self.started() else {
@@ -278,6 +282,12 @@ impl Federate {
             log::federate_output(&output);
         }
         Some(output)
+    }
+
+    /// The scheduler will process the message of the last [`Output::DeliverPhysical`] at `tag`; never, if that is
+    /// none. The sender may wait for that.
+    pub fn placed(&mut self, channel: ChannelId, tag: Option<Tag>) {
+        self.flow.placed(channel, tag);
     }
 
     // The handshake of direct links, which precedes `Input::PeerUp`.
@@ -517,6 +527,9 @@ impl Federate {
 
     fn completed(&mut self, now: PhysicalTime, tag: Tag) {
         self.activity = Activity::Unknown;
+        for (sender, report) in self.flow.completed(tag) {
+            self.route(sender, report);
+        }
         self.passed(Step::end(tag), now);
         if let Coordinator::Centralized(machine) = &mut self.coordinator
             && machine.completed(tag)

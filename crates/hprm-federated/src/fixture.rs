@@ -8,13 +8,14 @@
 //! b -> a after 100         with a delay
 //! b -> a absent_after 20   waited for that much longer
 //! a ~> c                   a physical one
+//! a ~> c bound 2           that blocks its sender
 //! ```
 
 use std::collections::BTreeMap;
 
 use hprm_core::{
-    Connection, Coordination, Delay, Direction, Effect, FederateId, Nanos, Program, ProgramBuilder,
-    Properties, ReactionSpec, ReactorId, Trigger,
+    Bound, Connection, Coordination, Delay, Direction, Effect, FederateId, Nanos, Overflow,
+    Program, ProgramBuilder, Properties, ReactionSpec, ReactorId, Trigger,
 };
 
 /// The program of that text.
@@ -42,15 +43,19 @@ pub(crate) fn program(text: &str) -> Program {
             })
         };
         let (from, to) = (reactor(from), reactor(to));
-        let (mut delay, mut absent_after) = (Delay::None, 0);
+        let (mut delay, mut absent_after, mut bound) = (Delay::None, 0, None);
         for words in rest.chunks(2) {
             match words {
                 ["after", nanos] => delay = Delay::after(nanos.parse().unwrap()),
                 ["absent_after", nanos] => absent_after = nanos.parse().unwrap(),
+                ["bound", count] => {
+                    let (messages, overflow) = (count.parse().unwrap(), Overflow::Block);
+                    bound = Some(Bound { messages, overflow });
+                }
                 _ => panic!("what does {line} mean?"),
             }
         }
-        connect(&mut b, (from, to), (delay, *arrow == "~>"), absent_after);
+        connect(&mut b, (from, to), (delay, *arrow == "~>"), (absent_after, bound));
     }
     for name in text.lines().filter_map(|line| line.trim().strip_prefix("transient ")) {
         b.make_transient(federates[name.trim()]);
@@ -62,7 +67,7 @@ fn connect(
     b: &mut ProgramBuilder,
     (from, to): (ReactorId, ReactorId),
     (delay, physical): (Delay, bool),
-    absent_after: Nanos,
+    (absent_after, bound): (Nanos, Option<Bound>),
 ) {
     let output = b.port(from, "out", Direction::Output);
     let input = b.port(to, "in", Direction::Input);
@@ -74,7 +79,7 @@ fn connect(
         physical,
         serializer,
         absent_after,
-        bound: None,
+        bound,
         mode: None,
     });
     let effects = vec![Effect::Port(output)];

@@ -11,7 +11,10 @@
 //! connection with a delay, are what the program asks for, and do not count.
 //!
 //! A message on a physical channel counts until its receiver has read it: it gets its tag there, and no
-//! federate knows how that tag compares with the sender's.
+//! federate knows how that tag compares with the sender's. If the channel blocks its sender (`@bound`), the
+//! messages are counted too, until the receiver has processed them, and the sender begins no tag while as many
+//! as the bound are unprocessed: at a tag it sends no more than one on each channel. That this makes no
+//! cycle of federates that wait is checked before the program runs.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -100,6 +103,24 @@ struct Receiver {
     bytes: u64,
 }
 
+/// A channel that blocks its sender, as the sender sees it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+struct Bounded {
+    to: FederateId,
+    /// How many messages may wait.
+    most: u64,
+    /// How many were sent and are not known to be processed.
+    unprocessed: u64,
+}
+
+/// What waits on a channel that blocks its sender, as the receiver sees it: the bytes of each message.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+struct Held {
+    /// Messages without a tag so far.
+    unplaced: VecDeque<u64>,
+    placed: VecDeque<(Tag, u64)>,
+}
+
 /// What has arrived on a channel, and the receiver has not reported to the sender.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Incoming {
@@ -108,6 +129,8 @@ struct Incoming {
     /// How many bytes are worth a report.
     worth: u64,
     backlog: Backlog,
+    /// If the channel blocks its sender; then nothing is in the backlog.
+    held: Option<Held>,
 }
 
 /// See the module.
@@ -118,6 +141,9 @@ pub(crate) struct Flow {
     incoming: BTreeMap<ChannelId, Incoming>,
     /// How many groups of messages that have arrived are worth a report.
     full: usize,
+    bounded: BTreeMap<ChannelId, Bounded>,
+    /// How many messages wait here on channels that block their senders.
+    waiting: usize,
 }
 
 impl Flow {
@@ -128,9 +154,23 @@ impl Flow {
             let Channel { from, physical, .. } = *channel;
             let beside = channels().filter(|(_, other)| other.from == from && other.to == me);
             let worth = limit / UNREPORTED / (beside.count() as u64).max(1);
-            (id, Incoming { from, physical, worth: worth.max(1), backlog: Backlog::default() })
+            let (worth, backlog) = (worth.max(1), Backlog::default());
+            let held = topology.bound(id).map(|_| Held::default());
+            (id, Incoming { from, physical, worth, backlog, held })
         });
-        Self { limit, receivers: BTreeMap::new(), incoming: incoming.collect(), full: 0 }
+        let bounded =
+            channels().filter(|(_, channel)| channel.from == me).filter_map(|(id, it)| {
+                let most = topology.bound(id)?.into();
+                Some((id, Bounded { to: it.to, most, unprocessed: 0 }))
+            });
+        Self {
+            limit,
+            receivers: BTreeMap::new(),
+            incoming: incoming.collect(),
+            full: 0,
+            bounded: bounded.collect(),
+            waiting: 0,
+        }
     }
 
     // As a sender.
@@ -141,6 +181,9 @@ impl Flow {
         let receiver = self.receivers.entry(to).or_default();
         receiver.bytes = receiver.bytes.saturating_add(bytes);
         receiver.channels.entry(channel).or_default().push(tag, bytes, self.limit / GROUPS);
+        if let Some(bounded) = self.bounded.get_mut(&channel) {
+            bounded.unprocessed += 1;
+        }
     }
 
     /// A receiver has processed so many messages more of a channel.
@@ -151,6 +194,9 @@ impl Flow {
         messages: u64,
         bytes: u64,
     ) {
+        if let Some(bounded) = self.bounded.get_mut(&channel) {
+            bounded.unprocessed = bounded.unprocessed.saturating_sub(messages);
+        }
         // The report may be about messages to an earlier process of the same federate.
         let Some(receiver) = self.receivers.get_mut(&reader) else { return };
         let Some(backlog) = receiver.channels.get_mut(&channel) else { return };
@@ -170,11 +216,20 @@ impl Flow {
         })
     }
 
+    /// Whether a message of the next tag might find no room at a receiver.
+    pub(crate) fn is_full(&self) -> bool {
+        self.bounded.values().any(|bounded| bounded.unprocessed >= bounded.most)
+    }
+
     // As a receiver.
 
     /// A message has arrived.
     pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         let Some(incoming) = self.incoming.get_mut(&channel) else { return };
+        if let Some(held) = &mut incoming.held {
+            held.unplaced.push_back(weight(payload));
+            return;
+        }
         let tag = if incoming.physical { Tag::NEVER } else { tag };
         incoming.backlog.push(tag, weight(payload), incoming.worth);
         let fresh = incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.worth);
@@ -196,12 +251,54 @@ impl Flow {
         reports
     }
 
+    /// The message that has arrived on a physical channel will be processed at `tag`; never, if that is none.
+    pub(crate) fn placed(&mut self, channel: ChannelId, tag: Option<Tag>) {
+        let held = self.incoming.get_mut(&channel).and_then(|incoming| incoming.held.as_mut());
+        if let Some((held, bytes)) =
+            held.and_then(|held| held.unplaced.pop_front().map(|it| (held, it)))
+        {
+            held.placed.push_back((tag.unwrap_or(Tag::NEVER), bytes));
+            self.waiting += 1;
+        }
+    }
+
+    /// This federate has processed everything through `tag`. Returns the reports to senders that may wait.
+    pub(crate) fn completed(&mut self, tag: Tag) -> Vec<(FederateId, Frame)> {
+        let mut reports = Vec::new();
+        if self.waiting == 0 {
+            return reports;
+        }
+        for (id, incoming) in &mut self.incoming {
+            let Some(held) = &mut incoming.held else { continue };
+            let (mut messages, mut bytes) = (0, 0_u64);
+            while let Some((at, taken)) = held.placed.front().copied()
+                && at <= tag
+            {
+                held.placed.pop_front();
+                messages += 1;
+                bytes = bytes.saturating_add(taken);
+            }
+            if messages > 0 {
+                self.waiting -= usize::try_from(messages).unwrap_or(usize::MAX);
+                let frame = Frame::Processed { channel: *id, messages, bytes };
+                reports.push((incoming.from, frame));
+            }
+        }
+        reports
+    }
+
     /// A federate has ended, or joins again: what was in transit to it or from it does not count.
     pub(crate) fn forget(&mut self, peer: FederateId) {
         self.receivers.remove(&peer);
+        for bounded in self.bounded.values_mut().filter(|bounded| bounded.to == peer) {
+            bounded.unprocessed = 0;
+        }
         for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {
             let groups = std::mem::take(&mut incoming.backlog).0;
             self.full -= groups.iter().filter(|group| group.bytes >= incoming.worth).count();
+            if let Some(held) = &mut incoming.held {
+                self.waiting -= std::mem::take(held).placed.len();
+            }
         }
     }
 }
@@ -309,6 +406,49 @@ mod tests {
         let frame = Frame::Processed { channel: CHANNEL, messages: 1, bytes: 228 };
         assert_eq!(b.reached(Tag::START), [(A, frame)]);
         assert_eq!(b.reached(Tag::FOREVER), []);
+    }
+
+    #[test]
+    fn a_sender_that_is_blocked_waits_until_a_message_is_processed() {
+        let text = "a ~> b bound 2";
+        let (mut a, mut b) = (flow(text, "a", 1 << 20), flow(text, "b", 1 << 20));
+        for time in 1..3 {
+            assert!(!a.is_full());
+            a.sent(B, CHANNEL, at(time), &payload(1));
+            b.arrived(CHANNEL, at(time), &payload(1));
+            b.placed(CHANNEL, Some(at(100 + time)));
+        }
+        assert!(a.is_full() && !a.is_ahead(at(3)));
+        // That they were read does not count.
+        assert_eq!(b.reached(Tag::FOREVER), []);
+        assert_eq!(b.completed(at(100)), []);
+        let reports = b.completed(at(101));
+        assert_eq!(pass(reports, &mut a), 1);
+        assert!(!a.is_full());
+        a.sent(B, CHANNEL, at(3), &payload(1));
+        assert!(a.is_full());
+        // One that never gets a tag does not wait; it is told with the next that is processed.
+        b.arrived(CHANNEL, at(3), &payload(1));
+        b.placed(CHANNEL, None);
+        let reports = b.completed(at(102));
+        assert_eq!(pass(reports, &mut a), 2);
+        assert_eq!((a.bounded[&CHANNEL].unprocessed, b.waiting), (0, 0));
+        assert_eq!(a.receivers[&B].bytes, 0);
+    }
+
+    #[test]
+    fn a_receiver_that_has_ended_frees_a_sender_that_is_blocked() {
+        let text = "a ~> b bound 1";
+        let (mut a, mut b) = (flow(text, "a", 1 << 20), flow(text, "b", 1 << 20));
+        a.sent(B, CHANNEL, at(0), &payload(1));
+        assert!(a.is_full());
+        a.forget(B);
+        assert!(!a.is_full());
+        // What a sender has left behind is not told to its successor.
+        b.arrived(CHANNEL, at(0), &payload(1));
+        b.placed(CHANNEL, Some(at(1)));
+        b.forget(A);
+        assert_eq!(b.completed(at(1)), []);
     }
 
     #[test]

@@ -2,11 +2,11 @@
 //!
 //! Physical channels are here as channels, but no federate waits for them: they are not edges.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::{
-    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, PhysicalTime, Program,
-    Table, Tag,
+    Channel, ChannelId, Coordination, Delay, FederateId, Nanos, Origin, Overflow, PhysicalTime,
+    Program, Table, Tag,
 };
 
 use crate::{Edge, Fault};
@@ -17,6 +17,8 @@ pub struct Topology {
     coordination: Coordination,
     names: Table<FederateId, String>,
     channels: Table<ChannelId, Channel>,
+    /// How many messages may wait on channels that block their sender.
+    bounds: BTreeMap<ChannelId, u32>,
     upstream: Table<FederateId, Vec<Edge>>,
     downstream: Table<FederateId, Vec<Edge>>,
     neighbours: Table<FederateId, BTreeSet<FederateId>>,
@@ -34,6 +36,12 @@ pub struct Topology {
     reports_all: bool,
 }
 
+/// A channel that blocks its sender, and how many messages may wait.
+fn bound(program: &Program, id: ChannelId, channel: &Channel) -> Option<(ChannelId, u32)> {
+    let bound = program.connections[channel.connection].bound?;
+    (bound.overflow == Overflow::Block).then_some((id, bound.messages.max(1)))
+}
+
 impl Topology {
     /// The topology of a program.
     #[must_use]
@@ -43,6 +51,7 @@ impl Topology {
             coordination: program.properties.coordination,
             names: program.federates.values().map(|federate| federate.name.clone()).collect(),
             channels: program.channels.values().copied().collect(),
+            bounds: program.channels.iter().filter_map(|(id, it)| bound(program, id, it)).collect(),
             upstream: Table::filled(federates, Vec::new()),
             downstream: Table::filled(federates, Vec::new()),
             neighbours: Table::filled(federates, BTreeSet::new()),
@@ -135,6 +144,11 @@ impl Topology {
     #[must_use]
     pub fn channels(&self) -> &Table<ChannelId, Channel> {
         &self.channels
+    }
+
+    /// How many messages may wait on a channel that blocks its sender; none, if it does not.
+    pub(crate) fn bound(&self, channel: ChannelId) -> Option<u32> {
+        self.bounds.get(&channel).copied()
     }
 
     /// The channel `id`, if it leads from and to the given federates, where they are given.

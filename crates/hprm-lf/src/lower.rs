@@ -170,6 +170,12 @@ impl Origins {
             ProgramError::TwoSources { port, name, connections } => {
                 self.two_sources(*port, name, connections.iter().map(|c| c.index()))
             }
+            ProgramError::Blocking { connection, name, why } => {
+                let span = self.connections.get(connection.index()).copied().unwrap_or(main);
+                let message = format!("the sender on {name} cannot wait for its receiver: {why}");
+                Diagnostic::error("LF0507", span, message)
+                    .hint("drop messages instead: `@bound(10, \"replace\")` or \"drop\"")
+            }
             ProgramError::OutsideFederates { reactor, name } => {
                 let span = self.reactors.get(reactor.index()).copied().unwrap_or(main);
                 let message = format!("`{name}` belongs to no federate");

@@ -349,7 +349,7 @@ fn the_arguments_of_attributes_have_names_and_limits() {
     error[LF0212]: `@side` has no argument `sid`
     = help: its arguments: `value`
     error[LF0212]: the number of messages of `@bound` must be from 1 to 4294967295
-    = help: write `@bound(10, "replace")`, or "drop" to keep the first 10
+    = help: write `@bound(10, "replace")`, "drop" to keep the first 10, or "block" to make the sender wait
     "#);
     assert_snapshot!(of_attributes("@bound(99999999999999999999)", ""), @r"
     error[LF0005]: this number is too large

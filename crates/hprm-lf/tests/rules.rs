@@ -122,6 +122,10 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0212", "main reactor { @label(\"x\") preamble {= pass =} }"),
     ("LF0802", "main reactor at localhost { }"),
     ("LF0802", "reactor A { } main reactor { a = new A() at localhost; }"),
+    (
+        "LF0507",
+        "reactor A { input i output o } main reactor { a = new A() @bound(2, \"block\") a.o ~> a.i }",
+    ),
     // Target properties.
     ("LF0603", "target Python { docker: 1 } main reactor { }"),
     ("LF0603", "target Python { clock-sync: maybe } main reactor { }"),

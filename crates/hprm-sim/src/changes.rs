@@ -1,9 +1,9 @@
 //! What is drawn apart from the rest of a trial, so that the other draws of a seed stay the same: other
-//! waits, and federates that leave.
+//! waits, federates that leave, and bounds.
 
 use std::sync::Arc;
 
-use hprm_core::{Coordination, FederateId, Nanos, Program, Tag};
+use hprm_core::{Bound, Coordination, FederateId, Nanos, Overflow, Program, Tag, unsafe_blocking};
 
 use crate::Rng;
 use crate::rng::mix;
@@ -13,6 +13,9 @@ const WAITS: u64 = 0x3a17;
 
 /// The same for federates that leave.
 const LEAVES: u64 = 0x1ea7e;
+
+/// The same for bounds.
+const BOUNDS: u64 = 0xb0d5;
 
 /// How long a federate waits before a tag.
 const MAXWAITS: [Nanos; 6] = [0, 0, 500, 2_000, 20_000, Nanos::MAX];
@@ -47,6 +50,23 @@ pub(crate) fn waits(seed: u64, program: &mut Arc<Program>) -> Vec<Maxwait> {
         (federate, Tag::new(rng.below(10_000).cast_signed(), 0), wait)
     };
     changing.into_iter().map(change).collect()
+}
+
+/// Gives most physical connections a bound. A sender waits only where it may.
+pub(crate) fn bounds(seed: u64, program: &mut Arc<Program>) {
+    let mut rng = Rng::new(mix(seed ^ BOUNDS));
+    let program = Arc::make_mut(program);
+    for id in program.connections.ids() {
+        if !program.connections[id].physical || !rng.percent(70) {
+            continue;
+        }
+        let messages = 1 + u32::try_from(rng.below(3)).unwrap_or(0);
+        let overflow = pick(&mut rng, &[Overflow::Drop, Overflow::Replace, Overflow::Block]);
+        program.connections[id].bound = Some(Bound { messages, overflow });
+        if unsafe_blocking(program).is_some() {
+            program.connections[id].bound = Some(Bound { messages, overflow: Overflow::Replace });
+        }
+    }
 }
 
 /// Federates that leave, each at its first reaction at that tag or a later one.

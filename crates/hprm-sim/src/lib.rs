@@ -17,6 +17,7 @@ mod changes;
 mod direct_links;
 mod generate;
 mod lives;
+mod mailboxes;
 mod model;
 mod network;
 mod node;

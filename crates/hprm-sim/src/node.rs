@@ -18,6 +18,7 @@ use hprm_federated::{
 
 use crate::behaviour::{run, run_level};
 use crate::direct_links::DirectLinks;
+use crate::mailboxes::Mailboxes;
 use crate::network::Instance;
 use crate::patience::Patience;
 use crate::plan::{Ending, Life};
@@ -78,6 +79,7 @@ pub(crate) struct Node {
     stop_after: Option<Tag>,
     leaves: Vec<(FederateId, Tag)>,
     pub(crate) patience: Patience,
+    mailboxes: Mailboxes,
     pub(crate) finished: bool,
     pub(crate) ended: Option<End>,
     pub(crate) crashed: bool,
@@ -135,6 +137,7 @@ impl Node {
             stop_after: stop.map(|(_, tag)| tag),
             leaves: plan.leaves.clone(),
             patience: Patience::new(program, me.federate, plan),
+            mailboxes: Mailboxes::default(),
             finished: false,
             ended: None,
             crashed: false,
@@ -174,6 +177,11 @@ impl Node {
 
     pub(crate) fn is_over(&self) -> bool {
         self.finished || self.ended.is_some() || self.crashed
+    }
+
+    /// What is wrong with how it keeps the bounds of physical connections, if anything.
+    pub(crate) fn wrong_bound(&self) -> Option<String> {
+        self.mailboxes.wrong(&self.scheduler)
     }
 
     /// Whether it has started and may do something.
@@ -255,7 +263,9 @@ impl Node {
                     }
                 }
                 Output::DeliverPhysical { channel, payload, .. } => {
-                    self.scheduler.deliver_physical(channel, now, value(&payload));
+                    let tag = self.scheduler.deliver_physical(channel, now, value(&payload));
+                    self.machine.placed(channel, tag);
+                    self.mailboxes.arrived(&self.scheduler, channel, tag);
                 }
                 Output::SetStop(tag) => self.scheduler.set_stop(tag),
                 Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
@@ -312,6 +322,7 @@ impl Node {
                 return Ok(Turn::Waits(Some(until).filter(|until| *until < PhysicalTime::FOREVER)));
             }
             self.scheduler.begin(tag);
+            self.mailboxes.began(&self.scheduler, tag);
             self.patience.began();
             self.lag.0 = self.lag.0.max(now.since(due));
             self.open = true;

@@ -6,7 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use hprm_core::{ChannelId, Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_core::{
+    Bound, ChannelId, Coordination, FederateId, Nanos, Overflow, PhysicalTime, Program, Tag,
+};
 use hprm_federated::Permission;
 
 use crate::Plan;
@@ -44,6 +46,8 @@ impl Patience {
         });
         let changes = plan.maxwaits.iter().filter(|(federate, _, _)| *federate == me);
         let is_disturbed = plan.stop.is_some() || plan.crash.is_some() || plan.cut.is_some();
+        let blocks = |bound: Bound| bound.overflow == Overflow::Block;
+        let may_block = program.connections.values().any(|it| it.bound.is_some_and(blocks));
         let has_transients = program.federates.values().any(|federate| federate.transient);
         Self {
             inputs: decentralized.then(|| inputs.collect()),
@@ -54,6 +58,7 @@ impl Patience {
             strict: !is_disturbed
                 && plan.broken.is_none()
                 && !has_transients
+                && !may_block
                 && plan.flow_limit.is_none()
                 && plan.leaves.is_empty()
                 && program.properties.keepalive,

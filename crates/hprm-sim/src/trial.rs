@@ -8,7 +8,7 @@ use std::fmt::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
 
-use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_core::{Bound, Coordination, FederateId, Nanos, PhysicalTime, Program, Tag};
 use hprm_federated::{DnetMode, Topology};
 
 use crate::changes;
@@ -82,6 +82,7 @@ impl Trial {
         visits::draw(seed, shape, &mut program, &mut plan);
         let mut program = Arc::new(program);
         plan.maxwaits = changes::waits(seed, &mut program);
+        changes::bounds(seed, &mut program);
         plan.leaves = changes::leaves(seed, &program);
         let patient = program.federates.values().all(|federate| federate.maxwait == Nanos::MAX)
             && plan.maxwaits.is_empty();
@@ -298,7 +299,11 @@ impl fmt::Display for Trial {
                 0 => String::new(),
                 wait => format!(", absent after {wait}"),
             };
-            writeln!(f, "  {from} {arrow} {to}, delay {:?}{absent_after}", channel.delay)?;
+            let bound = match program.connections[channel.connection].bound {
+                None => String::new(),
+                Some(Bound { messages, overflow }) => format!(", bound {messages}, {overflow:?}"),
+            };
+            writeln!(f, "  {from} {arrow} {to}, delay {:?}{absent_after}{bound}", channel.delay)?;
         }
         self.write_plan(f, plan)
     }

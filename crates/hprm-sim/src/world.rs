@@ -217,6 +217,9 @@ impl World {
         if let Some(wrong) = self.nodes.values().find_map(|node| node.patience.wrong()) {
             return Err(wrong.to_owned());
         }
+        if let Some(wrong) = self.nodes.values().find_map(Node::wrong_bound) {
+            return Err(wrong);
+        }
         let missed = self.lost.iter().filter(|(channel, tag)| {
             let receiver = self.program.channels[*channel].to;
             *tag <= last[receiver]

@@ -489,7 +489,8 @@ where
             }
             Output::DeliverPhysical { channel, payload, .. } => {
                 let value = self.receive(channel, payload)?;
-                self.scheduler.deliver_physical(channel, Clock::now(), value);
+                let tag = self.scheduler.deliver_physical(channel, Clock::now(), value);
+                self.federation.machine.placed(channel, tag);
             }
             Output::Disconnect(peer) => links.disconnect(peer),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),

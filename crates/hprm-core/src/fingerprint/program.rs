@@ -170,6 +170,7 @@ impl Program {
             let policy = match overflow {
                 Overflow::Drop => "drop",
                 Overflow::Replace => "replace",
+                Overflow::Block => "block",
             };
             let _ = write!(text, ", bound {messages}, {policy}");
         }

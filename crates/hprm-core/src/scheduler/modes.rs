@@ -253,13 +253,18 @@ impl<V: Clone> Scheduler<V> {
 
     /// Suspends the events of modes that are not active any more.
     fn suspend_inactive(&mut self) {
-        let Self { queue, modes, wiring, tag, .. } = self;
+        let Self { queue, modes, wiring, tag, bounded, .. } = self;
         let mode_of = |event: &QueuedEvent<V>| match event {
             QueuedEvent::Timer(timer) => wiring.modes.of_timer[*timer],
             QueuedEvent::Action { action, .. } => wiring.modes.of_action[*action],
             QueuedEvent::Message { connection, .. } => wiring.modes.of_connection[*connection],
         };
         for (at, event) in queue.extract(|event| !modes.is_active(mode_of(event))) {
+            if let QueuedEvent::Message { connection, .. } = &event
+                && let Some(waiting) = bounded.get_mut(connection)
+            {
+                waiting.suspended(at);
+            }
             if let Some(mode) = mode_of(&event) {
                 modes.suspend(event, mode, at.time - tag.time);
             }
@@ -291,6 +296,9 @@ impl<V: Clone> Scheduler<V> {
             }
             if let Some(connection) = connection {
                 self.last_assigned[connection] = self.last_assigned[connection].max(at);
+                if let Some(waiting) = self.bounded.get_mut(&connection) {
+                    waiting.resumed(at);
+                }
             }
         }
         self.modes.suspended = kept;

@@ -64,6 +64,7 @@ impl Federate {
         }
         if channel.physical {
             self.flow.arrived(message.channel, message.tag, &message.payload);
+            self.flow.placed(message.channel, None);
             self.outputs.push_back(Output::Discard { payload: message.payload });
         } else {
             self.startup.keep(message);

@@ -224,9 +224,10 @@ struct Wrong {
 }
 
 fn read_bound(attribute: &Attribute) -> Result<Bound, Wrong> {
-    const EXAMPLE: &str = "write `@bound(10, \"replace\")`, or \"drop\" to keep the first 10";
-    const POLICIES: [(&str, Overflow); 2] =
-        [("drop", Overflow::Drop), ("replace", Overflow::Replace)];
+    const EXAMPLE: &str = "write `@bound(10, \"replace\")`, \"drop\" to keep the first 10, or \
+                           \"block\" to make the sender wait";
+    const POLICIES: [(&str, Overflow); 3] =
+        [("drop", Overflow::Drop), ("replace", Overflow::Replace), ("block", Overflow::Block)];
     let wrong = |message: &str| Wrong { message: message.to_owned(), hint: EXAMPLE.to_owned() };
     let form = "`@bound` takes a number of messages, and what to do when more arrive";
     let Some(Expression { kind: ExpressionKind::Integer(messages), .. }) = value_of(attribute, "n")
