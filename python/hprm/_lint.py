@@ -1,7 +1,8 @@
-"""Names and attributes in bodies that cannot be right, found without running any of them.
+"""Finds names and attributes in bodies that cannot be right, without running any body.
 
-``hprm check`` looks at whole programs. Before a program is run, ``hprm._suspects`` has those bodies
-looked at whose compiled code is suspicious, and only what is certain is refused.
+``hprm check`` has this module check whole programs. Before a program runs, ``hprm._suspects`` has
+it check only the bodies whose compiled code looks suspicious, and refuses only what is certainly
+wrong.
 """
 
 import ast
@@ -17,9 +18,10 @@ from hprm._findings import Finding
 from hprm._hprm import action_capsule_t, port_capsule
 from hprm._source import ClassSource, Code, ProgramSource, ReactionSource
 
-# With these, names may come into being that no text shows.
+# Code with these words may define names that its text does not show.
 _UNCERTAIN = re.compile(r"\b(globals|exec|vars|__main__|__dict__)\b|\bimport\s+\*")
 
+# Names that Python itself defines.
 _GIVEN = frozenset(dir(builtins)) | {
     *("__name__", "__file__", "__spec__", "__doc__", "__builtins__", "__package__"),
     *("__class__", "__annotations__", "__loader__", "__path__"),
@@ -30,7 +32,7 @@ class Module:
     """The names that all bodies of a program see."""
 
     def __init__(self, source: ProgramSource) -> None:
-        """Find the names that the preambles define, and all others that something assigns."""
+        """Collect the names that preambles define, and the global ones that bodies assign."""
         texts = [code.text for code in _all_code(source)]
         self.is_certain = not any(_UNCERTAIN.search(text) for text in texts)
         self.names = set(_GIVEN | _main.NAMES | {f"_{cls.name}" for cls in source.classes})
@@ -46,11 +48,13 @@ class Module:
                 for line in re.findall(r"\bglobal ([^\n;#]*)", code.text)
                 for name in line.split(",")
             }
-        # What something assigns somewhere, on whatever; and what is in texts, for `setattr`.
-        self.attributes = {name for code in _all_code(source) for name in _assigned_in(code)}
+        # Attributes that some code assigns to any object; and strings, which may be for `setattr`.
+        self.attributes = {
+            name for code in _all_code(source) for name in _possible_attributes(code)
+        }
 
 
-def _assigned_in(code: Code) -> Iterator[str]:
+def _possible_attributes(code: Code) -> Iterator[str]:
     for node in ast.walk(_compile.parsed(code)):
         match node:
             case ast.Attribute(attr=name, ctx=ast.Store()):
@@ -60,47 +64,48 @@ def _assigned_in(code: Code) -> Iterator[str]:
 
 
 def preamble(code: Code, module: Module, cls: ClassSource | None) -> Iterator[Finding]:
-    """Look through a preamble, perhaps of a reactor."""
+    """Check a preamble: of reactor class ``cls``, or of a file."""
     names, _ = _scopes.of_preamble(code, in_class=cls is not None)
     yield from _undefined(code, _compile.parsed(code), names.free - module.names, module)
 
 
 def expression(code: Code, module: Module, cls: ClassSource | None) -> Iterator[Finding]:
-    """Look through a value, perhaps of something in a reactor."""
+    """Check an expression: in reactor class ``cls``, or outside of all classes."""
     names = _scopes.of_expression(code)
     tree = _compile.parsed_expression(code)
     unknown = names.free - module.names
     if cls is not None:
-        yield from _unnamed(code, tree, (unknown, module), lambda n, _: _in(cls, None, n))
-        unknown -= {name for name in unknown if _in(cls, None, name)}
+        yield from _unnamed(code, tree, (unknown, module), lambda n, _: _reactor_hint(cls, None, n))
+        unknown -= {name for name in unknown if _reactor_hint(cls, None, name)}
     yield from _undefined(code, tree, unknown, module)
 
 
 def method(code: Code, arguments: list[str], module: Module, cls: ClassSource) -> Iterator[Finding]:
-    """Look through a method."""
+    """Check a method."""
     yield from _function(code, (arguments, None), module, cls)
 
 
 def body(
     code: Code, reaction: ReactionSource, module: Module, cls: ClassSource
 ) -> Iterator[Finding]:
-    """Look through a body of a reaction."""
+    """Check a body of a reaction."""
     yield from _function(code, (reaction.arguments, reaction), module, cls)
 
 
 def refuse(code: Code, reaction: ReactionSource, cls: ClassSource, known: Container[str]) -> None:
-    """Raise a ``SyntaxError`` with place and hint if a body uses a part that it does not get.
+    """Raise a ``SyntaxError`` if a body uses a part that its reaction does not name.
 
-    What the module has, ``known``, may have the name of a part.
+    The error has the place and a hint. A part may have the same name as something in the module:
+    ``known`` are the names of the module.
     """
     unknown = _scopes.of_function(reaction.arguments, code).free
     tree = _compile.parsed(code)
 
-    def meaning(name: str, port: str) -> str | None:
-        return _in(cls, reaction, name, port)
+    def hint_for(name: str, port: str) -> str | None:
+        return _reactor_hint(cls, reaction, name, port)
 
     for name in sorted(name for name in unknown if name not in known and name not in _GIVEN):
-        for found in _one_unnamed(code, tree, (name, "error"), meaning):
+        for found in _one_unnamed(code, tree, (name, "error"), hint_for):
             text = linecache.getline(found.file, found.line)
             error = SyntaxError(found.message, (found.file, found.line, found.column, text))
             error.hint = found.hint  # type: ignore[attr-defined]
@@ -119,25 +124,28 @@ def _function(
     tree = _compile.parsed(code)
     unknown = names.free - module.names
 
-    def meaning(name: str, port: str) -> str | None:
-        return _in(cls, reaction, name, port)
+    def hint_for(name: str, port: str) -> str | None:
+        return _reactor_hint(cls, reaction, name, port)
 
-    yield from _unnamed(code, tree, (unknown, module), meaning)
-    unknown -= {name for name in unknown if meaning(name, "")}
+    yield from _unnamed(code, tree, (unknown, module), hint_for)
+    unknown -= {name for name in unknown if hint_for(name, "")}
     yield from _undefined(code, tree, unknown, module)
     yield from _hidden(code, tree, names, (cls, reaction))
     yield from _assigned(code, tree, names, (cls, reaction))
     kinds = {} if reaction is None else dict(zip(reaction.arguments, reaction.kinds, strict=True))
     bound = _bound(tree)
-    things = {name: kind for name, kind in kinds.items() if name not in bound}
+    kinds = {name: kind for name, kind in kinds.items() if name not in bound}
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
-            yield from _attribute(code, node, (things, reaction), (module, cls))
+            yield from _attribute(code, node, (kinds, reaction), (module, cls))
         elif isinstance(node, ast.Call):
-            yield from _call(code, node, things)
+            yield from _call(code, node, kinds)
 
 
-def _in(cls: ClassSource, reaction: ReactionSource | None, name: str, port: str = "") -> str | None:
+def _reactor_hint(
+    cls: ClassSource, reaction: ReactionSource | None, name: str, port: str = ""
+) -> str | None:
+    """Return what to write instead, if ``name`` is something of the reactor."""
     if name in _preamble_names(cls):
         return f"`{name}` is defined in a preamble of this reactor: write `self.{name}`"
     return _names.of_reactor(name, cls, reaction, port)
@@ -152,27 +160,29 @@ def _defined(code: Code) -> frozenset[str]:
     return frozenset(_scopes.of_preamble(code, in_class=True)[1])
 
 
-Meaning = Callable[[str, str], str | None]
+# The hint for a name, and for the attribute that the body uses of it.
+HintFor = Callable[[str, str], str | None]
 
 
 def _unnamed(
-    code: Code, tree: ast.AST, which: tuple[set[str], Module], meaning: Meaning
+    code: Code, tree: ast.AST, which: tuple[set[str], Module], hint_for: HintFor
 ) -> Iterator[Finding]:
+    """Find the parts that a body uses although its reaction does not name them."""
     unknown, module = which
     severity = "error" if module.is_certain else "warning"
     for name in sorted(unknown):
-        yield from _one_unnamed(code, tree, (name, severity), meaning)
+        yield from _one_unnamed(code, tree, (name, severity), hint_for)
 
 
 def _one_unnamed(
-    code: Code, tree: ast.AST, which: tuple[str, str], meaning: Meaning
+    code: Code, tree: ast.AST, which: tuple[str, str], hint_for: HintFor
 ) -> Iterator[Finding]:
     name, severity = which
     node = _findings.first(tree, name)
     if node is None:
         return
     attribute = next((a.attr for a in _attributes_of(tree, name)), "")
-    hint = meaning(name, attribute)
+    hint = hint_for(name, attribute)
     if hint is not None:
         message = f"`{name}` is not defined in this body"
         yield _findings.at(node, code, (_findings.UNNAMED, severity, message, hint))
@@ -205,14 +215,14 @@ def _hidden(
     names: _scopes.Names,
     where: tuple[ClassSource, ReactionSource | None],
 ) -> Iterator[Finding]:
-    """Find parts of the reactor that the body does not get, behind a built-in function's name."""
+    """Find uses of a part that is not named, and whose name is that of a built-in function."""
     cls, reaction = where
     parts = {name for name, kind, _ in cls.parts if kind in ("input", "output", "action")}
     for name in sorted(names.free & parts & set(dir(builtins))):
         for node in _attributes_of(tree, name):
             if node.attr in ("set", "schedule", "value", "is_present"):
                 message = f"`{name}` is Python's own in this body"
-                hint = _in(cls, reaction, name)
+                hint = _reactor_hint(cls, reaction, name)
                 yield _findings.at(node, code, (_findings.UNNAMED, "error", message, hint))
                 break
 
@@ -223,7 +233,7 @@ def _assigned(
     names: _scopes.Names,
     where: tuple[ClassSource, ReactionSource | None],
 ) -> Iterator[Finding]:
-    """Find assignments to names of the reactor that make a local variable."""
+    """Find assignments that make a local variable with the name of a state variable or output."""
     cls, reaction = where
     kinds = {} if reaction is None else dict(zip(reaction.arguments, reaction.kinds, strict=True))
     state = {name for name, _ in cls.state}
@@ -259,7 +269,7 @@ def _assigned(
 
 
 def _bound(tree: ast.AST) -> set[str]:
-    """Find the names that a piece gives another meaning, somewhere."""
+    """Find the names that a piece of code binds, so that they may not be arguments any more."""
     bound: set[str] = set()
     for node in ast.walk(tree):
         match node:
@@ -285,7 +295,7 @@ def _attribute(
     what: tuple[dict[str, str], ReactionSource | None],
     where: tuple[Module, ClassSource],
 ) -> Iterator[Finding]:
-    things, reaction = what
+    kinds, reaction = what
     match node.value:
         case ast.Name(id="self"):
             yield from _of_self(code, node, reaction, where)
@@ -300,8 +310,8 @@ def _attribute(
             hint = hint or "it has " + ", ".join(f"`{name}`" for name in sorted(_lf.TIMES))
             message = f"`lf.time` has no `{node.attr}`"
             yield _findings.at(node, code, (_findings.ATTRIBUTE, "error", message, hint))
-        case ast.Name(id=name) if name in things and reaction is not None:
-            yield from _of_thing(code, node, (name, things[name]), (reaction, where[1]))
+        case ast.Name(id=name) if name in kinds and reaction is not None:
+            yield from _of_argument(code, node, (name, kinds[name]), (reaction, where[1]))
 
 
 def _of_self(
@@ -338,13 +348,13 @@ def _of_self(
         yield _findings.at(node, code, what)
 
 
-def _of_thing(
+def _of_argument(
     code: Code,
     node: ast.Attribute,
-    thing: tuple[str, str],
+    argument: tuple[str, str],
     where: tuple[ReactionSource, ClassSource],
 ) -> Iterator[Finding]:
-    (name, kind), (reaction, cls) = thing, where
+    (name, kind), (reaction, cls) = argument, where
     if kind in ("input", "source", "output"):
         yield from _of_port(code, node, name, kind)
     elif kind == "action" and node.attr not in _ACTION:
@@ -385,9 +395,9 @@ def _of_port(code: Code, node: ast.Attribute, name: str, kind: str) -> Iterator[
         yield _findings.at(node, code, (_findings.REFUSED, "error", message, hint))
 
 
-def _call(code: Code, node: ast.Call, things: dict[str, str]) -> Iterator[Finding]:
+def _call(code: Code, node: ast.Call, kinds: dict[str, str]) -> Iterator[Finding]:
     match node.func:
-        case ast.Attribute(value=ast.Name(id=name), attr="set") if things.get(name) == "input":
+        case ast.Attribute(value=ast.Name(id=name), attr="set") if kinds.get(name) == "input":
             message = f"`{name}` cannot be set here: this reaction reads it"
             hint = "a reaction sets the outputs of its reactor, and inputs of contained ones"
             yield _findings.at(node.func, code, (_findings.REFUSED, "error", message, hint))

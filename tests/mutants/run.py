@@ -1,9 +1,10 @@
-"""Whether simulation and model checking find the faults of which we can think.
+"""Checks that simulation and model checking find the faults that the mutants describe.
 
 A mutant is a text in this folder: what is wrong with it, a file, the lines that are replaced, and
-those that replace them. Each is put into a copy of the pure crates, so the code that ships has no
-hooks for this; then the tests of `crates/hprm-sim` run, which must fail. A mutant whose old lines
-are not there exactly once, or that does not compile, is an error: it has to follow the code.
+those that replace them. This script puts each mutant into a copy of the pure crates, so the code
+that ships has no hooks for this; then it runs the tests of `crates/hprm-sim`, which must fail. A
+mutant is an error if its old lines are not there exactly once, or if it does not compile: it has to
+follow the code.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
 HUNTS = ("seeds", "model")
-"""The tests that look for faults, the quickest first."""
+"""The tests of `hprm-sim` that look for faults, the quickest first."""
 
 PATIENCE = 600.0
-"""Seconds after which a mutant that is still being looked at counts as one that never ends."""
+"""Seconds that a test may take; if it takes longer, the mutant counts as found: it never ends."""
 
 
 class Unusable(Exception):
-    """A mutant that does not fit the code any more."""
+    """A mutant that no longer fits the code."""
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A fault, and how to make it."""
+    """A fault: what is wrong, and the lines of code that cause it."""
 
     name: str
     what: str
@@ -43,24 +44,28 @@ class Mutant:
 
     @classmethod
     def read(cls, path: Path) -> Mutant:
-        """The mutant in a file."""
+        """Return the mutant that a file describes."""
         what, file, *lines = path.read_text().splitlines()
         old = "\n".join(line[1:] for line in lines if line.startswith("-"))
         new = "\n".join(line[1:] for line in lines if line.startswith("+"))
         if not what.startswith("# ") or not old:
-            raise Unusable(f"{path.name} does not say what is wrong, or what is replaced")
+            raise Unusable(
+                f"{path.name} lacks the line that says what is wrong, or lines to replace"
+            )
         return cls(path.stem, what[2:], file, old, new)
 
     def apply(self, text: str) -> str:
-        """The text of the file with the fault in it."""
+        """Return the source text with the fault in it."""
         found = text.count(self.old)
         if found != 1:
-            raise Unusable(f"{self.name}: what it replaces is {found} times in {self.file}")
+            raise Unusable(
+                f"{self.name}: its old lines occur {found} times in {self.file}, not once"
+            )
         return text.replace(self.old, self.new)
 
 
 class Copy:
-    """A copy of the pure crates, in which one file at a time is another."""
+    """A copy of the pure crates, which has one mutant at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "source"
@@ -75,7 +80,7 @@ class Copy:
         shutil.copy(ROOT / "Cargo.lock", self.folder)
 
     def hunt(self, mutant: Mutant, hunts: tuple[str, ...]) -> str | None:
-        """What finds the mutant, and after how much; none, if nothing does."""
+        """Return which test finds the mutant, and at which seed or state; None if no test does."""
         path = self.folder / mutant.file
         original = path.read_text()
         path.write_text(mutant.apply(original))
@@ -85,14 +90,14 @@ class Copy:
             path.write_text(original)
 
     def run(self, mutant: Mutant, hunt: str) -> str | None:
-        """What a test finds. It ends at the first fault."""
+        """Return the first fault that a test finds with the mutant; None if it finds none."""
         built = self.cargo("--no-run", "--test", hunt)
         if built.returncode != 0:
             raise Unusable(f"{mutant.name} does not compile:\n{built.stderr}")
         try:
             ran = self.cargo("--test", hunt, timeout=PATIENCE)
         except subprocess.TimeoutExpired:
-            return f"{hunt}: it goes on for ever"
+            return f"{hunt}: the test does not end"
         if ran.returncode == 0:
             return None
         match = re.search(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after", ran.stdout)
@@ -103,7 +108,7 @@ class Copy:
         return f"{found:<12} {shortened(wrong or told)}"
 
     def cargo(self, *words: str, timeout: float | None = None) -> subprocess.CompletedProcess[str]:
-        """Runs the tests of the simulation in the copy."""
+        """Run the tests of the simulation in the copy."""
         command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
         environment = os.environ | {"CARGO_TARGET_DIR": str(self.target), "RUST_BACKTRACE": "0"}
         return subprocess.run(
@@ -117,15 +122,17 @@ class Copy:
 
 
 def shortened(text: str) -> str:
-    """A text that fits into a table."""
+    """Return the beginning of a text, if it does not fit into the table."""
     return text if len(text) <= 70 else text[:67] + "..."
 
 
 def main() -> int:
-    """Look at all mutants, or those that are named."""
+    """Check all mutants, or those that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="only these mutants")
-    parser.add_argument("--hunt", choices=HUNTS, help="only this test; else the model if need be")
+    parser.add_argument("names", nargs="*", help="check only these mutants")
+    parser.add_argument(
+        "--hunt", choices=HUNTS, help="run only this test; by default, both until one finds it"
+    )
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "mutants")
     options = parser.parse_args()
     paths = sorted(Path(__file__).parent.glob("*.txt"))
