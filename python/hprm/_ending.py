@@ -42,6 +42,9 @@ _LIBRARIES = (
     os.path.dirname(os.__file__) + os.sep,
 )
 
+# The exit code that follows because the standard output cannot be written, or zero.
+_unwritten = 0
+
 # Taken by the thread that is first: the main thread, or the one that waits for the timeout.
 _last = threading.Lock()
 
@@ -165,7 +168,7 @@ def _finish(code: int) -> NoReturn:
         # A signal ends what takes too long, as it does with Python.
         with contextlib.suppress(_Stopped):
             step()
-    code = code or int(_thread_failures.failed_at_the_end())
+    code = code or int(_thread_failures.failed_at_the_end()) or _unwritten
     if _is_observed() and threading.current_thread() is threading.main_thread():
         # A profiler reports when the program returns to it.
         sys.exit(code)
@@ -186,7 +189,19 @@ def _flush_streams() -> None:
         with contextlib.suppress(OSError, ValueError, AttributeError):
             if isinstance(stream, _threads.Lines):
                 stream.end()
-            stream.flush()
+            _flush_stream(stream)
+
+
+def _flush_stream(stream: Any) -> None:
+    global _unwritten
+    if getattr(stream, "_failed", False):
+        # That has been told.
+        return
+    try:
+        stream.flush()
+    except OSError as error:
+        if stream is sys.stdout and not _unwritten:
+            _unwritten = _hprm.output_failed(error.errno or 0)
 
 
 def _drop_modules() -> None:

@@ -4,6 +4,7 @@ How that is told is the extension module's business, which makes a failure of it
 """
 
 import os
+import select
 import threading
 import traceback
 from dataclasses import dataclass, replace
@@ -24,7 +25,8 @@ _MEMORY = (
 class Description:
     """What an exception means for the program."""
 
-    #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted``, ``mistake`` or ``raised``.
+    #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted``, ``unread`` (its output),
+    #: ``mistake`` or ``raised``.
     end: str
     code: int = 1
     #: What has happened, in a sentence.
@@ -56,7 +58,16 @@ def describe(error: BaseException, what: str, place: str = "") -> Description:
             return Description("quit", message=printable(_text(reason)))
         case KeyboardInterrupt():
             return Description("interrupted")
+        case BrokenPipeError() if _is_unread():
+            return Description("unread")
     return raised(error, what, place)
+
+
+def _is_unread() -> bool:
+    """Whether the reader of the standard output has gone."""
+    asked = select.poll()
+    asked.register(1, 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in asked.poll(0))
 
 
 def exit_code(code: int) -> int:

@@ -119,6 +119,9 @@ def describe_program(path: str, *, all: bool = False) -> ProgramSource:
     is the message of a ``ValueError``.
     """
 
+def output_failed(number: int) -> int:
+    """Tell that the standard output cannot be written. Return the exit code that follows."""
+
 def run_in_process(
     path: str,
     properties: list[str] = ...,

@@ -6,6 +6,7 @@ print is shown line by line behind their names.
 
 import sys
 import threading
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -20,8 +21,8 @@ _lock = threading.Lock()
 def begin(federates: list[tuple[int, str]]) -> None:
     """Show what federates print behind their names, and know whose a thread is, from now on."""
     names = dict(federates)
-    sys.stdout = Lines(sys.stdout, names)  # type: ignore[assignment]
-    sys.stderr = Lines(sys.stderr, names)  # type: ignore[assignment]
+    sys.stdout = Lines(sys.stdout, names, _hprm.output_failed)  # type: ignore[assignment]
+    sys.stderr = Lines(sys.stderr, names, lambda _: 0)  # type: ignore[assignment]
     start = threading.Thread.start
 
     def start_for_federate(thread: threading.Thread) -> None:
@@ -116,8 +117,12 @@ def _version(shared: PerFederate) -> ModuleType:
 class Lines:
     """A stream to which each federate writes whole lines, behind its name."""
 
-    def __init__(self, stream: Any, names: dict[int, str]) -> None:
-        """Write to ``stream`` in the end."""
+    def __init__(
+        self, stream: Any, names: dict[int, str], on_failure: Callable[[int], int]
+    ) -> None:
+        """Write to ``stream`` in the end; if that fails, tell ``on_failure`` and write no more."""
+        self._on_failure = on_failure
+        self._failed = False
         self._stream = stream
         self._names = names
         # By federate, and by its thread: it may have several workers.
@@ -143,8 +148,7 @@ class Lines:
                 self._partial[writer] = rest
             if lines:
                 prefix = f"[{self._names[federate]}] "
-                self._stream.write("".join(f"{prefix}{line}\n" for line in lines))
-                self._stream.flush()
+                self._put("".join(f"{prefix}{line}\n" for line in lines))
         return len(text)
 
     def writelines(self, lines: Any) -> None:
@@ -156,6 +160,16 @@ class Lines:
         """Write the lines that have no end."""
         with _lock:
             for (federate, _), rest in sorted(self._partial.items()):
-                self._stream.write(f"[{self._names[federate]}] {rest}\n")
+                self._put(f"[{self._names[federate]}] {rest}\n")
             self._partial.clear()
+            self._put("")
+
+    def _put(self, text: str) -> None:
+        if self._failed:
+            return
+        try:
+            self._stream.write(text)
             self._stream.flush()
+        except OSError as error:
+            self._failed = True
+            self._on_failure(error.errno or 0)

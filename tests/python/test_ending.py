@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import gzip
 import signal
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -182,3 +185,63 @@ def test_arrays_outlive_the_store_that_they_lie_in(launch: Any) -> None:
     )
     assert (outcome.code, outcome.err) == (0, "")
     assert sorted(outcome.out.splitlines()) == ["[a] 200000", "[b] 200000"]
+
+
+PRINTS = """
+target Python {{ timeout: 2 s }}
+reactor Printer {{
+  timer t(0, 1 ms)
+  reaction(t) {{= {write} =}}
+}}
+{kind} reactor {{ a = new Printer() }}
+"""
+
+WRITES = ["print('here', flush=True)", "print('here' * 1000)"]
+
+
+def to_output(bench: Bench, text: str, options: list[str], where: str) -> tuple[str, str]:
+    """Run a program with its standard output led elsewhere; its exit code and its errors."""
+    (bench.folder / "Main.lf").write_text(text)
+    hprm = Path(sys.executable).with_name("hprm")
+    command = f"{hprm} run {' '.join(options)} Main.lf {where}; echo ${{PIPESTATUS[0]}}"
+    shell = ["bash", "-c", command]
+    done = subprocess.run(
+        shell, cwd=bench.folder, capture_output=True, text=True, timeout=60, check=False
+    )
+    return done.stdout.splitlines()[-1], done.stderr
+
+
+@pytest.mark.parametrize("write", WRITES)
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_a_reader_that_goes_ends_the_program_without_a_word(
+    bench: Bench, kind: str, options: list[str], write: str
+) -> None:
+    text = PRINTS.format(kind=kind, write=write)
+    assert to_output(bench, text, options, "| head -c 1 >/dev/null") == ("141", "")
+
+
+@pytest.mark.parametrize("write", [*WRITES, "print('here')"])
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_an_output_that_cannot_be_written_is_one_error(
+    bench: Bench, kind: str, options: list[str], write: str
+) -> None:
+    text = PRINTS.format(kind=kind, write=write).replace("2 s", "0 ms")
+    code, err = to_output(bench, text, options, ">/dev/full")
+    assert (code, err.count("error:")) == ("1", 1), err
+    assert "No space left on device" in err
+
+
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_a_closed_output_is_no_failure(bench: Bench, kind: str, options: list[str]) -> None:
+    text = PRINTS.format(kind=kind, write="print('here', flush=True)").replace("2 s", "10 ms")
+    assert to_output(bench, text, options, ">&-") == ("0", "")
+
+
+def test_a_help_that_cannot_be_written_is_an_error() -> None:
+    hprm = Path(sys.executable).with_name("hprm")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [hprm, "--help"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr == "error: cannot write to the standard output: No space left on device\n"

@@ -2,9 +2,13 @@
 
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Mutex, PoisonError};
 
-use hprm::{Failure, Label, Report};
+use hprm::supervisor::{Observation, Signal};
+use hprm::{Failure, Kind, Label, Report};
 use pyo3::prelude::*;
+use rustix::io::Errno;
 
 /// Whether failures are told as JSON.
 static JSON: AtomicBool = AtomicBool::new(false);
@@ -39,6 +43,38 @@ pub(crate) fn tell(failure: &Failure) {
             say("");
         }
     }
+}
+
+/// Reports to the supervisor of federates that are threads, while there is one.
+static SUPERVISOR: Mutex<Option<Sender<Observation>>> = Mutex::new(None);
+
+/// Has the supervisor hear that the standard output cannot be written.
+pub(crate) fn report_output_to(events: Option<Sender<Observation>>) {
+    *SUPERVISOR.lock().unwrap_or_else(PoisonError::into_inner) = events;
+}
+
+/// The standard output cannot be written: an error with this number. Tells of it, unless its reader has gone,
+/// of which no command complains. Returns the exit code that follows.
+#[pyfunction]
+pub(crate) fn output_failed(number: i32) -> i32 {
+    let is_closed = number == Errno::PIPE.raw_os_error();
+    let reason = std::io::Error::from_raw_os_error(number).to_string();
+    let reason = reason.split(" (os error").next().unwrap_or_default();
+    let message = format!("cannot write to the standard output: {reason}");
+    let report = Report::new(Kind::Command, message);
+    let supervisor = SUPERVISOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let observed = match is_closed {
+        true => Observation::Signal(Signal::BROKEN_PIPE),
+        false => Observation::Unwritable(Box::new(report.clone())),
+    };
+    let is_told = supervisor.as_ref().is_some_and(|events| events.send(observed).is_ok());
+    if is_closed {
+        return Signal::BROKEN_PIPE.exit_code();
+    }
+    if !is_told {
+        show(&report);
+    }
+    1
 }
 
 /// Shows a report.

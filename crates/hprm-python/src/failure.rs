@@ -1,5 +1,6 @@
 //! Turning what Python raised into the end of a program.
 
+use hprm::supervisor::Signal;
 use hprm::{Failure, Kind, Raised, Report, Source};
 use hprm_core::NoMemory;
 use pyo3::exceptions::PyMemoryError;
@@ -32,6 +33,7 @@ impl Described {
             "exited" => Failure::Exited { code },
             "quit" => Failure::Quit { said: report.message },
             "interrupted" => Failure::interrupted(),
+            "unread" => Failure::Interrupted { signal: Signal::BROKEN_PIPE.0 },
             "mistake" => Failure::Mistakes(vec![report]),
             _ => Failure::Raised(Box::new(Raised { source, report })),
         }

@@ -55,7 +55,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::buffer::{Frozen, Memory, shaped};
     #[pymodule_export]
-    use crate::console::tell_programs;
+    use crate::console::{output_failed, tell_programs};
     #[pymodule_export]
     use crate::interrupt::Interrupt;
     #[pymodule_export]

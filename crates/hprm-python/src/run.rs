@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use hprm::supervisor::Signal;
 use hprm::trace::Trace;
 use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
 use hprm_core::Scope;
@@ -48,7 +49,9 @@ pub(crate) fn run_program(
 /// A failure that tells which signal it was, if it was one: Python's exception does not.
 fn by_signal(failure: Failure, interrupt: &Interrupt) -> Failure {
     match failure {
-        Failure::Interrupted { .. } => Failure::Interrupted { signal: interrupt.signal() },
+        Failure::Interrupted { signal } if signal == Signal::INTERRUPT.0 => {
+            Failure::Interrupted { signal: interrupt.signal() }
+        }
         failure => failure,
     }
 }

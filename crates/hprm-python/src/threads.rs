@@ -20,7 +20,7 @@ use hprm_core::{Program, Scope};
 use hprm_lf::Compiled;
 use pyo3::prelude::*;
 
-use crate::console::{say, show};
+use crate::console::{report_output_to, say, show};
 use crate::failure::failure_in;
 use crate::forced_end;
 use crate::interrupt::{Handled, Interrupt};
@@ -65,6 +65,7 @@ pub(crate) fn run_in_process(
         let raised = |error| failure_in(py, error, "starting the federates");
         share_streams(py, &compiled).map_err(raised)?;
         let (events, arrivals) = channel();
+        report_output_to(Some(events.clone()));
         let signals = events.clone();
         let interrupt = Interrupt::install(py, Handled::All, |_| signals::forward(signals));
         let interrupt = interrupt.map_err(raised)?;
@@ -72,6 +73,7 @@ pub(crate) fn run_in_process(
         let plan = Plan { compiled, join_timeout, patience, logical_traces };
         let run = move || plan.start(&events).map(|rti| plan.watch(&rti, &arrivals));
         let ended = py.detach(run);
+        report_output_to(None);
         interrupt.get().end();
         interrupt.get().release(py);
         ended.map(Ended::attach)
