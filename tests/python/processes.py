@@ -1,4 +1,4 @@
-"""Real processes in tests: starting them, waiting for what they do, seeing that none is left."""
+"""Real processes in tests: starts them, waits for what they do, checks that none is left."""
 
 from __future__ import annotations
 
@@ -155,12 +155,12 @@ class Federation:
             heard += hear(self.members["rti"].stdout, "\n")
 
     def finish(self, *names: str) -> dict[str, Outcome]:
-        """How the members end, or those that are named."""
+        """Return how the members end: those that are named, or all."""
         return {name: finish(self.members[name]) for name in names or self.members}
 
 
 def listens(address: str) -> bool:
-    """Whether somebody listens at an abstract address, unix:@NAME."""
+    """Return whether a process listens at an abstract address, unix:@NAME."""
     name = address.removeprefix("unix:")
     sockets = Path("/proc/net/unix").read_text().splitlines()
     return any(line.split()[-1] == name for line in sockets)
@@ -203,7 +203,7 @@ _SELF = str(os.getpid())
 
 
 def environment(pid: int) -> set[str]:
-    """The environment of a process; empty once it has ended, even if nobody has reaped it."""
+    """The environment of a process; empty once it has ended, even if it is a zombie."""
     try:
         text = Path(f"/proc/{pid}/environ").read_bytes()
     except OSError:

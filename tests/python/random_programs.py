@@ -1,10 +1,10 @@
-"""Small programs, drawn from a seed, that must do the same however they are run.
+"""Small programs, drawn from a seed, that must do the same in every deployment.
 
 Each is a federation of a few reactors with timers, actions, modes, banks and multiports, connected
-with and without delays, in circles too. Their reactions compute with logical time and values only,
+with and without delays, in cycles too. Their reactions compute with logical time and values only,
 and stick to what makes a program independent of its deployment: they send copies of what they go on
-changing, and change only inputs that are mutable. A value has a number of hops left, so no circle
-goes on for ever.
+changing, and change only inputs that are mutable. A value has a number of hops left, so no cycle
+sends for ever.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ class _Draw:
         ]
         if self.maybe(0.5):
             lines += ["  reaction(shutdown) -> out {=", "    out.set(self.seen)", "  =}"]
-        # The last one, and it sets nothing: so what comes here may be in a circle without a delay.
+        # The last reaction sets nothing, so its input may be in a cycle without a delay.
         lines += [
             "  reaction(late) -> a {=",
             "    self.seen = (self.seen + look(late.value)[1]) % 997",
@@ -251,7 +251,7 @@ class _Draw:
     # Connections.
 
     def connections(self, instances: list[Instance]) -> list[str]:
-        """Connect what fits. A circle has a delay, or ends in what sets nothing at once."""
+        """Connect what fits. A cycle has a delay, or ends in a reaction that sets nothing."""
         lines = []
         for place, instance in enumerate(instances):
             for port, width in instance.of.inputs.items():

@@ -1,4 +1,4 @@
-"""Ways to make a value, of which is known whether its arrays are published without a copy.
+"""Ways to make a value; for each it is known whether its arrays are published without a copy.
 
 A scenario is a function in the text of a program. It gets a number, returns a value that has it in
 all elements of its arrays, and may keep what it likes in ``keep``. At the next tag, everything that

@@ -1,4 +1,4 @@
-"""Parts of the texts of programs, for preambles: what the processes of several tests do alike."""
+"""Pieces of program text for preambles: functions that the programs of several tests share."""
 
 from __future__ import annotations
 

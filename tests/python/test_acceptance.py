@@ -146,7 +146,7 @@ def test_a_pause_loses_and_misplaces_no_message(
     if wait != "limited":
         assert counts["tardy"] == 0
     elif paused != "sink":
-        assert counts["tardy"] > 0, "who does not wait must notice"
+        assert counts["tardy"] > 0, "a federate that does not wait must notice"
 
 
 # The same program, however it is run.
@@ -170,7 +170,7 @@ reactor Simulator {
     if GATE: self.gate = open(GATE, "rb", buffering=0)
   =}
   reaction(t) -> frame {=
-    # How long a step takes, or who permits it, is nothing that the program may depend on.
+    # The program must not depend on how long a step takes, or on what permits it.
     if GATE: self.gate.read(1)
     time.sleep(SECONDS)
     self.seen |= {f"object {self.position % 7}", "car", "lane"}

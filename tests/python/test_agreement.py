@@ -1,4 +1,4 @@
-"""Federates with another program, or other properties, are refused, and told what differs."""
+"""The RTI refuses federates with another program or other properties, and says what differs."""
 
 from __future__ import annotations
 

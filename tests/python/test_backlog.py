@@ -1,4 +1,4 @@
-"""Threads that schedule faster than reactions follow: a warning, and a limit for who wants one."""
+"""Threads that schedule faster than reactions follow: a warning, and a limit that users may set."""
 
 from __future__ import annotations
 

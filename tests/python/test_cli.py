@@ -310,7 +310,7 @@ federated reactor {
 """
 
 
-def test_whoever_ends_because_of_another_says_so(tmp_path: Path) -> None:
+def test_a_federate_that_ends_because_of_another_says_so(tmp_path: Path) -> None:
     rti, sink, source = by_hand(tmp_path, ENDLESS)
     assert sink.stdout is not None
     assert sink.stdout.readline() == "here\n"

@@ -1,4 +1,4 @@
-"""The clocks of federates: led to the RTI's time, and never back."""
+"""The clocks of federates follow the time of the RTI, and never go back."""
 
 from __future__ import annotations
 

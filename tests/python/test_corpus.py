@@ -23,7 +23,7 @@ FEDERATED = [
     for program in PROGRAMS
     if re.search("^federated reactor", (CORPUS / program).read_text(), re.M)
 ]
-TWINS = [
+ALSO_FEDERATED = [
     (program, coordination)
     for program in PROGRAMS
     if (said := re.search(r"Federated as well: ([a-z, ]+)\.", (CORPUS / program).read_text()))
@@ -55,7 +55,7 @@ def exit_code(program: str) -> int:
 def test_there_is_a_corpus_and_some_of_it_is_federated() -> None:
     assert {exit_code(program) for program in PROGRAMS} == {0, 1, 7}
     assert FEDERATED
-    assert {coordination for _, coordination in TWINS} == {"centralized", "decentralized"}
+    assert {coordination for _, coordination in ALSO_FEDERATED} == {"centralized", "decentralized"}
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
@@ -79,8 +79,8 @@ def test_so_is_one_whose_federates_are_threads(program: str) -> None:
 
 
 @pytest.mark.parametrize("in_process", [False, True], ids=["processes", "threads"])
-@pytest.mark.parametrize(("program", "coordination"), TWINS)
-def test_so_is_its_federated_twin(
+@pytest.mark.parametrize(("program", "coordination"), ALSO_FEDERATED)
+def test_a_program_means_the_same_when_it_is_federated(
     program: str, coordination: str, in_process: bool, tmp_path: Path
 ) -> None:
     folder = tmp_path / "lf"

@@ -1,4 +1,4 @@
-"""A federate that calls `lf.stop()`: it ends, and the others go on."""
+"""A federate that calls `lf.stop()` ends, and the other federates continue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands of docs/deployment.md, as they are printed there."""
+"""The commands of docs/deployment.md work as they are printed there."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OUTPUT = "".join(f"{time} 600000\n" for time in range(0, 100_000_001, 20_000_000
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports that nobody has at the moment, and that nobody is given soon."""
+    """Ports that no process uses at the moment, and that the kernel gives to no process soon."""
     sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
     ports = [listener.getsockname()[1] for listener in sockets]
     for listener in sockets:

@@ -1,4 +1,4 @@
-"""The end of a program: what Python does at its own happens, and nobody is kept without a word."""
+"""The end of a program: as Python ends a process, and a program that cannot end says why."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def test_a_mistake_in_a_body_names_the_line(bench: Bench, coordination: str | No
 
 
 @pytest.mark.parametrize("coordination", [None, *COORDINATIONS])
-def test_an_exit_code_is_passed_on(bench: Bench, coordination: str | None) -> None:
+def test_an_exit_code_is_that_of_the_command(bench: Bench, coordination: str | None) -> None:
     outcome = bench.run(program(coordination, "sys.exit(3)"))
     assert outcome.code == 3
     assert "Traceback" not in outcome.err
@@ -478,7 +478,7 @@ def test_a_mistake_is_reported_once_for_all_threads(bench: Bench, options: list[
 
 @pytest.mark.parametrize("options", THREADS)
 @pytest.mark.parametrize(("leave", "code"), [("sys.exit(3)", 3), ("sys.exit(300)", 44)])
-def test_an_exit_code_of_a_thread_is_passed_on(
+def test_an_exit_code_of_a_thread_is_that_of_the_command(
     bench: Bench, options: list[str], leave: str, code: int
 ) -> None:
     outcome = bench.run(program("centralized", leave), *options)

@@ -115,7 +115,7 @@ def test_a_federate_that_is_behind_still_sends(launch: Run, coordination: str) -
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_who_leaves_early_does_not_keep_the_others_from_stopping(
+def test_a_federate_that_leaves_early_does_not_keep_the_others_from_stopping(
     launch: Run, coordination: str
 ) -> None:
     outcome = launch(f"""\

@@ -1,4 +1,4 @@
-"""The target property ``files``: a program finds what it names where Lingua Franca copies it."""
+"""The target property ``files``: a program finds the files where Lingua Franca puts copies."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A federate that sends faster than another one receives: memory stays bounded, nothing is lost.
 
-The receiver stands still, in a reaction or altogether. The sender comes to rest after a few
-megabytes, and goes on when the receiver does.
+The receiver stands still, in a reaction or altogether. The sender stops after a few
+megabytes, and continues when the receiver does.
 """
 
 from __future__ import annotations
@@ -105,7 +105,9 @@ def peak(pid: int) -> int:
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize(("arrow", "how"), [("->", "busy"), ("->", "stopped"), ("~>", "stopped")])
-def test_who_sends_too_fast_waits(bench: Bench, coordination: str, arrow: str, how: str) -> None:
+def test_a_federate_that_sends_too_fast_waits(
+    bench: Bench, coordination: str, arrow: str, how: str
+) -> None:
     text = program(coordination, arrow, how == "busy")
     federation = bench.by_hand(text, "source", "sink")
     source, sink = bench.pid("source"), bench.pid("sink")
@@ -163,6 +165,6 @@ federated reactor {
 def test_a_federate_that_looks_for_messages_sees_that_it_may_write_again(
     launch: Run, coordination: str
 ) -> None:
-    # Who did not see it would look for a second, hundreds of times.
+    # A federate that did not see it would busy-poll for a second, hundreds of times.
     outcome = launch(FLOOD.replace("COORDINATION", coordination), "--spin=1s")
     assert (outcome.code, outcome.out) == (0, "[sink] 30000\n"), outcome.err

@@ -1,4 +1,4 @@
-"""Processes that a body forks: what they read stays as it is, and what they write is theirs."""
+"""Processes that a body forks: what they read does not change, and no other process sees writes."""
 
 from __future__ import annotations
 
@@ -63,17 +63,17 @@ END = """
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-@pytest.mark.parametrize("who", ["saver", "camera"])
+@pytest.mark.parametrize("forking", ["saver", "camera"])
 def test_a_forked_process_keeps_the_array_that_it_has(
-    launch: Run, who: str, coordination: str
+    launch: Run, forking: str, coordination: str
 ) -> None:
     bodies = {
-        "in_saver": START.replace("PORT", "image") if who == "saver" else "pass",
-        "in_camera": START.replace("PORT", "echo") if who == "camera" else "pass",
+        "in_saver": START.replace("PORT", "image") if forking == "saver" else "pass",
+        "in_camera": START.replace("PORT", "echo") if forking == "camera" else "pass",
     }
     outcome = launch(PROGRAM.format(coordination=coordination, end=END, **bodies))
     assert outcome.code == 0, outcome.err
-    assert sorted(outcome.out.splitlines()) == [f"[{who}] 3 kept", f"[{who}] 6 kept"]
+    assert sorted(outcome.out.splitlines()) == [f"[{forking}] 3 kept", f"[{forking}] 6 kept"]
 
 
 # Arrays that NumPy has made in the store, in all that a forked process may do with them. A child
@@ -335,7 +335,7 @@ def test_forks_leave_no_descriptor(launch: Run, fork: str) -> None:
     assert (outcome.code, outcome.out, outcome.err) == (0, "[source] 0\n", "")
 
 
-def test_who_closes_all_descriptors_keeps_what_it_has_received(launch: Run) -> None:
+def test_a_child_that_closes_all_descriptors_keeps_what_it_has_received(launch: Run) -> None:
     bodies = {
         "in_camera": "pass",
         # As daemons do.

@@ -1,4 +1,4 @@
-"""Received arrays are passed on without touching their bytes, whoever ends meanwhile."""
+"""Federates forward received arrays without a copy, whichever federate ends meanwhile."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_arrays_outlive_a_forwarder_that_is_killed(launch: Run, coordination: st
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("end", ["os.kill(os.getpid(), 9)", "lf.stop()"])
-def test_arrays_are_passed_on_when_their_owner_has_ended(
+def test_arrays_are_forwarded_when_their_owner_has_ended(
     launch: Run, coordination: str, end: str
 ) -> None:
     outcome = launch(f"""\

@@ -1,6 +1,6 @@
 """What does not answer and what breaks: federates that hang, an RTI that does, a direct link.
 
-A hang may be a long computation, so by default it is only told; with ``--hang-timeout`` it is a
+A hang may be a long computation, so by default it is only reported; with ``--hang-timeout`` it is a
 failure. The table in docs/failures.md names these tests.
 """
 
@@ -136,7 +136,7 @@ def test_a_thread_that_hangs_may_be_a_failure(bench: Bench, coordination: str, h
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_who_hangs_by_hand_ends_when_it_wakes(bench: Bench, coordination: str) -> None:
+def test_a_federate_that_hangs_by_hand_ends_when_it_wakes(bench: Bench, coordination: str) -> None:
     federation = bench.by_hand(program(coordination), *FEDERATES, options=["--hang-timeout", "1"])
     pid = bench.pid("sink")
     os.kill(pid, signal.SIGSTOP)
@@ -151,7 +151,7 @@ def test_who_hangs_by_hand_ends_when_it_wakes(bench: Bench, coordination: str) -
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_an_rti_that_hangs_is_waited_for(bench: Bench, coordination: str) -> None:
-    # It has not heard from anybody for longer than anybody may be silent, and does not blame them.
+    # The RTI stands still for longer than federates may be silent, and must not blame them.
     options = ["--hang-timeout", "0.4"]
     federation = bench.by_hand(program(coordination), *FEDERATES, options=options)
     bench.pid("sink")
@@ -165,7 +165,7 @@ def test_an_rti_that_hangs_is_waited_for(bench: Bench, coordination: str) -> Non
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_who_waits_for_an_rti_that_hangs_can_be_interrupted(
+def test_a_federate_that_waits_for_an_rti_that_hangs_can_be_interrupted(
     bench: Bench, coordination: str
 ) -> None:
     federation = bench.by_hand(program(coordination), *FEDERATES)

@@ -1,4 +1,4 @@
-"""What a person reads who has a name in a body wrong, before and while the program runs."""
+"""The messages for a wrong name in a body, before and while the program runs."""
 
 from __future__ import annotations
 

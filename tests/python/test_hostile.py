@@ -1,6 +1,6 @@
 """Connections that are hostile rather than idle: scanners, foreign TLS, copies of a member.
 
-What each sends is refused without an effect on the federation. Idle and flooding strangers are in
+The federation refuses what each sends, and is not affected. Idle and flooding clients are in
 `test_strangers.py`; single malformed frames are the business of the tests of the crates.
 """
 
@@ -83,7 +83,7 @@ def test_copies_of_a_member_are_refused(bench: Bench, coordination: str) -> None
 
 
 MANY = 20
-CROWD = """\
+FAN_OUT = """\
 target Python {{ coordination: {coordination}, timeout: 100 ms }}
 reactor Source {{
   output out
@@ -108,7 +108,7 @@ federated reactor {{
 def test_twenty_federates_join_beside_a_thousand_connections(
     bench: Bench, coordination: str
 ) -> None:
-    (bench.folder / "Main.lf").write_text(CROWD.format(coordination=coordination, sinks=MANY - 1))
+    (bench.folder / "Main.lf").write_text(FAN_OUT.format(coordination=coordination, sinks=MANY - 1))
     federation = bench.federation("127.0.0.1:0")
     federation.start("rti")
     sinks = [f"sink__{index}" for index in range(MANY - 1)]

@@ -66,7 +66,7 @@ def lines(outcome: Any, federate: str = "sink") -> list[str]:
     return [line.removeprefix(prefix) for line in said if line.startswith(prefix)]
 
 
-def test_a_large_array_is_the_same_one_and_nobody_can_write_to_it(threads: Any) -> None:
+def test_a_large_array_is_the_same_one_and_is_read_only(threads: Any) -> None:
     text = pair(
         "array",
         "print(value.ctypes.data, value.flags.writeable, int(value[-1]))",
@@ -138,8 +138,10 @@ import ctypes, gc, warnings
         ("None", "(np.zeros(10),)"),
     ],
 )
-def test_nobody_can_make_what_is_shared_writeable_again(threads: Any, made: str, sent: str) -> None:
-    """Neither the receiver of an array nor its sender, who has frozen and kept it."""
+def test_no_federate_can_make_what_is_shared_writeable_again(
+    threads: Any, made: str, sent: str
+) -> None:
+    """Neither the receiver of an array can, nor the sender, which has frozen and kept it."""
     outcome = threads(f"""\
         target Python {{ timeout: 20 msec }}
         preamble {{=
@@ -220,7 +222,7 @@ def test_a_receiver_may_give_fields_other_names(threads: Any) -> None:
     assert lines(outcome) == lines(outcome, "two") == ["('a', 'in') ('b',)"] * 2
 
 
-def test_an_array_that_nobody_can_write_to_is_shared_though_it_is_kept(threads: Any) -> None:
+def test_a_read_only_array_is_shared_though_it_is_kept(threads: Any) -> None:
     text = pair(
         "array if self.kept is None else self.kept",
         "print(value.ctypes.data)",
@@ -243,7 +245,7 @@ IMAGES = {
 
 
 @pytest.mark.parametrize("kept", IMAGES)
-def test_who_keeps_an_array_may_go_on_writing_to_it(threads: Any, kept: str) -> None:
+def test_a_federate_that_keeps_an_array_may_go_on_writing_to_it(threads: Any, kept: str) -> None:
     make, sent = IMAGES[kept]
     text = pair(
         sent,
@@ -334,7 +336,7 @@ def test_an_object_becomes_one_of_the_receivers_class(threads: Any) -> None:
     assert lines(threads(text)) == ["True 7 False None"] * 2
 
 
-def test_what_nobody_can_change_is_handed_over(threads: Any) -> None:
+def test_an_immutable_value_is_handed_over(threads: Any) -> None:
     preamble = "import datetime, decimal"
     value = "[decimal.Decimal('1.50'), datetime.datetime(2026, 1, 1), 1j, range(3)]"
     more = f"sys.sent = sys.__dict__.get('sent') or {value}"
@@ -422,7 +424,7 @@ def test_transient_federates_are_refused(threads: Any) -> None:
     assert "hint: run the program without --in-process" in outcome.err
 
 
-def test_nobody_can_join_threads(threads: Any) -> None:
+def test_no_process_can_join_threads(threads: Any) -> None:
     outcome = threads(pair("1", "lf.get_federation_id()"))
     assert outcome.code == 1
     assert "federates that are threads form a federation that no process can join" in outcome.err

@@ -1,4 +1,4 @@
-"""Joining a federation by hand: whom the RTI waits for, and finding the federation that runs."""
+"""Joining by hand: for which federates the RTI waits, and how a federate finds its federation."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """``kill -9`` of every member of a federation, at every moment of its life.
 
-Whoever is killed, the others end soon, say so once and clearly, and leave nothing behind: the
+Whichever process is killed, the others end soon, report it once, and leave nothing behind: the
 fixture ``bench`` looks for processes and shared memory, the tests for files. The moments are
 reached by what the processes do, never by waiting for a while.
 """
@@ -102,12 +102,12 @@ class Stage:
         return int(reached.read_text())
 
     def await_held(self) -> None:
-        """Wait until everybody who is to be held has reached the moment."""
+        """Wait until all federates that are to be held have reached the moment."""
         for hold in self._holds:
             self.pid(hold.name.split(".")[1])
 
     def release(self) -> None:
-        """Let go whoever is held."""
+        """Let the federates continue that are held."""
         for hold in self._holds:
             hold.unlink()
 
@@ -170,7 +170,7 @@ def test_the_rti_is_killed(bench: Bench, coordination: str, moment: str) -> None
     stage.release()
     for name, outcome in ends(federation, *FEDERATES).items():
         if moment == "stop" and name != "receiver" and outcome.code == 0:
-            # It has reached its last tag and needs nobody any more.
+            # It has reached its last tag and needs no other process any more.
             assert outcome.err == ""
             continue
         assert outcome.code == 1
@@ -201,7 +201,7 @@ def test_a_federate_of_the_command_is_killed(
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_the_command_is_killed(bench: Bench, coordination: str, moment: str) -> None:
-    # Nobody is held when it dies, but for what they do: children of the dead obey the kernel.
+    # The federates are held when the command dies, and end all the same: the kernel ends them.
     stage = Stage(bench, moment, ["sender"] if moment == "stop" else FEDERATES)
     process = bench.start(program(coordination), "--logical-trace", "trace")
     stage.await_held()
@@ -211,5 +211,5 @@ def test_the_command_is_killed(bench: Bench, coordination: str, moment: str) -> 
     assert time.monotonic() - begun < ORPHANS_END_WITHIN_S
     outcome = finish(process)
     assert (outcome.code, outcome.err) == (-signal.SIGKILL, "")
-    # The shares of the federates in the trace: who would have merged them is dead.
+    # The parts of the trace, one of each federate. The command would have merged them.
     assert stage.strange_files() == {f"trace.parts-{process.pid}"}

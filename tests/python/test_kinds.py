@@ -1,4 +1,4 @@
-"""Values of known classes: they come back as from pickle, without it, and unharmed."""
+"""Values of known classes arrive as pickle would deliver them, but without pickle."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def through_pickle(value: Any) -> Any:
 
 
 def test_what_is_not_tested_here_is_known() -> None:
-    # Whoever runs `make test` has the first ones; the others are too large for that.
+    # `make test` needs these libraries; the optional ones are too large for that.
     absent = sorted(set(kinds.MISSING) - set(kinds.OPTIONAL))
     assert not absent, f"requirements-dev.txt installs these, but they are not there: {absent}"
     for name in kinds.MISSING:
@@ -238,7 +238,7 @@ def test_memoryviews_come_back_read_only() -> None:
 
 @pytest.mark.parametrize("name", kinds.buffers())
 @pytest.mark.parametrize("way", [far_and_back, through_a_store])
-def test_buffers_arrive_as_views_that_nobody_can_write_to(name: str, way: Any) -> None:
+def test_buffers_arrive_as_read_only_views(name: str, way: Any) -> None:
     value = EVERY[name]
     for sent in value if isinstance(value, list) else [value]:
         for back in (way(sent), through_a_store([Plain(), sent])[1]):

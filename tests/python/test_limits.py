@@ -1,4 +1,4 @@
-"""Limits of the process (`ulimit`): a program runs within them, or one error says which is low."""
+"""Limits of the process (`ulimit`): programs run within them, or one error says which is low."""
 
 from __future__ import annotations
 

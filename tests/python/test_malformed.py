@@ -122,7 +122,7 @@ def test_changed_encodings_are_values_or_errors() -> None:
         # A set and an object that claim more members than there are bytes.
         (b"\x01\x10\xff\xff\xff\xff\x0f", "more entries than bytes"),
         (b"\x01\x13\x00\xff\xff\xff\xff\x0f", "more entries than bytes"),
-        # What nobody can make.
+        # A number for which there is no class.
         (b"\x01\x13\x7f\x00", "nothing is made by the number 127"),
         # A reference to an object from inside of it.
         (b"\x01\x13\x10\x01\x0c\x00", "reference to nothing"),

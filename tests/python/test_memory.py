@@ -151,7 +151,7 @@ class Stage:
     """The federation, and what its hub says of itself."""
 
     def __init__(self, bench: Bench, coordination: str) -> None:
-        """Start everybody, and wait until everything flows."""
+        """Start all members, and wait until messages arrive everywhere."""
         self._folder = bench.folder
         self._log = bench.folder / "hub.log"
         text = PROGRAM.replace("COORDINATION", coordination)
@@ -256,7 +256,7 @@ def test_memory_is_where_it_began_after_any_number_of_kills(
         if at == 1:
             # The first rounds warm up what is used again later.
             begun = stage.measure()
-    # Those who have just come have descriptors on their way for a moment.
+    # Members that have just joined have descriptors in transit for a moment.
     few = begun["descriptors"] + 4
     until(lambda: stage.measure()["descriptors"] <= few, "descriptors are closed")
     ended = stage.measure()
@@ -272,7 +272,7 @@ def test_memory_is_where_it_began_after_any_number_of_kills(
     assert all(now <= before for now, before in zip(surroundings(), outside, strict=True))
 
 
-# Every member says at each tick who it is and how far.
+# Every member prints its name and its count at each tick.
 CHAIN = (
     """\
 target Python { coordination: COORDINATION }
@@ -317,7 +317,9 @@ def progress(file: Path, tick: int) -> int:
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_nothing_is_left_whoever_is_killed_whenever(bench: Bench, coordination: str) -> None:
+def test_nothing_is_left_whichever_process_is_killed_whenever(
+    bench: Bench, coordination: str
+) -> None:
     outside, held = surroundings(), stores()
     order = random.Random(coordination)
     for _ in range(KILLS // 2):

@@ -1,4 +1,4 @@
-"""Processes that bodies start with ``multiprocessing``, whatever way it starts them."""
+"""Processes that bodies start with ``multiprocessing``, by each of its start methods."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ federated reactor {{ source = new Source()  sink = new Sink()  source.out -> sin
 """
     federation = bench.by_hand(text, "source", "sink")
     os.kill(bench.pid("source"), signal.SIGKILL)
-    # The forked process lives on, and what it has inherited keeps nobody.
+    # The forked process continues, and what it has inherited keeps no other process from ending.
     for outcome in federation.finish("rti", "sink").values():
         assert outcome.code == 1
         assert "source ended before its last tag" in outcome.err

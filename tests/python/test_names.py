@@ -137,7 +137,7 @@ def test_trace_events_have_handles_if_the_program_is_traced(
     assert (outcome.code, outcome.out) == (0, f"{handles}\n"), outcome.err
 
 
-def test_a_mutable_input_is_a_copy_and_nobody_elses(run: Any) -> None:
+def test_a_mutable_input_is_a_copy_of_its_own(run: Any) -> None:
     outcome = run(
         """
         target Python { timeout: 1 ms }

@@ -197,7 +197,7 @@ federated reactor {
         assert rti.communicate(timeout=60)[1] == ""
 
 
-def test_who_is_cut_off_is_noticed(hosts: Hosts, spawn: Spawn, tmp_path: Path) -> None:
+def test_a_process_that_is_cut_off_is_noticed(hosts: Hosts, spawn: Spawn, tmp_path: Path) -> None:
     program = PROGRAM.replace("timeout: 200 msec", "timeout: 100 s")
     program = program.replace("self.count += 1", 'self.count += 1; print("tick")')
     (tmp_path / "Fed.lf").write_text(program)
@@ -205,7 +205,7 @@ def test_who_is_cut_off_is_noticed(hosts: Hosts, spawn: Spawn, tmp_path: Path) -
     assert federates[0].stdout is not None
     assert federates[0].stdout.readline() == "tick\n"
     hosts("here", "ip", "link", "set", "hprm0", "down")
-    # Nobody hears of the other side any more, on which nobody has ended.
+    # No process can reach the other side any more, where no process has ended.
     outcomes = [(process.communicate(timeout=60)[1], process.returncode) for process in federates]
     assert [code for _, code in outcomes] == [1, 1, 1]
     for words, _ in outcomes[1:]:

@@ -104,7 +104,9 @@ def test_some_federates_come_over_tcp_and_others_share_memory(
     assert outcomes == [("", "", 0), (NUMBERS, "", 0), (NUMBERS, "", 0)]
 
 
-def test_who_cannot_be_reached_from_elsewhere_says_what_to_do(start: Start, tmp_path: Path) -> None:
+def test_a_federate_that_cannot_be_reached_from_elsewhere_says_what_to_do(
+    start: Start, tmp_path: Path
+) -> None:
     (tmp_path / "Fed.lf").write_text(PROGRAM.format(coordination="decentralized"))
     secret = ["--federation-file", "secret"]
     unix = f"unix:{tmp_path}/rti"

@@ -1,4 +1,4 @@
-"""What people read who are new to the language: their mistakes, and the answers, side by side.
+"""Mistakes that are typical of new users of the language, each with its messages.
 
 ``tests/newcomers`` has a program for each mistake, and beside it what ``hprm check`` says, and
 ``hprm run`` if the check finds no error. With ``HPRM_WRITE_SNAPSHOTS=1`` the answers are written

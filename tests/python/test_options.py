@@ -1,4 +1,4 @@
-"""Options that are wrong: what is told, of which kind, as text and as JSON, and the exit code."""
+"""Wrong options: the error and its kind, as text and as JSON, and the exit code."""
 
 from __future__ import annotations
 

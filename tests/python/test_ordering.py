@@ -1,4 +1,4 @@
-"""Messages on ways of different length that meet again: in order, or known to be tardy."""
+"""Messages on paths of different length that meet again: in order, or known to be tardy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BENCH = Path(__file__).resolve().parents[2] / "bench" / "ordering.py"
 MESSAGES = 3_000
 
 
-def test_no_message_is_out_of_order_without_anybody_noticing(tmp_path: Path) -> None:
+def test_no_message_is_out_of_order_unnoticed(tmp_path: Path) -> None:
     out = tmp_path / "ordering.json"
     command = [sys.executable, str(BENCH), "--messages", str(MESSAGES), "--periods", "1,0.1"]
     command += ["--only-tagged", "--out", str(out)]
@@ -22,5 +22,5 @@ def test_no_message_is_out_of_order_without_anybody_noticing(tmp_path: Path) -> 
     assert {row["period_ms"] for row in rows} == {1.0, 0.1}
     for row in rows:
         assert row["undetected"] == 0, row
-        # Who waits as long as it takes has every message in time.
+        # A contender without a limit of time waits until every message has come.
         assert row["tardy"] == 0 or "ms" in row["contender"], row

@@ -1,4 +1,4 @@
-"""What a receiver may write to lies in the sender's memory all the same, and nobody sees a write.
+"""A receiver may write to an array in the sender's memory, and no other process sees a write.
 
 That is how tensors of PyTorch arrive, which knows no read-only memory. The same is done here with
 arrays, so that it is tested without PyTorch, too.
@@ -133,7 +133,7 @@ def program(text: str, coordination: str, way: str) -> str:
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("way", WAYS)
-def test_what_a_receiver_writes_is_seen_by_nobody_else(
+def test_no_other_process_sees_what_a_receiver_writes(
     launch: Run, coordination: str, way: str
 ) -> None:
     outcome = launch(program(PROGRAM, coordination, way))

@@ -1,4 +1,4 @@
-"""`HPRM_PICKLE`: between whom pickles pass, and what is said where they do not."""
+"""`HPRM_PICKLE`: which federates exchange pickles, and the error where they may not."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ federated reactor {{
 @pytest.mark.parametrize(
     ("sender", "relay", "connections"),
     [
-        # The same value, to a neighbour and to somebody else.
+        # The same value, to a neighbour and to another federate.
         ("source", "inp.value", "source.out, source.out -> relay.inp, sink.inp"),
         # A value that has come from a neighbour.
         ("relay", "out.set(inp.value)", "source.out, relay.out -> relay.inp, sink.inp"),

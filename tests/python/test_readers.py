@@ -1,4 +1,4 @@
-"""What a reader of somebody else's memory cannot do: write it, or use up descriptors with it."""
+"""What a reader cannot do with the memory of an owner: write it, or use up descriptors with it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ federated reactor {
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_who_writes_in_spite_of_all_dies_alone(bench: Bench, coordination: str) -> None:
+def test_a_reader_that_writes_in_spite_of_all_dies_alone(bench: Bench, coordination: str) -> None:
     text = VANDALISM.replace("COORDINATION", coordination)
     (bench.folder / "Main.lf").write_text(text)
     federation = bench.federation()

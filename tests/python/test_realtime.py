@@ -1,4 +1,4 @@
-"""Real-time treatment: what a federate gets that asks for it, or hears if it gets nothing."""
+"""Real-time priorities: what a federate gets that asks for them, or the error if it gets none."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def test_an_array_is_in_one_place_however_many_receive_it(
     assert len(first) == ROUNDS
     for theirs, own, right in received:
         assert right
-        # The same bytes of the same file as for all others, which nobody here can write.
+        # The same bytes of the same file as for all others; no receiver can write them.
         assert theirs == first
         assert all(mode == "r--s" and "memfd:hprm-store" in name for _, _, mode, name in theirs)
         assert (own["bytes_copied"], own["objects_sealed"], own["bytes_mapped"]) == (0, 0, 0)

@@ -1,4 +1,4 @@
-"""A reaction that does not return: which it is, at which tag, for how long, and in which line."""
+"""The report of a reaction that does not return: its name, tag, duration and line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An object store that is full: no message is lost, nobody waits for ever, and it is said once."""
+"""An object store that is full: no message is lost, no federate hangs, and one warning says it."""
 
 from __future__ import annotations
 
@@ -88,12 +88,12 @@ def test_a_full_store_loses_nothing(bench: Bench, coordination: str) -> None:
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_full_store_can_be_a_failure(bench: Bench, coordination: str) -> None:
-    # What is said at the start outdoes what the program says.
+    # The options override what the program says.
     text = program(coordination, 'store-limit: "8 MiB",')
     outcome = bench.run(text, "--store-full", "error")
     assert outcome.code == 1
     outcome.assert_one_error("federate sender", "is full", "raise --store-limit")
-    # By its name, which its number does not tell anybody.
+    # The error has the name of the federate: its number would tell a user nothing.
     assert "federate 0" not in outcome.err
 
 

@@ -1,6 +1,6 @@
-"""Whoever connects and does not belong to the federation, with real processes.
+"""Clients that connect and do not belong to the federation, with real processes.
 
-Strangers keep no federation from starting, and end none that runs.
+Such clients keep no federation from starting, and end none that runs.
 """
 
 from __future__ import annotations
@@ -87,9 +87,7 @@ def listening_ports(pid: int) -> list[int]:
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_an_rti_with_few_descriptors_outlives_idle_strangers(
-    bench: Bench, coordination: str
-) -> None:
+def test_an_rti_with_few_descriptors_outlives_idle_clients(bench: Bench, coordination: str) -> None:
     federation = prepare(bench, coordination)
     federation.start("rti", descriptors=40)
     with idle_strangers([port(federation.address)], IDLE):
@@ -98,7 +96,7 @@ def test_an_rti_with_few_descriptors_outlives_idle_strangers(
         assert outcomes(federation) == OUTCOMES
 
 
-def test_a_federate_with_few_descriptors_outlives_idle_strangers(bench: Bench) -> None:
+def test_a_federate_with_few_descriptors_outlives_idle_clients(bench: Bench) -> None:
     federation = prepare(bench, "decentralized")
     federation.start("rti")
     federation.start("camera", descriptors=40)

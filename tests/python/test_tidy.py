@@ -1,4 +1,4 @@
-"""The repository polices itself: rules of CONTRIBUTING.md, and documents that tell the truth."""
+"""Checks of the repository itself: rules of CONTRIBUTING.md, and documents that are true."""
 
 from __future__ import annotations
 

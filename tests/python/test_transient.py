@@ -1,4 +1,4 @@
-"""Transient federates: they join late, leave, come back, and take over from one another."""
+"""Transient federates: they join late, leave, join again, and replace one another."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_one_leaves_and_comes_back(launch: Run, coordination: str) -> None:
     """
     outcome = launch(program(coordination, middle, "starter = new Starter()", "3 s"))
     numbers = seen(outcome)
-    # Three of each life, one after the other; between them there was nobody to pass any on.
+    # Three of each instance, one after the other; between the two, no instance forwarded numbers.
     assert len(numbers) == 6, numbers
     first, second = numbers[:3], numbers[3:]
     assert first == list(range(first[0], first[0] + 3))
@@ -149,7 +149,7 @@ def test_one_comes_back_to_a_cycle(launch: Run, coordination: str, delay: str) -
     }}
     """)
     numbers = seen(outcome)
-    # Each life passes on five numbers that follow one another; the camera goes on between them.
+    # Each instance forwards five successive numbers; the camera continues between the two.
     first, second = numbers[0], numbers[5]
     assert numbers == [*range(first, first + 5), *range(second, second + 5)]
     assert lines(outcome, "down")[0] == "ticks 151"

@@ -127,7 +127,7 @@ main reactor {{
 def test_the_number_of_workers_does_not_show(run: Any) -> None:
     outcomes = [run(WIDE.format(workers=workers)) for workers in (1, 2, 8)]
     assert [outcome.code for outcome in outcomes] == [0, 0, 0], outcomes[0].err
-    # Who ends first may write first; `print` would write its newline apart.
+    # A reaction that ends first may write first; `print` would write its newline separately.
     one, two, eight = (sorted(outcome.out.splitlines()) for outcome in outcomes)
     assert len(one) == 12 and len(outcomes[0].out) > 2000
     assert one == two == eight

@@ -1,4 +1,4 @@
-"""Large arrays travel without a copy where nobody can tell, and behave as before everywhere."""
+"""Large arrays travel without a copy where no code can notice, and behave as before everywhere."""
 
 from __future__ import annotations
 
@@ -454,7 +454,7 @@ def test_nothing_changes_outside_of_reactions(launch: Run) -> None:
         "new context": heap,
         "small": ours,
     }
-    # Who sends nothing publishes nothing.
+    # A program that sends nothing publishes nothing.
     assert [ast.literal_eval(line) for line in lines] == [{"preamble": heap, "reaction": heap}]
 
 

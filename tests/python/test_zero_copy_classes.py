@@ -1,4 +1,4 @@
-"""Arrays in objects travel without a copy if nobody can tell, whatever classes do to tell."""
+"""Arrays in objects travel without a copy if no code of their classes can notice."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ class Last:
     pixels: typing.Any
 
     def __del__(self):
-        # Whoever has made it must be able to write to it.
+        # The program that has made the array must be able to write to it.
         if made_here:
             self.pixels[0] = -1
 
