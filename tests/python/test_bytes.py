@@ -144,7 +144,7 @@ def test_a_writer_that_writes_less_than_it_said_is_an_error() -> None:
         through_a_store(written)
 
 
-def test_who_gives_fields_other_names_does_so_alone() -> None:
+def test_renaming_fields_changes_no_other_array() -> None:
     dtype = [("a", "f8"), ("in", [("b", "f8")])]
     for count in (2, 20_000):
         for _ in range(2):

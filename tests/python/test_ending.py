@@ -77,7 +77,9 @@ def test_a_request_to_end_ends_the_waiting(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("kind", "options"), WAYS[1:])
-def test_who_has_failed_is_not_waited_for(bench: Bench, kind: str, options: list[str]) -> None:
+def test_a_program_that_has_failed_waits_only_briefly_for_its_threads(
+    bench: Bench, kind: str, options: list[str]
+) -> None:
     outcome = bench.run(WAITS.format(kind=kind, at_the_end="1 / 0"), *options)
     assert outcome.code == 1
     outcome.assert_one_error("ZeroDivisionError")

@@ -71,7 +71,7 @@ def cpus() -> list[int]:
     return sorted(os.sched_getaffinity(0))
 
 
-def test_who_asks_for_it_is_treated_so_or_hears_why_not(tmp_path: Path) -> None:
+def test_a_federate_gets_priorities_or_an_error_that_says_why_not(tmp_path: Path) -> None:
     ended = run(tmp_path, "--realtime=7")
     if may_be_realtime():
         assert ended.returncode == 0, ended.stderr
@@ -102,7 +102,7 @@ def test_a_processor_that_is_not_there_is_named_once(tmp_path: Path) -> None:
     assert len(ended.stderr.splitlines()) == 2, ended.stderr
 
 
-def test_who_may_not_hears_what_the_system_wants(tmp_path: Path) -> None:
+def test_a_federate_without_permission_says_what_the_system_wants(tmp_path: Path) -> None:
     ended = run(tmp_path, "--realtime", limits=True)
     assert ended.returncode == 1
     assert ended.stderr.startswith("error: real-time treatment needs memory that is locked")

@@ -186,7 +186,7 @@ def test_without_an_rti(bench: Bench) -> None:
     assert "hprm rti" in report["hint"]
 
 
-def test_who_is_there_already_is_refused(bench: Bench) -> None:
+def test_a_federate_that_has_already_joined_is_refused(bench: Bench) -> None:
     (bench.folder / "Main.lf").write_text(program("centralized", "pass"))
     federation = bench.federation()
     federation.start("rti")

@@ -92,7 +92,7 @@ def test_a_reaction_that_does_not_return_is_told(
 @pytest.mark.parametrize("loop", [ENDLESS, SLEEPING])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(("kind", "options"), [WAYS[0], WAYS[2], WAYS[4]])
-def test_who_keeps_the_end_waiting_is_told(
+def test_a_reaction_that_delays_the_end_is_reported(
     bench: Bench,
     monkeypatch: pytest.MonkeyPatch,
     kind: str,

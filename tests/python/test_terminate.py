@@ -34,7 +34,9 @@ def terminate(federation: Federation, *names: str) -> dict[str, Outcome]:
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_who_cannot_stop_in_order_ends_nevertheless(bench: Bench, coordination: str) -> None:
+def test_a_federation_that_cannot_stop_in_order_ends_nevertheless(
+    bench: Bench, coordination: str
+) -> None:
     federation = bench.by_hand(program(coordination), *FEDERATES)
     os.kill(bench.pid("sink"), signal.SIGSTOP)
     outcomes = terminate(federation, "rti", "source", "bystander")
