@@ -31,7 +31,7 @@ const VARIABLE: &str = "HPRM_LONG_REACTION";
 const DEFAULT_LIMIT: Duration = Duration::from_secs(5);
 
 /// What to do about a reaction that is meant to take long.
-const HINT: &str = "\n  hint: it may be meant to take long, and is told once; HPRM_LONG_REACTION=SECONDS says \
+const HINT: &str = "\n  hint: it may be meant to take long, and is reported once; HPRM_LONG_REACTION=SECONDS says \
                     after which time, or off";
 
 /// The longest time between two samples.
