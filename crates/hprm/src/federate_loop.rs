@@ -428,7 +428,7 @@ where
             return self.handle(Input::Send { channel, tag, payload });
         }
         let shares_memory = machine.shares_memory_with(to);
-        let near = shares_memory && links.is_beside(to);
+        let near = shares_memory && links.is_same_user(to);
         let payload = self.host.encode(&mut objects.store(), channel, &value, near)?;
         let (mut payload, changes) =
             if shares_memory && links.descriptors_precede(to, route.physical) {
@@ -529,7 +529,7 @@ where
         }
         let from = self.scheduler.program().channels[channel].from;
         let Membership { machine, objects, links, .. } = &mut self.federation;
-        let near = machine.shares_memory_with(from) && links.is_beside(from);
+        let near = machine.shares_memory_with(from) && links.is_same_user(from);
         let opened = objects.open(&payload)?;
         Ok(self.host.receive(channel, payload, opened, Clock::now(), near))
     }

@@ -136,7 +136,7 @@ impl PolledLinks {
 
     /// Whether the RTI certainly runs for the same user on this machine: only such processes have a link of
     /// this kind.
-    fn is_beside_rti(&self) -> bool {
+    fn rti_is_same_user(&self) -> bool {
         self.rti.as_ref().is_some_and(|polled| polled.link.is_local())
     }
 }
@@ -204,7 +204,7 @@ impl FederateLinks {
     }
 
     /// Whether the RTI runs on this host.
-    pub(super) fn is_beside_rti(&self) -> bool {
+    pub(super) fn is_on_host_of_rti(&self) -> bool {
         self.polled.rti.as_ref().is_some_and(|polled| polled.link.is_within_host())
     }
 
@@ -301,18 +301,18 @@ impl FederateLinks {
         match self.polled.to(to) {
             // A message on a physical channel goes through the RTI, and may overtake the descriptor.
             Some(polled) => polled.link.is_local() && !physical,
-            None => self.polled.is_beside_rti(),
+            None => self.polled.rti_is_same_user(),
         }
     }
 
     /// Whether a peer certainly runs for the same user on this machine: its links, or the link to the RTI if
     /// messages go through that, are of a kind that only such processes have.
-    pub(super) fn is_beside(&self, peer: FederateId) -> bool {
+    pub(super) fn is_same_user(&self, peer: FederateId) -> bool {
         let PolledLinks { outgoing, incoming, .. } = &self.polled;
         let mut links = outgoing.get(&peer).into_iter().chain(incoming.get(&peer));
         match links.next() {
             Some(polled) => polled.link.is_local() && links.all(|polled| polled.link.is_local()),
-            None => self.polled.is_beside_rti(),
+            None => self.polled.rti_is_same_user(),
         }
     }
 

@@ -17,7 +17,7 @@ impl Time {
     /// Prepares the comparison. A federate on the host of the RTI has the same clock.
     pub(super) fn new(program: &Program, links: &FederateLinks) -> Self {
         let mut options = program.properties.clock_sync;
-        if links.is_beside_rti() && !options.local_federates {
+        if links.is_on_host_of_rti() && !options.local_federates {
             options.mode = ClockSyncMode::Off;
         }
         if options.mode != ClockSyncMode::Off && options.test_offset != 0 {
