@@ -515,6 +515,7 @@ impl<V: Clone> Scheduler<V> {
     fn pending(&self) -> Option<Tag> {
         match self.queue.first() {
             Some(first) if first <= self.stop => Some(first),
+            _ if self.unread.is_empty() => None,
             _ => self.pending_unread(),
         }
     }

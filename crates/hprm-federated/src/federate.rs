@@ -256,9 +256,9 @@ impl Federate {
                 self.next_step().and_then(|next| machine.next_wakeup(next))
             }
         };
-        let missing = self.missing.values().map(|(until, _)| *until);
-        let lingering = self.lingering.values().map(|lingering| lingering.until);
-        let times = report.into_iter().chain(missing).chain(lingering);
+        let missing = self.missing.values().map(|(until, _)| *until).min();
+        let lingering = self.lingering.values().map(|lingering| lingering.until).min();
+        let times = [report, missing, lingering].into_iter().flatten();
         times.filter(|time| *time < PhysicalTime::FOREVER).min()
     }
 
@@ -581,6 +581,8 @@ impl Federate {
                 report.map(|(next, counts)| Frame::Progress { next, counts })
             }
         };
-        self.outputs.extend(frame.map(Output::ToRti));
+        if let Some(frame) = frame {
+            self.outputs.push_back(Output::ToRti(frame));
+        }
     }
 }

@@ -74,8 +74,13 @@ impl ReleaseQueue {
 
     /// Takes all that are due.
     pub(crate) fn drain(&self) -> Vec<ObjectRef> {
+        let due = self.due.drain();
         let mut withheld = self.withheld.lock().unwrap_or_else(PoisonError::into_inner);
-        withheld.extend(self.due.drain());
+        // Almost always, and the loop asks several times at each tag.
+        if due.is_empty() && withheld.is_empty() {
+            return Vec::new();
+        }
+        withheld.extend(due);
         withheld
             .extract_if(.., |hold| !self.forks.may_read_since(hold.forks))
             .map(|hold| hold.object)

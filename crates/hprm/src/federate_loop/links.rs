@@ -259,6 +259,9 @@ impl FederateLinks {
 
     /// Opens links again whose last attempt has failed a while ago.
     fn open_links(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) {
+        if self.openings.is_empty() {
+            return;
+        }
         for peer in self.openings.take_due(Clock::local()) {
             if let Some(reason) = self.open_link(peer) {
                 inputs.push((self.serials.outgoing(peer), Input::Unreachable { peer, reason }));
@@ -462,7 +465,7 @@ impl FederateLinks {
         // A peer has two links with this federate if both opened one. When the outgoing link ends, messages of
         // the peer may still come over the incoming link, so the peer is lost only when that has ended too.
         let mut ended = Vec::new();
-        for (peer, polled) in &mut *outgoing {
+        for (peer, polled) in outgoing.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
             let serial = serials.outgoing(*peer);
             let begun = inputs.len();
             let end = read_peer(polled, (*peer, serial), descriptors, inputs)?;
@@ -481,7 +484,7 @@ impl FederateLinks {
             }
         }
         ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
-        for (peer, polled) in &mut *incoming {
+        for (peer, polled) in incoming.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
             let serial = serials.incoming(*peer);
             if read_peer(polled, (*peer, serial), descriptors, inputs)?.is_some() {
                 ended.push(*peer);

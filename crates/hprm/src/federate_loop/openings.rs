@@ -54,6 +54,11 @@ impl Openings {
         self.by_peer.get(&peer).map(|opening| (&opening.address, &opening.hello))
     }
 
+    /// Whether no link is being opened.
+    pub(super) fn is_empty(&self) -> bool {
+        self.by_peer.is_empty()
+    }
+
     /// Whether the link to `peer` is being opened.
     pub(super) fn contains(&self, peer: FederateId) -> bool {
         self.by_peer.contains_key(&peer)
