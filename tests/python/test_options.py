@@ -47,8 +47,8 @@ def hprm(folder: Path, *words: str, **environment: str) -> subprocess.CompletedP
 
 
 def report(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    """The one object of the standard error."""
-    (line,) = done.stderr.splitlines()
+    """The one object of the standard error, perhaps behind an empty line."""
+    (line,) = filter(None, done.stderr.splitlines())
     found: dict[str, Any] = json.loads(line)
     return found
 
@@ -200,7 +200,7 @@ def test_the_time_to_join_includes_loading(folder: Path, options: list[str]) -> 
     (folder / "Fed.lf").write_text(text)
     words = ["run", "--json", "--join-timeout", "1.5", *options, "Fed.lf"]
     done = hprm(folder, *words)
-    found = json.loads(done.stderr.splitlines()[0])
+    found = json.loads(done.stderr.strip().splitlines()[0])
     assert (done.returncode, found["kind"]) == (1, "absent")
     assert found["message"] == "federate a did not load its program within 1.5 s"
     assert "--join-timeout" in found["hint"]

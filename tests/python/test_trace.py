@@ -592,7 +592,7 @@ def test_a_trace_that_cannot_be_written_to_its_end_leaves_nothing(
         preexec_fn=lambda: limit and resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.returncode == 1, done.stderr
-    (line,) = done.stderr.splitlines()
+    (line,) = filter(None, done.stderr.splitlines())
     report = json.loads(line)
     assert report["kind"] == "trace"
     assert "cannot write the trace " in report["message"]
