@@ -48,9 +48,14 @@ impl<T> DropQueue<T> {
         }
     }
 
+    /// Whether there may be entries. Asking takes no lock.
+    pub(crate) fn may_have_entries(&self) -> bool {
+        self.has_entries.load(Ordering::Acquire)
+    }
+
     /// Takes all entries.
     pub(crate) fn drain(&self) -> Vec<T> {
-        if !self.has_entries.load(Ordering::Acquire) {
+        if !self.may_have_entries() {
             return Vec::new();
         }
         // Before the entries are taken: one that is added from here on is found now or the next time.

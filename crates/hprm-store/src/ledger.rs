@@ -293,6 +293,11 @@ impl Ledger {
         object
     }
 
+    /// Whether [`Self::take_returned`] would return any.
+    pub(crate) fn has_returned(&self) -> bool {
+        !self.returned.is_empty()
+    }
+
     /// The foreign objects whose last hold has ended since the last call.
     pub fn take_returned(&mut self) -> Vec<u64> {
         std::mem::take(&mut self.returned)

@@ -11,6 +11,7 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::ObjectRef;
@@ -52,6 +53,8 @@ pub(crate) struct ReleaseQueue {
     forks: Arc<Forks>,
     /// Holds on objects that forked processes may still read.
     withheld: Mutex<Vec<EndedHold>>,
+    /// Whether there are any; only [`Self::drain`] changes it.
+    withholds: AtomicBool,
 }
 
 /// A hold that has ended in this process.
@@ -64,7 +67,8 @@ struct EndedHold {
 
 impl ReleaseQueue {
     pub(crate) fn new(forks: &Arc<Forks>, wake: Option<Wake>) -> Self {
-        Self { due: DropQueue::new(wake), forks: Arc::clone(forks), withheld: Mutex::default() }
+        let (due, forks) = (DropQueue::new(wake), Arc::clone(forks));
+        Self { due, forks, withheld: Mutex::default(), withholds: AtomicBool::new(false) }
     }
 
     /// Adds the release of an object that was never opened.
@@ -72,19 +76,24 @@ impl ReleaseQueue {
         self.due.push(EndedHold { object, forks: self.forks.count() });
     }
 
+    /// Whether some may be due.
+    pub(crate) fn may_be_due(&self) -> bool {
+        self.due.may_have_entries() || self.withholds.load(Ordering::Relaxed)
+    }
+
     /// Takes all that are due.
     pub(crate) fn drain(&self) -> Vec<ObjectRef> {
-        let due = self.due.drain();
-        let mut withheld = self.withheld.lock().unwrap_or_else(PoisonError::into_inner);
-        // Almost always, and the loop asks several times at each tag.
-        if due.is_empty() && withheld.is_empty() {
+        if !self.may_be_due() {
             return Vec::new();
         }
-        withheld.extend(due);
-        withheld
+        let mut withheld = self.withheld.lock().unwrap_or_else(PoisonError::into_inner);
+        withheld.extend(self.due.drain());
+        let due = withheld
             .extract_if(.., |hold| !self.forks.may_read_since(hold.forks))
             .map(|hold| hold.object)
-            .collect()
+            .collect();
+        self.withholds.store(!withheld.is_empty(), Ordering::Relaxed);
+        due
     }
 }
 
