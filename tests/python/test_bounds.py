@@ -70,6 +70,20 @@ def test_a_bound_keeps_so_many_messages(
         assert outcome.err.count("warning") == 1
 
 
+@pytest.mark.parametrize(("kind", "coordination", "options"), WAYS)
+@pytest.mark.parametrize(("count", "warnings"), [(1_200, 1), (900, 0)])
+def test_many_messages_without_a_bound_are_a_warning(
+    bench: Bench, kind: str, coordination: str, options: list[str], count: int, warnings: int
+) -> None:
+    text = PROGRAM.replace("KIND", kind).replace("BOUND", "").replace("< 8", f"< {count}")
+    outcome = bench.run(text.replace("COORDINATION", coordination), *options)
+    assert outcome.code == 0, outcome.err
+    assert len(outcome.out.splitlines()) == count
+    told = "1000 messages wait on the connection Main.source.out ~> Main.sink.inp, because its receiver"
+    assert outcome.err.count(told) == warnings
+    assert outcome.err.count('hint: `@bound(1, "replace")`') == warnings
+
+
 @pytest.mark.parametrize(("kind", "coordination", "options"), WAYS[1:])
 def test_a_bound_that_blocks_loses_nothing(
     bench: Bench, kind: str, coordination: str, options: list[str]

@@ -9,7 +9,7 @@ pub(crate) mod blocking;
 
 use std::collections::VecDeque;
 
-use crate::Tag;
+use crate::{ConnectionId, Tag};
 
 /// How many messages of a physical connection may wait.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -97,6 +97,45 @@ impl Waiting {
     }
 }
 
+/// So many messages of a physical connection without a bound wait when its receiver counts as too slow.
+pub const CROWD: usize = 1_000;
+
+/// Looks for a physical connection without a bound for which many messages wait. To count them takes a
+/// pass over the event queue, so that is done only when the queue has doubled.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct CrowdWatch {
+    /// How many tags the queue has when the messages are counted.
+    count_at: usize,
+    found: Option<ConnectionId>,
+}
+
+impl CrowdWatch {
+    pub(crate) const fn new() -> Self {
+        Self { count_at: CROWD, found: None }
+    }
+
+    /// The first such connection that was found.
+    pub(crate) fn found(&self) -> Option<ConnectionId> {
+        self.found
+    }
+
+    /// A message of `connection` was added to a queue that has so many `tags` now. `count` counts the
+    /// messages of the connection that wait.
+    pub(crate) fn added(
+        &mut self,
+        connection: ConnectionId,
+        tags: usize,
+        count: impl FnOnce() -> usize,
+    ) {
+        if tags < self.count_at {
+            return;
+        }
+        let is_crowd = count() >= CROWD;
+        self.found = is_crowd.then_some(connection);
+        self.count_at = if is_crowd { usize::MAX } else { 2 * tags };
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,5 +171,25 @@ mod tests {
             waiting.inserted(Tag::new(time, 0));
         }
         assert_eq!((waiting.tags.len(), waiting.dropped()), (2, 6));
+    }
+
+    #[test]
+    fn a_crowd_is_found_once_and_counted_rarely() {
+        let [slow, other] = [ConnectionId(3), ConnectionId(4)];
+        let (mut watch, mut counts) = (CrowdWatch::new(), 0);
+        for tags in 1..CROWD {
+            watch.added(slow, tags, || unreachable!("there are too few tags"));
+        }
+        // Many tags, but of other events.
+        for tags in CROWD..4 * CROWD {
+            watch.added(other, tags, || {
+                counts += 1;
+                5
+            });
+        }
+        assert_eq!((counts, watch.found()), (2, None));
+        watch.added(slow, 4 * CROWD, || CROWD);
+        assert_eq!(watch.found(), Some(slow));
+        watch.added(other, usize::MAX - 1, || unreachable!("it is found already"));
     }
 }

@@ -116,6 +116,19 @@ impl<V> EventQueue<V> {
         self.events.recycle(events);
     }
 
+    /// How many tags have events.
+    pub(crate) fn tags(&self) -> usize {
+        self.events.tags()
+    }
+
+    /// How many messages of the connection wait.
+    pub(crate) fn count_messages(&self, of: ConnectionId) -> usize {
+        let messages = self.events.entries().filter(
+            |event| matches!(event, QueuedEvent::Message { connection, .. } if *connection == of),
+        );
+        messages.count()
+    }
+
     /// Exchanges the events of `tag` for an empty vector, whose memory is used for future tags.
     #[inline]
     pub(crate) fn take(&mut self, tag: Tag, events: &mut Vec<QueuedEvent<V>>) {

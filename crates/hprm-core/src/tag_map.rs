@@ -55,6 +55,11 @@ impl<T> TagMap<T> {
         self.first
     }
 
+    /// How many tags have entries.
+    pub(crate) fn tags(&self) -> usize {
+        usize::from(self.first.is_some()) + self.later.len()
+    }
+
     /// The entries at `tag`.
     pub(crate) fn at(&self, tag: Tag) -> &[T] {
         match self.first {

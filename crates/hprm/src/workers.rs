@@ -12,7 +12,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use hprm_core::{
-    Body, Effects, Nanos, PhysicalTime, Program, ReactionId, Scheduler, Scope, Tag, Turn,
+    Body, CROWD, Connection, ConnectionId, Effects, Nanos, PhysicalTime, Program, ReactionId,
+    Scheduler, Scope, Tag, Turn,
 };
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
@@ -30,6 +31,8 @@ pub(crate) struct Workers<V> {
     /// Whose reactions run here.
     scope: Scope,
     lag: LagWatch,
+    /// Whether the user knows of a connection without a bound for which many messages wait.
+    crowd_is_reported: bool,
 }
 
 /// The loop's thread and further worker threads.
@@ -72,7 +75,7 @@ impl<V: Clone> Workers<V> {
         };
         let lag = LagWatch::new(program.properties.fast, program.reactions.len());
         if workers <= 1 {
-            return Ok(Self { team: None, trace, scope, lag });
+            return Ok(Self { team: None, trace, scope, lag, crowd_is_reported: false });
         }
         let others = workers - 1;
         let threads = ThreadPoolBuilder::new()
@@ -85,10 +88,11 @@ impl<V: Clone> Workers<V> {
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team), trace, scope, lag })
+        Ok(Self { team: Some(team), trace, scope, lag, crowd_is_reported: false })
     }
 
-    /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good.
+    /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good, and
+    /// once if many messages wait on a physical connection without a bound.
     #[inline]
     pub(crate) fn watch_lag<H: Host<Value = V>>(
         &mut self,
@@ -100,6 +104,12 @@ impl<V: Clone> Workers<V> {
         if let Some(overload) = self.lag.begins(tag, due, now) {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }
+        if let Some(connection) = scheduler.crowded_connection()
+            && !self.crowd_is_reported
+        {
+            self.crowd_is_reported = true;
+            warn_of_crowd(scheduler.program(), host, connection);
+        }
     }
 
     /// Reports how many messages were dropped because a physical connection has a bound.
@@ -110,9 +120,9 @@ impl<V: Clone> Workers<V> {
     ) {
         let program = scheduler.program();
         for (connection, dropped) in scheduler.dropped_messages() {
-            let connection = &program.connections[connection];
-            let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
-            let messages = connection.bound.map_or(0, |bound| bound.messages);
+            let [from, to] = ends(program, connection);
+            let bound = program.connections[connection].bound;
+            let messages = bound.map_or(0, |bound| bound.messages);
             let were = if dropped == 1 { "message was" } else { "messages were" };
             host.warn(&format!(
                 "{dropped} {were} dropped on the connection {from} ~> {to}: {messages} may wait \
@@ -382,6 +392,22 @@ fn timed(
 fn warn_of_overload<H: Host>(program: &Program, scope: Scope, host: &mut H, overload: &Overload) {
     let message = overload.message(program, scope, |reaction| host.place(reaction));
     host.warn(&message);
+}
+
+#[cold]
+fn warn_of_crowd<H: Host>(program: &Program, host: &mut H, connection: ConnectionId) {
+    let [from, to] = ends(program, connection);
+    host.warn(&format!(
+        "{CROWD} messages wait on the connection {from} ~> {to}, because its receiver is too slow\n  \
+         hint: `@bound(1, \"replace\")` before the connection keeps only the newest message, and \
+         `@bound(n, \"block\")` makes the sender wait"
+    ));
+}
+
+/// The names of the ports at the ends of a connection.
+fn ends(program: &Program, connection: ConnectionId) -> [String; 2] {
+    let Connection { from, to, .. } = &program.connections[connection];
+    [from, to].map(|port| program.port_name(*port))
 }
 
 #[cold]

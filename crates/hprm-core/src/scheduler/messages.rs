@@ -86,7 +86,17 @@ impl<V: Clone> Scheduler<V> {
         if let (Some(tag), Some(waiting)) = (inserted, self.bounded.get_mut(&connection)) {
             waiting.inserted(tag);
         }
+        if bound.is_none() {
+            let Self { crowd_watch, queue, .. } = self;
+            crowd_watch.added(connection, queue.tags(), || queue.count_messages(connection));
+        }
         inserted
+    }
+
+    /// A physical connection without a bound for which many messages wait or have waited, if there is one.
+    #[inline]
+    pub fn crowded_connection(&self) -> Option<ConnectionId> {
+        self.crowd_watch.found()
     }
 
     /// Sends the values of present ports along delayed connections and to other federates.
