@@ -98,20 +98,20 @@ impl Waiting {
 }
 
 /// So many messages of a physical connection without a bound wait when its receiver counts as too slow.
-pub const CROWD: usize = 1_000;
+pub const LARGE_BACKLOG: usize = 1_000;
 
 /// Looks for a physical connection without a bound for which many messages wait. To count them takes a
-/// pass over the event queue, so that is done only when the queue has doubled.
+/// pass over the event queue, so that is done only when the queue has grown.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) struct CrowdWatch {
+pub(crate) struct BacklogWatch {
     /// How many tags the queue has when the messages are counted.
     count_at: usize,
     found: Option<ConnectionId>,
 }
 
-impl CrowdWatch {
+impl BacklogWatch {
     pub(crate) const fn new() -> Self {
-        Self { count_at: CROWD, found: None }
+        Self { count_at: LARGE_BACKLOG, found: None }
     }
 
     /// The first such connection that was found.
@@ -130,9 +130,12 @@ impl CrowdWatch {
         if tags < self.count_at {
             return;
         }
-        let is_crowd = count() >= CROWD;
-        self.found = is_crowd.then_some(connection);
-        self.count_at = if is_crowd { usize::MAX } else { 2 * tags };
+        let messages = count();
+        if messages >= LARGE_BACKLOG {
+            (self.found, self.count_at) = (Some(connection), usize::MAX);
+        } else {
+            self.count_at = tags + (LARGE_BACKLOG - messages).max(tags / 16);
+        }
     }
 }
 
@@ -174,21 +177,21 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_is_found_once_and_counted_rarely() {
+    fn a_backlog_is_found_once_and_counted_rarely() {
         let [slow, other] = [ConnectionId(3), ConnectionId(4)];
-        let (mut watch, mut counts) = (CrowdWatch::new(), 0);
-        for tags in 1..CROWD {
+        let (mut watch, mut counts) = (BacklogWatch::new(), 0);
+        for tags in 1..LARGE_BACKLOG {
             watch.added(slow, tags, || unreachable!("there are too few tags"));
         }
         // Many tags, but of other events.
-        for tags in CROWD..4 * CROWD {
+        for tags in LARGE_BACKLOG..4 * LARGE_BACKLOG {
             watch.added(other, tags, || {
                 counts += 1;
                 5
             });
         }
-        assert_eq!((counts, watch.found()), (2, None));
-        watch.added(slow, 4 * CROWD, || CROWD);
+        assert_eq!((counts, watch.found()), (4, None));
+        watch.added(slow, 8 * LARGE_BACKLOG, || LARGE_BACKLOG);
         assert_eq!(watch.found(), Some(slow));
         watch.added(other, usize::MAX - 1, || unreachable!("it is found already"));
     }

@@ -34,7 +34,7 @@ mod wiring;
 pub mod limits;
 
 pub use bound::blocking::{Unsafe, unsafe_blocking};
-pub use bound::{Bound, CROWD, Overflow};
+pub use bound::{Bound, LARGE_BACKLOG, Overflow};
 pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use clock_sync::{ClockSyncMode, ClockSyncOptions};
 pub use fingerprint::{Content, Fact, Fingerprint, show_time};

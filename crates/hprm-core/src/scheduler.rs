@@ -25,7 +25,7 @@ pub use self::effects::{Effects, Turn};
 use self::modes::Modes;
 use self::ready::Ready;
 use self::record::Recorder;
-use crate::bound::{CrowdWatch, Waiting};
+use crate::bound::{BacklogWatch, Waiting};
 use crate::order::{Batch, Position};
 use crate::queue::{EventQueue, QueuedEvent};
 use crate::wiring::{PortRoute, Wiring};
@@ -117,7 +117,7 @@ pub struct Scheduler<V> {
     kept: BTreeMap<PortId, V>,
     /// The messages of physical connections with a bound.
     bounded: BTreeMap<ConnectionId, Waiting>,
-    crowd_watch: CrowdWatch,
+    backlog_watch: BacklogWatch,
     /// The latest tag given to an event of each action.
     last_scheduled: Table<ActionId, Option<Tag>>,
     /// The deadlines in force: the declared ones, unless they have been changed.
@@ -157,7 +157,7 @@ impl<V: Clone> Scheduler<V> {
             current: CurrentTag::new(program.ports.len(), program.actions.len()),
             kept: BTreeMap::new(),
             bounded: BTreeMap::new(),
-            crowd_watch: CrowdWatch::new(),
+            backlog_watch: BacklogWatch::new(),
             last_scheduled: Table::filled(program.actions.len(), None),
             deadlines: program.reactions.values().map(|reaction| reaction.deadline).collect(),
             displaced: None,

@@ -12,8 +12,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use hprm_core::{
-    Body, CROWD, Connection, ConnectionId, Effects, Nanos, PhysicalTime, Program, ReactionId,
-    Scheduler, Scope, Tag, Turn,
+    Body, Connection, ConnectionId, Effects, LARGE_BACKLOG, Nanos, PhysicalTime, Program,
+    ReactionId, Scheduler, Scope, Tag, Turn,
 };
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
@@ -32,7 +32,7 @@ pub(crate) struct Workers<V> {
     scope: Scope,
     lag: LagWatch,
     /// Whether the user knows of a connection without a bound for which many messages wait.
-    crowd_is_reported: bool,
+    backlog_is_reported: bool,
 }
 
 /// The loop's thread and further worker threads.
@@ -75,7 +75,7 @@ impl<V: Clone> Workers<V> {
         };
         let lag = LagWatch::new(program.properties.fast, program.reactions.len());
         if workers <= 1 {
-            return Ok(Self { team: None, trace, scope, lag, crowd_is_reported: false });
+            return Ok(Self { team: None, trace, scope, lag, backlog_is_reported: false });
         }
         let others = workers - 1;
         let threads = ThreadPoolBuilder::new()
@@ -88,7 +88,7 @@ impl<V: Clone> Workers<V> {
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team), trace, scope, lag, crowd_is_reported: false })
+        Ok(Self { team: Some(team), trace, scope, lag, backlog_is_reported: false })
     }
 
     /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good, and
@@ -104,11 +104,11 @@ impl<V: Clone> Workers<V> {
         if let Some(overload) = self.lag.begins(tag, due, now) {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }
-        if let Some(connection) = scheduler.crowded_connection()
-            && !self.crowd_is_reported
+        if let Some(connection) = scheduler.connection_with_backlog()
+            && !self.backlog_is_reported
         {
-            self.crowd_is_reported = true;
-            warn_of_crowd(scheduler.program(), host, connection);
+            self.backlog_is_reported = true;
+            warn_of_backlog(scheduler.program(), host, connection);
         }
     }
 
@@ -395,10 +395,10 @@ fn warn_of_overload<H: Host>(program: &Program, scope: Scope, host: &mut H, over
 }
 
 #[cold]
-fn warn_of_crowd<H: Host>(program: &Program, host: &mut H, connection: ConnectionId) {
+fn warn_of_backlog<H: Host>(program: &Program, host: &mut H, connection: ConnectionId) {
     let [from, to] = ends(program, connection);
     host.warn(&format!(
-        "{CROWD} messages wait on the connection {from} ~> {to}, because its receiver is too slow\n  \
+        "{LARGE_BACKLOG} messages wait on the connection {from} ~> {to}, because its receiver is too slow\n  \
          hint: `@bound(1, \"replace\")` before the connection keeps only the newest message, and \
          `@bound(n, \"block\")` makes the sender wait"
     ));

@@ -87,16 +87,16 @@ impl<V: Clone> Scheduler<V> {
             waiting.inserted(tag);
         }
         if bound.is_none() {
-            let Self { crowd_watch, queue, .. } = self;
-            crowd_watch.added(connection, queue.tags(), || queue.count_messages(connection));
+            let Self { backlog_watch, queue, .. } = self;
+            backlog_watch.added(connection, queue.tags(), || queue.count_messages(connection));
         }
         inserted
     }
 
     /// A physical connection without a bound for which many messages wait or have waited, if there is one.
     #[inline]
-    pub fn crowded_connection(&self) -> Option<ConnectionId> {
-        self.crowd_watch.found()
+    pub fn connection_with_backlog(&self) -> Option<ConnectionId> {
+        self.backlog_watch.found()
     }
 
     /// Sends the values of present ports along delayed connections and to other federates.
