@@ -214,7 +214,7 @@ fn supervise(
         if let Some(code) = supervisor.outcome(now) {
             return Outcome { code, is_traced };
         }
-        let wakeup = supervisor.next_wakeup(now);
+        let wakeup = supervisor.next_wakeup();
         let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
         match arrivals.recv_timeout(patience) {
             Ok(event) => {

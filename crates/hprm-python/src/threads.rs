@@ -176,7 +176,7 @@ impl Plan {
                 }
                 return Ended::new(code, supervisor.all_ended());
             }
-            let wakeup = supervisor.next_wakeup(now);
+            let wakeup = supervisor.next_wakeup();
             let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
             if let Ok(event) = arrivals.recv_timeout(patience) {
                 supervisor.handle(launched.elapsed(), blame_the_holder(program, event));

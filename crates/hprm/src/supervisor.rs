@@ -150,6 +150,8 @@ pub struct Supervisor {
     /// no `exit_code`.
     transient_code: Option<i32>,
     orders: VecDeque<Order>,
+    /// When [`Self::tick`] was called last: what was due then is done.
+    ticked: Duration,
 }
 
 impl Supervisor {
@@ -182,6 +184,7 @@ impl Supervisor {
             reminder: None,
             transient_code: None,
             orders: VecDeque::new(),
+            ticked: Duration::ZERO,
         }
     }
 
@@ -207,6 +210,7 @@ impl Supervisor {
 
     /// Does what is due.
     pub fn tick(&mut self, now: Duration) {
+        self.ticked = now;
         let listening = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
         if listening
             && !self.reported
@@ -245,8 +249,8 @@ impl Supervisor {
         self.orders.pop_front()
     }
 
-    /// When to call [`Self::tick`] if nothing happens.
-    pub fn next_wakeup(&self, now: Duration) -> Option<Duration> {
+    /// When to call [`Self::tick`] if nothing happens. That time may have passed since the last call.
+    pub fn next_wakeup(&self) -> Option<Duration> {
         let phase = match self.phase {
             Phase::Watching => None,
             Phase::Stopping { until } | Phase::Terminating { until } | Phase::Killing { until } => {
@@ -267,7 +271,7 @@ impl Supervisor {
             .chain(starting)
             .chain(self.reminder)
             .chain(graces)
-            .filter(|at| *at > now)
+            .filter(|at| *at > self.ticked)
             .min()
     }
 

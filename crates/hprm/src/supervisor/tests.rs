@@ -85,7 +85,7 @@ impl Stage {
     /// Lets time pass, as the loop does: from one wake-up to the next.
     fn pass(&mut self, millis: u64) {
         let until = self.now + Duration::from_millis(millis);
-        while let Some(at) = self.supervisor.next_wakeup(self.now).filter(|at| *at <= until) {
+        while let Some(at) = self.supervisor.next_wakeup().filter(|at| *at <= until) {
             self.now = at;
             self.supervisor.tick(at);
             self.collect();
@@ -577,4 +577,19 @@ fn an_interrupt_before_the_start_ends_threads_at_once() {
     stage.event(Observation::Signal(Signal::TERMINATE));
     assert_eq!((stage.stops, stage.outcome()), (0, Some(143)));
     assert!(stage.reports.is_empty());
+}
+
+#[test]
+fn what_comes_due_while_the_driver_carries_out_orders_is_done() {
+    let mut stage = Stage::running();
+    stage.event(Observation::Signal(Signal::TERMINATE));
+    let limit = stage.now + AFTER_INTERRUPT;
+    // An event comes just before the limit; the driver asks for the next wakeup just after it.
+    stage.now = limit - Duration::from_nanos(1);
+    stage.rti(RtiEvent::Left(A));
+    assert_eq!(stage.supervisor.next_wakeup(), Some(limit));
+    stage.now = limit + Duration::from_millis(3);
+    assert_eq!(stage.supervisor.next_wakeup(), Some(limit));
+    stage.pass(0);
+    assert!(stage.sent.contains(&(TERM, B)), "{:?}", stage.sent);
 }
