@@ -79,7 +79,7 @@ def test_many_messages_without_a_bound_are_a_warning(
     outcome = bench.run(text.replace("COORDINATION", coordination), *options)
     assert outcome.code == 0, outcome.err
     assert len(outcome.out.splitlines()) == count
-    told = "1000 messages wait on the connection Main.source.out ~> Main.sink.inp, because its receiver"
+    told = "1000 messages wait on the connection Main.source.out ~> Main.sink.inp, because its "
     assert outcome.err.count(told) == warnings
     assert outcome.err.count('hint: `@bound(1, "replace")`') == warnings
 
