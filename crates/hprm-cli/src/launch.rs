@@ -7,12 +7,12 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use hprm::supervisor::{FederateEnding, Members, Observation, Order, Supervisor};
-use hprm::{Address, Kind, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
+use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
+use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm::{FederationId, Patience};
 use hprm_core::{FederateId, Program};
 use hprm_lf::Compiled;
@@ -97,8 +97,9 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         children.start((id, &federate.name), command, console, report)?;
     }
     let mut supervisor = Supervisor::new(program, Members::Processes, plan.join_timeout);
-    let Outcome { code, is_traced } = supervise(&mut supervisor, &mut children, &rti, &arrivals);
-    rti.abort();
+    let mut launched = Launched { children, rti };
+    let Outcome { code, is_traced } = supervisor.run(&mut launched, &arrivals);
+    launched.rti.abort();
     if let Some(parts) = parts.filter(|_| is_traced) {
         parts.merge(program, supervisor.is_interrupted(), code)?;
     }
@@ -190,53 +191,26 @@ fn start_rti(
     Ok((handle, address))
 }
 
-/// How a federation has ended.
-struct Outcome {
-    code: i32,
-    /// Whether no federate has failed because it could not write its share of the logical trace.
-    is_traced: bool,
+/// The processes of the federation and its RTI.
+struct Launched {
+    children: Children,
+    rti: RtiHandle,
 }
 
-fn supervise(
-    supervisor: &mut Supervisor,
-    children: &mut Children,
-    rti: &RtiHandle,
-    arrivals: &Receiver<Observation>,
-) -> Outcome {
-    let launched = Instant::now();
-    let mut is_traced = true;
-    loop {
-        while let Some(order) = supervisor.poll() {
-            is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
-            carry_out(order, children, rti);
+impl Driver for Launched {
+    fn observe(&mut self, event: Observation, is_well: bool) -> Observation {
+        if let Observation::Ended { federate, how } = &event {
+            self.children.reap(*federate, *how == FederateEnding::Code(0) && is_well);
         }
-        let now = launched.elapsed();
-        if let Some(code) = supervisor.outcome(now) {
-            return Outcome { code, is_traced };
-        }
-        let wakeup = supervisor.next_wakeup();
-        let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
-        match arrivals.recv_timeout(patience) {
-            Ok(event) => {
-                if let Observation::Ended { federate, how } = &event {
-                    children
-                        .reap(*federate, *how == FederateEnding::Code(0) && supervisor.is_well());
-                }
-                supervisor.handle(launched.elapsed(), event);
-            }
-            Err(RecvTimeoutError::Timeout) => supervisor.tick(launched.elapsed()),
-            Err(RecvTimeoutError::Disconnected) => {
-                unreachable!("the thread that watches for signals never drops its end first")
-            }
-        }
+        event
     }
-}
 
-fn carry_out(order: Order, children: &Children, rti: &RtiHandle) {
-    match order {
-        Order::RequestStop => rti.request_stop(),
-        Order::Send { signal, to } => children.send(signal, to),
-        Order::Report(report) => Error::from(*report).show(),
-        Order::Warn(report) => Error::from(*report).show_as_warning(),
+    fn carry_out(&mut self, order: Order) {
+        match order {
+            Order::RequestStop => self.rti.request_stop(),
+            Order::Send { signal, to } => self.children.send(signal, to),
+            Order::Report(report) => Error::from(*report).show(),
+            Order::Warn(report) => Error::from(*report).show_as_warning(),
+        }
     }
 }

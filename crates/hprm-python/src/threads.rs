@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use hprm::supervisor::{FederateEnding, Members, Observation, Order, Supervisor};
+use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
 use hprm::{
     Address, Failure, FederateOptions, FederationId, Kind, Label, Patience, Reach, Report,
     RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
@@ -160,27 +160,33 @@ impl Plan {
     fn watch(&self, rti: &RtiHandle, arrivals: &Receiver<Observation>) -> Ended {
         let program = &self.compiled.program;
         let mut supervisor = Supervisor::new(program, Members::Threads, self.join_timeout);
-        let launched = Instant::now();
-        let mut is_traced = true;
-        loop {
-            let now = launched.elapsed();
-            supervisor.tick(now);
-            while let Some(order) = supervisor.poll() {
-                is_traced &= !matches!(&order, Order::Report(report) if report.kind == Kind::Trace);
-                carry_out(order, rti);
-            }
-            if let Some(code) = supervisor.outcome(now) {
-                if let Some(folder) = self.logical_traces.as_ref().filter(|_| !is_traced) {
-                    // One share is missing, so the others are of no use. The caller looks for what is left.
-                    let _ = std::fs::remove_dir_all(folder);
-                }
-                return Ended::new(code, supervisor.all_ended());
-            }
-            let wakeup = supervisor.next_wakeup();
-            let patience = wakeup.map_or(Duration::MAX, |at| at.saturating_sub(now));
-            if let Ok(event) = arrivals.recv_timeout(patience) {
-                supervisor.handle(launched.elapsed(), blame_the_holder(program, event));
-            }
+        let mut launched = Launched { program, rti };
+        let Outcome { code, is_traced } = supervisor.run(&mut launched, arrivals);
+        if let Some(folder) = self.logical_traces.as_ref().filter(|_| !is_traced) {
+            // One share is missing, so the others are of no use. The caller looks for what is left.
+            let _ = std::fs::remove_dir_all(folder);
+        }
+        Ended::new(code, supervisor.all_ended())
+    }
+}
+
+/// The federates, which are threads, and their RTI.
+struct Launched<'a> {
+    program: &'a Program,
+    rti: &'a RtiHandle,
+}
+
+impl Driver for Launched<'_> {
+    fn observe(&mut self, event: Observation, _is_well: bool) -> Observation {
+        blame_the_holder(self.program, event)
+    }
+
+    fn carry_out(&mut self, order: Order) {
+        match order {
+            Order::RequestStop => self.rti.request_stop(),
+            Order::Report(report) => show(&report),
+            Order::Warn(report) => say(&report.text(Label::Warning, false)),
+            Order::Send { .. } => unreachable!("no thread can be sent a signal"),
         }
     }
 }
@@ -216,15 +222,6 @@ fn check(program: &Program) -> Result<(), Failure> {
         });
     }
     Ok(())
-}
-
-fn carry_out(order: Order, rti: &RtiHandle) {
-    match order {
-        Order::RequestStop => rti.request_stop(),
-        Order::Report(report) => show(&report),
-        Order::Warn(report) => say(&report.text(Label::Warning, false)),
-        Order::Send { .. } => unreachable!("no thread can be sent a signal"),
-    }
 }
 
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure> {

@@ -1,7 +1,7 @@
 //! The supervisor decides what is to be done about the federates that this process has launched. It is a
 //! machine: it handles no process or thread itself.
 //!
-//! The driver tells the supervisor what happens, and when; the supervisor gives orders to the driver. It
+//! Its [`Driver`] tells the supervisor what happens, and when; the supervisor gives orders to the driver. It
 //! reports the first failure, once the true cause is known, and not the failures that follow from it. After
 //! that the federates have some time to end by themselves. Then the supervisor has the remaining processes
 //! asked to end, and at last killed, so that none is left. Threads end with the process.
@@ -9,6 +9,7 @@
 //! Time is counted from the launch. The driver is the command's launcher if federates are processes, and the
 //! Python package if they are threads.
 
+mod driver;
 mod signal;
 mod verdict;
 
@@ -19,6 +20,7 @@ use hprm_core::{FederateId, Program, Table};
 use hprm_federated::Refusal;
 
 use crate::{Failure, Kind, Report, RtiEvent};
+pub use driver::{Driver, Outcome};
 pub use signal::Signal;
 pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
 
