@@ -36,6 +36,8 @@ pub(crate) struct Interrupt {
     since: OnceLock<Instant>,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
+    /// Whether a signal is breaking in, and the reactions that run are being reported.
+    is_reporting: AtomicBool,
     progress: Arc<Progress>,
     /// Where the interpreter writes the numbers of signals, while a thread listens.
     writer: Mutex<Option<OwnedFd>>,
@@ -177,8 +179,14 @@ impl Interrupt {
         if since.elapsed() < TOGETHER {
             return Ok(());
         }
+        // The report runs Python code, in which the interpreter may handle the next signal. An exception there
+        // would spoil the report; the signal that is being handled raises one in any case.
+        if this.is_reporting.swap(true, Ordering::Relaxed) {
+            return Ok(());
+        }
         this.progress.broken.store(true, Ordering::Relaxed);
         stalls::report_interrupted(slf.py());
+        this.is_reporting.store(false, Ordering::Relaxed);
         if number == SIGINT {
             return Err(PyKeyboardInterrupt::new_err(()));
         }

@@ -130,6 +130,9 @@ pub(crate) fn note_stop_request() {
 
 /// A second signal is about to interrupt the bodies that run: reports which they are.
 pub(crate) fn report_interrupted(py: Python<'_>) {
+    // The monitor may have begun a report, and needs the interpreter's lock for the stack. Once the body is
+    // interrupted, its stack is gone.
+    py.detach(|| drop(reporting()));
     for due in unreported() {
         show(&due, &stack(py, due.thread).unwrap_or_default());
     }
