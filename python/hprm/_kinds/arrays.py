@@ -97,7 +97,13 @@ def _take_masked(array: Any) -> Parts | None:
         return None
     mask = None if array.mask is numpy.ma.nomask else numpy.asarray(array.mask)
     mask = False if mask is None else mask
-    return masked, (data, mask, numpy.asarray(array.fill_value), bool(array.hardmask))
+    return masked, (data, mask, _fill_value(array), bool(array.hardmask))
+
+
+def _fill_value(array: Any) -> Any:
+    """Return what stands for masked elements; a masked array makes it when it is first asked."""
+    # `array.fill_value` would store the default in the array, so a copy is asked.
+    return numpy.asarray(array.view().fill_value)
 
 
 # What a masked array has besides what is sent.
