@@ -171,10 +171,10 @@ def own(array: Any) -> Any:
 def digest(value: Any) -> tuple[str, str, bool]:
     """Return what a trace says of a value: digest, text, and whether something is opaque."""
 
-def encode(value: Any, near: bool = True) -> tuple[bytes, list[bytes]]:
+def encode(value: Any, local: bool = True) -> tuple[bytes, list[bytes]]:
     """Return the head and the parts of a value, as it travels without shared memory."""
 
-def decode(head: bytes, parts: list[bytes], near: bool = True) -> Any:
+def decode(head: bytes, parts: list[bytes], local: bool = True) -> Any:
     """Rebuild the value of a head and its parts."""
 
 def describe_value(value: Any) -> bytes:

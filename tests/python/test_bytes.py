@@ -26,7 +26,7 @@ def every_byte(array: Any) -> bytes:
 
 
 def far(value: Any) -> Any:
-    return decode(*encode(value, near=False), near=False)
+    return decode(*encode(value, local=False), local=False)
 
 
 def through_a_store(value: Any) -> Any:

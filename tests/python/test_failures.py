@@ -324,7 +324,7 @@ def test_a_signal_that_comes_twice_at_once_is_one(bench: Bench, coordination: st
     assert "finished" in outcome.out and outcome.out.endswith(" stops\n")
 
 
-def test_a_second_signal_breaks_into_a_body(bench: Bench) -> None:
+def test_a_second_signal_interrupts_a_body(bench: Bench) -> None:
     process = bench.start(program(None, "while True: pass"))
     bench.pid("main")
 

@@ -115,7 +115,7 @@ def test_a_hang_may_be_a_failure(bench: Bench, coordination: str, hang: str) -> 
     outcome.assert_one_error("error: federate sink has not answered for 1 s")
     if hang == "stopped":
         # It does not even hear that it is asked to end.
-        assert "warning: killed what did not end by itself: sink" in outcome.err
+        assert "warning: killed federates that did not end by themselves: sink" in outcome.err
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

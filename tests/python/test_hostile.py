@@ -1,7 +1,7 @@
 """Connections that are hostile rather than idle: scanners, foreign TLS, copies of a member.
 
 The federation refuses what each sends, and is not affected. Idle and flooding clients are in
-`test_strangers.py`; single malformed frames are the business of the tests of the crates.
+`test_unauthenticated.py`; single malformed frames are the business of the tests of the crates.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from processes import COORDINATIONS, Bench, Federation, finish, until
 from test_network import CERTIFICATES
-from test_strangers import OUTCOMES, flood, listening_ports, outcomes, port, prepare
+from test_unauthenticated import OUTCOMES, flood, listening_ports, outcomes, port, prepare
 
 GREETINGS = [
     b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",

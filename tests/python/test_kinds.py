@@ -28,7 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 def far_and_back(value: Any) -> Any:
     """Through the codec as if to another machine, where pickle may not help."""
-    return decode(*encode(value, near=False), near=False)
+    return decode(*encode(value, local=False), local=False)
 
 
 def through_a_store(value: Any) -> Any:
@@ -202,7 +202,7 @@ def test_large_buffers_are_out_of_band(name: str) -> None:
     if name in ("tensor", "bfloat16"):
         pytest.importorskip("torch")
     value = LARGE_ONES[name]()
-    head, parts = encode(value, near=False)
+    head, parts = encode(value, local=False)
     assert len(head) < 2_000
     assert sum(map(len, parts)) > 65_536
     _, stats = store_round_trip(value, 3)
@@ -225,7 +225,7 @@ def test_a_value_inside_of_a_pickle_comes_back_too(name: str) -> None:
 def test_large_buffers_inside_of_a_pickle_are_out_of_band(name: str) -> None:
     if name in ("tensor", "bfloat16"):
         pytest.importorskip("torch")
-    _, parts = encode(LARGE_ONES[name](), near=False)
+    _, parts = encode(LARGE_ONES[name](), local=False)
     head, others = encode([Plain(), LARGE_ONES[name]()])
     assert len(head) < 2_000
     assert [len(part) for part in others] == [len(part) for part in parts]
@@ -285,10 +285,10 @@ class Address(ctypes.Structure):
     ids=["object", "field", "pointer", "string", "wide", "number", "function"],
 )
 def test_a_buffer_of_addresses_is_refused_where_it_is_sent(value: Any) -> None:
-    for near in (True, False):
-        for sent in (value, [Plain(), value] if near else value):
+    for local in (True, False):
+        for sent in (value, [Plain(), value] if local else value):
             with pytest.raises(TypeError, match="holds addresses, which lead nowhere in another"):
-                encode(sent, near=near)
+                encode(sent, local=local)
     # A name is none, and neither is a complex number.
     for fine in (np.zeros(2, [("OPX", "c16")]), np.zeros(2, "c8")):
         assert kinds.same(far_and_back(memoryview(fine)), memoryview(fine))
@@ -298,7 +298,7 @@ def test_a_buffer_of_addresses_is_refused_where_it_is_sent(value: Any) -> None:
 def test_what_claims_to_be_of_another_format_is_refused(layout: bytes) -> None:
     sent = rewritten(memoryview(np.arange(4, dtype="i1")), b"\x06\x02b", b"\x06\x02" + layout)
     with pytest.raises(ValueError, match="malformed payload"):
-        decode(sent, [], near=False)
+        decode(sent, [], local=False)
 
 
 def test_what_shares_memory_by_dlpack_arrives_as_an_array() -> None:
@@ -317,11 +317,11 @@ def test_what_knows_its_namespace_arrives_as_what_it_was(monkeypatch: pytest.Mon
     library: Any = types.ModuleType("somelib")
     library.from_dlpack = library.asarray = Kind
     monkeypatch.setitem(sys.modules, "somelib", library)
-    sent = encode(Kind([1, 2]), near=False)
-    assert type(decode(*sent, near=False)) is Kind
+    sent = encode(Kind([1, 2]), local=False)
+    assert type(decode(*sent, local=False)) is Kind
     monkeypatch.delitem(sys.modules, "somelib")
     with pytest.raises(LookupError, match="somelib"):
-        decode(*sent, near=False)
+        decode(*sent, local=False)
 
 
 def test_a_tensor_may_be_written_to() -> None:
@@ -349,7 +349,7 @@ def test_cycles_through_objects_are_for_pickle() -> None:
     back = decode(*encode(pose))
     assert back.scan[0] is back
     with pytest.raises(TypeError, match=r"`value\.scan\[0\]` is a .*Pose that is around it"):
-        encode(pose, near=False)
+        encode(pose, local=False)
 
 
 class Secretive(kinds.Pose):
@@ -366,7 +366,7 @@ def test_a_class_with_its_own_way_is_for_pickle() -> None:
     assert decode(*encode(Secretive(1.0))).x == 2.0
     for value in (Secretive(1.0), Ends(1.0)):
         with pytest.raises(TypeError, match=type(value).__name__):
-            encode(value, near=False)
+            encode(value, local=False)
 
 
 def test_attributes_that_are_no_fields_are_kept() -> None:
@@ -378,7 +378,7 @@ def test_attributes_that_are_no_fields_are_kept() -> None:
 
 
 def rewritten(value: Any, old: bytes, new: bytes) -> bytes:
-    head, parts = encode(value, near=False)
+    head, parts = encode(value, local=False)
     assert parts == [] and old in head and len(old) == len(new)
     return head.replace(old, new)
 
@@ -399,7 +399,7 @@ def test_only_classes_of_the_right_kind_are_made(
     value: Any, old: bytes, new: bytes, error: str
 ) -> None:
     with pytest.raises((TypeError, LookupError, AttributeError, ValueError), match=error):
-        decode(rewritten(value, old, new), [], near=False)
+        decode(rewritten(value, old, new), [], local=False)
 
 
 def test_modules_are_imported_for_neighbours_only() -> None:
@@ -409,7 +409,7 @@ def test_modules_are_imported_for_neighbours_only() -> None:
         head = bytes.fromhex(sys.argv[1])
         sys.path.insert(0, sys.argv[2])
         try:
-            decode(head, [], near=False)
+            decode(head, [], local=False)
         except LookupError as error:
             assert "import it in a preamble" in str(error), error
         else:

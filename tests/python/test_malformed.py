@@ -76,11 +76,11 @@ def look(value: Any) -> None:
 def attempt(name: str, value: Any, rounds: int) -> int:
     """Decode changed encodings of a value. Return how many were values nevertheless."""
     rng = random.Random(name)
-    head, parts = encode(value, near=False)
+    head, parts = encode(value, local=False)
     survived = 0
     for changed, others in mutations(head, parts, rng, rounds):
         try:
-            back = decode(changed, others, near=False)
+            back = decode(changed, others, local=False)
             # What has been made can be looked at.
             repr(back)
             look(back)
@@ -98,7 +98,7 @@ def main(rounds: int) -> None:
     np.seterr(all="ignore")
     values = kinds.every()
     for value in values.values():
-        decode(*encode(value, near=False), near=False)
+        decode(*encode(value, local=False), local=False)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     for name, value in values.items():

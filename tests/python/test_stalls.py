@@ -115,7 +115,7 @@ def test_a_reaction_that_delays_the_end_is_reported(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_that_breaks_into_a_reaction_says_into_which(
+def test_a_signal_that_interrupts_a_reaction_says_which(
     bench: Bench, number: signal.Signals
 ) -> None:
     text = program("main", ENDLESS)

@@ -78,7 +78,7 @@ def test_an_rti_that_hangs_keeps_no_federate(bench: Bench, coordination: str) ->
         ("import itertools; sum(itertools.repeat(0))", {TERMINATED}),
     ],
 )
-def test_a_reaction_that_does_not_return_is_broken_into(
+def test_a_reaction_that_does_not_return_is_interrupted(
     bench: Bench, body: str, codes: set[int]
 ) -> None:
     federation = bench.by_hand(program("centralized", sink=body), *FEDERATES)
@@ -101,7 +101,7 @@ def test_the_command_ends_what_does_not_answer(bench: Bench, coordination: str) 
     process.send_signal(signal.SIGTERM)
     outcome = finish(process)
     assert outcome.code == TERMINATED
-    assert "warning: killed what did not end by itself: sink" in outcome.err
+    assert "warning: killed federates that did not end by themselves: sink" in outcome.err
     until(lambda: not bench.left(), "nothing is left")
 
 

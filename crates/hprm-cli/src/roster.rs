@@ -40,18 +40,18 @@ impl Roster {
             let waiting = changed.wait_timeout_while(watch.waiting(), MOMENT, |now| !now.over);
             let (mut waiting, _) = waiting.unwrap_or_else(PoisonError::into_inner);
             waiting.speaks = true;
-            tell(&waiting);
+            print(&waiting);
         };
         // Without that thread, the RTI is as good as with it.
         let _ = thread::Builder::new().name("roster".to_owned()).spawn(moment);
         roster
     }
 
-    /// Takes note of what the RTI reports.
-    pub(crate) fn hear(&self, event: &RtiEvent) {
+    /// Takes note of an event that the RTI reports.
+    pub(crate) fn observe(&self, event: &RtiEvent) {
         let mut waiting = self.waiting();
-        if waiting.hear(event) {
-            tell(&waiting);
+        if waiting.observe(event) {
+            print(&waiting);
         }
     }
 
@@ -66,7 +66,7 @@ impl Roster {
     }
 }
 
-fn tell(waiting: &Waiting) {
+fn print(waiting: &Waiting) {
     if let Some(line) = waiting.line() {
         message::print_line(&line);
     }
@@ -80,7 +80,7 @@ impl Waiting {
     }
 
     /// Returns whether it has changed.
-    fn hear(&mut self, event: &RtiEvent) -> bool {
+    fn observe(&mut self, event: &RtiEvent) -> bool {
         match event {
             RtiEvent::Joined(federate) => self.note(*federate, true),
             RtiEvent::Left(federate) => self.note(*federate, false),
@@ -97,7 +97,7 @@ impl Waiting {
         std::mem::replace(is_there, joined) != joined
     }
 
-    /// What is to be said, if anything.
+    /// The line to print, if any.
     fn line(&self) -> Option<String> {
         let absent = self.needed.values().filter(|(_, joined)| !joined);
         let names: Vec<_> = absent.map(|(name, _)| name.as_str()).collect();
@@ -125,18 +125,18 @@ mod tests {
         assert_eq!(waiting.line(), None);
         waiting.speaks = true;
         assert_eq!(waiting.line().as_deref(), Some("waiting for federates a, b"));
-        assert!(!waiting.hear(&RtiEvent::Joined(ids[2])));
-        assert!(waiting.hear(&RtiEvent::Joined(ids[1])));
+        assert!(!waiting.observe(&RtiEvent::Joined(ids[2])));
+        assert!(waiting.observe(&RtiEvent::Joined(ids[1])));
         assert_eq!(waiting.line().as_deref(), Some("waiting for federate a"));
-        assert!(waiting.hear(&RtiEvent::Left(ids[1])));
+        assert!(waiting.observe(&RtiEvent::Left(ids[1])));
         assert_eq!(waiting.line().as_deref(), Some("waiting for federates a, b"));
-        assert!(waiting.hear(&RtiEvent::Joined(ids[1])));
-        assert!(waiting.hear(&RtiEvent::Joined(ids[0])));
+        assert!(waiting.observe(&RtiEvent::Joined(ids[1])));
+        assert!(waiting.observe(&RtiEvent::Joined(ids[0])));
         assert_eq!(waiting.line(), None);
         let mut started = Waiting { over: false, ..waiting.clone() };
         started.note(ids[0], false);
         assert!(started.line().is_some());
-        assert!(!started.hear(&RtiEvent::Started(PhysicalTime(0))));
+        assert!(!started.observe(&RtiEvent::Started(PhysicalTime(0))));
         assert_eq!(started.line(), None);
     }
 }

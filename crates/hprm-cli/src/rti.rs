@@ -68,12 +68,12 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
     let mut failure = None;
     let roster = Roster::new(&compiled.program);
     let outcome = rti.run(|event| {
-        let heard = event.clone();
-        match told(&compiled.program, event) {
+        let observed = event.clone();
+        match message_of(&compiled.program, event) {
             Ok(line) => line.iter().for_each(|line| message::print_line(line)),
             Err(verdict) => failure = failure.take().or(Some(verdict)),
         }
-        roster.hear(&heard);
+        roster.observe(&observed);
     });
     roster.close();
     if let Some(signal) = interruption.signal() {
@@ -163,7 +163,7 @@ impl Interruption {
 }
 
 /// What a person reads about an event, or what has gone wrong.
-fn told(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<Verdict>> {
+fn message_of(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<Verdict>> {
     let name = |federate: FederateId| program.federates[federate].name.as_str();
     Ok(Some(match event {
         RtiEvent::Joined(federate) => format!("federate {} joined", name(federate)),

@@ -48,7 +48,7 @@ pub(crate) fn tell(failure: &Failure) {
 /// Reports to the supervisor of federates that are threads, while there is one.
 static SUPERVISOR: Mutex<Option<Sender<Observation>>> = Mutex::new(None);
 
-/// Has the supervisor hear that the standard output cannot be written.
+/// Reports to the supervisor, through `events`, that the standard output cannot be written, from now on.
 pub(crate) fn report_output_to(events: Option<Sender<Observation>>) {
     *SUPERVISOR.lock().unwrap_or_else(PoisonError::into_inner) = events;
 }

@@ -29,7 +29,7 @@ impl Described {
         let plain = Report::new(Kind::Program, message);
         let report = Report { diagnostic, file, line, column, excerpt, details, hint, ..plain };
         match end.as_str() {
-            "left" => Failure::Left,
+            "left" => Failure::LeftFederation,
             "exited" => Failure::Exited { code },
             "quit" => Failure::Quit { said: report.message },
             "interrupted" => Failure::interrupted(),

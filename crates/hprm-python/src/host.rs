@@ -148,7 +148,7 @@ impl Host for PyHost {
         Some(self)
     }
 
-    fn furnish(&mut self, allocator: &Arc<StoreAllocator>) {
+    fn set_allocator(&mut self, allocator: &Arc<StoreAllocator>) {
         let mut channels = self.runtime.program().channels.values();
         // A federate that sends nothing needs no memory that others can read.
         if channels.any(|channel| channel.from == self.federate) {
@@ -164,9 +164,9 @@ impl Host for PyHost {
         store: &mut Store,
         channel: ChannelId,
         value: &Value,
-        near: bool,
+        is_local: bool,
     ) -> Result<Payload, Failure> {
-        let (codec, trust) = (&self.codecs[channel], Trust::new(self.pickling, near));
+        let (codec, trust) = (&self.codecs[channel], Trust::new(self.pickling, is_local));
         let payload = Python::attach(|py| {
             let encoded = value.encoded(py, codec, store, self.federate, trust);
             // A serializer of the program's own may fork, too.
@@ -186,22 +186,27 @@ impl Host for PyHost {
         payload: Payload,
         objects: Vec<Object>,
         arrival: PhysicalTime,
-        near: bool,
+        is_local: bool,
     ) -> Value {
-        let way = (Arc::clone(&self.codecs[channel]), Trust::new(self.pickling, near));
+        let way = (Arc::clone(&self.codecs[channel]), Trust::new(self.pickling, is_local));
         Value::arrived(way, payload, objects, arrival)
     }
 
-    fn hand_over(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
+    fn send_in_process(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
         let trust = Trust::new(self.pickling, true);
         Python::attach(|py| {
-            let handed_over = value.handed_over(py, &self.codecs[channel], trust);
-            handed_over.map_err(|error| self.not_sent(py, channel, error))
+            let prepared = value.sent_in_process(py, &self.codecs[channel], trust);
+            prepared.map_err(|error| self.not_sent(py, channel, error))
         })
     }
 
-    fn take_over(&mut self, channel: ChannelId, value: Value, arrival: PhysicalTime) -> Value {
-        value.taken_over(
+    fn receive_in_process(
+        &mut self,
+        channel: ChannelId,
+        value: Value,
+        arrival: PhysicalTime,
+    ) -> Value {
+        value.received_in_process(
             Arc::clone(&self.codecs[channel]),
             Trust::new(self.pickling, true),
             arrival,
@@ -212,11 +217,11 @@ impl Host for PyHost {
         Python::attach(|py| value.described(py))
     }
 
-    fn place(&self, reaction: ReactionId) -> Option<String> {
+    fn source_location(&self, reaction: ReactionId) -> Option<String> {
         self.places.of_reaction(reaction)
     }
 
-    fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
+    fn run_unlocked<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
         // The loop of a thread holds the interpreter's lock only while it runs a body.
         if self.is_thread { wait() } else { Python::attach(|py| py.detach(wait)) }
     }
@@ -243,7 +248,7 @@ impl Host for PyHost {
         self.runtime.take_departure()
     }
 
-    fn abandoned(&mut self, report: &Report) {
+    fn other_federate_failed(&mut self, report: &Report) {
         if self.launched {
             return;
         }

@@ -1,5 +1,5 @@
 //! Signals, as the interpreter handles them: the first one asks the program to stop in order, the second one
-//! breaks into it. That it ends in time, even if the interpreter cannot handle them, is up to
+//! interrupts it. That it ends in time, even if the interpreter cannot handle them, is up to
 //! [`signals`](crate::signals).
 
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -15,7 +15,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::signals::{self, Heard};
+use crate::signals::{self, SignalEvent};
 use crate::stalls;
 
 const SIGINT: i32 = Signal::INTERRUPT.0;
@@ -36,7 +36,7 @@ pub(crate) struct Interrupt {
     since: OnceLock<Instant>,
     /// Whether the loop has not noticed yet.
     pending: AtomicBool,
-    /// Whether a signal is breaking in, and the reactions that run are being reported.
+    /// Whether a signal is interrupting reactions, and those that run are being reported.
     is_reporting: AtomicBool,
     progress: Arc<Progress>,
     /// Where the interpreter writes the numbers of signals, while a thread listens.
@@ -48,9 +48,9 @@ pub(crate) struct Interrupt {
 pub(crate) struct Progress {
     /// Whether the loop knows of the signal.
     noticed: AtomicBool,
-    /// Whether the interpreter has noticed that a signal breaks in.
-    broken: AtomicBool,
-    /// Whether the program has ended, so that nothing is left to be broken into.
+    /// Whether the interpreter has noticed the interrupting signal.
+    interrupted: AtomicBool,
+    /// Whether the program has ended, so that nothing is left to interrupt.
     over: AtomicBool,
 }
 
@@ -63,7 +63,7 @@ impl Progress {
     /// What is done so far.
     pub(crate) fn steps(&self) -> StopProgress {
         StopProgress {
-            broken: self.broken.load(Ordering::Relaxed),
+            interrupted: self.interrupted.load(Ordering::Relaxed),
             over: self.over.load(Ordering::Relaxed),
         }
     }
@@ -80,7 +80,7 @@ pub(crate) enum Handled {
 
 impl Interrupt {
     /// A handler that is in force, unless the program has handlers of its own, or this thread is not the
-    /// one that gets signals. What a thread is to do that hears of all signals is made by `hear`.
+    /// one that gets signals. What a thread is to do that receives all signals is made by `on_event`.
     ///
     /// # Errors
     ///
@@ -88,10 +88,10 @@ impl Interrupt {
     pub(crate) fn install<H>(
         py: Python<'_>,
         handled: Handled,
-        hear: impl FnOnce(Arc<Progress>) -> H,
+        on_event: impl FnOnce(Arc<Progress>) -> H,
     ) -> PyResult<Py<Self>>
     where
-        H: FnMut(Heard) -> Option<Duration> + Send + 'static,
+        H: FnMut(SignalEvent) -> Option<Duration> + Send + 'static,
     {
         let handler = Py::new(py, Self::default())?;
         hprm_store::watch_forks();
@@ -112,7 +112,7 @@ impl Interrupt {
             }
         }
         if !numbers.is_empty() {
-            let writer = signals::listen(numbers, hear(Arc::clone(&handler.get().progress)))?;
+            let writer = signals::listen(numbers, on_event(Arc::clone(&handler.get().progress)))?;
             write_to(py, writer.as_raw_fd())?;
             *handler.get().writer.lock().unwrap_or_else(PoisonError::into_inner) = Some(writer);
         }
@@ -130,7 +130,7 @@ impl Interrupt {
         Ok(is_free)
     }
 
-    /// Ends the thread that hears of signals.
+    /// Ends the thread that receives signals.
     pub(crate) fn release(&self, py: Python<'_>) {
         let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
         if writer.is_some() {
@@ -184,7 +184,7 @@ impl Interrupt {
         if this.is_reporting.swap(true, Ordering::Relaxed) {
             return Ok(());
         }
-        this.progress.broken.store(true, Ordering::Relaxed);
+        this.progress.interrupted.store(true, Ordering::Relaxed);
         stalls::report_interrupted(slf.py());
         this.is_reporting.store(false, Ordering::Relaxed);
         if number == SIGINT {

@@ -62,7 +62,7 @@ pub(crate) fn load(
     let codecs = codecs(py, compiled, scope)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
     let pickling = pickling.map_err(wrong)?;
-    // Last, so that Ctrl-C breaks into a preamble at once.
+    // Last, so that Ctrl-C interrupts a preamble at once.
     let launched = care == Care::Launcher;
     let interrupt = match care {
         Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {

@@ -114,7 +114,7 @@ pub(crate) fn run_federate(
         outcome.map_err(|failure| by_signal(failure, interrupt.get()))
     });
     match outcome {
-        // The launcher hears of it, or has ended the RTI itself.
+        // The RTI or this process itself reports it to the launcher, or the launcher has ended the RTI.
         Err(failure) if launched && (joined || matches!(failure, Failure::NoRti { .. })) => {
             failure.exit_code()
         }

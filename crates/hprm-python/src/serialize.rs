@@ -39,7 +39,7 @@ pub(crate) struct Encoded {
 
 impl Encoded {
     /// A received value, unchanged; `None` if an object in it cannot be forwarded.
-    pub(crate) fn as_it_came(
+    pub(crate) fn forwarded(
         head: &[u8],
         parts: &[ReceivedPart],
         pickled: bool,

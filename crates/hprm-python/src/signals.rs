@@ -26,18 +26,18 @@ use crate::interrupt::Progress;
 use crate::stalls;
 use crate::value::Value;
 
-/// What the thread hears.
+/// What the thread has received.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Heard {
+pub(crate) enum SignalEvent {
     /// A signal that asks for the end.
-    Ask(Signal),
+    StopRequest(Signal),
     /// Another signal, for which the program has a handler.
     Other,
-    /// Nothing for as long as the thread was to wait.
-    Nothing,
+    /// No signal for as long as the thread was to wait.
+    Timeout,
 }
 
-/// Starts the thread. It calls `hear`, which returns for how long to wait for the next signal. Signals of these
+/// Starts the thread. It calls `on_event`, which returns for how long to wait for the next signal. Signals of these
 /// `numbers` ask for the end. Returns where the interpreter is to write; the thread ends when that is closed.
 ///
 /// # Errors
@@ -45,7 +45,7 @@ pub(crate) enum Heard {
 /// If the system has no pipe or no thread left.
 pub(crate) fn listen(
     numbers: Vec<u8>,
-    mut hear: impl FnMut(Heard) -> Option<Duration> + Send + 'static,
+    mut on_event: impl FnMut(SignalEvent) -> Option<Duration> + Send + 'static,
 ) -> io::Result<OwnedFd> {
     let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;
     // A signal handler writes, and must not wait.
@@ -55,14 +55,14 @@ pub(crate) fn listen(
         let mut read_numbers = [0; 64];
         loop {
             if !is_readable(&reader, timeout) {
-                timeout = hear(Heard::Nothing);
+                timeout = on_event(SignalEvent::Timeout);
                 continue;
             }
             let Ok(count @ 1..) = read(&reader, &mut read_numbers) else { return };
             for number in &read_numbers[..count] {
-                timeout = hear(match numbers.contains(number) {
-                    true => Heard::Ask(Signal(i32::from(*number))),
-                    false => Heard::Other,
+                timeout = on_event(match numbers.contains(number) {
+                    true => SignalEvent::StopRequest(Signal(i32::from(*number))),
+                    false => SignalEvent::Other,
                 });
             }
         }
@@ -79,9 +79,9 @@ fn is_readable(pipe: &OwnedFd, timeout: Option<Duration>) -> bool {
 
 /// For a process that another one looks after: its launcher ends it, and it has only to notice that it is
 /// asked to stop.
-pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(Heard) -> Option<Duration> {
-    move |heard| {
-        if matches!(heard, Heard::Ask(_)) {
+pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(SignalEvent) -> Option<Duration> {
+    move |event| {
+        if matches!(event, SignalEvent::StopRequest(_)) {
             stalls::note_stop_request();
         }
         inbox.notify();
@@ -89,10 +89,10 @@ pub(crate) fn notice(inbox: Inbox<Value>) -> impl FnMut(Heard) -> Option<Duratio
     }
 }
 
-/// For a process whose federates are threads: their supervisor is told.
-pub(crate) fn forward(events: Sender<Observation>) -> impl FnMut(Heard) -> Option<Duration> {
-    move |heard| {
-        if let Heard::Ask(signal) = heard {
+/// For a process whose federates are threads: the thread sends each signal to their supervisor.
+pub(crate) fn forward(events: Sender<Observation>) -> impl FnMut(SignalEvent) -> Option<Duration> {
+    move |event| {
+        if let SignalEvent::StopRequest(signal) = event {
             stalls::note_stop_request();
             // The receiver is gone once the process is about to end.
             let _ = events.send(Observation::Signal(signal));
@@ -107,23 +107,23 @@ pub(crate) fn stop_in_time(
     what: String,
     inbox: Inbox<Value>,
     progress: Arc<Progress>,
-) -> impl FnMut(Heard) -> Option<Duration> {
+) -> impl FnMut(SignalEvent) -> Option<Duration> {
     let start = Instant::now();
     let mut timer = StopTimer::default();
-    let mut told = false;
-    move |heard| {
+    let mut reported = false;
+    move |event| {
         let now = start.elapsed();
-        if let Heard::Ask(signal) = heard {
+        if let SignalEvent::StopRequest(signal) = event {
             stalls::note_stop_request();
             timer.signal(now, signal);
         }
-        if heard != Heard::Nothing {
+        if event != SignalEvent::Timeout {
             inbox.notify();
         }
         match timer.tick(now, progress.steps()) {
             None => {}
-            Some(StopStep::BreakIn(signal)) => {
-                told = true;
+            Some(StopStep::Interrupt(signal)) => {
+                reported = true;
                 show(&unfinished(&what, &progress));
                 // To the process, so that the main thread gets it, whatever that waits for.
                 if let Some(signal) = rustix::process::Signal::from_named_raw(signal.0) {
@@ -135,7 +135,7 @@ pub(crate) fn stop_in_time(
                 // That takes a moment.
                 if !progress.steps().over {
                     let code = signal.exit_code();
-                    if !told {
+                    if !reported {
                         show(&Report { code, ..stubborn(&what, after) });
                     }
                     cut_traces();

@@ -172,7 +172,7 @@ fn unreported() -> Vec<StallReport> {
     }
     let mut monitor = monitor();
     let runs = monitor.runs();
-    let stalls = monitor.watch.break_in(START.elapsed(), runs.iter().map(|(run, _)| *run));
+    let stalls = monitor.watch.interrupt(START.elapsed(), runs.iter().map(|(run, _)| *run));
     monitor.reports(&stalls, &runs)
 }
 
@@ -210,8 +210,8 @@ fn pause_for_forks(py: Python<'_>) -> PyResult<()> {
 fn sample() -> Vec<StallReport> {
     let mut monitor = monitor();
     let runs = monitor.runs();
-    let (now, asked) = (START.elapsed(), STOP_REQUESTED.load(Ordering::Relaxed));
-    let stalls = monitor.watch.look(now, runs.iter().map(|(run, _)| *run), asked);
+    let (now, stop_requested) = (START.elapsed(), STOP_REQUESTED.load(Ordering::Relaxed));
+    let stalls = monitor.watch.sample(now, runs.iter().map(|(run, _)| *run), stop_requested);
     monitor.reports(&stalls, &runs)
 }
 

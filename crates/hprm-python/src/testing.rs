@@ -22,16 +22,16 @@ pub(crate) fn digest(value: &Bound<'_, PyAny>) -> (String, String, bool) {
 }
 
 /// The head and the parts of a value, as it travels where there is no shared memory; to a federate
-/// of the same user and machine, if it is `near`.
+/// of the same user and machine, if it is `local`.
 #[pyfunction]
-#[pyo3(signature = (value, near = true))]
+#[pyo3(signature = (value, local = true))]
 pub(crate) fn encode<'py>(
     value: &Bound<'py, PyAny>,
-    near: bool,
+    local: bool,
 ) -> PyResult<(Bound<'py, PyBytes>, Vec<Bound<'py, PyBytes>>)> {
     let py = value.py();
     let payload =
-        serialize::encode(value, Place::inline(), Trust::new(Pickling::Local, near))?.payload;
+        serialize::encode(value, Place::inline(), Trust::new(Pickling::Local, local))?.payload;
     let parts = payload.parts.iter().filter_map(|part| match part {
         Part::Inline(bytes) => Some(PyBytes::new(py, bytes)),
         Part::Object(_) => None,
@@ -41,16 +41,16 @@ pub(crate) fn encode<'py>(
 
 /// The value of a head and its parts.
 #[pyfunction]
-#[pyo3(signature = (head, parts, near = true))]
+#[pyo3(signature = (head, parts, local = true))]
 pub(crate) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
     parts: Vec<Vec<u8>>,
-    near: bool,
+    local: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
     let parts: Vec<_> =
         parts.into_iter().map(|bytes| ReceivedPart::Inline(Arc::new(bytes))).collect();
-    serialize::decode(py, head, &parts, Trust::new(Pickling::Local, near))
+    serialize::decode(py, head, &parts, Trust::new(Pickling::Local, local))
 }
 
 /// Sends `value` through stores, as one federate does to `readers` others. Returns what each of them

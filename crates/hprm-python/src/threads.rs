@@ -258,7 +258,7 @@ fn ending(name: &str, outcome: thread::Result<Result<(), Failure>>) -> FederateE
             return FederateEnding::Code(failure.exit_code());
         }
         // It names the one that has failed.
-        Ok(Err(Failure::Abandoned(report))) => *report,
+        Ok(Err(Failure::OtherFederateFailed(report))) => *report,
         Ok(Err(failure)) => failure.report().of(name),
         Err(_) => Report::new(Kind::Lost, "its thread panicked, which is a bug").of(name),
     };

@@ -38,15 +38,15 @@ struct Shared {
 
 /// Where a value comes from.
 enum Origin {
-    /// This federate.
-    Here,
-    /// Another federate.
-    Elsewhere(Arrival),
-    /// Another federate of the process; the value has been sent and not received yet.
-    UnderWay(Arc<Parcel>),
+    /// This federate has made it.
+    Created,
+    /// Another federate has sent it.
+    Received(Arrival),
+    /// Another federate of the process has sent it, and the receiver has not taken it yet.
+    InTransit(Arc<Parcel>),
 }
 
-/// A value as it came from another federate.
+/// A value as another federate has sent it.
 struct Arrival {
     at: PhysicalTime,
     codec: Arc<Codec>,
@@ -68,14 +68,14 @@ impl Value {
         let cell = PyOnceLock::new();
         // A new cell is empty, so this cannot fail.
         let _ = cell.set(object.py(), object.clone().unbind());
-        Self::of(cell, Origin::Here)
+        Self::of(cell, Origin::Created)
     }
 
     /// A value of this process that a thread schedules.
     pub(crate) fn scheduled(object: &Bound<'_, PyAny>, share: Share) -> Self {
         let cell = PyOnceLock::new();
         let _ = cell.set(object.py(), object.clone().unbind());
-        Self::with(cell, Origin::Here, Some(share))
+        Self::with(cell, Origin::Created, Some(share))
     }
 
     /// A value that arrived at `at`; `objects` are those of the payload, in its order.
@@ -91,21 +91,21 @@ impl Value {
             hprm_core::Part::Object(_) => objects.next().map(ReceivedPart::Object),
         });
         let content = Content::Bytes { head: payload.head, parts: parts.collect() };
-        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content, trust }))
+        Self::of(PyOnceLock::new(), Origin::Received(Arrival { at, codec, content, trust }))
     }
 
-    /// The value for another federate of this process, as it goes through `codec`: to be taken there.
+    /// The value as it is sent to another federate of this process, encoded by `codec` if it has to be.
     ///
     /// # Errors
     ///
     /// If it cannot be encoded and must be.
-    pub(crate) fn handed_over(
+    pub(crate) fn sent_in_process(
         &self,
         py: Python<'_>,
         codec: &Arc<Codec>,
         trust: Trust,
     ) -> PyResult<Self> {
-        let known = find(&self.0.parcels, codec).or_else(|| self.as_it_was_taken(py, codec));
+        let known = find(&self.0.parcels, codec).or_else(|| self.received_parcel(py, codec));
         let parcel = match known {
             Some(parcel) => parcel,
             None => {
@@ -115,14 +115,20 @@ impl Value {
                 parcel
             }
         };
-        Ok(Self::of(PyOnceLock::new(), Origin::UnderWay(parcel)))
+        Ok(Self::of(PyOnceLock::new(), Origin::InTransit(parcel)))
     }
 
-    /// The value that another federate has handed over, as it arrived here at `at`.
-    pub(crate) fn taken_over(self, codec: Arc<Codec>, trust: Trust, at: PhysicalTime) -> Self {
-        let Origin::UnderWay(parcel) = &self.0.origin else { return self };
+    /// The value as the receiving federate has it, of what [`Self::sent_in_process`] has returned to the sender.
+    /// It arrived at `at`.
+    pub(crate) fn received_in_process(
+        self,
+        codec: Arc<Codec>,
+        trust: Trust,
+        at: PhysicalTime,
+    ) -> Self {
+        let Origin::InTransit(parcel) = &self.0.origin else { return self };
         let content = Content::Parcel(Arc::clone(parcel));
-        Self::of(PyOnceLock::new(), Origin::Elsewhere(Arrival { at, codec, content, trust }))
+        Self::of(PyOnceLock::new(), Origin::Received(Arrival { at, codec, content, trust }))
     }
 
     fn of(object: PyOnceLock<Py<PyAny>>, origin: Origin) -> Self {
@@ -142,12 +148,16 @@ impl Value {
     /// If what arrived cannot be decoded.
     pub(crate) fn object<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let object = self.0.object.get_or_try_init(py, || match &self.0.origin {
-            Origin::Elsewhere(Arrival { codec, content, trust, .. }) => match content {
+            Origin::Received(Arrival { codec, content, trust, .. }) => match content {
                 Content::Bytes { head, parts } => codec.decode(py, head, parts, *trust),
                 Content::Parcel(parcel) => parcel.open(py, codec, *trust),
             },
-            Origin::Here => unreachable!("a value of this federate has its object from the start"),
-            Origin::UnderWay(_) => unreachable!("a value is taken before it is read"),
+            Origin::Created => {
+                unreachable!("a value of this federate has its object from the start")
+            }
+            Origin::InTransit(_) => {
+                unreachable!("the receiver makes a received value of it before it is read")
+            }
         })?;
         Ok(object.bind(py).clone())
     }
@@ -171,7 +181,7 @@ impl Value {
 
     /// The physical time at which the value arrived, if it came from another federate.
     pub(crate) fn arrival(&self) -> Option<PhysicalTime> {
-        self.came().map(|arrival| arrival.at)
+        self.received().map(|arrival| arrival.at)
     }
 
     /// The value as `codec` writes it for a receiver with that trust. Its objects stay in `store` as long as
@@ -192,7 +202,7 @@ impl Value {
         if let Some(encoded) = known.filter(|known| trust.permits_pickle() || !known.pickled) {
             return encoded.payload.try_clone().map_err(no_memory);
         }
-        let encoded = match self.as_it_came(py, codec, store, trust) {
+        let encoded = match self.received_payload(py, codec, store, trust) {
             Some(encoded) => encoded,
             None => codec.encode(&self.object(py)?, store, owner, trust)?,
         };
@@ -202,16 +212,16 @@ impl Value {
         encoded.payload.try_clone().map_err(no_memory)
     }
 
-    fn came(&self) -> Option<&Arrival> {
+    fn received(&self) -> Option<&Arrival> {
         match &self.0.origin {
-            Origin::Elsewhere(arrival) => Some(arrival),
-            Origin::Here | Origin::UnderWay(_) => None,
+            Origin::Received(arrival) => Some(arrival),
+            Origin::Created | Origin::InTransit(_) => None,
         }
     }
 
-    /// The parcel in which it was received, to be forwarded.
-    fn as_it_was_taken(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Arc<Parcel>> {
-        let arrival = self.came()?;
+    /// The parcel in which the value was received, if it can be forwarded as it is.
+    fn received_parcel(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Arc<Parcel>> {
+        let arrival = self.received()?;
         // Objects may have been changed since.
         let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
         match &arrival.content {
@@ -220,15 +230,15 @@ impl Value {
         }
     }
 
-    /// The payload that was received, to be forwarded as it is.
-    fn as_it_came(
+    /// The payload in which the value was received, if it can be forwarded as it is.
+    fn received_payload(
         &self,
         py: Python<'_>,
         codec: &Arc<Codec>,
         store: &mut Store,
         trust: Trust,
     ) -> Option<Encoded> {
-        let arrival = self.came()?;
+        let arrival = self.received()?;
         // Decoded values may have been changed since.
         let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
         let Content::Bytes { head, parts } = &arrival.content else { return None };
@@ -236,7 +246,7 @@ impl Value {
         if !untouched || pickled && !trust.permits_pickle() {
             return None;
         }
-        Encoded::as_it_came(head, parts, pickled, store)
+        Encoded::forwarded(head, parts, pickled, store)
     }
 }
 

@@ -24,9 +24,9 @@ pub use report::{Kind, Label, Report};
 /// something about it, its hint in [`Self::hint`].
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum Failure {
-    /// The program has chosen to leave, and all is well.
+    /// This federate has left the federation on its own account, for example by `sys.exit(0)`. No error.
     #[error("the program has left")]
-    Left,
+    LeftFederation,
     /// A signal has asked the program to stop.
     #[error("stopped by signal {signal}")]
     Interrupted {
@@ -139,12 +139,12 @@ pub enum Failure {
     /// There is no memory for a message.
     #[error("{0}")]
     Memory(String),
-    /// Another federate has failed, and so this one ends too. Its host has been told.
+    /// Another federate has failed, and this one ends for that reason. The host has been told.
     #[error("{}", .0.message)]
-    Abandoned(Box<Report>),
-    /// A federate of the federation has failed: the outcome of its RTI.
+    OtherFederateFailed(Box<Report>),
+    /// A federate has failed: the outcome of the RTI of its federation.
     #[error("{}", .0.message)]
-    Federate(Box<Report>),
+    FederateFailed(Box<Report>),
 }
 
 /// Code of a program that cannot go on: which it is, and what happened.
@@ -224,16 +224,19 @@ impl Failure {
         Self::Trace { file: file.to_owned(), reason: error.to_string(), hint }
     }
 
-    /// The outcome of a run whose trace may be missing: that is a failure too, unless another one is to be told.
-    pub(crate) fn or_untraced(
+    /// The outcome of a run, which includes that of writing its trace. If both have failed, the failure of the
+    /// run counts.
+    pub(crate) fn with_trace_outcome(
         outcome: Result<(), Self>,
-        traced: Result<(), Self>,
+        trace_outcome: Result<(), Self>,
     ) -> Result<(), Self> {
         match outcome {
-            Err(failure) if !failure.is_quiet() || matches!(failure, Self::Abandoned(_)) => {
+            Err(failure)
+                if failure.needs_report() || matches!(failure, Self::OtherFederateFailed(_)) =>
+            {
                 Err(failure)
             }
-            outcome => traced.and(outcome),
+            outcome => trace_outcome.and(outcome),
         }
     }
 
@@ -311,7 +314,7 @@ impl Failure {
     #[must_use]
     pub fn kind(&self) -> Kind {
         match self {
-            Self::Left => Kind::Left,
+            Self::LeftFederation => Kind::Left,
             Self::Interrupted { .. } => Kind::Interrupted,
             Self::Exited { .. } => Kind::Exit,
             Self::Quit { .. } => Kind::Quit,
@@ -333,7 +336,7 @@ impl Failure {
             Self::Protocol { .. } => Kind::Protocol,
             Self::Store(_) => Kind::Store,
             Self::Memory(_) => Kind::Memory,
-            Self::Abandoned(report) | Self::Federate(report) => report.kind,
+            Self::OtherFederateFailed(report) | Self::FederateFailed(report) => report.kind,
         }
     }
 
@@ -341,20 +344,24 @@ impl Failure {
     #[must_use]
     pub fn exit_code(&self) -> i32 {
         match self {
-            Self::Left => 0,
+            Self::LeftFederation => 0,
             Self::Interrupted { signal } => exit_code(Signal(*signal).exit_code()),
             Self::Exited { code } => exit_code(*code),
-            Self::Federate(report) => exit_code(report.code),
+            Self::FederateFailed(report) => exit_code(report.code),
             _ => 1,
         }
     }
 
-    /// Whether the user needs no report: the program ended as asked, or another process reports the failure.
+    /// Whether this process has to report the failure to the user. It has not if the program ended as asked,
+    /// or if another process reports the failure.
     #[must_use]
-    pub fn is_quiet(&self) -> bool {
-        matches!(
+    pub fn needs_report(&self) -> bool {
+        !matches!(
             self,
-            Self::Left | Self::Interrupted { .. } | Self::Exited { .. } | Self::Abandoned(_)
+            Self::LeftFederation
+                | Self::Interrupted { .. }
+                | Self::Exited { .. }
+                | Self::OtherFederateFailed(_)
         )
     }
 
@@ -364,7 +371,7 @@ impl Failure {
         let plain = Report { code: self.exit_code(), ..Report::new(self.kind(), self.to_string()) };
         match self {
             Self::Raised(raised) => raised.report(plain),
-            Self::Abandoned(report) | Self::Federate(report) => {
+            Self::OtherFederateFailed(report) | Self::FederateFailed(report) => {
                 Report { code: plain.code, ..(**report).clone() }
             }
             Self::Mistakes(reports) => match reports.as_slice() {
@@ -376,12 +383,12 @@ impl Failure {
         }
     }
 
-    /// What is told one by one to people and to programs that watch; empty if there is nothing.
+    /// The reports that the user and programs that watch get, one by one; none if no report is needed.
     #[must_use]
     pub fn reports(&self) -> Vec<Report> {
         match self {
             Self::Mistakes(reports) => reports.clone(),
-            failure if failure.is_quiet() => Vec::new(),
+            failure if !failure.needs_report() => Vec::new(),
             failure => vec![failure.report()],
         }
     }

@@ -45,7 +45,7 @@ use pace::{LINGER, Pace, Used};
 /// # Errors
 ///
 /// What a reaction raised, or why the federation ended. If another federate has failed first, that is
-/// [`Failure::Abandoned`] with the report of the other federate.
+/// [`Failure::OtherFederateFailed`] with the report of the other federate.
 pub fn run_federate<H: Host>(
     options: &FederateOptions,
     inbox: &Inbox<H::Value>,
@@ -121,7 +121,7 @@ where
         pace: Pace::new(),
     };
     if federate.exchange.is_none() {
-        federate.host.furnish(federate.federation.objects.allocator());
+        federate.host.set_allocator(federate.federation.objects.allocator());
     }
     if options.trace.is_some() {
         federate.scheduler.start_recording();
@@ -202,7 +202,7 @@ where
     /// Ends the federate, in order or with a failure, and tells the federation which of the two.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         let traced = self.end_trace(&outcome);
-        match Failure::or_untraced(outcome, traced) {
+        match Failure::with_trace_outcome(outcome, traced) {
             Ok(()) => {
                 self.federation.finish_sending();
                 match self.interrupted {
@@ -210,7 +210,7 @@ where
                     false => Ok(()),
                 }
             }
-            Err(Failure::Left) => {
+            Err(Failure::LeftFederation) => {
                 // The program has exited with code 0: for other federates that is an orderly end.
                 let ended = self.handle(Input::Leave);
                 self.federation.finish_sending();
@@ -423,13 +423,13 @@ where
             return Ok(());
         }
         if let Some(exchange) = &self.exchange {
-            let mut payload = exchange.put(to, self.host.hand_over(channel, &value)?);
+            let mut payload = exchange.put(to, self.host.send_in_process(channel, &value)?);
             payload.physical = physical;
             return self.handle(Input::Send { channel, tag, payload });
         }
         let shares_memory = machine.shares_memory_with(to);
-        let near = shares_memory && links.is_same_user(to);
-        let payload = self.host.encode(&mut objects.store(), channel, &value, near)?;
+        let is_local = shares_memory && links.is_same_user(to);
+        let payload = self.host.encode(&mut objects.store(), channel, &value, is_local)?;
         let (mut payload, changes) =
             if shares_memory && links.descriptors_precede(to, route.physical) {
                 let changes = objects.share(&payload, to)?;
@@ -508,8 +508,8 @@ where
             Output::Ended { reason } => {
                 let failure =
                     failure_of_end(self.scheduler.program(), self.federation.me(), reason);
-                if let Failure::Abandoned(report) = &failure {
-                    self.host.abandoned(report);
+                if let Failure::OtherFederateFailed(report) = &failure {
+                    self.host.other_federate_failed(report);
                 }
                 // A federate that a signal has interrupted ends because of the signal, even if the failure of
                 // another federate has kept it from stopping in order.
@@ -525,13 +525,13 @@ where
             let value = exchange
                 .take(me, &payload)
                 .expect("the sender puts the value there before it sends the message");
-            return Ok(self.host.take_over(channel, value, Clock::now()));
+            return Ok(self.host.receive_in_process(channel, value, Clock::now()));
         }
         let from = self.scheduler.program().channels[channel].from;
         let Membership { machine, objects, links, .. } = &mut self.federation;
-        let near = machine.shares_memory_with(from) && links.is_same_user(from);
+        let is_local = machine.shares_memory_with(from) && links.is_same_user(from);
         let opened = objects.open(&payload)?;
-        Ok(self.host.receive(channel, payload, opened, Clock::now(), near))
+        Ok(self.host.receive(channel, payload, opened, Clock::now(), is_local))
     }
 
     /// Waits until a link, another thread or the clock may permit this federate to continue.
@@ -545,7 +545,7 @@ where
         );
         let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
-        let found = inbox.may_sleep().then(|| self.host.idle(|| links.wait(inbox, until)));
+        let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
         self.looked_at = Clock::now();
         self.pace.waited(self.looked_at);
@@ -585,7 +585,7 @@ fn failure_of_end(program: &Program, me: FederateId, reason: End) -> Failure {
         End::Failed { federate, message, .. } if federate == me => Failure::Link(message),
         End::Failed { federate, message, code } => {
             let name = &program.federates[federate].name;
-            Failure::Abandoned(Box::new(Report::heard(name, &message, code)))
+            Failure::OtherFederateFailed(Box::new(Report::from_message(name, &message, code)))
         }
         End::Refused(refusal) => Failure::Refused(refusal),
         End::RtiLost => Failure::RtiLost { program: program.name.clone() },

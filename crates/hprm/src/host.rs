@@ -37,17 +37,17 @@ pub trait Host {
         None
     }
 
-    /// Hands over the federate's store, for a host that makes values in its memory: those can be
-    /// sealed in [`Self::encode`] without a copy. Called once, before any body runs, and not where
-    /// federates share a process.
-    fn furnish(&mut self, allocator: &Arc<StoreAllocator>) {
+    /// Gives the host the allocator of the federate's store. A host that makes values in the memory of the
+    /// store can seal them in [`Self::encode`] without a copy. The loop calls this once, before any body runs,
+    /// but not if the federates are threads of one process.
+    fn set_allocator(&mut self, allocator: &Arc<StoreAllocator>) {
         let _ = allocator;
     }
 
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until
     /// the last clone of `value` is dropped; the loop adds the readers. Several channels may ask
-    /// for the same value: it should be encoded once. The receiver is `near` if it runs for the same
-    /// user on this machine.
+    /// for the same value: it should be encoded once. `is_local` says whether the receiver is a process of the
+    /// same user on this machine.
     ///
     /// # Errors
     ///
@@ -57,29 +57,28 @@ pub trait Host {
         store: &mut Store,
         channel: ChannelId,
         value: &Self::Value,
-        near: bool,
+        is_local: bool,
     ) -> Result<Payload, Failure>;
 
     /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
-    /// its order. Decoding may wait until the value is read. `arrival` is the physical time. The sender
-    /// is `near` if it runs for the same user on this machine.
+    /// its order. Decoding may wait until the value is read. `arrival` is the physical time. `is_local` says
+    /// whether the sender is a process of the same user on this machine.
     fn receive(
         &mut self,
         channel: ChannelId,
         payload: Payload,
         objects: Vec<Object>,
         arrival: PhysicalTime,
-        near: bool,
+        is_local: bool,
     ) -> Self::Value;
 
-    /// Prepares a value for another federate of this process, which runs in another thread. What is
-    /// returned is not encoded and need not be a copy, but nothing that this federate does from now
-    /// on may be seen in it.
+    /// Prepares a value for a federate that runs in another thread of this process. The returned value is not
+    /// encoded and need not be a copy, but this federate must not be able to change it any more.
     ///
     /// # Errors
     ///
-    /// If the value cannot be handed over; the program ends.
-    fn hand_over(
+    /// If the value cannot be sent; the program ends.
+    fn send_in_process(
         &mut self,
         channel: ChannelId,
         value: &Self::Value,
@@ -88,8 +87,9 @@ pub trait Host {
         Ok(value.clone())
     }
 
-    /// Takes what another federate of this process has handed over. `arrival` is the physical time.
-    fn take_over(
+    /// Makes a value of what another federate of this process has returned from
+    /// [`Self::send_in_process`]. `arrival` is the physical time.
+    fn receive_in_process(
         &mut self,
         channel: ChannelId,
         value: Self::Value,
@@ -106,15 +106,15 @@ pub trait Host {
         Described::opaque("value")
     }
 
-    /// Where a reaction is written, as `FILE:LINE`, for what is reported of it.
-    fn place(&self, reaction: ReactionId) -> Option<String> {
+    /// Where the source code of a reaction is, as `FILE:LINE`, for reports about the reaction.
+    fn source_location(&self, reaction: ReactionId) -> Option<String> {
         let _ = reaction;
         None
     }
 
-    /// Waits, or lets workers run. A host that holds a lock which other threads of the process need
-    /// releases it meanwhile.
-    fn idle<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
+    /// Calls `wait`, which waits for input or for workers. If the host holds a lock that other threads of the
+    /// process need, as Python's interpreter lock, it releases that lock during the call.
+    fn run_unlocked<R: Send>(&self, wait: impl FnOnce() -> R + Send) -> R {
         wait()
     }
 
@@ -128,24 +128,23 @@ pub trait Host {
         Signal::INTERRUPT.0
     }
 
-    /// How long this federate is to wait for its inputs, if a body has changed that since this was
-    /// last called.
+    /// The new maxwait of this federate, if a body has changed it since the last call.
     fn take_maxwait(&mut self) -> Option<Nanos> {
         None
     }
 
-    /// Whether another thread than that of a body has asked that this federate alone stops, since this
-    /// was last called.
+    /// Whether a thread that runs no body has asked this federate to stop alone, without the others, since the
+    /// last call.
     fn take_departure(&mut self) -> bool {
         false
     }
 
-    /// Another federate has failed, and so this one ends too. A launcher of both may tell the user
-    /// already.
-    fn abandoned(&mut self, _report: &Report) {}
+    /// The loop calls this if another federate has failed and this one ends for that reason. The host tells
+    /// the user, unless a launcher of both federates does.
+    fn other_federate_failed(&mut self, _report: &Report) {}
 
-    /// Reports something that the user should know and that does not end the program: a tardy
-    /// input that its reaction does not handle.
+    /// Reports to the user something that does not end the program, for example a tardy input that its
+    /// reaction does not handle.
     fn warn(&mut self, message: &str);
 }
 

@@ -53,7 +53,7 @@ where
     inbox.close();
     workers.report_dropped(&scheduler, host);
     let traced = workers.end_trace(&scheduler, &outcome);
-    Failure::or_untraced(outcome, traced)
+    Failure::with_trace_outcome(outcome, traced)
 }
 
 fn run<H: Host>(
@@ -87,7 +87,7 @@ where
         if due > now {
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
-            let rings = inbox.may_sleep() && host.idle(|| wait_for(fd, until));
+            let rings = inbox.may_sleep() && host.run_unlocked(|| wait_for(fd, until));
             inbox.waited(rings);
             continue;
         }

@@ -431,9 +431,9 @@ impl Rti {
                     });
                 }
                 RtiOutput::Failed { federate, message, code } => {
-                    let heard = self.report_of(federate, &message, code);
-                    self.failure = Some(Failure::Federate(Box::new(heard.clone())));
-                    report(RtiEvent::Failed { federate, report: heard });
+                    let received = self.report_of(federate, &message, code);
+                    self.failure = Some(Failure::FederateFailed(Box::new(received.clone())));
+                    report(RtiEvent::Failed { federate, report: received });
                 }
                 RtiOutput::Missing(missing) => self.failure = Some(Failure::Missing(missing)),
                 RtiOutput::Finished => self.finished = true,
@@ -446,7 +446,7 @@ impl Rti {
 
     /// The report on a federate that has failed, with the federate's name.
     fn report_of(&self, federate: FederateId, message: &str, code: i32) -> Report {
-        Report::heard(&self.program.federates[federate].name, message, code)
+        Report::from_message(&self.program.federates[federate].name, message, code)
     }
 
     fn send(&mut self, link: LinkId, frame: Frame) {

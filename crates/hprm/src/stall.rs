@@ -40,10 +40,10 @@ pub struct StallWatch {
     /// None if a long run alone is not reported.
     limit: Option<Duration>,
     seen: BTreeMap<ReactionRun, Seen>,
-    /// The reactions that have been reported: once each.
-    told: BTreeSet<(usize, ReactionId)>,
-    /// When the user was first known to wait for the end.
-    asked: Option<Duration>,
+    /// The reactions that have been reported. Each is reported once.
+    reported: BTreeSet<(usize, ReactionId)>,
+    /// When the user has asked the program to stop, as far as samples show.
+    stop_requested_at: Option<Duration>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -57,22 +57,23 @@ impl StallWatch {
     /// Reports reactions that take longer than `limit`.
     #[must_use]
     pub fn new(limit: Option<Duration>) -> Self {
-        Self { limit, seen: BTreeMap::new(), told: BTreeSet::new(), asked: None }
+        Self { limit, seen: BTreeMap::new(), reported: BTreeSet::new(), stop_requested_at: None }
     }
 
-    /// Takes a sample of what runs at the time `now`, and whether the user has `asked` the program to stop.
+    /// Takes a sample of what runs at the time `now`. `stop_requested` says whether the user has asked the program to
+    /// stop.
     /// Returns what to report.
-    pub fn look(
+    pub fn sample(
         &mut self,
         now: Duration,
         runs: impl IntoIterator<Item = ReactionRun>,
-        asked: bool,
+        stop_requested: bool,
     ) -> Vec<Stall> {
-        if asked {
-            self.asked.get_or_insert(now);
+        if stop_requested {
+            self.stop_requested_at.get_or_insert(now);
         }
         let before = std::mem::take(&mut self.seen);
-        let is_due = self.asked.is_some_and(|at| now >= at + AFTER_SIGNAL);
+        let is_due = self.stop_requested_at.is_some_and(|at| now >= at + AFTER_SIGNAL);
         let mut stalls = Vec::new();
         for run in runs {
             let mut seen =
@@ -80,10 +81,10 @@ impl StallWatch {
             let lasts = now.saturating_sub(seen.since);
             if is_due && lasts >= AFTER_SIGNAL && !seen.delays_stop {
                 seen.delays_stop = true;
-                self.told.insert((run.program, run.reaction));
+                self.reported.insert((run.program, run.reaction));
                 stalls.push(Stall { run, lasts, delays_stop: true });
             } else if self.limit.is_some_and(|limit| lasts >= limit)
-                && self.told.insert((run.program, run.reaction))
+                && self.reported.insert((run.program, run.reaction))
             {
                 stalls.push(Stall { run, lasts, delays_stop: false });
             }
@@ -98,9 +99,9 @@ impl StallWatch {
         self.seen.get(&run).map_or(Duration::MAX, |seen| seen.since)
     }
 
-    /// The user breaks into what runs. Returns what has not been reported since the program was asked to
+    /// The user interrupts what runs. Returns what has not been reported since the program was asked to
     /// stop.
-    pub fn break_in(
+    pub fn interrupt(
         &mut self,
         now: Duration,
         runs: impl IntoIterator<Item = ReactionRun>,
@@ -109,7 +110,7 @@ impl StallWatch {
         for run in runs {
             let seen = self.seen.entry(run).or_insert(Seen { since: now, delays_stop: false });
             if !std::mem::replace(&mut seen.delays_stop, true) {
-                self.told.insert((run.program, run.reaction));
+                self.reported.insert((run.program, run.reaction));
                 let lasts = now.saturating_sub(seen.since);
                 stalls.push(Stall { run, lasts, delays_stop: true });
             }
@@ -131,14 +132,19 @@ mod tests {
         watch: &mut StallWatch,
         (from, to): (u64, u64),
         runs: impl Fn(u64) -> Vec<ReactionRun>,
-        asked: bool,
+        stop_requested: bool,
     ) -> Vec<(u64, Stall)> {
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for half in 2 * from..2 * to {
             let now = Duration::from_millis(500 * half);
-            told.extend(watch.look(now, runs(half), asked).into_iter().map(|stall| (half, stall)));
+            reported.extend(
+                watch
+                    .sample(now, runs(half), stop_requested)
+                    .into_iter()
+                    .map(|stall| (half, stall)),
+            );
         }
-        told
+        reported
     }
 
     fn five() -> StallWatch {
@@ -146,10 +152,10 @@ mod tests {
     }
 
     #[test]
-    fn a_reaction_that_does_not_return_is_told_once() {
-        let told = look(&mut five(), (0, 60), |_| vec![run(3, 17)], false);
+    fn a_reaction_that_does_not_return_is_reported_once() {
+        let reported = look(&mut five(), (0, 60), |_| vec![run(3, 17)], false);
         let lasts = Duration::from_secs(5);
-        assert_eq!(told, [(10, Stall { run: run(3, 17), lasts, delays_stop: false })]);
+        assert_eq!(reported, [(10, Stall { run: run(3, 17), lasts, delays_stop: false })]);
     }
 
     #[test]
@@ -160,56 +166,56 @@ mod tests {
     }
 
     #[test]
-    fn each_reaction_is_told_once_however_often_it_takes_long() {
+    fn each_reaction_is_reported_once_however_often_it_takes_long() {
         let runs = |half| vec![run(3, half / 20), run(4, 100 + half / 20)];
-        let told = look(&mut five(), (0, 60), runs, false);
-        let reactions: Vec<_> = told.iter().map(|(_, stall)| stall.run.reaction.0).collect();
+        let reported = look(&mut five(), (0, 60), runs, false);
+        let reactions: Vec<_> = reported.iter().map(|(_, stall)| stall.run.reaction.0).collect();
         assert_eq!(reactions, [3, 4]);
     }
 
     #[test]
-    fn without_a_limit_nothing_is_told_before_the_end_is_asked_for() {
+    fn without_a_limit_nothing_is_reported_before_a_stop_request() {
         let mut watch = StallWatch::new(None);
         assert_eq!(look(&mut watch, (0, 60), |_| vec![run(3, 1)], false), []);
-        let told = look(&mut watch, (60, 70), |_| vec![run(3, 1)], true);
+        let reported = look(&mut watch, (60, 70), |_| vec![run(3, 1)], true);
         let lasts = Duration::from_secs(61);
-        assert_eq!(told, [(122, Stall { run: run(3, 1), lasts, delays_stop: true })]);
+        assert_eq!(reported, [(122, Stall { run: run(3, 1), lasts, delays_stop: true })]);
     }
 
     #[test]
-    fn a_reaction_that_keeps_the_end_waiting_is_told_again() {
+    fn a_reaction_that_keeps_the_end_waiting_is_reported_again() {
         let mut watch = five();
         assert_eq!(look(&mut watch, (0, 8), |_| vec![run(3, 1)], false).len(), 1);
-        let told = look(&mut watch, (8, 20), |_| vec![run(3, 1)], true);
+        let reported = look(&mut watch, (8, 20), |_| vec![run(3, 1)], true);
         assert_eq!(
-            told.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
+            reported.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
             [(18, true)]
         );
         // A shutdown reaction that began after the signal.
-        let told = look(&mut watch, (20, 30), |_| vec![run(5, 2)], true);
+        let reported = look(&mut watch, (20, 30), |_| vec![run(5, 2)], true);
         assert_eq!(
-            told.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
+            reported.iter().map(|(half, stall)| (*half, stall.delays_stop)).collect::<Vec<_>>(),
             [(42, true)]
         );
     }
 
     #[test]
-    fn a_reaction_that_returns_soon_after_the_signal_is_not_told() {
+    fn a_reaction_that_returns_soon_after_the_signal_is_not_reported() {
         let mut watch = five();
         assert_eq!(look(&mut watch, (0, 2), |_| vec![run(3, 1)], false), []);
-        assert_eq!(watch.look(Duration::from_secs(2), [run(3, 1)], true), []);
-        assert_eq!(watch.look(Duration::from_millis(2500), [run(3, 1)], true), []);
+        assert_eq!(watch.sample(Duration::from_secs(2), [run(3, 1)], true), []);
+        assert_eq!(watch.sample(Duration::from_millis(2500), [run(3, 1)], true), []);
         assert_eq!(look(&mut watch, (3, 9), |_| Vec::new(), true), []);
     }
 
     #[test]
-    fn a_reaction_that_the_user_breaks_into_is_told_unless_that_is_known() {
+    fn a_reaction_that_the_user_interrupts_is_reported_unless_it_has_been() {
         let mut watch = five();
-        watch.look(Duration::from_secs(1), [run(3, 1)], false);
+        watch.sample(Duration::from_secs(1), [run(3, 1)], false);
         let now = Duration::from_secs(3);
-        let [stall] = watch.break_in(now, [run(3, 1)])[..] else { panic!("it is told") };
+        let [stall] = watch.interrupt(now, [run(3, 1)])[..] else { panic!("it is reported") };
         assert_eq!((stall.lasts, stall.delays_stop), (Duration::from_secs(2), true));
-        assert_eq!(watch.break_in(now, [run(3, 1)]), []);
-        assert_eq!(watch.look(Duration::from_secs(9), [run(3, 1)], true), []);
+        assert_eq!(watch.interrupt(now, [run(3, 1)]), []);
+        assert_eq!(watch.sample(Duration::from_secs(9), [run(3, 1)], true), []);
     }
 }

@@ -1,6 +1,6 @@
 //! The stop timer: what a process does after signals have asked it to stop, and when.
 //!
-//! The first signal asks for an orderly stop. A second one, or the end of the time for that, breaks into what
+//! The first signal asks for an orderly stop. A second one, or the end of the time for that, interrupts what
 //! runs. If the process still runs some time after that, it ends at once. The caller reads the clock,
 //! receives the signals and ends the process.
 
@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::supervisor::{AFTER_INTERRUPT, Signal, TOGETHER};
 
-/// How long the interpreter may take to notice that a signal breaks into what runs. Code that is not Python's
+/// How long the interpreter may take to notice that a signal interrupts what runs. Code that is not Python's
 /// may hold it.
 const NOTICE: Duration = Duration::from_secs(1);
 /// How long the process may take to end after that.
@@ -17,13 +17,13 @@ const UNWIND: Duration = Duration::from_secs(3);
 /// What is to be done.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopStep {
-    /// Nothing has ended in time: break into what runs, by this signal.
-    BreakIn(Signal),
+    /// Nothing has ended in time: interrupt what runs, by this signal.
+    Interrupt(Signal),
     /// End the process now.
     End {
         /// The first signal.
         signal: Signal,
-        /// How long the process has not ended after it was broken into.
+        /// How long the process has not ended after that interruption.
         after: Duration,
     },
 }
@@ -31,8 +31,8 @@ pub enum StopStep {
 /// What the process has done so far.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StopProgress {
-    /// Whether the interpreter has noticed that a signal breaks in.
-    pub broken: bool,
+    /// Whether the interpreter has noticed the interrupting signal.
+    pub interrupted: bool,
     /// Whether the program has ended.
     pub over: bool,
 }
@@ -41,9 +41,9 @@ pub struct StopProgress {
 #[derive(Clone, Debug, Default)]
 pub struct StopTimer {
     /// The first signal, and when it came.
-    asked: Option<(Signal, Duration)>,
-    /// When a signal broke in.
-    broken: Option<Duration>,
+    stop_requested: Option<(Signal, Duration)>,
+    /// When a signal interrupted what ran.
+    interrupted: Option<Duration>,
     ended: bool,
 }
 
@@ -53,10 +53,10 @@ impl StopTimer {
 
     /// A signal has come.
     pub fn signal(&mut self, now: Duration, signal: Signal) {
-        match self.asked {
-            None => self.asked = Some((signal, now)),
+        match self.stop_requested {
+            None => self.stop_requested = Some((signal, now)),
             Some((_, at)) if now >= at + TOGETHER => {
-                self.broken.get_or_insert(now);
+                self.interrupted.get_or_insert(now);
             }
             Some(_) => {}
         }
@@ -64,16 +64,17 @@ impl StopTimer {
 
     /// What is due; each step once.
     pub fn tick(&mut self, now: Duration, progress: StopProgress) -> Option<StopStep> {
-        let (signal, asked) = self.asked.filter(|_| !progress.over && !self.ended)?;
-        let Some(broken) = self.broken else {
-            if now < asked + Self::ORDERLY {
+        let (signal, stop_requested) =
+            self.stop_requested.filter(|_| !progress.over && !self.ended)?;
+        let Some(interrupted) = self.interrupted else {
+            if now < stop_requested + Self::ORDERLY {
                 return None;
             }
-            self.broken = Some(now);
-            return Some(StopStep::BreakIn(signal));
+            self.interrupted = Some(now);
+            return Some(StopStep::Interrupt(signal));
         };
-        let after = if progress.broken { UNWIND } else { NOTICE };
-        if now < broken + after {
+        let after = if progress.interrupted { UNWIND } else { NOTICE };
+        if now < interrupted + after {
             return None;
         }
         self.ended = true;
@@ -82,9 +83,9 @@ impl StopTimer {
 
     /// When to call [`Self::tick`] if no signal comes.
     pub fn next_wakeup(&self, now: Duration) -> Option<Duration> {
-        let (_, asked) = self.asked.filter(|_| !self.ended)?;
-        let due = match self.broken {
-            None => vec![asked + Self::ORDERLY],
+        let (_, stop_requested) = self.stop_requested.filter(|_| !self.ended)?;
+        let due = match self.interrupted {
+            None => vec![stop_requested + Self::ORDERLY],
             Some(at) => vec![at + NOTICE, at + UNWIND],
         };
         due.into_iter().find(|at| *at > now)
@@ -95,9 +96,9 @@ impl StopTimer {
 mod tests {
     use super::*;
 
-    const RUNS: StopProgress = StopProgress { broken: false, over: false };
-    const BROKEN: StopProgress = StopProgress { broken: true, over: false };
-    const OVER: StopProgress = StopProgress { broken: false, over: true };
+    const RUNS: StopProgress = StopProgress { interrupted: false, over: false };
+    const INTERRUPTED: StopProgress = StopProgress { interrupted: true, over: false };
+    const OVER: StopProgress = StopProgress { interrupted: false, over: true };
 
     fn ms(milliseconds: u64) -> Duration {
         Duration::from_millis(milliseconds)
@@ -122,7 +123,7 @@ mod tests {
         }
     }
 
-    const BREAK_IN: StopStep = StopStep::BreakIn(Signal::TERMINATE);
+    const INTERRUPT: StopStep = StopStep::Interrupt(Signal::TERMINATE);
 
     fn end(after: u64) -> StopStep {
         StopStep::End { signal: Signal::TERMINATE, after: ms(after) }
@@ -137,23 +138,23 @@ mod tests {
 
     #[test]
     fn one_signal_ends_what_never_answers() {
-        assert_eq!(steps(&[10], |_| RUNS), [(5010, BREAK_IN), (6010, end(1000))]);
+        assert_eq!(steps(&[10], |_| RUNS), [(5010, INTERRUPT), (6010, end(1000))]);
     }
 
     #[test]
-    fn what_is_broken_into_may_take_longer_to_end() {
-        let broken = |at| if at >= 5500 { BROKEN } else { RUNS };
-        assert_eq!(steps(&[10], broken), [(5010, BREAK_IN), (8010, end(3000))]);
-        let ends = |at| if at >= 7000 { OVER } else { broken(at) };
-        assert_eq!(steps(&[10], ends), [(5010, BREAK_IN)]);
+    fn what_was_interrupted_may_take_longer_to_end() {
+        let interrupted = |at| if at >= 5500 { INTERRUPTED } else { RUNS };
+        assert_eq!(steps(&[10], interrupted), [(5010, INTERRUPT), (8010, end(3000))]);
+        let ends = |at| if at >= 7000 { OVER } else { interrupted(at) };
+        assert_eq!(steps(&[10], ends), [(5010, INTERRUPT)]);
     }
 
     #[test]
     fn a_second_signal_does_not_wait() {
         assert_eq!(steps(&[10, 300], |_| RUNS), [(1300, end(1000))]);
-        assert_eq!(steps(&[10, 300], |_| BROKEN), [(3300, end(3000))]);
+        assert_eq!(steps(&[10, 300], |_| INTERRUPTED), [(3300, end(3000))]);
         // More of them change nothing, and one sent twice is one.
-        assert_eq!(steps(&[10, 300, 400, 2000], |_| BROKEN), [(3300, end(3000))]);
-        assert_eq!(steps(&[10, 50], |_| RUNS), [(5010, BREAK_IN), (6010, end(1000))]);
+        assert_eq!(steps(&[10, 300, 400, 2000], |_| INTERRUPTED), [(3300, end(3000))]);
+        assert_eq!(steps(&[10, 50], |_| RUNS), [(5010, INTERRUPT), (6010, end(1000))]);
     }
 }

@@ -239,7 +239,7 @@ impl Supervisor {
                 self.terminate(now);
             }
             Phase::Terminating { until } if now >= until => {
-                self.warn_of_unfinished("killed what did not end by itself");
+                self.warn_of_unfinished("killed federates that did not end by themselves");
                 self.kill(now);
             }
             _ => {}
@@ -262,12 +262,12 @@ impl Supervisor {
         let starting = (!self.started).then_some(self.start_until);
         let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
         let dropped = self.federates.values().filter_map(|federate| federate.dropped.as_ref());
-        let heard = endings
+        let reported = endings
             .map(|(_, at)| *at)
             .chain(dropped.map(|(_, at)| *at))
             .chain(self.accused.as_ref().map(|(_, _, at)| *at))
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
-        let graces = heard.map(|at| at + GRACE);
+        let graces = reported.map(|at| at + GRACE);
         phase
             .into_iter()
             .chain(starting)
@@ -356,10 +356,10 @@ impl Supervisor {
                 continue;
             }
             federate.is_reported |= failed.is_some();
-            let heard = federate.dropped.take().map(|(report, _)| report);
+            let rti_report = federate.dropped.take().map(|(report, _)| report);
             let ending = failed.map(|(how, _)| how);
             let verdict =
-                Verdict::on_federate(&federate.name, true, heard.as_ref(), ending.as_ref());
+                Verdict::on_federate(&federate.name, true, rti_report.as_ref(), ending.as_ref());
             self.transient_code.get_or_insert(verdict.code);
             if self.exit_code.is_none() {
                 self.orders.push_back(Order::Report(Box::new(verdict.report)));
@@ -483,9 +483,9 @@ impl Supervisor {
     fn blame(&self, id: FederateId) -> Verdict {
         let federate = &self.federates[id];
         let accused = self.accused.as_ref().filter(|(accused, _, _)| *accused == id);
-        let heard = accused.map(|(_, report, _)| report);
+        let rti_report = accused.map(|(_, report, _)| report);
         let ending = federate.ending.as_ref().map(|(how, _)| how);
-        Verdict::on_federate(&federate.name, federate.joined, heard, ending)
+        Verdict::on_federate(&federate.name, federate.joined, rti_report, ending)
     }
 
     /// The federates for which the start waits, if any has not joined, and else those that have not loaded.

@@ -332,7 +332,7 @@ impl<V: Clone + Send + Sync> Team<V> {
             }
         };
         let helpers = (*others).min(turns.len() - 1);
-        host.idle(|| {
+        host.run_unlocked(|| {
             threads.in_place_scope(|scope| {
                 for _ in 0..helpers {
                     scope.spawn(|_| work());
@@ -390,7 +390,7 @@ fn timed(
 
 #[cold]
 fn warn_of_overload<H: Host>(program: &Program, scope: Scope, host: &mut H, overload: &Overload) {
-    let message = overload.message(program, scope, |reaction| host.place(reaction));
+    let message = overload.message(program, scope, |reaction| host.source_location(reaction));
     host.warn(&message);
 }
 

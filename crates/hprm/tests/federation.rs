@@ -58,8 +58,8 @@ fn a_reaction_that_fails_ends_the_federation_and_is_reported_once() {
         assert_eq!((outcome.exit_code(), outcome.report()), (3, report.clone()));
         for outcome in &federation.outcomes[1..] {
             let outcome = outcome.clone().unwrap_err();
-            assert_eq!(outcome, Failure::Abandoned(Box::new(report.clone())));
-            assert!(outcome.is_quiet() && outcome.exit_code() == 1);
+            assert_eq!(outcome, Failure::OtherFederateFailed(Box::new(report.clone())));
+            assert!(!outcome.needs_report() && outcome.exit_code() == 1);
         }
         let failed = federation.events.iter().filter(|e| matches!(e, RtiEvent::Failed { .. }));
         assert_eq!(failed.count(), 1);

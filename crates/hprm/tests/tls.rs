@@ -84,18 +84,18 @@ fn listen_in(target: &Address) -> (Address, Arc<Mutex<Vec<u8>>>) {
     let listener = TcpListener::bind(TCP).unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
     let seen = Arc::new(Mutex::new(Vec::new()));
-    let heard = Arc::clone(&seen);
+    let captured = Arc::clone(&seen);
     thread::spawn(move || {
         let (client, _) = listener.accept().unwrap();
         let server = TcpStream::connect(target).unwrap();
         for (mut from, mut to) in
             [(client.try_clone().unwrap(), server.try_clone().unwrap()), (server, client)]
         {
-            let heard = Arc::clone(&heard);
+            let captured = Arc::clone(&captured);
             thread::spawn(move || {
                 let mut buffer = [0; 4096];
                 while let Ok(count @ 1..) = from.read(&mut buffer) {
-                    heard.lock().unwrap().extend_from_slice(&buffer[..count]);
+                    captured.lock().unwrap().extend_from_slice(&buffer[..count]);
                     if to.write_all(&buffer[..count]).is_err() {
                         break;
                     }

@@ -26,10 +26,10 @@ fn connect(address: &Address) -> TcpStream {
 
 /// What comes until the other end closes the connection.
 fn all_that_comes(stream: &mut TcpStream) -> Vec<u8> {
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     // A connection may also be reset; what came before is here.
-    let _ = stream.read_to_end(&mut heard);
-    heard
+    let _ = stream.read_to_end(&mut received);
+    received
 }
 
 /// Joins as a process that is no member. Its reactions never run.

@@ -8,20 +8,20 @@ use hprm::Pickling;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Trust {
     pickling: Pickling,
-    near: bool,
+    is_local: bool,
 }
 
 impl Trust {
-    /// Trust in a federate that is `near`: on this machine, of this user.
-    pub(crate) const fn new(pickling: Pickling, near: bool) -> Self {
-        Self { pickling, near }
+    /// Trust in a federate that is `is_local`: on this machine, of this user.
+    pub(crate) const fn new(pickling: Pickling, is_local: bool) -> Self {
+        Self { pickling, is_local }
     }
 
     /// Whether pickles may pass.
     pub(crate) fn permits_pickle(self) -> bool {
         match self.pickling {
             Pickling::Deny => false,
-            Pickling::Local => self.near,
+            Pickling::Local => self.is_local,
             Pickling::Allow => true,
         }
     }

@@ -229,9 +229,10 @@ impl Report {
         serde_json::from_str(text).ok()
     }
 
-    /// What has been heard of a federate: its own report, or what the RTI says of it.
-    pub(crate) fn heard(federate: &str, text: &str, code: i32) -> Self {
-        let report = Self::decoded(text).unwrap_or_else(|| Self::new(Kind::Lost, text));
+    /// The report of a federate in the message of a frame `Failed`, or, if the RTI has written the message as
+    /// plain text, a report with that text.
+    pub(crate) fn from_message(federate: &str, message: &str, code: i32) -> Self {
+        let report = Self::decoded(message).unwrap_or_else(|| Self::new(Kind::Lost, message));
         Self { code: exit_code(code), ..report.of(federate) }
     }
 
@@ -308,25 +309,27 @@ mod tests {
         let long = Report { details: Some("\u{1}ä".repeat(50_000)), ..sent };
         let text = long.encoded();
         assert!(text.len() <= LONGEST_SENT);
-        let heard = Report::heard("b", &text, 1);
-        assert!(heard.details.is_some_and(|details| long.details.unwrap().starts_with(&details)));
-        assert_eq!((heard.line, heard.federate.as_deref()), (Some(3), Some("b")));
+        let received = Report::from_message("b", &text, 1);
+        assert!(
+            received.details.is_some_and(|details| long.details.unwrap().starts_with(&details))
+        );
+        assert_eq!((received.line, received.federate.as_deref()), (Some(3), Some("b")));
     }
 
     #[test]
     fn words_without_a_report_are_those_of_a_machine() {
-        let heard = Report::heard("b", "federate b has not answered for 3 s", 1);
+        let received = Report::from_message("b", "federate b has not answered for 3 s", 1);
         assert_eq!(
-            (heard.kind, heard.named().message.as_str()),
+            (received.kind, received.named().message.as_str()),
             (Kind::Lost, "federate b has not answered for 3 s")
         );
         let me = hprm_core::FederateId(0);
         let said = "the link to federate b is broken".to_owned();
         let frame = Report::in_frame(Frame::Failed { federate: me, message: said, code: 1 });
         let Frame::Failed { message, .. } = &frame else { panic!("it is the same frame") };
-        let heard = Report::heard("a", message, 1);
-        assert_eq!(heard.kind, Kind::Link);
-        assert_eq!(heard.named().message, "federate a: the link to federate b is broken");
+        let received = Report::from_message("a", message, 1);
+        assert_eq!(received.kind, Kind::Link);
+        assert_eq!(received.named().message, "federate a: the link to federate b is broken");
         assert_eq!(Report::in_frame(frame.clone()), frame);
     }
 }

@@ -44,8 +44,8 @@ pub(super) fn peer_address(addresses: &str, same_host: bool) -> Result<Address, 
     for text in addresses.split_whitespace() {
         parsed.push(text.parse::<Address>().map_err(|error| unreachable(&error))?);
     }
-    let near = parsed.iter().position(|address| address.is_unix() == same_host);
-    let chosen = near.or_else(|| parsed.iter().position(|address| !address.is_unix()));
+    let preferred = parsed.iter().position(|address| address.is_unix() == same_host);
+    let chosen = preferred.or_else(|| parsed.iter().position(|address| !address.is_unix()));
     chosen.map(|at| parsed.swap_remove(at)).ok_or_else(|| {
         unreachable(&"from another machine\n  hint: start it with `hprm federate --advertise HOST`")
     })

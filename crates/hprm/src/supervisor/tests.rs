@@ -205,7 +205,7 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
     stage.pass(1_000);
     assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
     assert!(stage.reports[1].contains("ends what has not ended within 2 s: b"));
-    assert!(stage.reports[2].contains("killed what did not end by itself: b"));
+    assert!(stage.reports[2].contains("killed federates that did not end by themselves: b"));
     stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.reports.len(), 3, "the end that was ordered is no news");
     assert_eq!(stage.outcome(), Some(4));
@@ -375,7 +375,7 @@ fn an_orderly_stop_takes_five_seconds_at_most() {
     stage.pass(999);
     assert_eq!(stage.outcome(), None);
     stage.pass(1);
-    assert_eq!(stage.outcome(), Some(143), "even if nothing is heard of their end");
+    assert_eq!(stage.outcome(), Some(143), "even if nothing reports their end");
 }
 
 #[test]

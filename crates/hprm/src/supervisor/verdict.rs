@@ -32,29 +32,29 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// A federate was the first to fail. `heard` is what the RTI knows of it.
+    /// A federate was the first to fail. `rti_report` is the report of the RTI on it.
     #[must_use]
     pub fn on_federate(
         name: &str,
         joined: bool,
-        heard: Option<&Report>,
+        rti_report: Option<&Report>,
         ending: Option<&FederateEnding>,
     ) -> Self {
-        let announced = heard.map(|report| report.code);
+        let announced = rti_report.map(|report| report.code);
         let code = match ending {
             Some(FederateEnding::Code(code)) if *code != 0 => exit_code(*code),
             Some(FederateEnding::Signal(_)) => 1,
             Some(FederateEnding::Failed(report)) => exit_code(report.code),
             _ => announced.unwrap_or(1),
         };
-        let report = match (ending, heard) {
+        let report = match (ending, rti_report) {
             (Some(FederateEnding::Signal(signal)), _) => killed(name, *signal),
             (Some(FederateEnding::Code(ended)), _) if announced != Some(*ended) => {
-                exited(name, joined, *ended, heard)
+                exited(name, joined, *ended, rti_report)
             }
             // The RTI may know no more than that it has lost the federate.
-            (Some(FederateEnding::Failed(report)), heard)
-                if heard.is_none_or(|heard| heard.kind == Kind::Lost) =>
+            (Some(FederateEnding::Failed(report)), rti_report)
+                if rti_report.is_none_or(|rti_report| rti_report.kind == Kind::Lost) =>
             {
                 report.clone().named()
             }
@@ -117,16 +117,17 @@ fn killed(name: &str, signal: Signal) -> Report {
     }
 }
 
-/// What is `heard` adds what the exit code does not tell; that the process has ended, it does tell.
-fn exited(name: &str, joined: bool, code: i32, heard: Option<&Report>) -> Report {
-    let heard = heard.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
+/// The report of a process that has exited. `rti_report` adds what the exit code does not show; that the process has ended, it does show.
+fn exited(name: &str, joined: bool, code: i32, rti_report: Option<&Report>) -> Report {
+    let rti_report =
+        rti_report.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
     let when = match (joined, code) {
         (false, _) => " before it joined",
         (true, 0) => " before its last tag",
         (true, _) => "",
     };
     let exited = format!("federate {name} exited with code {code}{when}");
-    if let Some(report) = heard {
+    if let Some(report) = rti_report {
         let message = format!("{exited}: {}", report.message);
         return Report { message, rendered: None, ..report.clone() };
     }
@@ -154,8 +155,8 @@ mod tests {
     }
 
     /// What is said, and with which exit code.
-    fn verdict(heard: Option<&Report>, ending: Option<FederateEnding>) -> (String, i32) {
-        let Verdict { report, code } = Verdict::on_federate("b", true, heard, ending.as_ref());
+    fn verdict(rti_report: Option<&Report>, ending: Option<FederateEnding>) -> (String, i32) {
+        let Verdict { report, code } = Verdict::on_federate("b", true, rti_report, ending.as_ref());
         assert_eq!(report.code, code);
         assert_eq!(report.federate.as_deref(), Some("b"));
         (report.message.clone(), code)
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn witnesses_that_differ_are_both_heard() {
+    fn reports_that_differ_are_combined() {
         let said = Report::new(Kind::Link, "its link is broken").of("b");
         let (told, code) = verdict(Some(&said), Some(FederateEnding::Code(3)));
         assert_eq!((told.as_str(), code), ("federate b exited with code 3: its link is broken", 3));
@@ -222,8 +223,8 @@ mod tests {
         // As the system and Python have it, the last eight bits count.
         for (code, kept) in [(0, 1), (-1, 255), (256, 1), (259, 3), (i32::MIN, 1)] {
             assert_eq!(verdict(None, Some(FederateEnding::Code(code))).1, kept);
-            let heard = Report { code, ..lost() };
-            let failure = Failure::Federate(Box::new(heard));
+            let rti_report = Report { code, ..lost() };
+            let failure = Failure::FederateFailed(Box::new(rti_report));
             assert_eq!(Verdict::on_rti(&failure).code, kept);
         }
     }

@@ -122,7 +122,7 @@ impl Trace {
     ) -> Result<(), Failure> {
         let (ending, message) = match outcome {
             Ok(()) => (RunEnding::Done, None),
-            Err(Failure::Left) => (RunEnding::Left, None),
+            Err(Failure::LeftFederation) => (RunEnding::Left, None),
             Err(Failure::Interrupted { .. }) => (RunEnding::Interrupted, None),
             // Some of it is missing, in the middle.
             Err(Failure::Trace { .. }) => return Ok(()),

@@ -159,7 +159,7 @@ fn a_link_that_has_proved_the_secret_stays_whatever_others_come() {
 fn a_link_that_has_begun_the_handshake_stays_whatever_silent_links_come() {
     for words in [&b""[..], b"HPRM-"] {
         let (mut acceptor, address) = acceptor();
-        // It has begun, and has heard the answer; its proof has not left.
+        // It has begun, and has received the answer; it has not sent its proof.
         let mut begun = TcpStream::connect(&address).unwrap();
         begun.write_all(&HELLO).unwrap();
         assert!(acceptor.admit(NOW).unwrap().is_empty());

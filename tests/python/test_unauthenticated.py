@@ -69,7 +69,7 @@ def port(address: str) -> int:
 
 
 @contextlib.contextmanager
-def idle_strangers(ports: list[int], count: int) -> Iterator[None]:
+def idle_connections(ports: list[int], count: int) -> Iterator[None]:
     """So many connections for each port, which say nothing."""
     with contextlib.ExitStack() as stack:
         for number in ports * count:
@@ -90,7 +90,7 @@ def listening_ports(pid: int) -> list[int]:
 def test_an_rti_with_few_descriptors_outlives_idle_clients(bench: Bench, coordination: str) -> None:
     federation = prepare(bench, coordination)
     federation.start("rti", descriptors=40)
-    with idle_strangers([port(federation.address)], IDLE):
+    with idle_connections([port(federation.address)], IDLE):
         federation.start("camera")
         federation.start("planner")
         assert outcomes(federation) == OUTCOMES
@@ -102,7 +102,7 @@ def test_a_federate_with_few_descriptors_outlives_idle_clients(bench: Bench) -> 
     federation.start("camera", descriptors=40)
     federation.start("planner")
     until((bench.folder / "runs").exists, "the federation runs")
-    with idle_strangers(listening_ports(federation.members["camera"].pid), IDLE):
+    with idle_connections(listening_ports(federation.members["camera"].pid), IDLE):
         assert outcomes(federation) == OUTCOMES
 
 
@@ -111,11 +111,11 @@ FLOOD = """
 import socket, sys
 kept = []
 while True:
-    stranger = socket.socket()
-    stranger.setblocking(False)
-    try: stranger.connect(("127.0.0.1", int(sys.argv[1])))
+    connection = socket.socket()
+    connection.setblocking(False)
+    try: connection.connect(("127.0.0.1", int(sys.argv[1])))
     except OSError: pass
-    kept.append(stranger)
+    kept.append(connection)
     if len(kept) == 100: print(flush=True)
     if len(kept) > 300: kept.pop(0).close()
 """
