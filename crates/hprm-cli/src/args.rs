@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use hprm::{Address, TlsFiles};
-use hprm::{FederationId, Patience};
+use hprm::{FederationId, HangTimeout};
 use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
@@ -261,8 +261,8 @@ pub(crate) struct Hang {
 
 impl Hang {
     /// The same, for the RTI.
-    pub(crate) fn patience(self) -> Patience {
-        Patience { limit: self.limit.map(hprm::nanoseconds) }
+    pub(crate) fn timeout(self) -> HangTimeout {
+        HangTimeout { limit: self.limit.map(hprm::nanoseconds) }
     }
 }
 

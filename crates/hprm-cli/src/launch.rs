@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
-use hprm::{FederationId, Patience};
+use hprm::{FederationId, HangTimeout};
 use hprm_core::{FederateId, Program};
 use hprm_lf::Compiled;
 
@@ -48,7 +48,7 @@ pub(crate) struct Plan {
     pub(crate) join_timeout: Duration,
     /// The federate that gets the terminal.
     pub(crate) debugged: Option<FederateId>,
-    pub(crate) patience: Patience,
+    pub(crate) hang_timeout: HangTimeout,
     pub(crate) logical_trace: Option<PathBuf>,
     /// Where the files of the program lie side by side, if not beside it.
     pub(crate) stage: Option<PathBuf>,
@@ -166,7 +166,7 @@ fn start_rti(
         listen: private_address()?,
         also_listen: Vec::new(),
         security: plan.security.clone(),
-        patience: plan.patience,
+        hang_timeout: plan.hang_timeout,
     };
     let rti = Rti::bind(&options).map_err(|failure| Error::from(&failure))?;
     let (handle, address) = (rti.handle(), rti.address().clone());

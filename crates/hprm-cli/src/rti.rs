@@ -50,7 +50,7 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
             encrypt: compiled.settings.encrypt,
             tls: arguments.tls.files(),
         },
-        patience: arguments.hang.patience(),
+        hang_timeout: arguments.hang.timeout(),
     })
     .map_err(|failure| Error::from(&failure))?
     .join_timeout(arguments.join_timeout);

@@ -54,7 +54,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         // A user at the debugger takes any time.
         join_timeout: if debugged.is_some() { Duration::MAX } else { arguments.join_timeout },
         debugged,
-        patience: arguments.hang.patience(),
+        hang_timeout: arguments.hang.timeout(),
         logical_trace: arguments.logical_trace.clone(),
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
@@ -102,7 +102,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
         return Err(no_federate(&compiled.program, &arguments.file, &arguments.name));
     }
     let rti = join::address(arguments, running.as_ref())?;
-    let (secret, patience) = match running.as_ref().and_then(Record::federation) {
+    let (secret, connect_timeout) = match running.as_ref().and_then(Record::federation) {
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
     };
@@ -114,7 +114,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     let mut command = python::module(&python, "federate");
     command.args(message::json_option());
     command.arg("--rti").arg(rti.to_string());
-    command.arg("--connect-timeout").arg(patience.as_secs_f64().to_string());
+    command.arg("--connect-timeout").arg(connect_timeout.as_secs_f64().to_string());
     if let Some(advertise) = &arguments.advertise {
         command.arg("--advertise").arg(advertise);
     }

@@ -77,7 +77,7 @@ pub enum Decoded {
         /// The bytes that have been taken.
         taken: usize,
         /// The bytes of the payload.
-        of: usize,
+        message_len: usize,
     },
     /// The start of a frame; at least so many more bytes are needed.
     Missing(usize),
@@ -220,9 +220,9 @@ impl Decoder {
         let taken = LENGTH + body.len();
         let (frame, trailing) = match (body, &mut self.incoming) {
             ([BYTES, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
-                let of = incoming.len();
+                let message_len = incoming.len();
                 if !incoming.take(bytes)? {
-                    return Ok(Decoded::Part { taken, of });
+                    return Ok(Decoded::Part { taken, message_len });
                 }
                 let complete = self.incoming.take().map(|incoming| incoming.finish());
                 (complete.ok_or(CodecError::Junk)?, 0)
@@ -237,9 +237,9 @@ impl Decoder {
                     return Err(CodecError::Trailing(rest.len()));
                 }
                 let incoming = Incoming::new(envelope)?;
-                let of = incoming.len();
+                let message_len = incoming.len();
                 self.incoming = Some(Box::new(incoming));
-                return Ok(Decoded::Part { taken, of });
+                return Ok(Decoded::Part { taken, message_len });
             }
             _ => return Err(CodecError::Junk),
         };

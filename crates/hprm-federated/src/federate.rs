@@ -71,12 +71,12 @@ pub struct Federate {
     /// Federates that have ended, or not joined yet.
     gone: BTreeSet<FederateId>,
     /// Federates that have sent their last frame on their direct links.
-    silent: BTreeSet<FederateId>,
+    resigned: BTreeSet<FederateId>,
     /// Federates to which this one opens direct links; the others open theirs.
     opened: BTreeSet<FederateId>,
     /// Federates whose direct links have ended without a `Resign` or cannot be opened. For each: until when
     /// this federate waits for the RTI to report its end, and why the link cannot be opened.
-    missing: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
+    broken_links: BTreeMap<FederateId, (PhysicalTime, Option<String>)>,
     /// Federates that have ended, in order or not, and whose direct links are still open; and until when they
     /// may stay open.
     lingering: BTreeMap<FederateId, Lingering>,
@@ -92,7 +92,7 @@ pub struct Federate {
     is_away: bool,
     /// Whether this federate has resigned or failed, or the RTI has told it to end. Then the machine ignores
     /// all inputs.
-    over: bool,
+    ended: bool,
     outputs: VecDeque<Output>,
 }
 
@@ -142,12 +142,12 @@ impl Federate {
             departure: None,
             wants_to_leave: false,
             gone: BTreeSet::new(),
-            silent: BTreeSet::new(),
+            resigned: BTreeSet::new(),
             opened: BTreeSet::new(),
-            missing: BTreeMap::new(),
+            broken_links: BTreeMap::new(),
             lingering: BTreeMap::new(),
             meeting: Meeting::default(),
-            over: false,
+            ended: false,
             outputs: VecDeque::from([Output::ToRti(hello.clone())]),
             rejoins: false,
             is_away: false,
@@ -232,7 +232,7 @@ impl Federate {
     /// The time of tag zero, once the federation has started and while no link is broken.
     fn started(&self) -> Option<PhysicalTime> {
         // Messages on a link that has broken may be lost, unless its other end has ended.
-        let intact = !self.over && self.missing.is_empty();
+        let intact = !self.ended && self.broken_links.is_empty();
         self.startup.start().filter(|_| intact)
     }
 
@@ -243,7 +243,7 @@ impl Federate {
     /// When the machine wants an [`Input::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        if self.over {
+        if self.ended {
             return None;
         }
         let report = match &self.coordinator {
@@ -256,9 +256,9 @@ impl Federate {
                 self.next_step().and_then(|next| machine.next_wakeup(next))
             }
         };
-        let missing = self.missing.values().map(|(until, _)| *until).min();
+        let broken_links = self.broken_links.values().map(|(until, _)| *until).min();
         let lingering = self.lingering.values().map(|lingering| lingering.until).min();
-        let times = [report, missing, lingering].into_iter().flatten();
+        let times = [report, broken_links, lingering].into_iter().flatten();
         times.filter(|time| *time < PhysicalTime::FOREVER).min()
     }
 
@@ -317,7 +317,7 @@ impl Federate {
     /// If the input breaks the protocol. Nothing has changed; if it came from a link, that link
     /// should be closed.
     pub fn handle(&mut self, now: PhysicalTime, input: Input) -> Result<(), Fault> {
-        if self.over {
+        if self.ended {
             return Ok(());
         }
         if log::is_on() {
@@ -330,7 +330,7 @@ impl Federate {
             Input::Rejoins => self.rejoin(),
             Input::PeerUp(peer) => {
                 self.startup.link(peer);
-                self.missing.remove(&peer);
+                self.broken_links.remove(&peer);
                 self.get_ready(now);
                 self.met(peer);
             }
@@ -514,7 +514,7 @@ impl Federate {
                 self.flow.processed(from, channel, messages, bytes);
             }
             Frame::Resign => {
-                self.silent.insert(from);
+                self.resigned.insert(from);
                 self.lingering.remove(&from);
                 self.closed(from);
             }
@@ -571,7 +571,7 @@ impl Federate {
         let (Some(next), Some(start)) = (self.next_step(), self.startup.start()) else {
             return;
         };
-        if self.over {
+        if self.ended {
             return;
         }
         let frame = match &mut self.coordinator {

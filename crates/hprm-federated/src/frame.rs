@@ -386,7 +386,7 @@ pub enum Frame {
         /// The tag.
         tag: Tag,
     },
-    /// RTI to a federate of which it has not heard for a while: are you there?
+    /// RTI to a federate that has sent nothing for a while: asks for a `Pong`.
     Ping,
     /// The answer.
     Pong,

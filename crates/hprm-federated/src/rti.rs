@@ -30,7 +30,7 @@ use self::arriving::Arrivals;
 use self::ending::Negotiation;
 use self::join::{Candidate, Member};
 use self::traffic::Traffic;
-pub use self::watch::Patience;
+pub use self::watch::HangTimeout;
 use self::watch::Watch;
 use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
@@ -194,7 +194,7 @@ pub struct Rti {
     /// ever.
     join_limit: Option<(PhysicalTime, Nanos)>,
     /// Federates that have joined, and whose links have ended before all had joined.
-    strayed: BTreeSet<FederateId>,
+    left_early: BTreeSet<FederateId>,
     /// None, if the RTI does not watch for silent federates.
     watch: Option<Watch>,
     stop: Negotiation,
@@ -232,7 +232,7 @@ impl Rti {
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
             join_limit: None,
-            strayed: BTreeSet::new(),
+            left_early: BTreeSet::new(),
             watch: None,
             stop: Negotiation::Idle,
             ended: false,
@@ -268,7 +268,7 @@ impl Rti {
         match input {
             RtiInput::Moved { link } => {
                 if let Some(federate) = self.links.get(&link) {
-                    self.heard(*federate, now);
+                    self.note_frame(*federate, now);
                 }
                 Ok(())
             }
@@ -307,7 +307,7 @@ impl Rti {
                 }
                 Some(federate) => {
                     let federate = *federate;
-                    self.heard(federate, now);
+                    self.note_frame(federate, now);
                     self.frame(federate, frame)
                 }
             },

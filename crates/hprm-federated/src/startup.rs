@@ -91,8 +91,8 @@ impl Startup {
         self.peers.get_or_insert_default().insert(peer.federate, peer);
     }
 
-    /// A peer that this federate need not wait for any more.
-    pub(crate) fn excuse(&mut self, peer: FederateId) {
+    /// This federate starts without a direct link to a peer.
+    pub(crate) fn needs_no_link_to(&mut self, peer: FederateId) {
         self.needed.remove(&peer);
     }
 

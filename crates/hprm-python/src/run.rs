@@ -189,7 +189,7 @@ fn options(
             tls: tls.map(|(certificate, key, authority)| TlsFiles { certificate, key, authority }),
         },
         reach: Reach {
-            patience: Duration::try_from_secs_f64(connect_timeout)
+            connect_timeout: Duration::try_from_secs_f64(connect_timeout)
                 .map_err(|error| wrong("--connect-timeout", &error))?,
             advertise,
             notice: Some(say),

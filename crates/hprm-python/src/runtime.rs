@@ -29,10 +29,10 @@ pub(crate) struct Runtime {
     inbox: Inbox<Value>,
     /// What other threads have scheduled.
     backlog: Backlog,
-    cell: Mutex<Cell>,
+    state: Mutex<State>,
 }
 
-struct Cell {
+struct State {
     running: Vec<Running>,
     /// How many reactions have begun.
     entries: u64,
@@ -99,7 +99,7 @@ impl Runtime {
         inbox: Inbox<Value>,
         backlog: Backlog,
     ) -> Self {
-        let cell = Cell {
+        let state = State {
             running: Vec::new(),
             entries: 0,
             latest: None,
@@ -109,7 +109,7 @@ impl Runtime {
             maxwait: None,
             maxwait_is_news: false,
         };
-        Self { program, scope, inbox, backlog, cell: Mutex::new(cell) }
+        Self { program, scope, inbox, backlog, state: Mutex::new(state) }
     }
 
     // For the host.
@@ -123,28 +123,28 @@ impl Runtime {
         effects: Effects<Value>,
         late: Option<DeadlineHandler>,
     ) {
-        let mut cell = self.cell();
-        cell.latest = Some((scheduler.tag(), scheduler.start_time()));
-        cell.first = scheduler.first_tag();
+        let mut state = self.state();
+        state.latest = Some((scheduler.tag(), scheduler.start_time()));
+        state.first = scheduler.first_tag();
         let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
-        let number = cell.entries;
-        cell.entries += 1;
-        cell.running.push(Running { reaction, number, ident, thread, scheduler, effects, late });
+        let number = state.entries;
+        state.entries += 1;
+        state.running.push(Running { reaction, number, ident, thread, scheduler, effects, late });
     }
 
     /// Ends the reaction. Returns what it has asked for.
     pub(crate) fn leave(&self, reaction: ReactionId) -> Effects<Value> {
-        let mut cell = self.cell();
-        let at = cell.running.iter().position(|running| running.reaction == reaction);
-        let running = at.map(|at| cell.running.swap_remove(at));
-        drop(cell);
+        let mut state = self.state();
+        let at = state.running.iter().position(|running| running.reaction == reaction);
+        let running = at.map(|at| state.running.swap_remove(at));
+        drop(state);
         running.map(|running| running.effects).unwrap_or_default()
     }
 
     /// The reactions that run now. Any thread may call this, without the interpreter's lock.
     pub(crate) fn sample(&self) -> Vec<SampledRun> {
-        let cell = self.cell();
-        let sampled = cell.running.iter().map(|running| {
+        let state = self.state();
+        let sampled = state.running.iter().map(|running| {
             let Running { reaction, number, ident, ref scheduler, .. } = *running;
             SampledRun { reaction, number, tag: scheduler.tag(), thread: ident }
         });
@@ -153,19 +153,19 @@ impl Runtime {
 
     /// Notes what the store has done.
     pub(crate) fn note(&self, stats: StoreStats) {
-        self.cell().stats = stats;
+        self.state().stats = stats;
     }
 
     /// How long the federate is to wait for its inputs, if the loop does not know that yet.
     pub(crate) fn take_maxwait(&self) -> Option<Nanos> {
-        let mut cell = self.cell();
-        let news = std::mem::take(&mut cell.maxwait_is_news);
-        cell.maxwait.filter(|_| news)
+        let mut state = self.state();
+        let news = std::mem::take(&mut state.maxwait_is_news);
+        state.maxwait.filter(|_| news)
     }
 
     /// Whether this federate alone is to stop, and the loop does not know that yet.
     pub(crate) fn take_departure(&self) -> bool {
-        std::mem::take(&mut self.cell().departs)
+        std::mem::take(&mut self.state().departs)
     }
 
     // For ports and actions.
@@ -210,7 +210,7 @@ impl Runtime {
     /// Whether an action is present, and its value.
     pub(crate) fn action(&self, action: ActionId) -> PyResult<Option<Option<Value>>> {
         // All reactions that run at the same time have the same tag, so the first one will do.
-        match self.cell().running.first() {
+        match self.state().running.first() {
             Some(running) => Ok(running.scheduler.action(action).map(|value| value.cloned())),
             None => Err(self.outside_error(&self.program.actions[action].name)),
         }
@@ -225,7 +225,7 @@ impl Runtime {
     ) -> PyResult<()> {
         fork::refuse_in_child()?;
         let known = value.map(Value::new);
-        if let Some(Running { scheduler, effects, .. }) = self.cell().running_here() {
+        if let Some(Running { scheduler, effects, .. }) = self.state().running_here() {
             effects.schedule(scheduler, action, extra, known, Clock::now);
             return Ok(());
         }
@@ -254,8 +254,8 @@ impl Runtime {
     ) -> PyResult<()> {
         fork::refuse_in_child()?;
         let name = &self.program.modes[mode].name;
-        let mut cell = self.cell();
-        match cell.running_here() {
+        let mut state = self.state();
+        match state.running_here() {
             Some(running) if running.reaction == owner => {
                 running.effects.enter(mode, transition);
                 Ok(())
@@ -273,7 +273,7 @@ impl Runtime {
     /// Ends the program at its next tag.
     pub(crate) fn request_stop(&self) -> PyResult<()> {
         fork::refuse_in_child()?;
-        match self.cell().running_here() {
+        match self.state().running_here() {
             Some(running) => running.effects.request_stop(),
             None => self.inbox.request_stop(),
         }
@@ -288,14 +288,14 @@ impl Runtime {
     /// Ends this federate at its next tag; the other federates continue.
     pub(crate) fn depart(&self) -> PyResult<()> {
         fork::refuse_in_child()?;
-        let mut cell = self.cell();
-        if let Some(running) = cell.running_here() {
+        let mut state = self.state();
+        if let Some(running) = state.running_here() {
             running.effects.leave();
         } else if matches!(self.scope(), Scope::Whole) {
             // The whole program runs in one scheduler, so a thread belongs to no federate.
             self.inbox.request_stop();
         } else {
-            cell.departs = true;
+            state.departs = true;
             self.inbox.notify();
         }
         Ok(())
@@ -304,12 +304,12 @@ impl Runtime {
     /// The tag at which the reactors here started, and the time of tag zero.
     pub(crate) fn first_tag(&self) -> PyResult<(Tag, PhysicalTime)> {
         let (_, start) = self.tag()?;
-        Ok((self.cell().first, start))
+        Ok((self.state().first, start))
     }
 
     /// The current tag and the time of the start; outside of reactions, as of the latest.
     pub(crate) fn tag(&self) -> PyResult<(Tag, PhysicalTime)> {
-        self.cell().latest.ok_or_else(|| {
+        self.state().latest.ok_or_else(|| {
             PyRuntimeError::new_err("there is no logical time before the program starts")
         })
     }
@@ -319,8 +319,8 @@ impl Runtime {
         &self,
         py: Python<'_>,
     ) -> PyResult<Option<Option<DeadlineHandler>>> {
-        let mut cell = self.cell();
-        let Some(running) = cell.running_here() else {
+        let mut state = self.state();
+        let Some(running) = state.running_here() else {
             return Err(self.outside_error("a deadline"));
         };
         let Running { reaction, scheduler, effects, late, .. } = running;
@@ -336,36 +336,36 @@ impl Runtime {
     /// Changes the deadline of the running reaction, from now on.
     pub(crate) fn set_deadline(&self, deadline: Nanos) -> PyResult<()> {
         fork::refuse_in_child()?;
-        let mut cell = self.cell();
-        let running = cell.running_here().ok_or_else(|| self.outside_error("a deadline"))?;
+        let mut state = self.state();
+        let running = state.running_here().ok_or_else(|| self.outside_error("a deadline"))?;
         running.effects.set_deadline(deadline);
         Ok(())
     }
 
     /// How long the federate waits for its inputs, if that was changed.
     pub(crate) fn maxwait(&self) -> Option<Nanos> {
-        self.cell().maxwait
+        self.state().maxwait
     }
 
     /// Changes how long the federate waits for its inputs.
     pub(crate) fn set_maxwait(&self, maxwait: Nanos) -> PyResult<()> {
         fork::refuse_in_child()?;
-        let mut cell = self.cell();
-        cell.maxwait = Some(maxwait);
-        cell.maxwait_is_news = true;
+        let mut state = self.state();
+        state.maxwait = Some(maxwait);
+        state.maxwait_is_news = true;
         Ok(())
     }
 
     /// Notes for the trace that the running reaction reads the clock.
     pub(crate) fn note_physical(&self) {
-        if let Some(running) = self.cell().running_here() {
+        if let Some(running) = self.state().running_here() {
             running.effects.mark_physical();
         }
     }
 
     /// What the store had done when a value was last encoded.
     pub(crate) fn stats(&self) -> StoreStats {
-        self.cell().stats
+        self.state().stats
     }
 
     /// The program.
@@ -396,9 +396,9 @@ impl Runtime {
         port: PortId,
         uses: impl FnOnce(&mut Running) -> R,
     ) -> PyResult<R> {
-        let mut cell = self.cell();
-        let runs = cell.running.iter().any(|running| running.reaction == owner);
-        match cell.running_here() {
+        let mut state = self.state();
+        let runs = state.running.iter().any(|running| running.reaction == owner);
+        match state.running_here() {
             Some(running) if running.reaction == owner => Ok(uses(running)),
             Some(running) => Err(self.kept_port_error(owner, running.reaction, port)),
             None if runs => Err(self.other_thread_error(owner, port)),
@@ -431,12 +431,12 @@ impl Runtime {
         ))
     }
 
-    fn cell(&self) -> MutexGuard<'_, Cell> {
-        self.cell.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Cell {
+impl State {
     /// The reaction that runs on this thread.
     fn running_here(&mut self) -> Option<&mut Running> {
         let this = thread::current().id();

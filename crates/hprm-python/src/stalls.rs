@@ -37,9 +37,9 @@ const HINT: &str = "\n  hint: it may be meant to take long, and is reported once
 /// The longest time between two samples.
 const PERIOD: Duration = Duration::from_millis(500);
 /// How long to wait for the interpreter's lock. A loop in Python releases it after milliseconds.
-const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long to wait for the stack, once the lock has been obtained.
-const STACK_PATIENCE: Duration = Duration::from_secs(10);
+const STACK_TIMEOUT: Duration = Duration::from_secs(10);
 /// How often, and how many times, to look whether `faulthandler` has written.
 const LOOKS: (Duration, u32) = (Duration::from_millis(20), 25);
 
@@ -278,9 +278,9 @@ fn report(due: &StallReport) {
             }
         });
     });
-    let attached = asker.ok().and_then(|_| answer.recv_timeout(LOCK_PATIENCE).ok());
+    let attached = asker.ok().and_then(|_| answer.recv_timeout(LOCK_TIMEOUT).ok());
     let is_attached = attached.is_some();
-    match attached.and_then(|_| answer.recv_timeout(STACK_PATIENCE).ok()) {
+    match attached.and_then(|_| answer.recv_timeout(STACK_TIMEOUT).ok()) {
         Some(stack) => show(due, &stack.unwrap_or_default()),
         None if is_attached => show(due, ""),
         None => {

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
 use hprm::{
-    Address, Failure, FederateOptions, FederationId, Kind, Label, Patience, Reach, Report,
+    Address, Failure, FederateOptions, FederationId, HangTimeout, Kind, Label, Reach, Report,
     RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
 };
 use hprm_core::{Program, Scope};
@@ -69,8 +69,8 @@ pub(crate) fn run_in_process(
         let signals = events.clone();
         let interrupt = Interrupt::install(py, Handled::All, |_| signals::forward(signals));
         let interrupt = interrupt.map_err(raised)?;
-        let patience = Patience { limit: silence };
-        let plan = Plan { compiled, join_timeout, patience, logical_traces };
+        let hang_timeout = HangTimeout { limit: silence };
+        let plan = Plan { compiled, join_timeout, hang_timeout, logical_traces };
         let run = move || plan.start(&events).map(|rti| plan.watch(&rti, &arrivals));
         let ended = py.detach(run);
         report_output_to(None);
@@ -98,7 +98,7 @@ fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
 struct Plan {
     compiled: Arc<Compiled>,
     join_timeout: Duration,
-    patience: Patience,
+    hang_timeout: HangTimeout,
     logical_traces: Option<PathBuf>,
 }
 
@@ -118,7 +118,7 @@ impl Plan {
             listen: listen.clone(),
             also_listen: Vec::new(),
             security: Security::default(),
-            patience: self.patience,
+            hang_timeout: self.hang_timeout,
         };
         let rti = exchange.rti(&options)?;
         let handle = rti.handle();

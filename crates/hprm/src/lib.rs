@@ -57,4 +57,4 @@ pub use store_limits::{container_memory, store_limits};
 pub use value_exchange::ValueExchange;
 
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
-pub use hprm_federated::{BadFederationId, FederationId, Patience, Refusal};
+pub use hprm_federated::{BadFederationId, FederationId, HangTimeout, Refusal};

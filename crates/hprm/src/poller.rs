@@ -159,15 +159,15 @@ impl Poller {
         self.sleep(on, wakeups, Some(NOW))
     }
 
-    /// Writes what is to be written within `patience`; with `all`, as long as some of it leaves.
-    pub(crate) fn drain(&self, on: &mut impl PollSet, patience: Nanos, all: bool) {
-        let mut until = Clock::now().plus(patience);
+    /// Writes what is to be written within `timeout`; with `all`, as long as some of it leaves.
+    pub(crate) fn drain(&self, on: &mut impl PollSet, timeout: Nanos, all: bool) {
+        let mut until = Clock::now().plus(timeout);
         while Clock::now() < until {
             // Nothing reads a link any more that cannot be written.
             on.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
             let moved = on.links_mut().fold(false, |moved, link| link.take_moved() | moved);
             if all && moved {
-                until = Clock::now().plus(patience);
+                until = Clock::now().plus(timeout);
             }
             let blocked = on.links().filter(|link| link.has_outbound());
             let mut interests: Interests<'_> = blocked.map(interest).collect();

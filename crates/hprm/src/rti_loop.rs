@@ -14,7 +14,7 @@ use std::time::Duration;
 use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
 use hprm_federated::codec::CodecError;
 use hprm_federated::{
-    FederationId, Frame, LinkId, Patience, Refusal, RtiInput, RtiOutput, Topology,
+    FederationId, Frame, HangTimeout, LinkId, Refusal, RtiInput, RtiOutput, Topology,
 };
 
 use crate::link::descriptors::no_notifier;
@@ -49,7 +49,7 @@ pub struct RtiOptions {
     /// How the links of the federation are protected.
     pub security: Security,
     /// How long a federate may take to answer before that is a failure.
-    pub patience: Patience,
+    pub hang_timeout: HangTimeout,
 }
 
 /// What an RTI reports while it runs.
@@ -203,7 +203,7 @@ impl Rti {
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
         let delay = if addresses.any(Address::is_open) { START_DELAY_ACROSS } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
-            .watching(options.patience);
+            .watching(options.hang_timeout);
         let listeners = std::iter::once(&options.listen)
             .chain(&options.also_listen)
             .map(|address| {

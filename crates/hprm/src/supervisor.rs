@@ -421,11 +421,11 @@ impl Supervisor {
     /// Ends processes; threads end with this process, at once.
     fn kill(&mut self, now: Duration) {
         self.reminder = None;
-        let patience = match self.members {
+        let grace = match self.members {
             Members::Processes => AFTER_SIGNAL,
             Members::Threads => Duration::ZERO,
         };
-        self.phase = Phase::Killing { until: now + patience };
+        self.phase = Phase::Killing { until: now + grace };
         self.send_all(Signal::KILL);
     }
 

@@ -141,8 +141,9 @@ fn a_link_that_is_reset_while_it_is_opened_is_opened_again() {
 
 #[test]
 fn a_link_that_is_always_reset_ends_the_federation_after_the_connect_timeout() {
-    let patience = std::time::Duration::from_millis(50);
-    let (federates, rti) = outcomes((usize::MAX, 0), &Reach { patience, ..Reach::default() });
+    let connect_timeout = std::time::Duration::from_millis(50);
+    let (federates, rti) =
+        outcomes((usize::MAX, 0), &Reach { connect_timeout, ..Reach::default() });
     assert!(federates.iter().all(Result::is_err), "{federates:?}");
     let message = rti.unwrap_err().to_string();
     assert!(message.starts_with("federate client__"), "{message}");

@@ -192,7 +192,7 @@ fn a_program_that_wants_tls_does_not_run_without() {
         listen: TCP.parse().unwrap(),
         also_listen: Vec::new(),
         security: security.clone(),
-        patience: hprm::Patience::default(),
+        hang_timeout: hprm::HangTimeout::default(),
     });
     let message = rti.unwrap_err().report().hint.unwrap_or_default();
     assert!(message.contains("--tls-cert"), "{message}");

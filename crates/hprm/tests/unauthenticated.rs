@@ -329,12 +329,12 @@ fn an_rti_that_is_stopped_before_the_start_ends_all_federates() {
 }
 
 #[test]
-fn patience_ends_with_a_message() {
+fn the_connect_timeout_ends_with_a_message() {
     let program = Arc::new(gather(Coordination::Centralized, 1).program);
     let address = TcpListener::bind(TCP).unwrap().local_addr().unwrap();
     let address = Address::Tcp(address.to_string());
     let options = options(&program, FederateId(0), &address, &Security::default());
-    let reach = Reach { patience: std::time::Duration::ZERO, ..Reach::default() };
+    let reach = Reach { connect_timeout: std::time::Duration::ZERO, ..Reach::default() };
     let failure = join(&FederateOptions { reach, ..options });
     assert!(failure.to_string().starts_with(&format!("no RTI at {address}: ")));
     assert!(matches!(&failure, Failure::NoRti { .. }) && failure.report().hint.is_some());

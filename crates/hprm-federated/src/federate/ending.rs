@@ -77,16 +77,16 @@ impl Federate {
         self.gone.insert(peer);
         self.flow.forget(peer);
         self.meeting.forget(peer);
-        let broken = matches!(self.missing.remove(&peer), Some((_, None)));
+        let broken = matches!(self.broken_links.remove(&peer), Some((_, None)));
         if broken && in_order {
-            self.lose(peer);
+            self.fail_on_lost_frames(peer);
             return;
         }
-        if self.startup.is_linked(peer) && !self.silent.contains(&peer) {
+        if self.startup.is_linked(peer) && !self.resigned.contains(&peer) {
             let until = if in_order { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
             self.lingering.insert(peer, Lingering { until, in_order });
         }
-        self.startup.excuse(peer);
+        self.startup.needs_no_link_to(peer);
         self.get_ready(now);
         self.outputs.push_back(Output::ReaderGone(peer));
         // What it sent on a direct link may still be in transit.
@@ -99,39 +99,40 @@ impl Federate {
     pub(super) fn peer_lost(&mut self, now: PhysicalTime, peer: FederateId) {
         self.startup.unlink(peer);
         if self.lingering.remove(&peer).is_some_and(|lingering| lingering.in_order) {
-            self.lose(peer);
+            self.fail_on_lost_frames(peer);
             return;
         }
         if self.gone.contains(&peer) {
             self.closed(peer);
-        } else if !self.silent.contains(&peer) {
+        } else if !self.resigned.contains(&peer) {
             // The peer sends nothing before it has been welcomed, so nothing is lost, and it opens the link
             // again; the RTI tells if it cannot.
             let is_opened_again = self.startup.start().is_none() && !self.opened.contains(&peer);
             let until = if is_opened_again { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
-            self.missing.insert(peer, (until, None));
+            self.broken_links.insert(peer, (until, None));
         }
         self.left(now, peer);
     }
 
-    /// The federation starts: a direct link that is missing now had been there for its other end, which
+    /// The federation starts: limits how long a direct link may stay broken. Its other end has seen it open, and
     /// does not open it again.
-    pub(super) fn want_links(&mut self, now: PhysicalTime) {
+    pub(super) fn limit_broken_links(&mut self, now: PhysicalTime) {
         let limit = now.plus(EXPLANATION);
-        self.missing.values_mut().for_each(|(until, _)| *until = limit.min(*until));
+        self.broken_links.values_mut().for_each(|(until, _)| *until = limit.min(*until));
     }
 
-    /// A federate has ended in order, but its direct link has not: something that it sent is lost.
-    fn lose(&mut self, peer: FederateId) {
+    /// A federate has ended in order, but its direct link has broken before its `Resign`: frames are lost.
+    fn fail_on_lost_frames(&mut self, peer: FederateId) {
         let name = self.topology.name(peer);
         let message =
             format!("the link to federate {name} has broken before all that it had sent was there");
         self.give_up(message);
     }
 
-    /// Brings the link to a federate that has ended to its end, because the successor waits.
-    pub(super) fn hurry(&mut self, now: PhysicalTime, peer: FederateId) {
-        if self.silent.contains(&peer) {
+    /// A federate has ended, and its successor needs the direct link: closes the old one, or limits how long it
+    /// may stay open.
+    pub(super) fn expect_link_end(&mut self, now: PhysicalTime, peer: FederateId) {
+        if self.resigned.contains(&peer) {
             // Nothing follows on it.
             self.outputs.push_back(Output::Disconnect(peer));
             self.peer_lost(now, peer);
@@ -144,12 +145,12 @@ impl Federate {
     /// Applies the time limits of links: closes the links that have stayed open too long after their peers have
     /// ended, and fails if the RTI has not explained in time why a link is broken.
     pub(super) fn apply_link_limits(&mut self, now: PhysicalTime) {
-        self.cut_off(now);
-        self.miss(now);
+        self.close_overdue_links(now);
+        self.fail_on_broken_link(now);
     }
 
-    /// Closes the links to federates that have not ended in order, and that may stand still.
-    fn cut_off(&mut self, now: PhysicalTime) {
+    /// Closes the links that have stayed open too long: their federates have not ended in order, and may hang.
+    fn close_overdue_links(&mut self, now: PhysicalTime) {
         let due = self.lingering.iter().filter(|(_, lingering)| lingering.until <= now);
         let due: Vec<_> = due.map(|(peer, _)| *peer).collect();
         for peer in due {
@@ -162,14 +163,14 @@ impl Federate {
     /// transient one may be gone, and that is no failure.
     pub(super) fn unreachable(&mut self, now: PhysicalTime, peer: FederateId, reason: String) {
         if self.is_live(peer) && !self.topology.is_transient(peer) {
-            self.missing.insert(peer, (now.plus(EXPLANATION), Some(reason)));
+            self.broken_links.insert(peer, (now.plus(EXPLANATION), Some(reason)));
         }
     }
 
-    /// Gives up if a direct link is missing, and the RTI does not say that its federate has ended.
-    pub(super) fn miss(&mut self, now: PhysicalTime) {
+    /// Fails if a direct link is broken, and the RTI has not reported in time that its federate has ended.
+    pub(super) fn fail_on_broken_link(&mut self, now: PhysicalTime) {
         let due = |(_, (until, _)): &(_, &(PhysicalTime, _))| *until <= now;
-        let Some((peer, (_, reason))) = self.missing.iter().find(due) else { return };
+        let Some((peer, (_, reason))) = self.broken_links.iter().find(due) else { return };
         let name = self.topology.name(*peer);
         let message = match reason {
             None => format!("the link to federate {name} is broken, although it has not ended"),
@@ -203,7 +204,7 @@ impl Federate {
             self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
         }
         self.outputs.push_back(Output::ToRti(farewell));
-        self.over = true;
+        self.ended = true;
     }
 
     pub(super) fn fail(&mut self, mut message: String, code: i32) {
@@ -211,11 +212,11 @@ impl Federate {
         message.truncate(cut.unwrap_or(0));
         let frame = Frame::Failed { federate: self.me, message, code };
         self.outputs.push_back(Output::ToRti(frame));
-        self.over = true;
+        self.ended = true;
     }
 
     pub(super) fn end(&mut self, reason: End) {
         self.outputs.push_back(Output::Ended { reason });
-        self.over = true;
+        self.ended = true;
     }
 }

@@ -49,7 +49,7 @@ impl Federate {
         let federate = peer.federate;
         if self.startup.is_linked(federate) {
             self.meeting.returning.insert(federate, peer);
-            self.hurry(now, federate);
+            self.expect_link_end(now, federate);
             return;
         }
         self.startup.add(peer);
@@ -81,7 +81,7 @@ impl Federate {
     fn welcome(&mut self, federate: FederateId) {
         self.flow.forget(federate);
         self.gone.remove(&federate);
-        self.silent.remove(&federate);
+        self.resigned.remove(&federate);
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.meets(&self.topology, federate);
         }

@@ -74,13 +74,13 @@ impl Federate {
     }
 
     pub(super) fn get_ready(&mut self, now: PhysicalTime) {
-        if !self.over && self.startup.becomes_ready() {
+        if !self.ended && self.startup.becomes_ready() {
             self.outputs.push_back(Output::ToRti(Frame::Ready { now }));
         }
     }
 
     pub(super) fn begin(&mut self, now: PhysicalTime, at: PhysicalTime, first: Tag) {
-        self.want_links(now);
+        self.limit_broken_links(now);
         let early = self.startup.begin(at);
         self.first = first;
         self.outputs.push_back(Output::Start { at, first });

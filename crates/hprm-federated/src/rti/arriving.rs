@@ -196,7 +196,7 @@ impl Rti {
         }
         self.members[federate] = Member::Absent;
         self.announce_end(federate, false);
-        self.gather();
+        self.load_together();
         self.start_together();
     }
 
@@ -398,7 +398,7 @@ impl Rti {
         let Arrival { link, met, peer: Peer { host, listen, .. }, .. } = arrival;
         let first = self.advance.first(federate);
         self.members[federate] = Member::Live { link, host, listen, ready: Some(self.now) };
-        self.heard(federate, self.now);
+        self.note_frame(federate, self.now);
         self.traffic.start(&self.topology, federate, &met);
         self.advance.join(&self.topology, federate, first);
         let at = self.start;

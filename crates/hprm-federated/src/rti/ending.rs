@@ -51,19 +51,19 @@ impl Rti {
         if self.phase == Phase::Running {
             self.ask_to_stop(Tag::START);
         } else if !self.failed {
-            self.send_all_away(&Refusal::Stopped);
+            self.refuse_all(&Refusal::Stopped);
         }
     }
 
-    /// The federation does not start: tells all that are there why.
-    pub(super) fn send_all_away(&mut self, reason: &Refusal) {
+    /// The federation does not start: refuses all federates that have joined or want to join.
+    pub(super) fn refuse_all(&mut self, reason: &Refusal) {
         self.failed = true;
         let candidates = std::mem::take(&mut self.candidates).into_keys();
         let links = self.members.values().filter_map(Member::link).chain(candidates);
         let links: Vec<_> = links.collect();
         self.topology.federates().for_each(|federate| self.members[federate] = Member::Gone);
         for link in links {
-            self.send_away(link, reason.clone());
+            self.send_refusal(link, reason.clone());
         }
         self.finish();
     }
@@ -151,7 +151,7 @@ impl Rti {
         }
         if self.is_joining() && !self.topology.is_transient(federate) {
             self.members[federate] = Member::Absent;
-            self.strayed.insert(federate);
+            self.left_early.insert(federate);
             self.outputs.push_back(RtiOutput::Left { federate });
         } else {
             let message = self.lost_message(federate);

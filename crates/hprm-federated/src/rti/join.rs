@@ -75,8 +75,8 @@ impl Rti {
         if self.phase == Phase::Joining {
             let Peer { host, listen, .. } = peer;
             self.members[federate] = Member::Live { link, host, listen, ready: None };
-            self.strayed.remove(&federate);
-            self.gather();
+            self.left_early.remove(&federate);
+            self.load_together();
         } else {
             self.arrivals.add(link, peer);
         }
@@ -125,12 +125,12 @@ impl Rti {
     }
 
     pub(super) fn refuse(&mut self, link: LinkId, name: String, reason: Refusal) {
-        self.send_away(link, reason.clone());
+        self.send_refusal(link, reason.clone());
         self.outputs.push_back(RtiOutput::Refused { name, reason });
     }
 
     /// Tells a process why it does not belong to the federation, and closes its link.
-    pub(super) fn send_away(&mut self, link: LinkId, reason: Refusal) {
+    pub(super) fn send_refusal(&mut self, link: LinkId, reason: Refusal) {
         self.links.remove(&link);
         self.refused.insert(link);
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Refused { reason } });
@@ -155,22 +155,23 @@ impl Rti {
         if now < until || !self.is_joining() {
             return;
         }
-        let names = |has_strayed| -> Vec<String> {
+        let names = |has_left| -> Vec<String> {
             let members = self.members.iter();
             let missing = members.filter(|(federate, member)| {
                 !member.is_live()
                     && !self.topology.is_transient(*federate)
-                    && self.strayed.contains(federate) == has_strayed
+                    && self.left_early.contains(federate) == has_left
             });
             missing.map(|(federate, _)| self.topology.name(federate)).collect()
         };
         let missing = Missing { never: names(false), left: names(true), limit };
         self.outputs.push_back(RtiOutput::Missing(missing.clone()));
-        self.send_all_away(&Refusal::Missing(missing));
+        self.refuse_all(&Refusal::Missing(missing));
     }
 
-    /// Introduces the federates to one another, once they have joined. Transient ones may join later.
-    pub(super) fn gather(&mut self) {
+    /// Once all federates but transient ones have joined: sends each the list of its peers. They load their
+    /// programs then.
+    pub(super) fn load_together(&mut self) {
         if self.phase == Phase::Joining && self.all_have_joined() {
             self.phase = Phase::Loading;
             let peers = self.peers();
@@ -237,7 +238,7 @@ impl Rti {
         let Some(latest) = readings.into_iter().max() else { return };
         let at = self.topology.start_time(latest.plus(self.start_delay));
         self.phase = Phase::Running;
-        self.heard_all(at);
+        self.restart_silence(at);
         if self.topology.has_transients() {
             self.start = at;
         }

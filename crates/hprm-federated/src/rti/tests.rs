@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use hprm_core::{ChannelId, Fact, FederateId, Fingerprint, Payload, PhysicalTime, Tag};
 
-use super::{LinkId, Patience, Rti, RtiInput, RtiOutput};
+use super::{HangTimeout, LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
 use crate::{
     Count, Fault, FederationId, Frame, HostId, Missing, PROTOCOL, Refusal, Step, Topology,
@@ -427,8 +427,8 @@ fn wake(rti: &mut Rti, second: i64) -> Vec<RtiOutput> {
 #[test]
 fn a_silent_federate_is_asked_and_then_reported() {
     let federate = FederateId(1);
-    let mut rti = running("a -> b").watching(Patience::default());
-    rti.heard_all(PhysicalTime(110));
+    let mut rti = running("a -> b").watching(HangTimeout::default());
+    rti.restart_silence(PhysicalTime(110));
     assert_eq!(wake(&mut rti, 1), [sent(0, Frame::Ping), sent(1, Frame::Ping)]);
     let answer = |rti: &mut Rti, link, second| {
         let now = PhysicalTime(110 + second * SECOND);
@@ -446,8 +446,8 @@ fn a_silent_federate_is_asked_and_then_reported() {
 
 #[test]
 fn a_federate_that_takes_or_sends_some_of_a_long_message_is_not_silent() {
-    let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
-    rti.heard_all(PhysicalTime(110));
+    let mut rti = running("a -> b").watching(HangTimeout { limit: Some(3 * SECOND) });
+    rti.restart_silence(PhysicalTime(110));
     for second in 1..10 {
         let now = PhysicalTime(110 + second * SECOND);
         for link in [LinkId(0), LinkId(1), LinkId(77)] {
@@ -459,10 +459,10 @@ fn a_federate_that_takes_or_sends_some_of_a_long_message_is_not_silent() {
 
 #[test]
 fn silence_is_a_failure_if_the_user_says_so() {
-    let mut rti = running("a -> b").watching(Patience { limit: Some(3 * SECOND) });
-    rti.heard_all(PhysicalTime(110));
+    let mut rti = running("a -> b").watching(HangTimeout { limit: Some(3 * SECOND) });
+    rti.restart_silence(PhysicalTime(110));
     wake(&mut rti, 1);
-    rti.heard(FederateId(0), PhysicalTime(110 + 2 * SECOND));
+    rti.note_frame(FederateId(0), PhysicalTime(110 + 2 * SECOND));
     let outputs = wake(&mut rti, 3);
     let message = "federate b has not answered for 3 s";
     let failed = outputs
@@ -475,14 +475,14 @@ fn silence_is_a_failure_if_the_user_says_so() {
 fn no_federate_is_given_up_without_being_asked() {
     let asked = [sent(0, Frame::Ping), sent(1, Frame::Ping)];
     // A limit that is shorter than the time after which others are asked.
-    let mut rti = running("a -> b").watching(Patience { limit: Some(SECOND) });
-    rti.heard_all(PhysicalTime(110));
+    let mut rti = running("a -> b").watching(HangTimeout { limit: Some(SECOND) });
+    rti.restart_silence(PhysicalTime(110));
     assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + SECOND / 2)));
     // The RTI itself stood still: the federates were not silent.
     assert_eq!(wake(&mut rti, 60), asked);
     assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + 60 * SECOND + SECOND / 2)));
-    let mut rti = running("a -> b").watching(Patience::default());
-    rti.heard_all(PhysicalTime(110));
+    let mut rti = running("a -> b").watching(HangTimeout::default());
+    rti.restart_silence(PhysicalTime(110));
     assert_eq!(wake(&mut rti, 60), asked);
     assert_eq!(rti.next_silence(), Some(PhysicalTime(110 + 61 * SECOND)));
 }

@@ -16,69 +16,74 @@ const SILENCE: Nanos = 5_000_000_000;
 
 /// When a federate's silence is a failure, if ever.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-pub struct Patience {
+pub struct HangTimeout {
     /// The longest silence, in nanoseconds.
     pub limit: Option<Nanos>,
 }
 
+/// Since when a federate has been silent, and what the RTI has done about it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-struct Pulse {
-    heard: PhysicalTime,
-    asked: Option<PhysicalTime>,
+struct Liveness {
+    /// When the last frame, or a part of it, came.
+    last_frame: PhysicalTime,
+    /// When the RTI sent a `Ping` that the federate has not answered.
+    ping_sent: Option<PhysicalTime>,
+    /// Whether the RTI has reported the federate as silent.
     reported: bool,
 }
 
 /// See the module.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Watch {
-    patience: Patience,
-    pulses: Table<FederateId, Pulse>,
+    hang_timeout: HangTimeout,
+    liveness: Table<FederateId, Liveness>,
 }
 
 impl Watch {
-    pub(super) fn new(federates: usize, patience: Patience) -> Self {
-        let pulse = Pulse { heard: PhysicalTime(0), asked: None, reported: false };
-        Self { patience, pulses: Table::filled(federates, pulse) }
+    pub(super) fn new(federates: usize, hang_timeout: HangTimeout) -> Self {
+        let liveness = Liveness { last_frame: PhysicalTime(0), ping_sent: None, reported: false };
+        Self { hang_timeout, liveness: Table::filled(federates, liveness) }
     }
 
     /// When the RTI has to act if a federate stays silent.
     fn due(&self, federate: FederateId) -> PhysicalTime {
-        let Pulse { heard, asked, reported } = self.pulses[federate];
-        let Some(asked) = asked else { return heard.plus(self.ping()) };
-        let report = if reported { PhysicalTime::FOREVER } else { heard.plus(SILENCE) };
-        let limit = self.patience.limit.map_or(PhysicalTime::FOREVER, |limit| heard.plus(limit));
-        // If the RTI itself stood still, it has asked late; then the federate may answer first.
-        report.min(limit).max(asked.plus(self.ping()))
+        let Liveness { last_frame, ping_sent, reported } = self.liveness[federate];
+        let Some(ping_sent) = ping_sent else { return last_frame.plus(self.ping()) };
+        let report = if reported { PhysicalTime::FOREVER } else { last_frame.plus(SILENCE) };
+        let limit =
+            self.hang_timeout.limit.map_or(PhysicalTime::FOREVER, |limit| last_frame.plus(limit));
+        // If the RTI itself stood still, it has sent the `Ping` late; then the federate may answer first.
+        report.min(limit).max(ping_sent.plus(self.ping()))
     }
 
     /// After how long a silence the RTI sends a `Ping`, and how long at least a federate has to answer.
     fn ping(&self) -> Nanos {
-        self.patience.limit.map_or(PING, |limit| PING.min(limit / 2))
+        self.hang_timeout.limit.map_or(PING, |limit| PING.min(limit / 2))
     }
 }
 
 impl Rti {
     /// Makes the RTI watch for silent federates.
     #[must_use]
-    pub fn watching(mut self, patience: Patience) -> Self {
-        self.watch = Some(Watch::new(self.members.len(), patience));
+    pub fn watching(mut self, hang_timeout: HangTimeout) -> Self {
+        self.watch = Some(Watch::new(self.members.len(), hang_timeout));
         self
     }
 
     /// A frame, or a part of one, has come from a federate.
-    pub(super) fn heard(&mut self, federate: FederateId, now: PhysicalTime) {
+    pub(super) fn note_frame(&mut self, federate: FederateId, now: PhysicalTime) {
         let Some(watch) = &mut self.watch else { return };
-        let silence = now.since(watch.pulses[federate].heard);
-        let pulse = Pulse { heard: now, asked: None, reported: false };
-        let before = std::mem::replace(&mut watch.pulses[federate], pulse);
+        let silence = now.since(watch.liveness[federate].last_frame);
+        let liveness = Liveness { last_frame: now, ping_sent: None, reported: false };
+        let before = std::mem::replace(&mut watch.liveness[federate], liveness);
         if before.reported {
             self.outputs.push_back(RtiOutput::Answers { federate, silence });
         }
     }
 
-    /// All federates count as heard now.
-    pub(super) fn heard_all(&mut self, now: PhysicalTime) {
-        self.topology.federates().for_each(|federate| self.heard(federate, now));
+    /// The silence of every federate is counted from now on: the program starts.
+    pub(super) fn restart_silence(&mut self, now: PhysicalTime) {
+        self.topology.federates().for_each(|federate| self.note_frame(federate, now));
     }
 
     /// When the RTI has to act if all federates stay silent.
@@ -100,16 +105,16 @@ impl Rti {
             if !self.members[federate].is_live() || watch.due(federate) > now {
                 continue;
             }
-            let limit = watch.patience.limit;
-            let pulse = &mut watch.pulses[federate];
-            let silence = now.since(pulse.heard);
-            if pulse.asked.is_none() {
-                pulse.asked = Some(now);
+            let limit = watch.hang_timeout.limit;
+            let liveness = &mut watch.liveness[federate];
+            let silence = now.since(liveness.last_frame);
+            if liveness.ping_sent.is_none() {
+                liveness.ping_sent = Some(now);
                 self.send(federate, Frame::Ping);
             } else if limit.is_some_and(|limit| silence >= limit) {
                 self.give_up(federate, silence);
             } else {
-                pulse.reported = true;
+                liveness.reported = true;
                 self.outputs.push_back(RtiOutput::Silent { federate, silence });
             }
         }

@@ -27,8 +27,11 @@ pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
                 frames.push(frame);
                 bytes = &bytes[len..];
             }
-            Ok(Decoded::Part { taken, of }) => {
-                assert!(taken > 0 && taken <= bytes.len() && of > 0, "{taken} bytes of {of}");
+            Ok(Decoded::Part { taken, message_len }) => {
+                assert!(
+                    taken > 0 && taken <= bytes.len() && message_len > 0,
+                    "{taken} bytes of {message_len}"
+                );
                 bytes = &bytes[taken..];
             }
             Ok(Decoded::Missing(more)) => {

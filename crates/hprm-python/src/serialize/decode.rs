@@ -153,7 +153,7 @@ impl<'a, 'py> Walk<'a, 'py> {
             NodeKind::List => self.list()?,
             NodeKind::Tuple => self.tuple()?,
             NodeKind::Dict => self.dict()?,
-            NodeKind::Again => self.again()?,
+            NodeKind::BackReference => self.back_reference()?,
             NodeKind::Array => self.array()?,
             NodeKind::Pickle => return Err(malformed("a pickle inside of another value")),
             NodeKind::Complex => {
@@ -166,7 +166,7 @@ impl<'a, 'py> Walk<'a, 'py> {
                 let buffer = self.blob()?.into_buffer(py)?;
                 self.remember(PyMemoryView::from(&buffer)?.into_any())
             }
-            NodeKind::Made => self.made()?,
+            NodeKind::Reconstructed => self.reconstructed()?,
         };
         self.depth -= 1;
         Ok(value)
@@ -198,7 +198,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         Ok(self.close(number, set.into_any()))
     }
 
-    fn made(&mut self) -> PyResult<Bound<'py, PyAny>> {
+    fn reconstructed(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let number = self.open();
         let code = self.number()?;
         let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
@@ -248,7 +248,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         Ok(dict.into_any())
     }
 
-    fn again(&mut self) -> PyResult<Bound<'py, PyAny>> {
+    fn back_reference(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let number = usize::try_from(self.number()?).ok();
         let seen = number.and_then(|number| self.seen.get(number)).cloned().flatten();
         let (value, weight) = seen.ok_or_else(|| malformed("a reference to nothing"))?;

@@ -217,19 +217,19 @@ impl<'py> Walk<'py> {
             self.written(value)?;
         } else {
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
-            self.made(kinds, value, &parts)?;
+            self.encode_parts(kinds, value, &parts)?;
         }
         Ok(())
     }
 
     /// Writes the parts into which `hprm._kinds` has taken a value.
-    fn made(
+    fn encode_parts(
         &mut self,
         kinds: &Kinds,
         value: &Bound<'py, PyAny>,
         parts: &Parts<'py>,
     ) -> Result<(), Stop> {
-        self.begin(value, NodeKind::Made);
+        self.begin(value, NodeKind::Reconstructed);
         put_number(&mut self.draft.head, parts.code);
         put_number(&mut self.draft.head, parts.members.len() as u64);
         self.set_open(value, true);
@@ -244,7 +244,7 @@ impl<'py> Walk<'py> {
         let Some(layout) = numpy.layout(value)? else {
             let kinds = Kinds::get(self.py)?;
             let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
-            return self.made(kinds, value, &parts);
+            return self.encode_parts(kinds, value, &parts);
         };
         self.begin(value, NodeKind::Array);
         let description = layout.description.as_bytes();
@@ -363,7 +363,7 @@ impl<'py> Walk<'py> {
             return if self.write_if_seen(value)? {
                 Ok(())
             } else {
-                self.made(kinds, value, &parts)
+                self.encode_parts(kinds, value, &parts)
             };
         };
         self.kind(NodeKind::Str);
@@ -395,7 +395,7 @@ impl<'py> Walk<'py> {
             Some(Seen { open: true, .. }) => Err(Stop::cycle(value)),
             Some(Seen { number, .. }) => {
                 let number = *number;
-                self.kind(NodeKind::Again);
+                self.kind(NodeKind::BackReference);
                 put_number(&mut self.draft.head, number);
                 Ok(true)
             }

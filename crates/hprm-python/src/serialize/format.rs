@@ -3,7 +3,7 @@
 //! A head is one byte that says which format it has, then one node. A node is a byte of [`NodeKind`] and
 //! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
 //! are the payload's next part rather than here. Containers, byte strings, arrays and what is made of
-//! parts are counted as they begin, and [`NodeKind::Again`] refers to them by that number. A pickle is
+//! parts are counted as they begin, and [`NodeKind::BackReference`] refers to them by that number. A pickle is
 //! a whole value, never inside of one, so that one byte tells whether there is any.
 
 use hprm_core::NoMemory;
@@ -48,7 +48,7 @@ pub(super) enum NodeKind {
     /// A dict: a number, then as many pairs of nodes, in the order of insertion.
     Dict = 11,
     /// A value that occurred before: its number.
-    Again = 12,
+    BackReference = 12,
     /// A NumPy array: see `array`.
     Array = 13,
     /// A pickle: a blob, then a number and as many blobs, the buffers that are out of band.
@@ -62,7 +62,7 @@ pub(super) enum NodeKind {
     /// Bytes that are read where they lie: a blob.
     Buffer = 18,
     /// What `hprm._kinds` makes: a number that says how, a number, then as many nodes.
-    Made = 19,
+    Reconstructed = 19,
 }
 
 impl NodeKind {
@@ -81,14 +81,14 @@ impl NodeKind {
             NodeKind::List,
             NodeKind::Tuple,
             NodeKind::Dict,
-            NodeKind::Again,
+            NodeKind::BackReference,
             NodeKind::Array,
             NodeKind::Pickle,
             NodeKind::Complex,
             NodeKind::Set,
             NodeKind::FrozenSet,
             NodeKind::Buffer,
-            NodeKind::Made,
+            NodeKind::Reconstructed,
         ];
         KINDS.get(usize::from(byte)).copied()
     }

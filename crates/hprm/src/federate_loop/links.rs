@@ -359,11 +359,11 @@ impl FederateLinks {
         self.polled.links().any(|link| link.writable_len() >= EAGER_BUFFER)
     }
 
-    /// Ends the links in order: writes everything within `patience`, and makes sure that it arrives. With
-    /// `all`, `patience` begins again whenever some bytes of a long message have left.
-    pub(super) fn leave(&mut self, patience: Nanos, all: bool) {
-        self.poller.drain(&mut self.polled, patience, all);
-        let until = Clock::now().plus(patience);
+    /// Ends the links in order: writes everything within `timeout`, and makes sure that it arrives. With
+    /// `all`, `timeout` begins again whenever some bytes of a long message have left.
+    pub(super) fn leave(&mut self, timeout: Nanos, all: bool) {
+        self.poller.drain(&mut self.polled, timeout, all);
+        let until = Clock::now().plus(timeout);
         // If this end closed a TCP connection before it has read everything, the kernel would reset the
         // connection, and the other end would lose what it has not read yet. So this end waits until the
         // other end closes the connection.

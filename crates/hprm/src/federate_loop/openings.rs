@@ -18,7 +18,7 @@ use crate::{Address, Clock, nanoseconds};
 
 /// The links that are being opened.
 pub(super) struct Openings {
-    patience: Nanos,
+    connect_timeout: Nanos,
     notice: Option<fn(&str)>,
     by_peer: BTreeMap<FederateId, Opening>,
 }
@@ -37,7 +37,7 @@ struct Opening {
 impl Openings {
     pub(super) fn new(reach: &Reach) -> Self {
         Self {
-            patience: nanoseconds(reach.patience),
+            connect_timeout: nanoseconds(reach.connect_timeout),
             notice: reach.notice,
             by_peer: BTreeMap::new(),
         }
@@ -78,7 +78,7 @@ impl Openings {
     ) -> Option<String> {
         let opening = self.by_peer.get_mut(&peer)?;
         let is_first = opening.give_up.is_none();
-        let give_up = *opening.give_up.get_or_insert(now.plus(self.patience));
+        let give_up = *opening.give_up.get_or_insert(now.plus(self.connect_timeout));
         let reason = reason(error);
         if now >= give_up || !may_pass(error) {
             let reason = format!("at {}: {reason}", opening.address);

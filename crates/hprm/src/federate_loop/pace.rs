@@ -120,8 +120,8 @@ impl Pace {
     /// busy for long may take longer: what its messages wait for is not a small share of that.
     pub(super) fn may_linger(&self, now: PhysicalTime) -> bool {
         let busy = now.since(self.waited_at);
-        let patience = (busy / 16).clamp(LINGER, LONGEST_LINGER);
-        self.in_a_row > BURST && self.usual_tag < SHORT && now.since(self.flushed_at) < patience
+        let linger = (busy / 16).clamp(LINGER, LONGEST_LINGER);
+        self.in_a_row > BURST && self.usual_tag < SHORT && now.since(self.flushed_at) < linger
     }
 }
 

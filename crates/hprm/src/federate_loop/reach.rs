@@ -17,7 +17,7 @@ use crate::{Address, Failure};
 #[derive(Clone, Debug)]
 pub struct Reach {
     /// How long to try to reach the RTI, which may be started later.
-    pub patience: Duration,
+    pub connect_timeout: Duration,
     /// `HOST` or `HOST:PORT` under which other machines reach this federate, if that is not where
     /// its connection to the RTI begins.
     pub advertise: Option<String>,
@@ -29,7 +29,12 @@ pub struct Reach {
 
 impl Default for Reach {
     fn default() -> Self {
-        Self { patience: Duration::from_secs(60), advertise: None, notice: None, interrupted: None }
+        Self {
+            connect_timeout: Duration::from_secs(60),
+            advertise: None,
+            notice: None,
+            interrupted: None,
+        }
     }
 }
 

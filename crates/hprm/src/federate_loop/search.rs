@@ -40,7 +40,7 @@ pub(super) struct Search {
 impl Search {
     pub(super) fn new(options: &FederateOptions) -> Self {
         let reach = options.reach.clone();
-        let give_up = Clock::now().plus(nanoseconds(reach.patience));
+        let give_up = Clock::now().plus(nanoseconds(reach.connect_timeout));
         let (rti, (pause, _), next) = (options.rti.clone(), PAUSES, PhysicalTime(0));
         Self { rti, reach, give_up, pause, next, breaks: 0, told: false, again: false }
     }
@@ -64,7 +64,7 @@ impl Search {
     pub(super) fn lost(&mut self) -> Result<(), Failure> {
         if !std::mem::replace(&mut self.again, true) {
             (self.pause, self.told) = (PAUSES.0, false);
-            self.give_up = Clock::now().plus(nanoseconds(self.reach.patience));
+            self.give_up = Clock::now().plus(nanoseconds(self.reach.connect_timeout));
         }
         self.failed(&io::ErrorKind::ConnectionReset.into())
     }

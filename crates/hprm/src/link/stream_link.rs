@@ -359,10 +359,10 @@ impl StreamLink {
                     *start += len;
                     break frame;
                 }
-                Decoded::Part { taken, of } => {
+                Decoded::Part { taken, message_len } => {
                     *start += taken;
                     self.has_moved = true;
-                    (0, of)
+                    (0, message_len)
                 }
                 Decoded::Missing(more) => (more, *end - *start + more),
             };

@@ -17,7 +17,7 @@ use hprm::{
     Address, Failure, FederateOptions, Host, Inbox, Reach, Rti, RtiEvent, RtiOptions, Security,
     ValueExchange,
 };
-use hprm::{FederationId, Patience};
+use hprm::{FederationId, HangTimeout};
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{
     Body, ChannelId, Coordination, Delay, Direction, Effect, FederateId, Nanos, Part, Payload,
@@ -200,7 +200,7 @@ pub(crate) fn rti_options(
         listen,
         also_listen: Vec::new(),
         security: security.clone(),
-        patience: Patience::default(),
+        hang_timeout: HangTimeout::default(),
     }
 }
 

@@ -74,9 +74,9 @@ fn member(
 ) -> StreamLink {
     let address = Address::Tcp(address.to_owned());
     let notifier = Notifier::new().unwrap();
-    let patience = Deadline::at(Clock::now().plus(10_000_000_000));
+    let deadline = Deadline::at(Clock::now().plus(10_000_000_000));
     let keys = keys(Security::default());
-    let link = StreamLink::connect(&address, Purpose::Coordination, &keys, &notifier, patience);
+    let link = StreamLink::connect(&address, Purpose::Coordination, &keys, &notifier, deadline);
     let mut link = link.unwrap();
     while !until(&link) {
         link.flush().unwrap();
