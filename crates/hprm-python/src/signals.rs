@@ -143,7 +143,7 @@ pub(crate) fn stop_in_time(
                 }
             }
         }
-        timer.next_wakeup(now).map(|at| at.saturating_sub(now))
+        timer.next_wakeup().map(|at| at.saturating_sub(now))
     }
 }
 

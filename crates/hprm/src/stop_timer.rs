@@ -45,6 +45,8 @@ pub struct StopTimer {
     /// When a signal interrupted what ran.
     interrupted: Option<Duration>,
     ended: bool,
+    /// How far the process had come at the last [`Self::tick`].
+    progress: StopProgress,
 }
 
 impl StopTimer {
@@ -64,6 +66,7 @@ impl StopTimer {
 
     /// What is due; each step once.
     pub fn tick(&mut self, now: Duration, progress: StopProgress) -> Option<StopStep> {
+        self.progress = progress;
         let (signal, stop_requested) =
             self.stop_requested.filter(|_| !progress.over && !self.ended)?;
         let Some(interrupted) = self.interrupted else {
@@ -73,7 +76,7 @@ impl StopTimer {
             self.interrupted = Some(now);
             return Some(StopStep::Interrupt(signal));
         };
-        let after = if progress.interrupted { UNWIND } else { NOTICE };
+        let after = self.patience();
         if now < interrupted + after {
             return None;
         }
@@ -81,14 +84,19 @@ impl StopTimer {
         Some(StopStep::End { signal, after })
     }
 
-    /// When to call [`Self::tick`] if no signal comes.
-    pub fn next_wakeup(&self, now: Duration) -> Option<Duration> {
-        let (_, stop_requested) = self.stop_requested.filter(|_| !self.ended)?;
-        let due = match self.interrupted {
-            None => vec![stop_requested + Self::ORDERLY],
-            Some(at) => vec![at + NOTICE, at + UNWIND],
-        };
-        due.into_iter().find(|at| *at > now)
+    /// When to call [`Self::tick`] if no signal comes. That time may have passed since the last call.
+    pub fn next_wakeup(&self) -> Option<Duration> {
+        let (_, stop_requested) =
+            self.stop_requested.filter(|_| !self.progress.over && !self.ended)?;
+        Some(match self.interrupted {
+            None => stop_requested + Self::ORDERLY,
+            Some(interrupted) => interrupted + self.patience(),
+        })
+    }
+
+    /// How long the process may still run after a signal has interrupted it.
+    fn patience(&self) -> Duration {
+        if self.progress.interrupted { UNWIND } else { NOTICE }
     }
 }
 
@@ -116,7 +124,7 @@ mod tests {
             }
             let at = u64::try_from(now.as_millis()).unwrap();
             steps.extend(timer.tick(now, progress(at)).map(|step| (at, step)));
-            let next = timer.next_wakeup(now).into_iter().chain(signals.first().copied()).min();
+            let next = timer.next_wakeup().into_iter().chain(signals.first().copied()).min();
             let Some(next) = next else { return steps };
             assert!(next > now, "it never asks to be called at once");
             now = next;
@@ -127,6 +135,20 @@ mod tests {
 
     fn end(after: u64) -> StopStep {
         StopStep::End { signal: Signal::TERMINATE, after: ms(after) }
+    }
+
+    #[test]
+    fn a_limit_that_comes_due_after_the_tick_is_not_forgotten() {
+        let mut timer = StopTimer::default();
+        timer.signal(ms(10), Signal::TERMINATE);
+        assert_eq!(timer.tick(ms(5009), RUNS), None);
+        // The driver asks later: the limit has passed by now, but it has not been applied.
+        assert_eq!(timer.next_wakeup(), Some(ms(5010)));
+        assert_eq!(timer.tick(ms(5020), RUNS), Some(INTERRUPT));
+        assert_eq!(timer.tick(ms(6019), RUNS), None);
+        assert_eq!(timer.next_wakeup(), Some(ms(6020)));
+        assert_eq!(timer.tick(ms(6030), RUNS), Some(end(1000)));
+        assert_eq!(timer.next_wakeup(), None);
     }
 
     #[test]
