@@ -261,6 +261,8 @@ impl Rti {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let Stage::Waiting { until } = &mut arrival.stage else { return };
         if !self.members[federate].is_live() {
+            // The predecessor, if there was one, has left in time.
+            *until = None;
             if !waits {
                 self.introduce(federate);
             }

@@ -270,6 +270,22 @@ fn a_faulty_frame_changes_nothing() {
 }
 
 #[test]
+fn the_limit_of_a_predecessor_that_has_left_in_time_wakes_the_rti_no_more() {
+    let mut rti = running("transient a\ntransient b\na -> b\nc -> a");
+    for (federate, link) in [(1, 11), (0, 10)] {
+        input(&mut rti, link, hello(federate)).unwrap();
+        let outputs = input(&mut rti, link, Frame::Loaded).unwrap();
+        assert!(outputs.contains(&sent(federate.into(), Frame::Depart { tag: Tag::START })));
+    }
+    let limit = rti.next_wakeup().unwrap();
+    for link in [1, 0] {
+        input(&mut rti, link, Frame::Leave { tag: Tag::START }).unwrap();
+    }
+    // The new a has no predecessor any more, and waits until the new b, its neighbour, has linked to c.
+    assert!(rti.arrivals.next_wakeup().is_some_and(|at| at > limit), "{:?}", rti.arrivals);
+}
+
+#[test]
 fn only_the_first_failure_is_reported_and_all_federates_are_told() {
     let mut rti = running("a -> b\nb -> c");
     let federate = FederateId(1);
