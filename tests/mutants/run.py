@@ -72,7 +72,10 @@ class Copy:
         self.target = folder / "target"
         shutil.rmtree(self.folder, ignore_errors=True)
         for crate in CRATES:
-            shutil.copytree(ROOT / "crates" / crate, self.folder / "crates" / crate)
+            # The copies are as old as this run. Cargo takes older files for those of its last
+            # build, which had another mutant.
+            source, copy = ROOT / "crates" / crate, self.folder / "crates" / crate
+            shutil.copytree(source, copy, copy_function=shutil.copyfile)
         manifest = (ROOT / "Cargo.toml").read_text()
         # Many builds and short runs: optimizing more takes longer than it saves.
         manifest = manifest.replace("opt-level = 3", "opt-level = 1")
