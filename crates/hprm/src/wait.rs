@@ -62,26 +62,53 @@ pub(crate) struct Interest<'fd> {
 pub(crate) struct Deadline {
     /// Until when, by the federation's time.
     pub(crate) until: PhysicalTime,
+    /// What else ends the wait.
+    pub(crate) breaker: Breaker,
+}
+
+/// What ends a wait before its time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Breaker {
+    /// Nothing.
+    Nothing,
     /// Asked now and then: whether to wait no longer.
-    pub(crate) is_over: fn() -> bool,
+    Asked(fn() -> bool),
+    /// Any signal that comes during the wait.
+    Signals,
 }
 
 impl Deadline {
     /// Whatever signals come.
     pub(crate) fn at(until: PhysicalTime) -> Self {
-        Self { until, is_over: || false }
+        Self { until, breaker: Breaker::Nothing }
     }
 
     /// Fails once it is over.
     pub(crate) fn check(self) -> io::Result<()> {
-        if (self.is_over)() {
-            Err(io::Error::new(io::ErrorKind::Interrupted, "interrupted"))
-        } else if Clock::now() >= self.until {
-            Err(io::ErrorKind::TimedOut.into())
-        } else {
-            Ok(())
+        match self.breaker {
+            Breaker::Asked(is_over) if is_over() => Err(interrupted()),
+            _ if Clock::now() >= self.until => Err(io::ErrorKind::TimedOut.into()),
+            _ => Ok(()),
         }
     }
+
+    /// Waits until a descriptor is ready; false if a signal has ended the wait, which may go on. Fails once the
+    /// deadline is over.
+    pub(crate) fn wait(self, interest: Interest<'_>) -> io::Result<bool> {
+        self.check()?;
+        if wait(&[interest], Some(self.until))[0].is_ready() {
+            return Ok(true);
+        }
+        self.check()?;
+        match self.breaker {
+            Breaker::Signals => Err(interrupted()),
+            Breaker::Nothing | Breaker::Asked(_) => Ok(false),
+        }
+    }
+}
+
+fn interrupted() -> io::Error {
+    io::Error::new(io::ErrorKind::Interrupted, "interrupted")
 }
 
 /// Waits until a descriptor is ready, `until` has come, or a signal arrives. Returns which are.
@@ -125,5 +152,35 @@ fn poll_until(fds: &mut [PollFd<'_>], until: Option<PhysicalTime>) -> bool {
         // The caller looks whether it is meant to stop.
         Err(Errno::INTR) => false,
         Err(error) => unreachable!("poll of open descriptors: {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+
+    use super::*;
+
+    #[test]
+    fn the_end_of_the_time_is_no_signal() {
+        let (one, _other) = UnixStream::pair().unwrap();
+        let nothing = Interest { fd: one.as_fd(), write: false };
+        let until = Clock::now().plus(1_000_000);
+        for breaker in [Breaker::Nothing, Breaker::Asked(|| false), Breaker::Signals] {
+            let deadline = Deadline { until, breaker };
+            let error = deadline.wait(nothing).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::TimedOut, "{breaker:?}");
+        }
+    }
+
+    #[test]
+    fn a_wait_without_a_signal_goes_on_until_something_comes() {
+        let (one, _other) = UnixStream::pair().unwrap();
+        let ready = Interest { fd: one.as_fd(), write: true };
+        let until = Clock::now().plus(60_000_000_000);
+        assert!(Deadline { until, breaker: Breaker::Signals }.wait(ready).unwrap());
+        let error = Deadline { until, breaker: Breaker::Asked(|| true) }.wait(ready).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::Interrupted);
     }
 }

@@ -8,7 +8,7 @@ use hprm_core::{Nanos, PhysicalTime};
 use super::{FederateOptions, Reach};
 use crate::link::descriptors::is_shortage;
 use crate::link::{Keys, Link, Network, Purpose};
-use crate::wait::{Deadline, wait};
+use crate::wait::{Breaker, Deadline, wait};
 use crate::{Address, Clock, Failure, nanoseconds};
 
 /// How long one attempt to connect may take.
@@ -37,6 +37,14 @@ pub(super) struct Search {
     again: bool,
 }
 
+/// Why an attempt has brought no link.
+enum NoLink {
+    /// A signal has ended the attempt.
+    Interrupted,
+    /// It has failed, and may be repeated later.
+    Failed,
+}
+
 impl Search {
     pub(super) fn new(options: &FederateOptions) -> Self {
         let reach = options.reach.clone();
@@ -50,11 +58,11 @@ impl Search {
         keys.suffice_for(&self.rti)?;
         let is_over = self.reach.interrupted.unwrap_or(|| false);
         loop {
-            let (link, interrupted) = self.attempt(keys, network, is_over)?;
-            match link {
-                Some(link) => return Ok(link),
-                None if interrupted || is_over() => return Err(Failure::interrupted()),
-                None => drop(wait(&[], Some(self.next))),
+            match self.attempt(keys, network, Breaker::Asked(is_over))? {
+                Ok(link) => return Ok(link),
+                Err(NoLink::Interrupted) => return Err(Failure::interrupted()),
+                Err(NoLink::Failed) if is_over() => return Err(Failure::interrupted()),
+                Err(NoLink::Failed) => drop(wait(&[], Some(self.next))),
             }
         }
     }
@@ -74,28 +82,36 @@ impl Search {
         self.next
     }
 
-    /// Tries again if it is time. Any signal ends the attempt, and a later call repeats it: the caller decides
-    /// what a signal means.
+    /// Tries again if it is time. Any signal ends the attempt: the caller decides what a signal means, and
+    /// a later call repeats the attempt, as long as there is time to find the RTI.
     pub(super) fn look(&mut self, keys: &Keys, network: &Network) -> Result<Option<Link>, Failure> {
         if Clock::now() < self.next {
             return Ok(None);
         }
-        Ok(self.attempt(keys, network, || true)?.0)
+        match self.attempt(keys, network, Breaker::Signals)? {
+            Ok(link) => Ok(Some(link)),
+            Err(NoLink::Interrupted) if Clock::now() >= self.give_up => {
+                Err(self.no_rti(&io::ErrorKind::TimedOut.into()))
+            }
+            Err(NoLink::Interrupted | NoLink::Failed) => Ok(None),
+        }
     }
 
-    /// Tries once. Returns also whether a signal has ended the attempt.
+    /// Tries once.
     fn attempt(
         &mut self,
         keys: &Keys,
         network: &Network,
-        is_over: fn() -> bool,
-    ) -> Result<(Option<Link>, bool), Failure> {
-        let deadline = Deadline { until: Clock::now().plus(ATTEMPT), is_over };
+        breaker: Breaker,
+    ) -> Result<Result<Link, NoLink>, Failure> {
+        let deadline = Deadline { until: Clock::now().plus(ATTEMPT), breaker };
         let link = network.connect(&self.rti, Purpose::Coordination, keys, deadline);
         match link.and_then(|mut link| link.establish(deadline).map(|()| link)) {
-            Ok(link) => Ok((Some(link), false)),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok((None, true)),
-            Err(error) => self.failed(&error).map(|()| (None, false)),
+            Ok(link) => Ok(Ok(link)),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {
+                Ok(Err(NoLink::Interrupted))
+            }
+            Err(error) => self.failed(&error).map(|()| Err(NoLink::Failed)),
         }
     }
 
@@ -166,4 +182,45 @@ pub(super) fn may_pass(error: &io::Error) -> bool {
         error.kind(),
         ErrorKind::PermissionDenied | ErrorKind::InvalidData | ErrorKind::InvalidInput
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::thread;
+
+    use hprm_federated::FederationId;
+
+    use super::*;
+    use crate::link::{LinkAcceptor, Security};
+
+    fn search(rti: Address) -> Search {
+        let (reach, pause) = (Reach::default(), PAUSES.0);
+        let give_up = Clock::now().plus(nanoseconds(reach.patience));
+        let next = PhysicalTime(0);
+        Search { rti, reach, give_up, pause, next, breaks: 0, told: false, again: true }
+    }
+
+    /// Over TCP, both ends prove that they know the secret, which takes more than one step.
+    #[test]
+    fn a_link_to_the_rti_is_found_again_in_one_attempt() {
+        let network = Network::sockets().unwrap();
+        let keys = Keys::new(FederationId(7), Security::default()).unwrap();
+        let listener = network.listen(&"127.0.0.1:0".parse().unwrap()).unwrap();
+        let mut search = search(listener.address().clone());
+        let mut acceptor =
+            LinkAcceptor::new(vec![listener], Purpose::Coordination, keys.clone(), 2);
+        let is_over = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    assert!(acceptor.admit(Clock::local()).unwrap().is_empty());
+                    thread::yield_now();
+                }
+            });
+            let link = search.look(&keys, &network);
+            is_over.store(true, Ordering::Relaxed);
+            assert!(link.unwrap().is_some());
+        });
+    }
 }

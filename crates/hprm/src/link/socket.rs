@@ -20,7 +20,7 @@ use rustix::net::{
 
 use super::Address;
 use super::ends::CloseInChild;
-use crate::wait::{Deadline, Interest, wait};
+use crate::wait::{Deadline, Interest};
 
 /// How soon a TCP connection to a machine that has vanished ends. This long after the last bytes the kernel
 /// sends the first question (keepalive), and then this many, at these intervals.
@@ -272,7 +272,7 @@ fn resolve(host: &str, deadline: Deadline) -> io::Result<Vec<InternetAddr>> {
     }
 }
 
-/// Connects without blocking anywhere but in [`wait`].
+/// Connects without blocking anywhere but in [`Deadline::wait`].
 fn connect_tcp(address: InternetAddr, deadline: Deadline) -> io::Result<TcpStream> {
     let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
@@ -280,11 +280,8 @@ fn connect_tcp(address: InternetAddr, deadline: Deadline) -> io::Result<TcpStrea
     match rustix::net::connect(&socket, &address) {
         Ok(()) => {}
         Err(Errno::INPROGRESS) => {
-            // A signal ends a wait early.
             let connected = Interest { fd: socket.as_fd(), write: true };
-            while !wait(&[connected], Some(deadline.until))[0].is_ready() {
-                deadline.check()?;
-            }
+            while !deadline.wait(connected)? {}
             sockopt::socket_error(&socket)??;
         }
         Err(error) => return Err(error.into()),

@@ -20,7 +20,7 @@ use super::socket::Socket;
 use super::stream::Stream;
 use super::{Address, Arrival, Keys};
 use crate::notifier::Notifier;
-use crate::wait::{Deadline, Interest, wait};
+use crate::wait::{Deadline, Interest};
 
 /// The longest frame that a link accepts while the other end is not trusted, in bytes.
 const UNTRUSTED_LIMIT: usize = 4096;
@@ -139,10 +139,9 @@ impl StreamLink {
             match self.read()? {
                 Arrival::Bytes | Arrival::Rest => continue,
                 Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
-                Arrival::Nothing => deadline.check()?,
+                Arrival::Nothing => {}
             }
-            let interest = Interest { fd: self.as_fd(), write: self.has_outbound() };
-            wait(&[interest], Some(deadline.until));
+            deadline.wait(Interest { fd: self.as_fd(), write: self.has_outbound() })?;
         }
     }
 
