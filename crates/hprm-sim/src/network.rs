@@ -6,7 +6,7 @@ use std::fmt;
 use hprm_core::{FederateId, Nanos, PhysicalTime};
 use hprm_federated::{Frame, Input, LinkId, RtiInput};
 
-use crate::Rng;
+use crate::{Plan, Rng};
 
 /// A process that is a federate: the first one, or one that joined later.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -144,6 +144,8 @@ pub(crate) struct Network {
     pending: BTreeMap<(PhysicalTime, u64), Event>,
     sequence: u64,
     latency: Latency,
+    /// The same for direct links between federates.
+    direct_latency: Latency,
     partition: Option<Partition>,
     /// When the last thing sent on a link arrives.
     busy: BTreeMap<(Place, Place), PhysicalTime>,
@@ -152,13 +154,14 @@ pub(crate) struct Network {
 }
 
 impl Network {
-    pub(crate) fn new(rng: Rng, latency: Latency, partition: Option<Partition>) -> Self {
+    pub(crate) fn new(rng: Rng, plan: &Plan) -> Self {
         Self {
             rng,
             pending: BTreeMap::new(),
             sequence: 0,
-            latency,
-            partition,
+            latency: plan.latency,
+            direct_latency: plan.direct_latency.unwrap_or(plan.latency),
+            partition: plan.partition,
             busy: BTreeMap::new(),
             broken: BTreeSet::new(),
         }
@@ -175,7 +178,9 @@ impl Network {
         if self.broken.contains(&(from, to)) {
             return;
         }
-        let arrival = now.plus(self.delay());
+        let is_direct = from != Place::Rti && to != Place::Rti;
+        let latency = if is_direct { self.direct_latency } else { self.latency };
+        let arrival = now.plus(self.delay(latency));
         let arrival = match self.partition {
             Some(Partition { federate, from: cut, until })
                 if [from, to].iter().any(|place| place.is(federate))
@@ -206,7 +211,8 @@ impl Network {
             _ => None,
         });
         lost.extend(self.lose_from_rti(federate));
-        let (early, late) = (now.plus(self.delay()), now.plus(self.delay()));
+        let (early, late) =
+            (now.plus(self.delay(self.latency)), now.plus(self.delay(self.latency)));
         self.at(early, Event::Rti(RtiInput::Closed { link }));
         self.at(late, Event::Federate(federate, Input::RtiLost));
         lost
@@ -243,6 +249,16 @@ impl Network {
         lost
     }
 
+    /// Whether a direct link between two federates is being opened.
+    pub(crate) fn is_opening(&self, one: Instance, other: Instance) -> bool {
+        self.pending.values().any(|event| match event {
+            Event::Connect { from, to } | Event::Peer { from, to, link_event: LinkEvent::Up } => {
+                [(one, other), (other, one)].contains(&(*from, *to))
+            }
+            _ => false,
+        })
+    }
+
     /// Breaks the direct link between two federates in the same way. Returns what is lost.
     pub(crate) fn cut_direct(
         &mut self,
@@ -265,7 +281,7 @@ impl Network {
             _ => true,
         });
         for (from, to) in [(one, other), (other, one)] {
-            let at = now.plus(self.delay());
+            let at = now.plus(self.delay(self.direct_latency));
             self.at(at, Event::Peer { from, to, link_event: LinkEvent::Lost });
         }
         lost
@@ -290,8 +306,8 @@ impl Network {
         self.broken.extend([(one, other), (other, one)]);
     }
 
-    fn delay(&mut self) -> Nanos {
-        let Latency { least, jitter, spikes } = self.latency;
+    fn delay(&mut self, latency: Latency) -> Nanos {
+        let Latency { least, jitter, spikes } = latency;
         let usual = least + self.rng.below(jitter);
         let factor = if self.rng.percent(spikes) { 50 } else { 1 };
         usual.saturating_mul(factor).cast_signed()

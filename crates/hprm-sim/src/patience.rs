@@ -57,6 +57,7 @@ impl Patience {
             taken: BTreeMap::new(),
             strict: !is_disturbed
                 && plan.broken.is_none()
+                && plan.broken_at_end.is_none()
                 && !has_transients
                 && !may_block
                 && plan.flow_limit.is_none()

@@ -13,6 +13,8 @@ use crate::{Log, Maxwait};
 pub struct Plan {
     /// How long frames are in transit.
     pub latency: Latency,
+    /// The same on direct links between federates, if they are slower or faster than those of the RTI.
+    pub direct_latency: Option<Latency>,
     /// A federate that is cut off for a while.
     pub partition: Option<Partition>,
     /// How each federate's clock deviates from true time; those that are not here do not.
@@ -29,6 +31,8 @@ pub struct Plan {
     pub cut: Option<(FederateId, PhysicalTime)>,
     /// Two federates whose direct link breaks at that time.
     pub broken: Option<(FederateId, FederateId, PhysicalTime)>,
+    /// A federate whose direct links break when it has ended: what is in transit on them is lost.
+    pub broken_at_end: Option<FederateId>,
     /// How often direct links end while they are opened, if at all.
     pub resets: Option<Resets>,
     /// Transient federates that are not launched at the beginning.

@@ -151,6 +151,7 @@ impl Trial {
     fn failed(&self, victim: FederateId, outcome: &Outcome, compared: bool) -> Result<(), String> {
         let victims = [self.plan.crash, self.plan.cut].map(|fault| fault.map(|(victim, _)| victim));
         let broken = self.plan.broken.is_some_and(|(one, other, _)| [one, other].contains(&victim));
+        let broken = broken || self.plan.broken_at_end.is_some_and(|me| me != victim);
         if !victims.contains(&Some(victim)) && !broken {
             return Err(format!("{} is reported, but nothing happened to it", self.name(victim)));
         }
@@ -317,6 +318,11 @@ impl Trial {
             "  latency from {least} ns to {} ns, {spikes} % fifty times",
             least + jitter.saturating_sub(1)
         )?;
+        if let Some(Latency { least, jitter, spikes }) = plan.direct_latency {
+            let most = least + jitter.saturating_sub(1);
+            let range = format!("from {least} ns to {most} ns, {spikes} % fifty times");
+            writeln!(f, "  on direct links, {range}")?;
+        }
         for (me, Skew { offset, drift }) in self.program.federates.ids().zip(&plan.clocks) {
             writeln!(f, "  the clock of {}: {offset:+} ns, {drift:+} ppm", self.name(me))?;
         }
@@ -345,19 +351,7 @@ impl Trial {
         if let Some((federate, at)) = plan.crash {
             writeln!(f, "  {} is killed at {}", self.name(federate), at.0)?;
         }
-        if let Some((federate, at)) = plan.cut {
-            writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(federate), at.0)?;
-        }
-        if let Some((one, other, at)) = plan.broken {
-            let (one, other) = (self.name(one), self.name(other));
-            writeln!(f, "  the direct link between {one} and {other} breaks at {}", at.0)?;
-        }
-        if let Some(Resets { count, pause }) = plan.resets {
-            writeln!(
-                f,
-                "  {count} direct links end while they are opened; again after {pause} ns"
-            )?;
-        }
+        self.write_broken_links(f, plan)?;
         for (me, _) in self.program.federates.iter().filter(|(_, federate)| federate.transient) {
             let absent = if plan.absent.contains(&me) { ", and absent at the start" } else { "" };
             writeln!(f, "  {} is transient{absent}", self.name(me))?;
@@ -376,6 +370,26 @@ impl Trial {
                 "  a physical action of {} is scheduled at {}",
                 self.name(*federate),
                 at.0
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_broken_links(&self, f: &mut fmt::Formatter<'_>, plan: &Plan) -> fmt::Result {
+        if let Some((federate, at)) = plan.cut {
+            writeln!(f, "  the link of {} to the RTI breaks at {}", self.name(federate), at.0)?;
+        }
+        if let Some((one, other, at)) = plan.broken {
+            let (one, other) = (self.name(one), self.name(other));
+            writeln!(f, "  the direct link between {one} and {other} breaks at {}", at.0)?;
+        }
+        if let Some(me) = plan.broken_at_end {
+            writeln!(f, "  the direct links of {} break when it has ended", self.name(me))?;
+        }
+        if let Some(Resets { count, pause }) = plan.resets {
+            writeln!(
+                f,
+                "  {count} direct links end while they are opened; again after {pause} ns"
             )?;
         }
         Ok(())

@@ -1,11 +1,11 @@
-//! Transient federates that join and leave, and direct links that break: drawn apart from the rest, so
-//! that the other draws of a seed stay the same.
+//! Transient federates that join and leave, and direct links that break, or that are slower or faster than
+//! the links of the RTI: drawn apart from the rest, so that the other draws of a seed stay the same.
 
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program};
 
 use crate::plan::Resets;
 use crate::rng::mix;
-use crate::{Plan, Rng, Shape, Visit};
+use crate::{Latency, Plan, Rng, Shape, Visit};
 
 /// Separates the draws of this file from all others of a seed.
 const VISITS: u64 = 0x7151;
@@ -17,6 +17,14 @@ const TIMEOUTS: [Nanos; 4] = [2_000, 5_000, 10_000, 20_000];
 /// federates of a federation that runs do not wait so long.
 const SHORT: Nanos = 1_000;
 const LONG: Nanos = 3_000_000_000;
+
+/// How long frames may be in transit on the links of one kind, while those of the other kind are quick.
+const SLOW: [u64; 3] = [20_000, 50_000, 200_000];
+const QUICK: Latency = Latency { least: 0, jitter: 100, spikes: 0 };
+
+/// By how much the visits of a long program are later. Where the links of the RTI are slow, a federate that
+/// joins needs so much time.
+const LATER: Nanos = 20;
 
 /// Makes some federates of some programs transient, and draws what happens to them and to direct links.
 pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Plan) {
@@ -32,6 +40,43 @@ pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Pl
         let running = program.federates.values().any(|federate| federate.transient);
         let pause = if running || rng.percent(50) { SHORT } else { LONG };
         plan.resets = Some(Resets { count: 1 + rng.below(6), pause });
+    }
+    if shape.coordination == Coordination::Decentralized {
+        ends(&mut rng, program, plan);
+        latencies(&mut rng, program, plan);
+    }
+}
+
+/// Draws a federate whose direct links break when it has ended.
+fn ends(rng: &mut Rng, program: &Program, plan: &mut Plan) {
+    if rng.percent(8) {
+        plan.broken_at_end = Some(two(rng, program).0);
+    }
+}
+
+/// Draws links of one kind that are slower than those of the other, so that what a federate learns from the
+/// RTI overtakes what comes from its peers, or the other way round.
+fn latencies(rng: &mut Rng, program: &mut Program, plan: &mut Plan) {
+    let jitter = SLOW[usize::try_from(rng.below(3)).unwrap_or(0)];
+    let slow = Latency { least: 0, jitter, spikes: 0 };
+    match rng.below(10) {
+        0..=1 => (plan.latency, plan.direct_latency) = (QUICK, Some(slow)),
+        2..=4 => {
+            (plan.latency, plan.direct_latency) = (slow, Some(QUICK));
+            last(program, plan);
+        }
+        _ => {}
+    }
+}
+
+/// Makes a program with transient federates long enough that they can join over slow links.
+fn last(program: &mut Program, plan: &mut Plan) {
+    if program.federates.values().any(|federate| federate.transient) {
+        let timeout = &mut program.properties.timeout;
+        *timeout = timeout.map(|timeout| LATER * timeout);
+        for (_, at, _) in &mut plan.visits {
+            at.0 *= LATER;
+        }
     }
 }
 

@@ -79,7 +79,7 @@ impl World {
             nodes: BTreeMap::new(),
             launched: Table::filled(program.federates.len(), 0),
             rti: Rti::new(topology, federation, fingerprint, START_DELAY).dnet_mode(plan.dnet),
-            network: Network::new(Rng::new(rng.draw()), plan.latency, plan.partition),
+            network: Network::new(Rng::new(rng.draw()), &plan),
             clocks: program.federates.ids().map(clock).collect(),
             joined: BTreeSet::new(),
             failed: None,
@@ -411,6 +411,10 @@ impl World {
         if !self.nodes[&one].direct_links.has(other) && !self.nodes[&other].direct_links.has(one) {
             return;
         }
+        // Its opener would open it again, as after a reset.
+        if self.network.is_opening(one, other) {
+            return;
+        }
         let lost = self.network.cut_direct(now, one, other);
         self.lose(&lost);
     }
@@ -485,8 +489,14 @@ impl World {
         let from = Place::Federate(me);
         let closed = RtiInput::Closed { link: self.nodes[&me].link() };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
+        let breaks = self.plan.broken_at_end == Some(me.federate) && self.nodes[&me].finished;
         for peer in self.nodes[&me].direct_links.all() {
-            self.send_link_event(now, me, peer, LinkEvent::Lost);
+            if breaks {
+                let lost = self.network.cut_direct(now, me, peer);
+                self.lose(&lost);
+            } else {
+                self.send_link_event(now, me, peer, LinkEvent::Lost);
+            }
         }
     }
 
