@@ -196,7 +196,7 @@ mod tests {
 
     fn search(rti: Address) -> Search {
         let (reach, pause) = (Reach::default(), PAUSES.0);
-        let give_up = Clock::now().plus(nanoseconds(reach.patience));
+        let give_up = Clock::now().plus(nanoseconds(reach.connect_timeout));
         let next = PhysicalTime(0);
         Search { rti, reach, give_up, pause, next, breaks: 0, told: false, again: true }
     }
