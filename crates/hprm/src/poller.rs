@@ -3,6 +3,7 @@
 //!
 //! The loops decide what to do with what comes. Reading one link is in `polled_link`.
 
+mod epoll_set;
 mod polled_link;
 
 use std::io;
@@ -15,8 +16,10 @@ use crate::Clock;
 use crate::link::{Link, LinkAcceptor};
 use crate::notifier::Notifier;
 use crate::wait::{
-    Interest, Interests, KERNEL_POLL_INTERVAL, Ready, SPIN_KERNEL_POLL_INTERVAL, wait,
+    Few, Interest, Interests, KERNEL_POLL_INTERVAL, Readiness, Ready, SPIN_KERNEL_POLL_INTERVAL,
+    Source, SourceId, wait,
 };
+use epoll_set::EpollSet;
 pub(crate) use polled_link::{Broken, PolledLink};
 
 /// A time that has come, whatever the clock says.
@@ -104,6 +107,9 @@ impl Found {
 pub(crate) struct Poller {
     /// What other processes use to notify this loop when they have written to shared memory.
     notifier: Option<Notifier>,
+    sources: EpollSet,
+    /// The identities of the wakeups and of the notifier.
+    ids: (SourceId, SourceId),
     /// How long to busy-poll before sleeping.
     spin: Nanos,
     /// When this poller last asked the kernel what has come.
@@ -112,7 +118,13 @@ pub(crate) struct Poller {
 
 impl Poller {
     pub(crate) fn new(notifier: Option<&Notifier>, spin: Nanos) -> Self {
-        Self { notifier: notifier.cloned(), spin, asked_at: NOW }
+        Self {
+            notifier: notifier.cloned(),
+            sources: EpollSet::Empty,
+            ids: (SourceId::new(), SourceId::new()),
+            spin,
+            asked_at: NOW,
+        }
     }
 
     /// Waits until a link is ready, the loop is notified, or `until` has come. The poller may busy-poll for
@@ -201,7 +213,7 @@ impl Poller {
     }
 
     fn ask(
-        &self,
+        &mut self,
         on: &mut impl PollSet,
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
@@ -210,7 +222,7 @@ impl Poller {
             on.acceptor().and_then(|acceptor| acceptor.inner.next_wakeup()).map(Clock::at);
         let unread = on.polled_links().any(PolledLink::may_be_read).then(Clock::now);
         let until = until.into_iter().chain(acceptor_wakeup).chain(unread).min();
-        let mut ready = wait(&self.interests(on, wakeups), until).into_iter();
+        let mut ready = self.ready(on, wakeups, until).into_iter();
         let notified = ready.next().is_some_and(Ready::is_ready);
         let mut peer_activity = false;
         if let Some(notifier) = &self.notifier
@@ -231,14 +243,20 @@ impl Poller {
         Found { notified, peer_activity, readable: on.may_be_readable() }
     }
 
-    /// The wakeups, the notifier, the links in their order, and the acceptor.
-    fn interests<'a>(&'a self, on: &'a impl PollSet, wakeups: &'a impl AsFd) -> Interests<'a> {
-        let mut interests = Interests::new();
-        interests.push(to_read(wakeups));
-        interests.extend(self.notifier.iter().map(to_read));
-        interests.extend(on.links().map(interest));
-        interests.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.interests()));
-        interests
+    /// Waits for the wakeups, the notifier, the links in their order, and the acceptor.
+    fn ready(
+        &mut self,
+        on: &impl PollSet,
+        wakeups: &impl AsFd,
+        until: Option<PhysicalTime>,
+    ) -> Readiness {
+        let Self { notifier, sources, ids, .. } = self;
+        let mut wanted = Few::new();
+        wanted.push(Source { id: ids.0, interest: to_read(wakeups) });
+        wanted.extend(notifier.iter().map(|it| Source { id: ids.1, interest: to_read(it) }));
+        wanted.extend(on.polled_links().map(PolledLink::source));
+        wanted.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.sources()));
+        sources.wait(&wanted, until)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::os::fd::BorrowedFd;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use hprm_core::{Nanos, PhysicalTime};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -18,7 +19,7 @@ pub(crate) const KERNEL_POLL_INTERVAL: Nanos = 50_000;
 pub(crate) const SPIN_KERNEL_POLL_INTERVAL: Nanos = 5_000;
 
 /// As many as a federate of usual size has: waiting for that many allocates nothing.
-type Few<T> = SmallVec<[T; 16]>;
+pub(crate) type Few<T> = SmallVec<[T; 16]>;
 
 /// What a loop waits for.
 pub(crate) type Interests<'fd> = Few<Interest<'fd>>;
@@ -31,7 +32,13 @@ pub(crate) type Readiness = Few<Ready>;
 pub(crate) struct Ready(PollFlags);
 
 impl Ready {
-    const NOT: Self = Self(PollFlags::empty());
+    /// Not ready.
+    pub(crate) const NOT: Self = Self(PollFlags::empty());
+
+    /// Ready for what epoll reports with these bits, which are those of poll.
+    pub(crate) fn of(bits: u32) -> Self {
+        Self(PollFlags::from_bits_retain(bits as u16))
+    }
 
     /// Whether it is ready for anything.
     pub(crate) fn is_ready(self) -> bool {
@@ -55,6 +62,25 @@ pub(crate) struct Interest<'fd> {
     pub(crate) fd: BorrowedFd<'fd>,
     /// Whether it also waits until more can be written.
     pub(crate) write: bool,
+}
+
+/// A descriptor that a loop waits for again and again.
+#[derive(Clone, Copy)]
+pub(crate) struct Source<'fd> {
+    pub(crate) id: SourceId,
+    pub(crate) interest: Interest<'fd>,
+}
+
+/// Identifies an open descriptor in this process; a later one with the same number has another identity.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct SourceId(u64);
+
+impl SourceId {
+    /// The identity of a descriptor that has just been opened.
+    pub(crate) fn new() -> Self {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        Self(NEXT.fetch_add(1, Ordering::Relaxed))
+    }
 }
 
 /// For how long something is waited for.
@@ -143,16 +169,20 @@ pub(crate) fn is_hung_up(fd: BorrowedFd<'_>) -> bool {
 
 /// Returns whether `fds` tell what happened; not after a signal.
 fn poll_until(fds: &mut [PollFd<'_>], until: Option<PhysicalTime>) -> bool {
-    let timeout = until.filter(|until| *until != PhysicalTime::FOREVER).map(|until| {
-        let nanos = Clock::until(until).max(0);
-        Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 }
-    });
-    match poll(fds, timeout.as_ref()) {
+    match poll(fds, timeout(until).as_ref()) {
         Ok(_) => true,
         // The caller looks whether it is meant to stop.
         Err(Errno::INTR) => false,
         Err(error) => unreachable!("poll of open descriptors: {error}"),
     }
+}
+
+/// How long it takes until a time comes; none if it never comes.
+pub(crate) fn timeout(until: Option<PhysicalTime>) -> Option<Timespec> {
+    until.filter(|until| *until != PhysicalTime::FOREVER).map(|until| {
+        let nanos = Clock::until(until).max(0);
+        Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 }
+    })
 }
 
 #[cfg(test)]

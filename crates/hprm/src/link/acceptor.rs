@@ -17,7 +17,7 @@ use hprm_federated::Frame;
 use self::pending::{LinkOrigin, PendingLimits, PendingLink, PendingLinks};
 use super::{Address, Arrival, Keys, Link, LinkListener, Purpose, descriptors};
 use crate::Clock;
-use crate::wait::Interest;
+use crate::wait::{Interest, Source, SourceId};
 
 /// How long a link may take until its first frame has come.
 const PATIENCE: Nanos = 10_000_000_000;
@@ -45,6 +45,7 @@ const SHORTAGE: Nanos = 100_000_000;
 #[derive(Debug)]
 pub(crate) struct LinkAcceptor {
     listeners: Vec<LinkListener>,
+    listener_ids: Vec<SourceId>,
     pending: PendingLinks,
     purpose: Purpose,
     keys: Keys,
@@ -64,8 +65,16 @@ impl LinkAcceptor {
         keys: Keys,
         members: usize,
     ) -> Self {
-        let pending = PendingLinks::default();
-        Self { listeners, pending, purpose, keys, members, is_busy: false, rests_until: None }
+        Self {
+            listener_ids: listeners.iter().map(|_| SourceId::new()).collect(),
+            listeners,
+            pending: PendingLinks::default(),
+            purpose,
+            keys,
+            members,
+            is_busy: false,
+            rests_until: None,
+        }
     }
 
     /// Where it listens.
@@ -135,7 +144,8 @@ impl LinkAcceptor {
                 };
                 let origin = LinkOrigin::of(&link);
                 // The first frame has often come together with the connection.
-                let waiting = PendingLink { link, until: now.plus(PATIENCE), origin };
+                let waiting =
+                    PendingLink { link, id: SourceId::new(), until: now.plus(PATIENCE), origin };
                 let Some(waiting) = progress(waiting, now, admitted) else { continue };
                 pending.push(waiting);
                 let free = || descriptors::left() + pending.unproved();
@@ -146,12 +156,13 @@ impl LinkAcceptor {
     }
 
     /// What a loop has to wait for.
-    pub(crate) fn interests(&self) -> impl Iterator<Item = Interest<'_>> {
-        let listeners =
-            self.listeners.iter().map(|listener| Interest { fd: listener.as_fd(), write: false });
-        let waiting = self.pending.iter().map(|waiting| Interest {
-            fd: waiting.link.as_fd(),
-            write: waiting.link.has_outbound(),
+    pub(crate) fn sources(&self) -> impl Iterator<Item = Source<'_>> {
+        let listeners = self.listeners.iter().zip(&self.listener_ids).map(|(listener, id)| {
+            Source { id: *id, interest: Interest { fd: listener.as_fd(), write: false } }
+        });
+        let waiting = self.pending.iter().map(|waiting| Source {
+            id: waiting.id,
+            interest: Interest { fd: waiting.link.as_fd(), write: waiting.link.has_outbound() },
         });
         listeners.chain(waiting).filter(|_| self.rests_until.is_none())
     }

@@ -1,18 +1,20 @@
 //! One link that a loop polls, and how the loop reads it. The loops decide what its frames mean.
 
 use std::io;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 
 use hprm_federated::Frame;
 use hprm_federated::codec::CodecError;
 
 use crate::link::descriptors::is_shortage;
 use crate::link::{Arrival, Link, READS};
+use crate::wait::{Interest, Source, SourceId};
 
 /// A link, and whether it may be ready, which the loop knows without asking the kernel.
 #[derive(Debug)]
 pub(crate) struct PolledLink {
     pub(crate) link: Link,
+    id: SourceId,
     /// Whether there may be something to read.
     is_ready: bool,
 }
@@ -31,12 +33,18 @@ pub(crate) enum Broken {
 impl PolledLink {
     pub(crate) fn new(link: Link) -> Self {
         // The kernel does not report again what came while the link was opened.
-        Self { link, is_ready: true }
+        Self { link, id: SourceId::new(), is_ready: true }
     }
 
     /// Whether there may be something to read.
     pub(crate) fn may_be_read(&self) -> bool {
         self.is_ready || self.link.has_unread()
+    }
+
+    /// What to wait for.
+    pub(crate) fn source(&self) -> Source<'_> {
+        let interest = Interest { fd: self.link.as_fd(), write: self.link.waits_for_socket() };
+        Source { id: self.id, interest }
     }
 
     /// Notes whether the kernel, or the loop, has found that there may be something to read.

@@ -12,6 +12,7 @@ use std::net::{IpAddr, Ipv6Addr};
 use hprm_core::PhysicalTime;
 
 use crate::link::Link;
+use crate::wait::SourceId;
 
 /// How far the other end of a link has come.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -61,6 +62,7 @@ pub(super) struct PendingLimits {
 #[derive(Debug)]
 pub(super) struct PendingLink {
     pub(super) link: Link,
+    pub(super) id: SourceId,
     pub(super) until: PhysicalTime,
     pub(super) origin: LinkOrigin,
 }

@@ -117,7 +117,7 @@ fn a_silent_link_is_closed_and_the_loop_woken_up_for_that() {
     assert!(acceptor.admit(NOW).unwrap().is_empty());
     let wakeup = acceptor.next_wakeup().unwrap();
     assert_eq!(wakeup, NOW.plus(PATIENCE));
-    assert_eq!(acceptor.interests().count(), 2);
+    assert_eq!(acceptor.sources().count(), 2);
     assert!(acceptor.admit(wakeup).unwrap().is_empty());
     assert_eq!(acceptor.next_wakeup(), None);
     assert!(is_hung_up(&mut silent));
@@ -249,7 +249,7 @@ fn pending_links_get_a_share_of_the_time_of_a_busy_process() {
     assert_eq!(acceptor.next_wakeup(), Some(until));
     let _client = TcpStream::connect(&address).unwrap();
     assert!(acceptor.admit(NOW).unwrap().is_empty());
-    assert_eq!((acceptor.pending.unproved(), acceptor.interests().count()), (0, 0));
+    assert_eq!((acceptor.pending.unproved(), acceptor.sources().count()), (0, 0));
     assert!(acceptor.admit(until).unwrap().is_empty());
     assert_eq!(acceptor.pending.unproved(), 1);
 }
