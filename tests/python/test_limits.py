@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -99,3 +100,48 @@ def test_too_little_memory_shows_no_code_of_hprm(
     done = run(tmp_path, f"-v {memory}", "centralized", *options)
     assert done.returncode == 1
     assert "/hprm/_" not in done.stderr.replace("/hprm/_hprm.", ""), done.stderr
+
+
+NO_THREADS = os.environ | {"RUST_MIN_STACK": str(1 << 47)}
+"""No memory is large enough for the stack of a thread, so the system refuses threads."""
+
+
+@pytest.mark.parametrize(
+    "command", ["check", "run", "run --in-process", "verify", "rti --listen @"]
+)
+def test_threads_that_the_system_refuses_are_one_error(tmp_path: Path, command: str) -> None:
+    (tmp_path / "Main.lf").write_text(PROGRAM)
+    hprm = Path(sys.executable).with_name("hprm")
+    listen = command.replace("@", f"unix:{tmp_path}/rti")
+    done = subprocess.run(
+        [hprm, *listen.split(), "Main.lf"],
+        cwd=tmp_path,
+        env=NO_THREADS,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if command == "check":
+        assert (done.returncode, done.stderr) == (0, "")
+        return
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.startswith("error: "), done.stderr
+    assert "Resource temporarily unavailable" in done.stderr
+    assert "panicked" not in done.stderr and "Traceback" not in done.stderr
+
+
+def test_seeds_need_no_threads() -> None:
+    hprm = Path(sys.executable).with_name("hprm")
+    outputs = [
+        subprocess.run(
+            [hprm, "sim", "--seeds", "1200"],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        ).stdout
+        for environment in (NO_THREADS, None)
+    ]
+    assert outputs[0] == outputs[1]

@@ -53,12 +53,18 @@ pub(crate) fn mistakes(
     let answer = answer.map_err(|error| unchecked(&error))?;
     if !answer.status.success() {
         let said = String::from_utf8_lossy(&answer.stderr).into_owned();
-        let reason = said.trim_end().lines().next_back().unwrap_or("Python has failed").to_owned();
-        return Err(unchecked(&reason));
+        return Err(unchecked(&reason(&said)));
     }
     let text = String::from_utf8_lossy(&answer.stdout);
     let parsed = text.lines().map(serde_json::from_str).collect::<Result<_, _>>();
     parsed.map_err(|error| unchecked(&error))
+}
+
+/// Why Python has failed, of what it has said: an error without its hint, or the end of a traceback.
+fn reason(said: &str) -> &str {
+    let mut lines = said.lines().rev().filter(|line| !line.starts_with("  hint: "));
+    let last = lines.find(|line| !line.trim().is_empty()).unwrap_or("Python has failed");
+    last.strip_prefix("error: ").unwrap_or(last)
 }
 
 impl Mistake {
@@ -83,5 +89,21 @@ impl Mistake {
             labels: Vec::new(),
             hint: self.hint.clone(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::reason;
+
+    #[test]
+    fn what_python_has_said_is_told_without_its_hint_and_traceback() {
+        let said = "error: HPRM cannot be loaded: no memory\n  hint: is memory left?\n";
+        assert_eq!(reason(said), "HPRM cannot be loaded: no memory");
+        assert_eq!(
+            reason("Traceback (most recent call last):\n  x\nMemoryError\n\n"),
+            "MemoryError"
+        );
+        assert_eq!(reason(""), "Python has failed");
     }
 }

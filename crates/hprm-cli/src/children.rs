@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 use hprm::supervisor::{Observation, Signal};
@@ -96,8 +97,22 @@ impl Children {
                 // Its status is known already.
                 let _ = child.wait();
             } else {
-                self.ending.push(thread::spawn(|| leftovers::end(child)));
+                self.end(child);
             }
+        }
+    }
+
+    /// Reaps a process and ends what it has started, on a thread of its own if the system has one.
+    fn end(&mut self, child: Child) {
+        let shared = Arc::new(Mutex::new(Some(child)));
+        let taken = Arc::clone(&shared);
+        let end = move || {
+            let child = taken.lock().unwrap_or_else(PoisonError::into_inner).take();
+            child.into_iter().for_each(leftovers::end);
+        };
+        match thread::Builder::new().name("ending".to_owned()).spawn(end.clone()) {
+            Ok(ending) => self.ending.push(ending),
+            Err(_) => end(),
         }
     }
 }

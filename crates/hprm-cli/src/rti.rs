@@ -143,12 +143,17 @@ impl Interruption {
             let first = interruption.signal.swap(signal.0, Ordering::Relaxed) == 0;
             if first {
                 rti.request_stop();
-                let (interruption, rti) = (Arc::clone(&interruption), rti.clone());
-                thread::spawn(move || {
+                let (later, handle) = (Arc::clone(&interruption), rti.clone());
+                let give_up = move || {
                     thread::sleep(ORDERLY);
+                    later.gave_up.store(true, Ordering::Relaxed);
+                    handle.abort();
+                };
+                // Without that thread nothing would end the wait for an orderly stop.
+                if thread::Builder::new().name("stop".to_owned()).spawn(give_up).is_err() {
                     interruption.gave_up.store(true, Ordering::Relaxed);
                     rti.abort();
-                });
+                }
             } else {
                 rti.abort();
             }

@@ -5,7 +5,8 @@
 //! to the standard error.
 
 use std::process::ExitCode;
-use std::thread;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::{self, Builder};
 use std::time::Instant;
 
 use hprm_sim::Trial;
@@ -74,26 +75,30 @@ fn one(seed: u64, schedule: bool) -> ExitCode {
 }
 
 fn many(first: u64, last: u64) -> Sum {
-    let threads = thread::available_parallelism().map_or(1, usize::from) as u64;
-    let share = |thread: u64| {
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    // The next chunk of seeds. Each thread takes one after the other, so it does not matter how many threads
+    // the system lets there be.
+    let next = AtomicU64::new(0);
+    let share = || {
         let mut sum = Sum::default();
-        let mut from = first.saturating_add(thread * CHUNK);
-        while from <= last {
-            for seed in from..=last.min(from.saturating_add(CHUNK - 1)) {
-                sum.add(seed);
+        loop {
+            let chunk = next.fetch_add(1, Ordering::Relaxed);
+            let Some(from) = chunk.checked_mul(CHUNK).and_then(|chunk| first.checked_add(chunk))
+            else {
+                return sum;
+            };
+            if from > last {
+                return sum;
             }
-            match from.checked_add(threads * CHUNK) {
-                Some(next) => from = next,
-                None => break,
-            }
+            (from..=last.min(from.saturating_add(CHUNK - 1))).for_each(|seed| sum.add(seed));
         }
-        sum
     };
     thread::scope(|scope| {
-        let workers: Vec<_> =
-            (0..threads).map(|thread| scope.spawn(move || share(thread))).collect();
+        let workers = (1..threads).map_while(|_| Builder::new().spawn_scoped(scope, share).ok());
+        let workers: Vec<_> = workers.collect();
+        let own = share();
         let sums = workers.into_iter().map(|worker| worker.join().expect("a seed does not panic"));
-        sums.fold(Sum::default(), Sum::plus)
+        sums.fold(own, Sum::plus)
     })
 }
 

@@ -20,6 +20,7 @@ use serde_json::json;
 use self::variant::{Deployment, Kind, Variant};
 use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash, print_more};
+use crate::limits::unstarted;
 use crate::message::{self, Error, print_line};
 use crate::trace::{Comparison, Judge, Reader, sentence};
 use crate::{check, python};
@@ -132,24 +133,34 @@ impl Run {
         let failed = |error| Error::new(format!("cannot run the program: {error}"));
         let mut child = command.spawn().map_err(failed)?;
         let busy = AtomicBool::new(true);
+        let mut stderr = child.stderr.take();
         let (code, said) = thread::scope(|scope| {
-            for _ in 0..self.variant.load {
-                scope.spawn(|| {
-                    while busy.load(Ordering::Relaxed) {
-                        std::hint::spin_loop();
-                    }
-                });
-            }
-            let mut stderr = child.stderr.take();
-            let said = scope.spawn(move || {
+            let load = || {
+                while busy.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            };
+            let read = || {
                 let mut said = Vec::new();
                 let read = stderr.as_mut().map(|stderr| stderr.read_to_end(&mut said));
                 read.transpose().map(|_| said).unwrap_or_default()
-            });
-            let code = wait(&mut child, arguments.run_timeout);
+            };
+            let start = || {
+                let loads = 0..self.variant.load;
+                loads
+                    .into_iter()
+                    .try_for_each(|_| thread::Builder::new().spawn_scoped(scope, load).map(drop))?;
+                thread::Builder::new().spawn_scoped(scope, read)
+            };
+            let started = start();
+            // Without its threads, the run would not be the one that it is to be.
+            let time = if started.is_ok() { arguments.run_timeout } else { Duration::ZERO };
+            let code = wait(&mut child, time);
             busy.store(false, Ordering::Relaxed);
-            (code, said.join().unwrap_or_default())
+            let said = started.map(|said| said.join().unwrap_or_default());
+            (code, said)
         });
+        let said = said.map_err(|error| unstarted("cannot run the program", &error))?;
         let run = format!("run {} ({})", self.variant.number, self.variant);
         match code.map_err(failed)? {
             Some(0) => Ok(()),
