@@ -431,7 +431,7 @@ pub(crate) struct RtiArguments {
     #[arg(long, value_name = "ADDRESS", required = true)]
     pub(crate) listen: Vec<Address>,
     /// Seconds that federates may take to join, from when the RTI listens. Then it names those that are
-    /// missing, and the federation does not start.
+    /// missing, and the federation does not start. How long they load their programs after that is not limited.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     pub(crate) join_timeout: Duration,
     #[command(flatten)]

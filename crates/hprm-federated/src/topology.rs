@@ -376,6 +376,20 @@ mod tests {
     }
 
     #[test]
+    fn a_federation_ends_by_itself_if_no_clock_and_no_other_process_can_cause_an_event() {
+        let starves = |text, keepalive| {
+            let mut program = program(text);
+            program.properties.keepalive = keepalive;
+            Topology::new(&program).starves()
+        };
+        assert!(starves("a -> b\nb -> c after 5", false));
+        for text in ["a ~> b", "a -> b\nb ~> c", "transient a\na -> b"] {
+            assert!(!starves(text, false), "{text}");
+        }
+        assert!(!starves("a -> b", true));
+    }
+
+    #[test]
     fn federates_on_a_cycle_without_delay_go_level_by_level() {
         let topology = Topology::new(&program("x -> a\na -> b\nb -> c\nc -> a\nc -> y"));
         assert_eq!(topology.zero_delay_cycles(), [[1, 2, 3].map(FederateId)]);
