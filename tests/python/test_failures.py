@@ -531,5 +531,5 @@ def test_a_thread_that_does_not_end_is_named_and_left_behind(bench: Bench) -> No
     )
     outcome = bench.run(text, "--in-process")
     assert outcome.code == 1
-    assert "warning: ends what has not ended within 2 s: pong" in outcome.err
+    assert "warning: ends federates that have not ended within 2 s: pong" in outcome.err
     outcome.assert_one_error("error: federate ping: ", "ZeroDivisionError")

@@ -131,7 +131,7 @@ def test_a_thread_that_hangs_may_be_a_failure(bench: Bench, coordination: str, h
     outcome = bench.run(text, "--in-process", "--hang-timeout", "1.5")
     assert outcome.code == 1
     outcome.assert_one_error("error: federate worker has not answered for 1 s")
-    assert "warning: ends what has not ended within 2 s: " in outcome.err
+    assert "warning: ends federates that have not ended within 2 s: " in outcome.err
     test_stalls.assert_told(outcome.err, text, "federated", hang)
 
 

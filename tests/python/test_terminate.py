@@ -139,8 +139,8 @@ def test_code_that_holds_the_interpreter_is_ended(
             # A regular expression looks for signals, on the main thread.
             assert outcome.errors == []
     else:
-        first = "warning: ends what has not stopped in order within 5 s: worker"
-        second = "warning: killed what had not ended at the second signal: worker"
+        first = "warning: ends federates that have not stopped in order within 5 s: worker"
+        second = "warning: killed federates that had not ended at the second signal: worker"
         assert (first if times == 1 else second) in outcome.err
         assert outcome.errors == []
 
@@ -174,8 +174,8 @@ def test_a_trace_is_cut_when_a_program_is_ended(
 @pytest.mark.parametrize(
     ("times", "said"),
     [
-        (1, "warning: ends what has not stopped in order within 5 s: worker\n"),
-        (2, "warning: killed what had not ended at the second signal: worker\n"),
+        (1, "warning: ends federates that have not stopped in order within 5 s: worker\n"),
+        (2, "warning: killed federates that had not ended at the second signal: worker\n"),
     ],
 )
 def test_the_command_says_what_it_ends(bench: Bench, times: int, said: str) -> None:

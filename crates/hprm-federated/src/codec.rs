@@ -5,7 +5,7 @@
 //! body     = 0  postcard(Frame)                       every frame but a message
 //!          | 1  postcard(Envelope)  head  part*       a message; the bytes of its payload as they are
 //!          | 2  postcard(Envelope)                    a long message; its bytes follow
-//!          | 3  bytes                                 some of them
+//!          | 3  bytes                                 some bytes of a long message
 //! ```
 //!
 //! A long message is an envelope and then, with nothing in between, frames that have its bytes in order.
@@ -41,10 +41,10 @@ pub const PARTS_LIMIT: usize = (FRAME_LIMIT - PART_LIMIT - ENVELOPE) / PART;
 
 const CONTROL: u8 = 0;
 const MESSAGE: u8 = 1;
-const PARTED: u8 = 2;
-const BYTES: u8 = 3;
+const LONG_MESSAGE: u8 = 2;
+const MESSAGE_BYTES: u8 = 3;
 
-/// Why bytes are not taken for a frame. Nothing that follows on the link can be trusted.
+/// Why bytes cannot be decoded as a frame. What follows them on the link is meaningless.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CodecError {
@@ -58,7 +58,7 @@ pub enum CodecError {
     },
     /// The body is no frame of this protocol.
     #[error("the bytes are not a frame: is the other side another program or version?")]
-    Junk,
+    Malformed,
     /// The body goes on after the frame.
     #[error("{0} bytes too many in a frame")]
     Trailing(usize),
@@ -67,19 +67,19 @@ pub enum CodecError {
     NoMemory(usize),
 }
 
-/// What the start of a buffer holds.
+/// What the decoder has found at the start of a buffer.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Decoded {
-    /// A frame, which ends after so many bytes.
+    /// A whole frame, and its length in bytes.
     Frame(Frame, usize),
-    /// So many bytes that belong to a longer message, and how long that is in all.
+    /// A part of a long message. The decoder keeps it until the message is whole.
     Part {
-        /// The bytes that have been taken.
+        /// The length of the part in bytes.
         taken: usize,
-        /// The bytes of the payload.
+        /// The length of the payload of the whole message.
         message_len: usize,
     },
-    /// The start of a frame; at least so many more bytes are needed.
+    /// The start of a frame, and how many more bytes are needed at least.
     Missing(usize),
 }
 
@@ -90,18 +90,19 @@ pub struct Decoder {
     incoming: Option<Box<Incoming>>,
 }
 
-/// The part of a message that is not the payload's bytes.
+/// A message without the bytes of its payload: those follow it.
 #[derive(Debug, Serialize, Deserialize)]
 struct Envelope {
     channel: ChannelId,
     tag: Tag,
     head: u64,
-    parts: Vec<Piece>,
+    parts: Vec<PartHeader>,
     physical: bool,
 }
 
+/// What the envelope says of a part of a payload: the length of an inline part, or the reference to an object.
 #[derive(Debug, Serialize, Deserialize)]
-enum Piece {
+enum PartHeader {
     Inline(u64),
     Object(ObjectRef),
 }
@@ -118,7 +119,7 @@ fn is_long(payload: &Payload) -> bool {
 }
 
 /// The most bytes that an envelope takes, the length of its frame included.
-fn room_for_envelope(parts: usize) -> usize {
+fn max_envelope_len(parts: usize) -> usize {
     ENVELOPE.saturating_add(parts.saturating_mul(PART))
 }
 
@@ -144,9 +145,9 @@ pub fn encode(frame: &Frame, out: &mut Vec<u8>) -> Result<(), CodecError> {
     // Between parts are the beginnings of frames.
     let len = inline_len(payload);
     let frames = payload.parts.len() + 1 + len / PART_LIMIT;
-    reserve(out, envelope.room() + len + frames * (LENGTH + 1))?;
+    reserve(out, envelope.max_len() + len + frames * (LENGTH + 1))?;
     let is_long = len > PART_LIMIT;
-    let start = begin(if is_long { PARTED } else { MESSAGE }, out);
+    let start = begin(if is_long { LONG_MESSAGE } else { MESSAGE }, out);
     append(&envelope, out);
     if is_long {
         end(start, out);
@@ -205,8 +206,8 @@ pub fn decode(buffer: &[u8]) -> Result<Option<(Frame, usize)>, CodecError> {
 }
 
 impl Decoder {
-    /// What `buffer` begins with, which must be what follows on the link. The caller gives up what was
-    /// taken, and makes room for what is missing.
+    /// Decodes the next frame, or the next part of a long one. `buffer` has the next bytes of the link. The
+    /// caller removes the decoded bytes from it, and appends what is missing.
     ///
     /// # Errors
     ///
@@ -219,19 +220,19 @@ impl Decoder {
         };
         let taken = LENGTH + body.len();
         let (frame, trailing) = match (body, &mut self.incoming) {
-            ([BYTES, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
+            ([MESSAGE_BYTES, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
                 let message_len = incoming.len();
                 if !incoming.take(bytes)? {
                     return Ok(Decoded::Part { taken, message_len });
                 }
                 let complete = self.incoming.take().map(|incoming| incoming.finish());
-                (complete.ok_or(CodecError::Junk)?, 0)
+                (complete.ok_or(CodecError::Malformed)?, 0)
             }
             // Nothing else comes before the message is complete.
-            (_, Some(_)) => return Err(CodecError::Junk),
+            (_, Some(_)) => return Err(CodecError::Malformed),
             ([CONTROL, body @ ..], None) => control(body)?,
             ([MESSAGE, body @ ..], None) => message(body)?,
-            ([PARTED, body @ ..], None) => {
+            ([LONG_MESSAGE, body @ ..], None) => {
                 let (envelope, rest) = envelope(body)?;
                 if !rest.is_empty() {
                     return Err(CodecError::Trailing(rest.len()));
@@ -241,7 +242,7 @@ impl Decoder {
                 self.incoming = Some(Box::new(incoming));
                 return Ok(Decoded::Part { taken, message_len });
             }
-            _ => return Err(CodecError::Junk),
+            _ => return Err(CodecError::Malformed),
         };
         if trailing > 0 {
             return Err(CodecError::Trailing(trailing));
@@ -258,14 +259,14 @@ fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
     let len = u32::from_le_bytes(*length) as usize;
     let limit = match rest.first() {
         Some(&CONTROL) => CONTROL_LIMIT,
-        Some(&(MESSAGE | PARTED | BYTES)) | None => FRAME_LIMIT,
-        Some(_) => return Err(CodecError::Junk),
+        Some(&(MESSAGE | LONG_MESSAGE | MESSAGE_BYTES)) | None => FRAME_LIMIT,
+        Some(_) => return Err(CodecError::Malformed),
     };
     if len > limit {
         return Err(CodecError::TooLong { len, limit });
     }
     if len == 0 {
-        return Err(CodecError::Junk);
+        return Err(CodecError::Malformed);
     }
     Ok(rest.get(..len).ok_or(len - rest.len().min(len)))
 }
@@ -273,7 +274,7 @@ fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
 fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
     match postcard::take_from_bytes(body) {
         // A message has a body of its own kind.
-        Ok((Frame::Message { .. }, _)) | Err(_) => Err(CodecError::Junk),
+        Ok((Frame::Message { .. }, _)) | Err(_) => Err(CodecError::Malformed),
         Ok((frame, rest)) => Ok((frame, rest.len())),
     }
 }
@@ -281,8 +282,8 @@ fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
 fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
     let (envelope, mut rest) = envelope(body)?;
     let mut take = |len: u64| {
-        let len = usize::try_from(len).map_err(|_| CodecError::Junk)?;
-        let (bytes, after) = rest.split_at_checked(len).ok_or(CodecError::Junk)?;
+        let len = usize::try_from(len).map_err(|_| CodecError::Malformed)?;
+        let (bytes, after) = rest.split_at_checked(len).ok_or(CodecError::Malformed)?;
         rest = after;
         copy_of(bytes).map_err(|NoMemory(len)| CodecError::NoMemory(len))
     };
@@ -290,9 +291,9 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
     let parts = envelope
         .parts
         .into_iter()
-        .map(|piece| match piece {
-            Piece::Inline(len) => take(len).map(Part::Inline),
-            Piece::Object(object) => Ok(Part::Object(object)),
+        .map(|header| match header {
+            PartHeader::Inline(len) => take(len).map(Part::Inline),
+            PartHeader::Object(object) => Ok(Part::Object(object)),
         })
         .collect::<Result<_, _>>()?;
     let payload = Payload { head, parts, physical: envelope.physical };
@@ -300,23 +301,23 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
 }
 
 fn envelope(body: &[u8]) -> Result<(Envelope, &[u8]), CodecError> {
-    postcard::take_from_bytes(body).map_err(|_| CodecError::Junk)
+    postcard::take_from_bytes(body).map_err(|_| CodecError::Malformed)
 }
 
 impl Envelope {
     fn of(channel: ChannelId, tag: Tag, payload: &Payload) -> Self {
-        let parts = payload.parts.iter().map(Piece::of).collect();
+        let parts = payload.parts.iter().map(PartHeader::of).collect();
         let (head, physical) = (payload.head.len() as u64, payload.physical);
         Self { channel, tag, head, parts, physical }
     }
 
     /// The most bytes that it takes, the length of its frame included.
-    fn room(&self) -> usize {
-        room_for_envelope(self.parts.len())
+    fn max_len(&self) -> usize {
+        max_envelope_len(self.parts.len())
     }
 }
 
-impl Piece {
+impl PartHeader {
     fn of(part: &Part) -> Self {
         match part {
             Part::Inline(bytes) => Self::Inline(bytes.len() as u64),
@@ -387,9 +388,9 @@ mod tests {
 
     fn frame() -> impl Strategy<Value = Frame> {
         let peer = (any::<u16>(), any::<u32>(), any::<u128>(), any::<Option<String>>());
-        let peer = peer.prop_map(|(federate, life, host, listen)| Peer {
+        let peer = peer.prop_map(|(federate, incarnation, host, listen)| Peer {
             federate: FederateId(federate),
-            life,
+            incarnation,
             host: HostId(host),
             listen,
         });
@@ -511,7 +512,9 @@ mod tests {
         };
         assert!(too_long(FRAME_LIMIT + 1, MESSAGE));
         assert!(too_long(CONTROL_LIMIT + 1, CONTROL));
-        assert!(too_long(FRAME_LIMIT + 1, PARTED) && too_long(FRAME_LIMIT + 1, BYTES));
+        assert!(
+            too_long(FRAME_LIMIT + 1, LONG_MESSAGE) && too_long(FRAME_LIMIT + 1, MESSAGE_BYTES)
+        );
     }
 
     #[test]

@@ -22,7 +22,7 @@ use crate::decentralized::Decentralized;
 use crate::federate::ending::Lingering;
 use crate::federate::meeting::Meeting;
 use crate::flow::Flow;
-use crate::startup::{Early, Startup};
+use crate::startup::{EarlyMessage, Startup};
 use crate::stop::Stop;
 use crate::{
     End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Step,
@@ -35,7 +35,7 @@ enum Coordinator {
     Decentralized(Decentralized),
 }
 
-/// What the scheduler is doing, as far as it has said.
+/// What the scheduler does, by its last input to the machine.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Activity {
     /// It has not reported its next event since its last tag.
@@ -80,16 +80,16 @@ pub struct Federate {
     /// Federates that have ended, in order or not, and whose direct links are still open; and until when they
     /// may stay open.
     lingering: BTreeMap<FederateId, Lingering>,
-    /// Federates that are about to join.
+    /// Federates that are about to join, as far as this one has not answered the RTI yet.
     meeting: Meeting,
     /// Counts what is in transit to receivers and from senders.
     flow: Flow,
     /// The frame with which this federate asks to join.
     hello: Frame,
-    /// Whether it has asked to join more than once.
+    /// Whether this federate has asked to join more than once.
     rejoins: bool,
     /// Whether the link to the RTI is lost, and the driver opens another one.
-    is_away: bool,
+    rti_link_lost: bool,
     /// Whether this federate has resigned or failed, or the RTI has told it to end. Then the machine ignores
     /// all inputs.
     ended: bool,
@@ -150,7 +150,7 @@ impl Federate {
             ended: false,
             outputs: VecDeque::from([Output::ToRti(hello.clone())]),
             rejoins: false,
-            is_away: false,
+            rti_link_lost: false,
             hello,
         }
     }
@@ -284,10 +284,10 @@ impl Federate {
         Some(output)
     }
 
-    /// The scheduler will process the message of the last [`Output::DeliverPhysical`] at `tag`; never, if that is
-    /// none. The sender may wait for that.
-    pub fn placed(&mut self, channel: ChannelId, tag: Option<Tag>) {
-        self.flow.placed(channel, tag);
+    /// Tells the machine at which tag the scheduler will process the message of the last
+    /// [`Output::DeliverPhysical`]; none if never. The sender may wait until it is processed.
+    pub fn assign_tag(&mut self, channel: ChannelId, tag: Option<Tag>) {
+        self.flow.assign_tag(channel, tag);
     }
 
     // The handshake of direct links, which precedes `Input::PeerUp`.
@@ -308,7 +308,7 @@ impl Federate {
         Ok((peer, Frame::PeerWelcome { federate: self.me }))
     }
 
-    // What happens.
+    // Inputs.
 
     /// Tells the machine what has happened.
     ///
@@ -332,13 +332,13 @@ impl Federate {
                 self.startup.link(peer);
                 self.broken_links.remove(&peer);
                 self.get_ready(now);
-                self.met(peer);
+                self.link_is_up(peer);
             }
             Input::PeerLost(peer) => self.peer_lost(now, peer),
             Input::Unreachable { peer, reason } => self.unreachable(now, peer, reason),
             Input::Loaded => {
                 self.startup.loaded();
-                self.tell_of_loading();
+                self.report_loaded();
                 self.get_ready(now);
             }
             Input::NextEvent(tag) => {
@@ -396,14 +396,14 @@ impl Federate {
         match frame {
             Frame::Refused { reason } => self.refused(reason),
             Frame::Peers { peers } if self.startup.awaits_peers() => {
-                self.meet(peers);
+                self.set_peers(peers);
                 self.connect();
                 self.get_ready(now);
             }
             Frame::Start { at, first } if self.startup.awaits_start() => {
                 self.begin(now, at, first);
             }
-            Frame::Joining { peer } if !self.startup.awaits_peers() => self.introduce(now, peer),
+            Frame::Joining { peer } if !self.startup.awaits_peers() => self.peer_joining(now, peer),
             Frame::Joined { federate, first } => self.joined(federate, first),
             Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),
             Frame::TagAdvanceGrant { .. }
@@ -413,12 +413,12 @@ impl Federate {
             Frame::Message { channel, tag, payload } => {
                 let spec = self.topology.channel(channel, None, Some(self.me))?;
                 let Some(start) = self.startup.start() else {
-                    return self.early(spec, Early { channel, tag, payload });
+                    return self.early(spec, EarlyMessage { channel, tag, payload });
                 };
                 if spec.physical {
-                    self.deliver_physical(now.since(start), Early { channel, tag, payload });
+                    self.deliver_physical(now.since(start), EarlyMessage { channel, tag, payload });
                 } else if matches!(self.coordinator, Coordinator::Centralized(_)) {
-                    self.deliver(Early { channel, tag, payload });
+                    self.deliver(EarlyMessage { channel, tag, payload });
                 } else {
                     return unexpected;
                 }
@@ -490,7 +490,7 @@ impl Federate {
                 if spec.physical {
                     return unexpected;
                 }
-                self.deliver(Early { channel, tag, payload });
+                self.deliver(EarlyMessage { channel, tag, payload });
             }
             Frame::PortAbsent { channel, tag } => {
                 self.topology.channel(channel, Some(from), Some(self.me))?;

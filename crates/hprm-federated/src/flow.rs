@@ -22,19 +22,19 @@ use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
 
 use crate::{Frame, Topology, codec};
 
-/// What a message counts besides its bytes: the room that it takes in queues.
+/// How many bytes a message counts for besides its own: the memory that it takes in queues.
 const OVERHEAD: u64 = 128;
 
-/// An object in the store counts one in so many of its bytes: it is there once for all of its readers,
-/// and the store has a limit of its own.
+/// Of the bytes of an object in the store, one in so many counts: the object is there once for all of its
+/// readers, and the store has a limit of its own.
 const IN_STORE: u64 = 16;
 
 /// How many groups a limit is divided into, at least. Messages are counted in groups, so that a long
 /// queue of small ones is a short list.
 const GROUPS: u64 = 64;
 
-/// Which part of the limit a receiver may leave unreported, in all its channels from one sender. There
-/// may be as much again in groups of which not all has been processed.
+/// A receiver may leave the limit divided by this number unreported, in all its channels from one sender
+/// together. As much again may be in groups that the receiver has processed in part.
 const UNREPORTED: u64 = 4;
 
 /// Messages of one channel that follow one another.
@@ -51,10 +51,10 @@ struct Group {
 struct Backlog(VecDeque<Group>);
 
 impl Backlog {
-    /// Adds a message to the last group, unless that has `full` bytes already.
-    fn push(&mut self, tag: Tag, bytes: u64, full: u64) {
+    /// Adds a message to the last group, unless that has `group_bytes` bytes already.
+    fn push(&mut self, tag: Tag, bytes: u64, group_bytes: u64) {
         match self.0.back_mut() {
-            Some(group) if group.bytes < full => {
+            Some(group) if group.bytes < group_bytes => {
                 group.last = group.last.max(tag);
                 group.messages += 1;
                 group.bytes = group.bytes.saturating_add(bytes);
@@ -95,7 +95,7 @@ impl Backlog {
     }
 }
 
-/// What one receiver has been sent.
+/// What was sent to one receiver, and is not known to be processed.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Receiver {
     channels: BTreeMap<ChannelId, Backlog>,
@@ -103,33 +103,34 @@ struct Receiver {
     bytes: u64,
 }
 
-/// A channel that blocks its sender, as the sender sees it.
+/// A channel that blocks its sender: the state at the sender.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 struct Bounded {
     to: FederateId,
-    /// How many messages may wait.
-    most: u64,
+    /// How many messages may be unprocessed.
+    bound: u64,
     /// How many were sent and are not known to be processed.
     unprocessed: u64,
 }
 
-/// What waits on a channel that blocks its sender, as the receiver sees it: the bytes of each message.
+/// A channel that blocks its sender: the state at the receiver, which is how many bytes each unprocessed message
+/// counts for.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Held {
-    /// Messages without a tag so far.
-    unplaced: VecDeque<u64>,
-    placed: VecDeque<(Tag, u64)>,
+    /// Messages that have not got a tag at the receiver yet.
+    untagged: VecDeque<u64>,
+    tagged: VecDeque<(Tag, u64)>,
 }
 
-/// What has arrived on a channel, and the receiver has not reported to the sender.
+/// The messages of a channel that have arrived, and that the receiver has not reported as processed.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Incoming {
     from: FederateId,
     physical: bool,
-    /// How many bytes are worth a report.
-    worth: u64,
+    /// From how many bytes on the receiver sends a report.
+    report_threshold: u64,
     backlog: Backlog,
-    /// If the channel blocks its sender; then nothing is in the backlog.
+    /// Present if the channel blocks its sender. Then `backlog` stays empty.
     held: Option<Held>,
 }
 
@@ -139,8 +140,8 @@ pub(crate) struct Flow {
     limit: u64,
     receivers: BTreeMap<FederateId, Receiver>,
     incoming: BTreeMap<ChannelId, Incoming>,
-    /// How many groups of messages that have arrived are worth a report.
-    full: usize,
+    /// How many groups of messages that have arrived are large enough for a report.
+    reportable_groups: usize,
     bounded: BTreeMap<ChannelId, Bounded>,
     /// How many messages wait here on channels that block their senders.
     waiting: usize,
@@ -152,22 +153,22 @@ impl Flow {
         let channels = || topology.channels().iter();
         let incoming = channels().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
             let Channel { from, physical, .. } = *channel;
-            let beside = channels().filter(|(_, other)| other.from == from && other.to == me);
-            let worth = limit / UNREPORTED / (beside.count() as u64).max(1);
-            let (worth, backlog) = (worth.max(1), Backlog::default());
+            let parallel = channels().filter(|(_, other)| other.from == from && other.to == me);
+            let report_threshold = limit / UNREPORTED / (parallel.count() as u64).max(1);
+            let (report_threshold, backlog) = (report_threshold.max(1), Backlog::default());
             let held = topology.bound(id).map(|_| Held::default());
-            (id, Incoming { from, physical, worth, backlog, held })
+            (id, Incoming { from, physical, report_threshold, backlog, held })
         });
         let bounded =
             channels().filter(|(_, channel)| channel.from == me).filter_map(|(id, it)| {
-                let most = topology.bound(id)?.into();
-                Some((id, Bounded { to: it.to, most, unprocessed: 0 }))
+                let bound = topology.bound(id)?.into();
+                Some((id, Bounded { to: it.to, bound, unprocessed: 0 }))
             });
         Self {
             limit,
             receivers: BTreeMap::new(),
             incoming: incoming.collect(),
-            full: 0,
+            reportable_groups: 0,
             bounded: bounded.collect(),
             waiting: 0,
         }
@@ -218,7 +219,7 @@ impl Flow {
 
     /// Whether a message of the next tag might find no room at a receiver.
     pub(crate) fn is_full(&self) -> bool {
-        self.bounded.values().any(|bounded| bounded.unprocessed >= bounded.most)
+        self.bounded.values().any(|bounded| bounded.unprocessed >= bounded.bound)
     }
 
     // As a receiver.
@@ -227,37 +228,39 @@ impl Flow {
     pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         let Some(incoming) = self.incoming.get_mut(&channel) else { return };
         if let Some(held) = &mut incoming.held {
-            held.unplaced.push_back(weight(payload));
+            held.untagged.push_back(weight(payload));
             return;
         }
         let tag = if incoming.physical { Tag::NEVER } else { tag };
-        incoming.backlog.push(tag, weight(payload), incoming.worth);
-        let fresh = incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.worth);
-        self.full += usize::from(fresh);
+        incoming.backlog.push(tag, weight(payload), incoming.report_threshold);
+        let fresh =
+            incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.report_threshold);
+        self.reportable_groups += usize::from(fresh);
     }
 
     /// This federate has processed everything before `tag`, and read every physical message. Returns the
     /// reports to the senders.
     pub(crate) fn reached(&mut self, tag: Tag) -> Vec<(FederateId, Frame)> {
         let mut reports = Vec::new();
-        if self.full == 0 {
+        if self.reportable_groups == 0 {
             return reports;
         }
         for (id, incoming) in &mut self.incoming {
             let (groups, report) = incoming.report(*id, tag);
-            self.full -= groups;
+            self.reportable_groups -= groups;
             reports.extend(report);
         }
         reports
     }
 
-    /// The message that has arrived on a physical channel will be processed at `tag`; never, if that is none.
-    pub(crate) fn placed(&mut self, channel: ChannelId, tag: Option<Tag>) {
+    /// The oldest message without a tag on a physical channel gets this `tag`, at which it will be processed. It
+    /// gets none if it will never be processed.
+    pub(crate) fn assign_tag(&mut self, channel: ChannelId, tag: Option<Tag>) {
         let held = self.incoming.get_mut(&channel).and_then(|incoming| incoming.held.as_mut());
         if let Some((held, bytes)) =
-            held.and_then(|held| held.unplaced.pop_front().map(|it| (held, it)))
+            held.and_then(|held| held.untagged.pop_front().map(|it| (held, it)))
         {
-            held.placed.push_back((tag.unwrap_or(Tag::NEVER), bytes));
+            held.tagged.push_back((tag.unwrap_or(Tag::NEVER), bytes));
             self.waiting += 1;
         }
     }
@@ -271,10 +274,10 @@ impl Flow {
         for (id, incoming) in &mut self.incoming {
             let Some(held) = &mut incoming.held else { continue };
             let (mut messages, mut bytes) = (0, 0_u64);
-            while let Some((at, taken)) = held.placed.front().copied()
+            while let Some((at, taken)) = held.tagged.front().copied()
                 && at <= tag
             {
-                held.placed.pop_front();
+                held.tagged.pop_front();
                 messages += 1;
                 bytes = bytes.saturating_add(taken);
             }
@@ -295,21 +298,22 @@ impl Flow {
         }
         for incoming in self.incoming.values_mut().filter(|incoming| incoming.from == peer) {
             let groups = std::mem::take(&mut incoming.backlog).0;
-            self.full -= groups.iter().filter(|group| group.bytes >= incoming.worth).count();
+            self.reportable_groups -=
+                groups.iter().filter(|group| group.bytes >= incoming.report_threshold).count();
             if let Some(held) = &mut incoming.held {
-                self.waiting -= std::mem::take(held).placed.len();
+                self.waiting -= std::mem::take(held).tagged.len();
             }
         }
     }
 }
 
 impl Incoming {
-    /// The report on what has been processed before `tag`, if that is worth one, and on how many
-    /// groups it is.
+    /// The report on the messages that have been processed before `tag`, if they are enough for one, and how
+    /// many groups they are.
     fn report(&mut self, channel: ChannelId, tag: Tag) -> (usize, Option<(FederateId, Frame)>) {
         let (mut groups, mut messages, mut bytes) = (0, 0, 0);
         while let Some(group) = self.backlog.0.front()
-            && group.bytes >= self.worth
+            && group.bytes >= self.report_threshold
             && group.last < tag
         {
             groups += 1;
@@ -322,7 +326,7 @@ impl Incoming {
     }
 }
 
-/// What a message counts.
+/// How many bytes a message counts for.
 fn weight(payload: &Payload) -> u64 {
     let inline = codec::buffers_of(payload).map(|bytes| bytes.len() as u64);
     // The length of an object comes from a peer, so it may be any number.
@@ -416,7 +420,7 @@ mod tests {
             assert!(!a.is_full());
             a.sent(B, CHANNEL, at(time), &payload(1));
             b.arrived(CHANNEL, at(time), &payload(1));
-            b.placed(CHANNEL, Some(at(100 + time)));
+            b.assign_tag(CHANNEL, Some(at(100 + time)));
         }
         assert!(a.is_full() && !a.is_ahead(at(3)));
         // That they were read does not count.
@@ -429,7 +433,7 @@ mod tests {
         assert!(a.is_full());
         // One that never gets a tag does not wait; it is told with the next that is processed.
         b.arrived(CHANNEL, at(3), &payload(1));
-        b.placed(CHANNEL, None);
+        b.assign_tag(CHANNEL, None);
         let reports = b.completed(at(102));
         assert_eq!(pass(reports, &mut a), 2);
         assert_eq!((a.bounded[&CHANNEL].unprocessed, b.waiting), (0, 0));
@@ -446,7 +450,7 @@ mod tests {
         assert!(!a.is_full());
         // What a sender has left behind is not told to its successor.
         b.arrived(CHANNEL, at(0), &payload(1));
-        b.placed(CHANNEL, Some(at(1)));
+        b.assign_tag(CHANNEL, Some(at(1)));
         b.forget(A);
         assert_eq!(b.completed(at(1)), []);
     }

@@ -1,4 +1,4 @@
-//! What travels between a federate and the RTI, and between two federates.
+//! The frames between a federate and the RTI, and between two federates.
 //!
 //! A frame is plain data. How it becomes bytes is in [`codec`](crate::codec); when it is sent and
 //! what it causes is with the machines.
@@ -14,8 +14,8 @@ use crate::Step;
 /// The version of the frames and of their meaning; both ends of a link must have the same.
 pub const PROTOCOL: u32 = 11;
 
-/// What the members of a federation share, and what tells it from others. To a driver that lets
-/// links prove their knowledge of it, it is a secret, and what frames carry is derived from it.
+/// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
+/// carry an id that is derived from it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct FederationId(pub u128);
 
@@ -56,13 +56,13 @@ pub struct HostId(pub u128);
 impl HostId {
     /// The id of a federate that has joined over a Unix socket.
     #[must_use]
-    pub fn beside_rti(self) -> Self {
+    pub fn joined_over_unix_socket(self) -> Self {
         Self(self.0 | 1)
     }
 
     /// The id of a federate that has joined over TCP. No other federate has the same, whatever it claims.
     #[must_use]
-    pub fn elsewhere(self) -> Self {
+    pub fn joined_over_tcp(self) -> Self {
         Self(self.0 & !1)
     }
 }
@@ -72,8 +72,9 @@ impl HostId {
 pub struct Peer {
     /// Which federate it is.
     pub federate: FederateId,
-    /// Which of the processes that have been that federate, one after the other.
-    pub life: u32,
+    /// Which process of that federate it is: a transient federate that joins again is a new process, with
+    /// another number.
+    pub incarnation: u32,
     /// Where it runs.
     pub host: HostId,
     /// Where it accepts direct links, if it does.
@@ -82,7 +83,7 @@ pub struct Peer {
 
 /// Why a federate may not join, or a peer may not link.
 ///
-/// A process of another version reads this too: a reason keeps its place.
+/// Processes of other versions read this too, so the order of the reasons must not change.
 #[derive(
     Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize, thiserror::Error,
 )]
@@ -182,8 +183,8 @@ pub struct Count {
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Frame {
-    /// Federate to RTI, first on a link: let me join. Its layout is the same in all versions, so that
-    /// one can refuse another.
+    /// Federate to RTI, first on a link: the federate asks to join. The layout is the same in all versions, so
+    /// that an RTI can refuse a federate of another version.
     Hello {
         /// [`PROTOCOL`].
         protocol: u32,
@@ -198,7 +199,7 @@ pub enum Frame {
         /// Where it accepts direct links, if it does.
         listen: Option<String>,
     },
-    /// RTI to federate, last on a link: no.
+    /// RTI to federate, last on a link: the federate may not join.
     Refused {
         /// Why.
         reason: Refusal,
@@ -242,26 +243,27 @@ pub enum Frame {
         /// That federate, and where it is.
         peer: Peer,
     },
-    /// The answer: whatever I send at a later tag than this one goes to that federate too. And, under
-    /// decentralized coordination, the answer to `Joined`: from now on I wait for it.
+    /// The answer of a neighbour to `Joining`: from the tag after `after` on, it sends its messages to that
+    /// federate too. Under decentralized coordination also the answer to `Joined`: from now on, the neighbour
+    /// waits for messages of that federate.
     Met {
         /// The federate that is joining.
         federate: FederateId,
-        /// Which of its processes.
-        life: u32,
+        /// Which process of that federate it is.
+        incarnation: u32,
         /// The latest tag that may have been processed without it.
         after: Tag,
     },
-    /// RTI to the neighbours of a transient federate: it joins. Under decentralized coordination it
-    /// starts when those have answered to which it sends, and perhaps at a later tag.
+    /// RTI to the neighbours of a transient federate: the federate joins. Under decentralized coordination it
+    /// starts when its receivers have answered, and perhaps at a later tag.
     Joined {
         /// That federate.
         federate: FederateId,
         /// It sends nothing before this tag.
         first: Tag,
     },
-    /// RTI to a federate: leave at this tag, because you asked, or another instance of you takes over.
-    /// Federate to RTI: I want to leave, at which tag may I? Not before this one.
+    /// RTI to federate: the federate must leave at this tag, because it has asked to, or because its successor
+    /// joins. Federate to RTI: the federate asks at which tag it may leave, at this one at the earliest.
     Depart {
         /// Its last tag, if it has not passed that tag yet.
         tag: Tag,
@@ -271,11 +273,11 @@ pub enum Frame {
         /// The earliest tag with something to do.
         tag: Tag,
     },
-    /// The same from a federate that goes through tags level by level.
+    /// As [`Frame::NextEventTag`], from a federate that goes through tags level by level.
     NextEventLevel {
         /// The earliest step with something to do.
         step: Step,
-        /// How many messages it knew of when it said so.
+        /// How many messages the federate had received when it sent this.
         received: u64,
     },
     /// Federate to RTI: this tag is complete and its messages are sent.
@@ -283,28 +285,30 @@ pub enum Frame {
         /// The completed tag.
         tag: Tag,
     },
-    /// RTI to federate: no other federate waits for what this one does up to this tag, so it may skip its
-    /// reports; `NEVER` if it has to report everything. A message that it sends ends this, too.
+    /// RTI to federate: no other federate waits for reports of this one up to this tag, so it may skip them;
+    /// `NEVER` if it must skip none. It must report again, too, when it has sent a message.
     DownstreamNextEventTag {
         /// The latest tag that need not be reported.
         tag: Tag,
-        /// How many messages from that federate the RTI knew of. If there are more, this frame is void.
+        /// How many messages of that federate the RTI had received. If the federate has sent more, it ignores
+        /// this frame.
         sent: u64,
     },
-    /// RTI to federate: every message up to this tag is before this frame.
+    /// RTI to federate: the federate may process tags up to this one. All messages up to it were sent before
+    /// this frame.
     TagAdvanceGrant {
         /// The latest tag that it may process.
         tag: Tag,
     },
-    /// RTI to a federate that goes through tags level by level: every message that is read up to
-    /// this step is before this frame.
+    /// As [`Frame::TagAdvanceGrant`], to a federate that goes through tags level by level: all messages that
+    /// reactions up to this step read were sent before this frame.
     ProvisionalTagAdvanceGrant {
         /// The latest step that it may process.
         through: Step,
     },
-    /// A value in transit.
+    /// A value that a federate sends to another one.
     Message {
-        /// The connection that it takes.
+        /// The channel on which it is sent.
         channel: ChannelId,
         /// Its tag at the receiver; meaningless if the channel is physical.
         tag: Tag,
@@ -317,7 +321,7 @@ pub enum Frame {
         owner: FederateId,
         /// The federate that is to map it.
         reader: FederateId,
-        /// The owner's number for it.
+        /// The number that the owner has given it.
         segment: u32,
         /// Its length in bytes.
         len: u64,
@@ -340,24 +344,25 @@ pub enum Frame {
         /// The owner's numbers for them.
         serials: Vec<u64>,
     },
-    /// The receiver of a channel to its sender: so much more of what came on it has been processed.
+    /// The receiver of a channel to its sender: the receiver has processed this much since its last such frame.
     Processed {
         /// The channel.
         channel: ChannelId,
         /// How many messages.
         messages: u64,
-        /// How much they count.
+        /// How many bytes they count for in flow control.
         bytes: u64,
     },
-    /// Federate to RTI: end at this tag or soon after. RTI to the others: a federate or the user asks
-    /// that.
+    /// Federate to RTI: the federate asks that the federation stops at this tag or soon after. RTI to the other
+    /// federates: a federate or the user has asked for that.
     StopRequest {
-        /// The earliest tag that suits.
+        /// The earliest tag that the sender accepts as the last one.
         tag: Tag,
     },
-    /// The answer: this one suits me, and I stay before it until you have decided.
+    /// The answer of a federate to `StopRequest`. The federate begins neither this tag nor a later one before
+    /// `StopGranted` comes.
     StopReply {
-        /// The earliest tag that suits.
+        /// The earliest tag that the federate accepts as the last one.
         tag: Tag,
     },
     /// RTI to all: this is the last tag.
@@ -365,21 +370,22 @@ pub enum Frame {
         /// The last tag.
         tag: Tag,
     },
-    /// Federate to RTI, decentralized: how far it is. From these the RTI finds out that a wait is
-    /// useless.
+    /// Federate to RTI, under decentralized coordination: how far the federate is. From these frames the RTI
+    /// finds out which waits are not necessary, because no message can come any more.
     Progress {
         /// The earliest step with something to do.
         next: Step,
         /// Counts that have changed since the last such frame, of logical channels at this federate.
         counts: Vec<Count>,
     },
-    /// RTI to federate, decentralized: every message that is read up to this step has arrived.
+    /// RTI to federate, under decentralized coordination: all messages that reactions up to this step read have
+    /// arrived.
     Safe {
         /// The latest step for which that is so.
         through: Step,
     },
-    /// On a direct link, between federates that go through tags level by level: no message comes on
-    /// this channel at this tag, nor before.
+    /// On a direct link, between federates that go through tags level by level: no message with this tag or an
+    /// earlier one will be sent on this channel.
     PortAbsent {
         /// The channel.
         channel: ChannelId,
@@ -388,12 +394,12 @@ pub enum Frame {
     },
     /// RTI to a federate that has sent nothing for a while: asks for a `Pong`.
     Ping,
-    /// The answer.
+    /// The answer to `Ping`.
     Pong,
-    /// The sender has completed its last tag: nothing follows on this link. On a direct link it may
-    /// also have left.
+    /// The last frame of a federate that ends in order. On the link to the RTI it says that the federate has
+    /// completed the last tag of the program; on a direct link the federate may also have left earlier.
     Resign,
-    /// Federate to RTI: I leave before the last tag, and the others go on without me.
+    /// Federate to RTI, its last frame: the federate leaves before the last tag, and the others continue.
     Leave {
         /// The last tag that it has processed, or that it was processing.
         tag: Tag,
@@ -402,10 +408,10 @@ pub enum Frame {
     Gone {
         /// That federate.
         federate: FederateId,
-        /// Whether in order: then all that it has sent on a direct link ends with `Resign`.
+        /// Whether it has ended in order. Then its last frame on each direct link is `Resign`.
         in_order: bool,
     },
-    /// Federate to RTI: I cannot go on. RTI to all: this federate could not, end too.
+    /// Federate to RTI: the federate cannot continue. RTI to all: that federate could not continue, and all end.
     Failed {
         /// The federate that cannot go on.
         federate: FederateId,
@@ -414,23 +420,23 @@ pub enum Frame {
         /// The exit code of its process.
         code: i32,
     },
-    /// Federate to RTI, at any time: what does your clock show?
+    /// Federate to RTI, at any time: asks for the time of the RTI's clock.
     ClockRequest {
         /// What the federate's clock shows.
         asked: PhysicalTime,
     },
-    /// The answer.
+    /// The answer to `ClockRequest`.
     ClockReply {
-        /// As in the question.
+        /// As in the request.
         asked: PhysicalTime,
-        /// What the RTI's clock showed when the question came.
+        /// What the RTI's clock showed when the request came.
         received: PhysicalTime,
-        /// And when this left.
+        /// What the RTI's clock showed when this frame left.
         sent: PhysicalTime,
     },
-    /// RTI to a federate whose fingerprint is another one: what is your program like?
+    /// RTI to a federate whose fingerprint differs from the RTI's: asks for the facts of its program.
     ProgramRequest,
-    /// The answer.
+    /// The answer to `ProgramRequest`.
     ProgramReply {
         /// The name of the federate there.
         name: String,

@@ -48,7 +48,8 @@ pub enum RtiInput {
         /// The frame.
         frame: Frame,
     },
-    /// Parts of a long message have moved on a link, so the federate at its other end is not silent.
+    /// Parts of a long message were read from a link or written to it, so the federate at its other end is not
+    /// silent.
     Moved {
         /// The link.
         link: LinkId,
@@ -89,7 +90,7 @@ pub enum RtiOutput {
     },
     /// The RTI has asked the process at the other end of a link for its program. The driver must accept a long
     /// answer: the process belongs to the federation.
-    Asked {
+    ProgramRequested {
         /// The link.
         link: LinkId,
     },
@@ -161,10 +162,14 @@ pub enum RtiOutput {
     Finished,
 }
 
+/// How far the start of the federation has come.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Phase {
+    /// The RTI waits for federates to join.
     Joining,
+    /// All have joined, and load their programs.
     Loading,
+    /// The program runs.
     Running,
 }
 
@@ -182,7 +187,7 @@ pub struct Rti {
     links: BTreeMap<LinkId, FederateId>,
     /// Links whose federates have been asked for their programs.
     candidates: BTreeMap<LinkId, Candidate>,
-    /// Links that will be closed. The process at the other end may not know that yet.
+    /// Links whose processes the RTI has refused, and that will be closed. The RTI ignores their frames.
     refused: BTreeSet<LinkId>,
     /// The physical time of tag zero.
     start: PhysicalTime,
@@ -190,8 +195,7 @@ pub struct Rti {
     now: PhysicalTime,
     advance: Advance,
     traffic: Traffic,
-    /// Until when all must have joined, and how long that was from the beginning; none if the RTI waits for
-    /// ever.
+    /// When the join timeout ends, and how long it is; none if the RTI waits without a limit.
     join_limit: Option<(PhysicalTime, Nanos)>,
     /// Federates that have joined, and whose links have ended before all had joined.
     left_early: BTreeSet<FederateId>,
@@ -202,7 +206,9 @@ pub struct Rti {
     ended: bool,
     /// The latest of the last tags of the federates that have left; the program ends after it.
     latest_departure: Tag,
+    /// Whether the federation has failed: a federate could not continue, or the start was called off.
     failed: bool,
+    /// Whether the RTI has reported that all federates have ended.
     finished: bool,
     outputs: VecDeque<RtiOutput>,
 }
@@ -288,7 +294,7 @@ impl Rti {
                 Ok(())
             }
             RtiInput::RequestStop => {
-                self.stop_asked_from_outside();
+                self.request_stop();
                 Ok(())
             }
             RtiInput::Frame { link, frame: Frame::ClockRequest { asked } }
@@ -361,8 +367,8 @@ impl Rti {
             Frame::Loaded if !running => Ok(()),
             Frame::Pong if running => Ok(()),
             Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
-            Frame::Met { federate, life, after } if running => {
-                self.met(from, federate, life, after);
+            Frame::Met { federate, incarnation, after } if running => {
+                self.neighbour_answered(from, federate, incarnation, after);
                 Ok(())
             }
             Frame::Failed { message, code, .. } => {
@@ -413,7 +419,7 @@ impl Rti {
                 Ok(())
             }
             Frame::Depart { tag } if running => {
-                self.dismiss(from, tag);
+                self.tell_to_leave(from, tag);
                 Ok(())
             }
             Frame::Leave { tag } if running => {
@@ -532,7 +538,7 @@ impl Rti {
     }
 
     /// Tells the neighbours of a federate that the federate has ended, or does not join after all. From now on
-    /// the RTI expects no message from it, and excuses messages to it that were counted and do not arrive.
+    /// the RTI expects no message from it, and does not wait for messages to it to arrive.
     fn announce_end(&mut self, federate: FederateId, in_order: bool) {
         if self.phase == Phase::Joining {
             // The federates do not know of one another yet, and another process may join as this federate.

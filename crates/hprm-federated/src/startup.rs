@@ -11,7 +11,7 @@ use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 
 /// A message that came before the start.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub(crate) struct Early {
+pub(crate) struct EarlyMessage {
     pub(crate) channel: ChannelId,
     pub(crate) tag: Tag,
     pub(crate) payload: Payload,
@@ -33,7 +33,7 @@ pub(crate) struct Startup {
     loaded: bool,
     ready: bool,
     start: Option<PhysicalTime>,
-    early: VecDeque<Early>,
+    early: VecDeque<EarlyMessage>,
 }
 
 impl Startup {
@@ -80,7 +80,7 @@ impl Startup {
     }
 
     /// Takes the list of peers. This federate needs links only to those that have joined.
-    pub(crate) fn meet(&mut self, peers: Vec<Peer>) {
+    pub(crate) fn set_peers(&mut self, peers: Vec<Peer>) {
         let peers: BTreeMap<_, _> = peers.into_iter().map(|peer| (peer.federate, peer)).collect();
         self.needed.retain(|federate| peers.contains_key(federate));
         self.peers = Some(peers);
@@ -97,9 +97,9 @@ impl Startup {
     }
 
     /// Which process of a federate the peer is, as far as is known.
-    pub(crate) fn life(&self, peer: FederateId) -> u32 {
+    pub(crate) fn incarnation(&self, peer: FederateId) -> u32 {
         let peers = self.peers.as_ref();
-        peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.life)
+        peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.incarnation)
     }
 
     /// Where a peer accepts direct links, if it does.
@@ -135,13 +135,13 @@ impl Startup {
     }
 
     /// Takes the start; returns the messages that have come before it.
-    pub(crate) fn begin(&mut self, at: PhysicalTime) -> VecDeque<Early> {
+    pub(crate) fn begin(&mut self, at: PhysicalTime) -> VecDeque<EarlyMessage> {
         self.start = Some(at);
         std::mem::take(&mut self.early)
     }
 
     /// Keeps a message from a peer that learned of the start before this federate.
-    pub(crate) fn keep(&mut self, early: Early) {
+    pub(crate) fn keep(&mut self, early: EarlyMessage) {
         self.early.push_back(early);
     }
 

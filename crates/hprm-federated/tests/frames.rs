@@ -51,7 +51,7 @@ fn samples() -> Vec<Frame> {
     let object = ObjectRef { owner, serial: 3, segment: 1, offset: 4096, len: 100_000 };
     let peer = |id| Peer {
         federate: FederateId(id),
-        life: 1,
+        incarnation: 1,
         host: HostId(7),
         listen: Some("unix:@here".to_owned()),
     };

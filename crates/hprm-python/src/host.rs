@@ -175,7 +175,7 @@ impl Host for PyHost {
         });
         // A small value leaves the store as it was.
         if payload.as_ref().is_ok_and(|payload| !payload.parts.is_empty()) {
-            self.runtime.note(store.stats());
+            self.runtime.note_store_stats(store.stats());
         }
         payload
     }

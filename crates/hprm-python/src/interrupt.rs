@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use hprm::StopProgress;
-use hprm::supervisor::{Signal, TOGETHER};
+use hprm::supervisor::{SIGNAL_DEBOUNCE, Signal};
 
 use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
 use pyo3::intern;
@@ -176,7 +176,7 @@ impl Interrupt {
             this.pending.store(true, Ordering::Relaxed);
             return Ok(());
         }
-        if since.elapsed() < TOGETHER {
+        if since.elapsed() < SIGNAL_DEBOUNCE {
             return Ok(());
         }
         // The report runs Python code, in which the interpreter may handle the next signal. An exception there

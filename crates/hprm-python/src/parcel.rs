@@ -57,7 +57,7 @@ impl Parcel {
             Ok(copy) if copying.containers == 0 => return Ok(Self::Object(copy.unbind())),
             Ok(copy) => return Ok(Self::Containers(copy.unbind())),
             Err(Stop::Raised(error)) => return Err(error),
-            Err(Stop::Foreign) => {}
+            Err(Stop::NeedsEncoding) => {}
         }
         let payload = serialize::encode(value, Place::inline(), trust)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
@@ -78,7 +78,7 @@ impl Parcel {
             Self::Containers(object) => match Copying::opening(py).value(object.bind(py)) {
                 Ok(copy) => Ok(copy.unbind()),
                 Err(Stop::Raised(error)) => Err(error),
-                Err(Stop::Foreign) => unreachable!("it has been copied before"),
+                Err(Stop::NeedsEncoding) => unreachable!("it has been copied before"),
             },
             Self::Encoded { head, parts } => codec.decode(py, head, parts, trust),
         }
@@ -88,7 +88,7 @@ impl Parcel {
 /// Why copying ends early.
 enum Stop {
     /// Something in the value is not of the types that are known here.
-    Foreign,
+    NeedsEncoding,
     /// Python raised.
     Raised(PyErr),
 }
@@ -137,7 +137,7 @@ impl<'py> Copying<'py> {
         }
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
-            return Err(Stop::Foreign);
+            return Err(Stop::NeedsEncoding);
         }
         let copy = if let Ok(list) = value.cast_exact::<PyList>() {
             self.list(list)?
@@ -202,7 +202,7 @@ impl<'py> Copying<'py> {
         let small = if alone { INLINE_LIMIT } else { usize::MAX };
         let frozen = module.call_method1(intern!(self.py, "frozen"), (value, small))?;
         if frozen.is_none() {
-            return Err(Stop::Foreign);
+            return Err(Stop::NeedsEncoding);
         }
         // An array, of which each receiver gets its own view.
         self.containers += u32::from(!frozen.is(value));

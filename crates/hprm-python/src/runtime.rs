@@ -33,6 +33,7 @@ pub(crate) struct Runtime {
 }
 
 struct State {
+    /// The reactions that run now, one for each thread.
     running: Vec<Running>,
     /// How many reactions have begun.
     entries: u64,
@@ -40,13 +41,13 @@ struct State {
     latest: Option<(Tag, PhysicalTime)>,
     /// The tag at which the reactors of this program or federate started.
     first: Tag,
-    /// Whether the program wants this federate alone to stop, and the loop does not know that yet.
-    departs: bool,
+    /// Whether the program has asked this federate to stop alone, since the loop last took that request.
+    leave_requested: bool,
     stats: StoreStats,
     /// How long the federate waits for its inputs, if the program has changed that.
     maxwait: Option<Nanos>,
-    /// Whether the loop does not know `maxwait` yet.
-    maxwait_is_news: bool,
+    /// Whether the program has changed `maxwait` since the loop last took it.
+    maxwait_changed: bool,
 }
 
 /// A reaction that runs.
@@ -59,8 +60,8 @@ struct Running {
     thread: ThreadId,
     scheduler: Arc<Scheduler<Value>>,
     effects: Effects<Value>,
-    /// What runs if it misses its deadline.
-    late: Option<DeadlineHandler>,
+    /// What runs if the reaction misses its deadline.
+    deadline_handler: Option<DeadlineHandler>,
 }
 
 /// A reaction that runs at the moment of a sample.
@@ -104,10 +105,10 @@ impl Runtime {
             entries: 0,
             latest: None,
             first: Tag::START,
-            departs: false,
+            leave_requested: false,
             stats: StoreStats::default(),
             maxwait: None,
-            maxwait_is_news: false,
+            maxwait_changed: false,
         };
         Self { program, scope, inbox, backlog, state: Mutex::new(state) }
     }
@@ -121,7 +122,7 @@ impl Runtime {
         scheduler: &Arc<Scheduler<Value>>,
         (reaction, ident): (ReactionId, u64),
         effects: Effects<Value>,
-        late: Option<DeadlineHandler>,
+        deadline_handler: Option<DeadlineHandler>,
     ) {
         let mut state = self.state();
         state.latest = Some((scheduler.tag(), scheduler.start_time()));
@@ -129,7 +130,15 @@ impl Runtime {
         let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
         let number = state.entries;
         state.entries += 1;
-        state.running.push(Running { reaction, number, ident, thread, scheduler, effects, late });
+        state.running.push(Running {
+            reaction,
+            number,
+            ident,
+            thread,
+            scheduler,
+            effects,
+            deadline_handler,
+        });
     }
 
     /// Ends the reaction. Returns what it has asked for.
@@ -151,21 +160,21 @@ impl Runtime {
         sampled.collect()
     }
 
-    /// Notes what the store has done.
-    pub(crate) fn note(&self, stats: StoreStats) {
+    /// Keeps the statistics of the store for the program.
+    pub(crate) fn note_store_stats(&self, stats: StoreStats) {
         self.state().stats = stats;
     }
 
-    /// How long the federate is to wait for its inputs, if the loop does not know that yet.
+    /// The new maxwait of the federate, if the program has changed it since the last call.
     pub(crate) fn take_maxwait(&self) -> Option<Nanos> {
         let mut state = self.state();
-        let news = std::mem::take(&mut state.maxwait_is_news);
+        let news = std::mem::take(&mut state.maxwait_changed);
         state.maxwait.filter(|_| news)
     }
 
-    /// Whether this federate alone is to stop, and the loop does not know that yet.
+    /// Whether the program has asked this federate to stop alone, since the last call.
     pub(crate) fn take_departure(&self) -> bool {
-        std::mem::take(&mut self.state().departs)
+        std::mem::take(&mut self.state().leave_requested)
     }
 
     // For ports and actions.
@@ -224,9 +233,9 @@ impl Runtime {
         value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         fork::refuse_in_child()?;
-        let known = value.map(Value::new);
+        let object = value.map(Value::new);
         if let Some(Running { scheduler, effects, .. }) = self.state().running_here() {
-            effects.schedule(scheduler, action, extra, known, Clock::now);
+            effects.schedule(scheduler, action, extra, object, Clock::now);
             return Ok(());
         }
         let spec = &self.program.actions[action];
@@ -295,7 +304,7 @@ impl Runtime {
             // The whole program runs in one scheduler, so a thread belongs to no federate.
             self.inbox.request_stop();
         } else {
-            state.departs = true;
+            state.leave_requested = true;
             self.inbox.notify();
         }
         Ok(())
@@ -323,14 +332,14 @@ impl Runtime {
         let Some(running) = state.running_here() else {
             return Err(self.outside_error("a deadline"));
         };
-        let Running { reaction, scheduler, effects, late, .. } = running;
+        let Running { reaction, scheduler, effects, deadline_handler, .. } = running;
         effects.mark_physical();
         let missed = effects.misses_deadline(scheduler, *reaction, Clock::now());
-        let late = late.as_ref().map(|late| DeadlineHandler {
+        let deadline_handler = deadline_handler.as_ref().map(|late| DeadlineHandler {
             handler: late.handler.clone_ref(py),
             arguments: late.arguments.clone_ref(py),
         });
-        Ok(missed.then_some(late))
+        Ok(missed.then_some(deadline_handler))
     }
 
     /// Changes the deadline of the running reaction, from now on.
@@ -352,7 +361,7 @@ impl Runtime {
         fork::refuse_in_child()?;
         let mut state = self.state();
         state.maxwait = Some(maxwait);
-        state.maxwait_is_news = true;
+        state.maxwait_changed = true;
         Ok(())
     }
 
@@ -388,18 +397,18 @@ impl Runtime {
 
     // Inside.
 
-    /// Calls `uses` with the reaction `owner`, of which `port` is an argument. This thread must run that
+    /// Calls `access` with the reaction `owner`, of which `port` is an argument. This thread must run that
     /// reaction: the body of a later reaction cannot use a port that the program has kept.
     fn with_owner<R>(
         &self,
         owner: ReactionId,
         port: PortId,
-        uses: impl FnOnce(&mut Running) -> R,
+        access: impl FnOnce(&mut Running) -> R,
     ) -> PyResult<R> {
         let mut state = self.state();
         let runs = state.running.iter().any(|running| running.reaction == owner);
         match state.running_here() {
-            Some(running) if running.reaction == owner => Ok(uses(running)),
+            Some(running) if running.reaction == owner => Ok(access(running)),
             Some(running) => Err(self.kept_port_error(owner, running.reaction, port)),
             None if runs => Err(self.other_thread_error(owner, port)),
             None => Err(self.outside_error(&self.program.port_name(port))),

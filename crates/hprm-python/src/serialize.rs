@@ -78,8 +78,8 @@ pub(crate) fn encode(
     let (draft, pickled) = match encode::encode(value) {
         Ok(draft) => (draft, false),
         Err(Stop::Raised(error)) => return Err(error),
-        Err(Stop::Foreign(_)) if trust.permits_pickle() => (encode::pickle(value)?, true),
-        Err(Stop::Foreign(culprit)) => return Err(culprit.refused(trust)),
+        Err(Stop::NeedsPickle(_)) if trust.permits_pickle() => (encode::pickle(value)?, true),
+        Err(Stop::NeedsPickle(culprit)) => return Err(culprit.refused(trust)),
     };
     let mut parts = Vec::with_capacity(draft.sources.len());
     for source in &draft.sources {
@@ -109,7 +109,7 @@ pub(crate) fn describe(value: &Bound<'_, PyAny>, trust: Trust) -> PyResult<Vec<u
     match encode::encode(value) {
         Ok(draft) => Ok(draft.head.into_bytes()),
         Err(Stop::Raised(error)) => Err(error),
-        Err(Stop::Foreign(culprit)) => Err(culprit.refused(trust)),
+        Err(Stop::NeedsPickle(culprit)) => Err(culprit.refused(trust)),
     }
 }
 

@@ -264,7 +264,7 @@ impl Node {
                 }
                 Output::DeliverPhysical { channel, payload, .. } => {
                     let tag = self.scheduler.deliver_physical(channel, now, value(&payload));
-                    self.machine.placed(channel, tag);
+                    self.machine.assign_tag(channel, tag);
                     self.mailboxes.arrived(&self.scheduler, channel, tag);
                 }
                 Output::SetStop(tag) => self.scheduler.set_stop(tag),

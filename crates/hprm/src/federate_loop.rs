@@ -461,11 +461,11 @@ where
         match output {
             Output::ToRti(frame) => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                links.tell_rti(Report::in_frame(frame), descriptor);
+                links.send_to_rti(Report::in_frame(frame), descriptor);
             }
             Output::ToPeer { to, frame } => {
                 let descriptor = objects.descriptor_for(&frame)?;
-                links.tell_peer(to, frame, descriptor);
+                links.send_to_peer(to, frame, descriptor);
             }
             Output::Connect { peer, listen } => {
                 let same_host = machine.shares_memory_with(peer);
@@ -475,7 +475,7 @@ where
                     self.handle(Input::Unreachable { peer, reason })?;
                 }
             }
-            Output::Rejoin => links.lose_rti()?,
+            Output::Rejoin => links.drop_rti_link()?,
             Output::Start { at, first } => {
                 links.become_busy();
                 self.scheduler.start_late(at, first);
@@ -490,7 +490,7 @@ where
             Output::DeliverPhysical { channel, payload, .. } => {
                 let value = self.receive(channel, payload)?;
                 let tag = self.scheduler.deliver_physical(channel, Clock::now(), value);
-                self.federation.machine.placed(channel, tag);
+                self.federation.machine.assign_tag(channel, tag);
             }
             Output::Disconnect(peer) => links.disconnect(peer),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),

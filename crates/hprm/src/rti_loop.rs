@@ -156,7 +156,7 @@ impl RtiLinks {
     }
 }
 
-/// Reaches a running RTI from other threads.
+/// Controls a running RTI from other threads.
 #[derive(Clone, Debug)]
 pub struct RtiHandle {
     control: Arc<Control>,
@@ -258,7 +258,7 @@ impl Rti {
         self.links.acceptor.inner.addresses()
     }
 
-    /// A handle by which other threads reach this RTI.
+    /// A handle by which other threads control this RTI.
     #[must_use]
     pub fn handle(&self) -> RtiHandle {
         RtiHandle { control: Arc::clone(&self.control) }
@@ -283,7 +283,7 @@ impl Rti {
                 self.accept(&mut report)?;
             }
             self.read_all();
-            // The machine is told of the time only after the links have been read: an answer that has already
+            // The loop reads the links before it tells the machine the time: an answer that has already
             // arrived is not late.
             if wakeup.is_some_and(|at| at <= Clock::now()) {
                 self.handle_input(RtiInput::Wake);
@@ -314,7 +314,7 @@ impl Rti {
         for (link, hello) in admitted {
             let id = LinkId(self.next_link);
             self.next_link += 1;
-            let hello = if link.is_local() { hello } else { from_elsewhere(hello) };
+            let hello = if link.is_local() { hello } else { with_host_of_tcp(hello) };
             self.links.by_id.insert(id, PolledLink::new(link));
             self.handle_frame(id, hello, None);
             self.apply(report);
@@ -349,14 +349,14 @@ impl Rti {
             Ok(true) => {}
             Ok(false) | Err(Broken::Link(_)) => self.close(id),
             Err(Broken::Frame(error @ CodecError::NoMemory(_))) => {
-                self.break_off(id, &Failure::Memory(error.to_string()));
+                self.fail_link(id, &Failure::Memory(error.to_string()));
             }
-            Err(Broken::Frame(error)) => self.break_off(id, &Failure::protocol(&error)),
+            Err(Broken::Frame(error)) => self.fail_link(id, &Failure::protocol(&error)),
             Err(Broken::Shortage(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
-                self.break_off(id, &Failure::Memory(error.to_string()));
+                self.fail_link(id, &Failure::Memory(error.to_string()));
             }
             Err(Broken::Shortage(error)) => {
-                self.break_off(id, &Failure::system("the RTI cannot receive from it", &error));
+                self.fail_link(id, &Failure::system("the RTI cannot receive from it", &error));
             }
         }
     }
@@ -383,13 +383,13 @@ impl Rti {
             _ => None,
         };
         if let (Err(fault), Some(link)) = (self.machine.handle(Clock::now(), input), from) {
-            self.break_off(link, &Failure::protocol(&fault));
+            self.fail_link(link, &Failure::protocol(&fault));
         }
     }
 
-    /// Closes a link on which nothing more can be trusted, or for which there is no memory. That is the failure
+    /// Closes a link whose bytes are not valid, or for which there is no memory. That is the failure
     /// of the federate at its other end.
-    fn break_off(&mut self, link: LinkId, failure: &Failure) {
+    fn fail_link(&mut self, link: LinkId, failure: &Failure) {
         let message = failure.report().encoded();
         self.handle_input(RtiInput::Broken { link, message });
         self.close(link);
@@ -400,7 +400,7 @@ impl Rti {
             match output {
                 RtiOutput::Send { link, frame } => self.send(link, frame),
                 RtiOutput::Close { link } => self.closing.push(link),
-                RtiOutput::Asked { link } => {
+                RtiOutput::ProgramRequested { link } => {
                     if let Some(link) = self.links.get(link) {
                         link.trust();
                     }
@@ -473,7 +473,7 @@ impl Rti {
                 Err(_) => link.discard(),
             }
         }
-        without_memory.into_iter().for_each(|(id, failure)| self.break_off(id, &failure));
+        without_memory.into_iter().for_each(|(id, failure)| self.fail_link(id, &failure));
         let moved: Vec<_> = self
             .links
             .by_id
@@ -497,9 +497,9 @@ impl Rti {
 }
 
 /// The first frame of a link over TCP: its sender is not on this machine, even if the frame says so.
-fn from_elsewhere(mut hello: Frame) -> Frame {
+fn with_host_of_tcp(mut hello: Frame) -> Frame {
     if let Frame::Hello { host, .. } = &mut hello {
-        *host = host.elsewhere();
+        *host = host.joined_over_tcp();
     }
     hello
 }

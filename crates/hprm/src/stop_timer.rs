@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use crate::supervisor::{AFTER_INTERRUPT, Signal, TOGETHER};
+use crate::supervisor::{AFTER_INTERRUPT, SIGNAL_DEBOUNCE, Signal};
 
 /// How long the interpreter may take to notice that a signal interrupts what runs. Code that is not Python's
 /// may hold it.
@@ -57,7 +57,7 @@ impl StopTimer {
     pub fn signal(&mut self, now: Duration, signal: Signal) {
         match self.stop_requested {
             None => self.stop_requested = Some((signal, now)),
-            Some((_, at)) if now >= at + TOGETHER => {
+            Some((_, at)) if now >= at + SIGNAL_DEBOUNCE => {
                 self.interrupted.get_or_insert(now);
             }
             Some(_) => {}

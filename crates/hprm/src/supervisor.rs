@@ -31,7 +31,7 @@ const GRACE: Duration = Duration::from_millis(500);
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
 /// Two signals within this time count as one: the command `timeout` sends its signal both to a process and to
 /// the process group.
-pub const TOGETHER: Duration = Duration::from_millis(100);
+pub const SIGNAL_DEBOUNCE: Duration = Duration::from_millis(100);
 /// How long an orderly stop may take.
 pub(crate) const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
 /// After this time the federates that have not ended get the signal themselves, and report the reaction
@@ -107,8 +107,8 @@ struct FederateState {
 }
 
 impl FederateState {
-    /// Whether it has joined, and not left again.
-    fn is_in(&self) -> bool {
+    /// Whether it belongs to the federation: it has joined, and its link has not ended since.
+    fn is_member(&self) -> bool {
         self.joined && !self.left
     }
 }
@@ -136,7 +136,7 @@ pub struct Supervisor {
     started: bool,
     rti_ended: bool,
     /// The federate that failed first according to the RTI, the RTI's report, and when it came.
-    accused: Option<(FederateId, Report, Duration)>,
+    first_failure: Option<(FederateId, Report, Duration)>,
     /// With which failure the RTI has ended, and when.
     rti_failure: Option<(Failure, Duration)>,
     phase: Phase,
@@ -153,7 +153,7 @@ pub struct Supervisor {
     transient_code: Option<i32>,
     orders: VecDeque<Order>,
     /// When [`Self::tick`] was called last: what was due then is done.
-    ticked: Duration,
+    last_tick: Duration,
 }
 
 impl Supervisor {
@@ -177,7 +177,7 @@ impl Supervisor {
             start_until: join_timeout,
             started: false,
             rti_ended: false,
-            accused: None,
+            first_failure: None,
             rti_failure: None,
             phase: Phase::Watching,
             reported: false,
@@ -186,11 +186,11 @@ impl Supervisor {
             reminder: None,
             transient_code: None,
             orders: VecDeque::new(),
-            ticked: Duration::ZERO,
+            last_tick: Duration::ZERO,
         }
     }
 
-    /// Takes note of an event.
+    /// Tells the supervisor what has happened.
     pub fn handle(&mut self, now: Duration, observed: Observation) {
         match observed {
             Observation::Ended { federate, how } => {
@@ -210,11 +210,11 @@ impl Supervisor {
         self.tick(now);
     }
 
-    /// Does what is due.
+    /// Applies the limits of time that are over.
     pub fn tick(&mut self, now: Duration) {
-        self.ticked = now;
-        let listening = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
-        if listening
+        self.last_tick = now;
+        let awaits_verdict = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
+        if awaits_verdict
             && !self.reported
             && let Some(verdict) = self.verdict(now)
         {
@@ -235,7 +235,9 @@ impl Supervisor {
                     false => ("stopped in order", AFTER_INTERRUPT),
                 };
                 let limit = limit.as_secs();
-                self.warn_of_unfinished(&format!("ends what has not {what} within {limit} s"));
+                self.warn_of_unfinished(&format!(
+                    "ends federates that have not {what} within {limit} s"
+                ));
                 self.terminate(now);
             }
             Phase::Terminating { until } if now >= until => {
@@ -265,7 +267,7 @@ impl Supervisor {
         let reported = endings
             .map(|(_, at)| *at)
             .chain(dropped.map(|(_, at)| *at))
-            .chain(self.accused.as_ref().map(|(_, _, at)| *at))
+            .chain(self.first_failure.as_ref().map(|(_, _, at)| *at))
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
         let graces = reported.map(|at| at + GRACE);
         phase
@@ -273,7 +275,7 @@ impl Supervisor {
             .chain(starting)
             .chain(self.reminder)
             .chain(graces)
-            .filter(|at| *at > self.ticked)
+            .filter(|at| *at > self.last_tick)
             .min()
     }
 
@@ -286,7 +288,7 @@ impl Supervisor {
             Phase::Killing { until } => gone || now >= until,
             _ if self.reported || matches!(self.phase, Phase::Terminating { .. }) => gone,
             // The RTI may still report a failure that no exit code shows.
-            _ => gone && self.is_surely_good(now),
+            _ => gone && self.is_certain_of_success(now),
         };
         over.then(|| self.exit_code.or(self.transient_code).unwrap_or(0))
     }
@@ -333,7 +335,7 @@ impl Supervisor {
                 self.federates[federate].dropped = Some((report, now));
             }
             RtiEvent::Failed { federate, report } => {
-                self.accused.get_or_insert((federate, report, now));
+                self.first_failure.get_or_insert((federate, report, now));
             }
         }
     }
@@ -370,14 +372,16 @@ impl Supervisor {
     /// A signal asks this process to stop. At the first signal the federation stops in order, at the second
     /// one the supervisor has all processes killed.
     fn interrupt(&mut self, now: Duration, signal: Signal) {
-        if self.interrupted.is_some_and(|at| now < at + TOGETHER) {
+        if self.interrupted.is_some_and(|at| now < at + SIGNAL_DEBOUNCE) {
             return;
         }
         if self.exit_code.is_some() {
             // A broken pipe is no second signal: the driver reports it for each federate that writes to it.
             if signal != Signal::BROKEN_PIPE {
                 if !matches!(self.phase, Phase::Killing { .. }) {
-                    self.warn_of_unfinished("killed what had not ended at the second signal");
+                    self.warn_of_unfinished(
+                        "killed federates that had not ended at the second signal",
+                    );
                 }
                 self.kill(now);
             }
@@ -439,11 +443,11 @@ impl Supervisor {
     }
 
     /// Reports what happens to the federates that have not ended, and why.
-    fn warn_of_unfinished(&mut self, fate: &str) {
+    fn warn_of_unfinished(&mut self, action: &str) {
         let unfinished = self.federates.values().filter(|federate| federate.ending.is_none());
         let names: Vec<_> = unfinished.map(|federate| federate.name.as_str()).collect();
         if !names.is_empty() {
-            let warning = format!("{fate}: {}", names.join(", "));
+            let warning = format!("{action}: {}", names.join(", "));
             self.warn(Kind::Unfinished, warning);
         }
     }
@@ -461,40 +465,44 @@ impl Supervisor {
         let due = |at: Duration| now >= at + GRACE;
         let signalled = self.first_ending(|_, how| matches!(how, FederateEnding::Signal(_)));
         if let Some((federate, _)) = signalled {
-            return Some(self.blame(federate));
+            return Some(self.verdict_on(federate));
         }
-        if let Some((federate, _, at)) = &self.accused {
+        if let Some((federate, _, at)) = &self.first_failure {
             let complete = self.federates[*federate].ending.is_some();
-            return (complete || due(*at)).then(|| self.blame(*federate));
+            return (complete || due(*at)).then(|| self.verdict_on(*federate));
         }
         if let Some((failure, at)) = &self.rti_failure {
             return due(*at).then(|| Verdict::on_rti(failure));
         }
-        let suspect = self.first_ending(|federate, how| !self.is_good(how) || !federate.is_in());
-        if let Some((federate, at)) = suspect {
-            return due(at).then(|| self.blame(federate));
+        let disorderly =
+            self.first_ending(|federate, how| !self.is_orderly(how) || !federate.is_member());
+        if let Some((federate, at)) = disorderly {
+            return due(at).then(|| self.verdict_on(federate));
         }
         // If the federation has been asked to stop, federates that still wait for others are told to stop, so
         // none is late.
         let watching = self.phase == Phase::Watching;
-        (watching && now >= self.start_until && !self.started).then(|| self.late())
+        (watching && now >= self.start_until && !self.started).then(|| self.verdict_on_late())
     }
 
-    fn blame(&self, id: FederateId) -> Verdict {
+    /// The failure of a federate, by what the RTI has reported of it and how its process has ended.
+    fn verdict_on(&self, id: FederateId) -> Verdict {
         let federate = &self.federates[id];
-        let accused = self.accused.as_ref().filter(|(accused, _, _)| *accused == id);
-        let rti_report = accused.map(|(_, report, _)| report);
+        let first_failure =
+            self.first_failure.as_ref().filter(|(first_failure, _, _)| *first_failure == id);
+        let rti_report = first_failure.map(|(_, report, _)| report);
         let ending = federate.ending.as_ref().map(|(how, _)| how);
         Verdict::on_federate(&federate.name, federate.joined, rti_report, ending)
     }
 
-    /// The federates for which the start waits, if any has not joined, and else those that have not loaded.
-    fn late(&self) -> Verdict {
+    /// The failure of a federation that has not started in time: names the federates that have not joined, or, if
+    /// all have joined, those that have not loaded their programs.
+    fn verdict_on_late(&self) -> Verdict {
         let absent =
-            self.federates.values().filter(|federate| !federate.is_in() && !federate.transient);
+            self.federates.values().filter(|federate| !federate.is_member() && !federate.transient);
         let absent: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
         let loading =
-            self.federates.values().filter(|federate| federate.is_in() && !federate.loaded);
+            self.federates.values().filter(|federate| federate.is_member() && !federate.loaded);
         let loading: Vec<_> = loading.map(|federate| federate.name.as_str()).collect();
         Verdict::on_late(&absent, &loading, self.start_until.as_secs_f64())
     }
@@ -513,10 +521,10 @@ impl Supervisor {
         ended.min_by_key(|(_, at)| *at)
     }
 
-    /// Whether all federates have ended well, and no report that says otherwise can come any more.
-    fn is_surely_good(&self, now: Duration) -> bool {
+    /// Whether all federates have ended in order, and no report of a failure can come any more.
+    fn is_certain_of_success(&self, now: Duration) -> bool {
         let good = |federate: &FederateState| {
-            let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_good(how));
+            let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_orderly(how));
             match federate.transient {
                 true => federate.dropped.is_none() && (well || federate.is_reported),
                 false => federate.joined && well,
@@ -524,13 +532,13 @@ impl Supervisor {
         };
         let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
         let late = endings.map(|(_, at)| *at).max().is_none_or(|at| now >= at + GRACE);
-        let settled = self.accused.is_none() && self.rti_failure.is_none();
+        let settled = self.first_failure.is_none() && self.rti_failure.is_none();
         settled && self.federates.values().all(good) && (self.rti_ended || late)
     }
 
     /// Whether a federate's process that ends like this has ended in order. The signal that has stopped this
     /// process may have reached the federate's process too: then that one ends with the signal's code.
-    fn is_good(&self, how: &FederateEnding) -> bool {
+    fn is_orderly(&self, how: &FederateEnding) -> bool {
         *how == FederateEnding::Code(0)
             || self.is_interrupted() && *how == FederateEnding::Code(Signal::INTERRUPT.exit_code())
     }

@@ -9,7 +9,10 @@ use std::collections::VecDeque;
 use hprm_core::limits::FRAME_LIMIT;
 use hprm_core::{ChannelId, Part, Payload, Tag};
 
-use super::{BYTES, CodecError, Envelope, LENGTH, PARTED, Piece, append, begin, end, reserve};
+use super::{
+    CodecError, Envelope, LENGTH, LONG_MESSAGE, MESSAGE_BYTES, PartHeader, append, begin, end,
+    reserve,
+};
 use crate::Frame;
 
 /// The most bytes of a payload in one frame; a message with more of them travels in parts.
@@ -55,8 +58,8 @@ impl Outgoing {
     /// If there is no memory for it; nothing has changed.
     pub fn write(&mut self, out: &mut Vec<u8>) -> Result<bool, CodecError> {
         if let Some(envelope) = &self.envelope {
-            reserve(out, envelope.room())?;
-            let start = begin(PARTED, out);
+            reserve(out, envelope.max_len())?;
+            let start = begin(LONG_MESSAGE, out);
             append(envelope, out);
             end(start, out);
             self.envelope = None;
@@ -79,7 +82,7 @@ impl Outgoing {
 /// Appends a frame with bytes of a payload to `out`.
 pub(super) fn part(bytes: &[u8], out: &mut Vec<u8>) -> Result<(), CodecError> {
     reserve(out, LENGTH + 1 + bytes.len())?;
-    let start = begin(BYTES, out);
+    let start = begin(MESSAGE_BYTES, out);
     out.extend_from_slice(bytes);
     end(start, out);
     Ok(())
@@ -98,24 +101,24 @@ pub(super) struct Incoming {
     /// What is being filled is the head, until that is complete; then the last of the parts.
     head: usize,
     /// The pieces that have not begun, and how much is missing of the one that has.
-    pieces: std::vec::IntoIter<Piece>,
+    pieces: std::vec::IntoIter<PartHeader>,
     rest: usize,
 }
 
 impl Incoming {
     /// The message that an envelope announces. The announcement alone costs no memory.
     pub(super) fn new(envelope: Envelope) -> Result<Self, CodecError> {
-        let head = usize::try_from(envelope.head).map_err(|_| CodecError::Junk)?;
+        let head = usize::try_from(envelope.head).map_err(|_| CodecError::Malformed)?;
         let mut len = head;
-        for piece in &envelope.parts {
-            if let Piece::Inline(more) = piece {
-                let more = usize::try_from(*more).map_err(|_| CodecError::Junk)?;
-                len = len.checked_add(more).ok_or(CodecError::Junk)?;
+        for header in &envelope.parts {
+            if let PartHeader::Inline(more) = header {
+                let more = usize::try_from(*more).map_err(|_| CodecError::Malformed)?;
+                len = len.checked_add(more).ok_or(CodecError::Malformed)?;
             }
         }
-        // Shorter ones are written in one piece.
+        // Shorter ones are written in one header.
         if len <= PART_LIMIT {
-            return Err(CodecError::Junk);
+            return Err(CodecError::Malformed);
         }
         let payload = Payload { physical: envelope.physical, ..Payload::default() };
         let Envelope { channel, tag, parts, .. } = envelope;
@@ -162,12 +165,12 @@ impl Incoming {
 
     fn begin_piece(&mut self) {
         match self.pieces.next() {
-            Some(Piece::Inline(len)) => {
+            Some(PartHeader::Inline(len)) => {
                 self.rest = usize::try_from(len).expect("it was added to the others");
                 self.payload.parts.push(Part::Inline(Vec::new()));
             }
-            Some(Piece::Object(object)) => self.payload.parts.push(Part::Object(object)),
-            None => unreachable!("the bytes that are missing belong to a piece"),
+            Some(PartHeader::Object(object)) => self.payload.parts.push(Part::Object(object)),
+            None => unreachable!("the bytes that are missing belong to a header"),
         }
     }
 
@@ -286,23 +289,26 @@ mod tests {
         };
         assert_eq!((with(0, &ping), with(4, &ping)), (Ok(2), Ok(2)));
         for at in 1..4 {
-            assert_eq!(with(at, &ping), Err(CodecError::Junk));
-            assert_eq!(with(at, &all[0]), Err(CodecError::Junk));
+            assert_eq!(with(at, &ping), Err(CodecError::Malformed));
+            assert_eq!(with(at, &all[0]), Err(CodecError::Malformed));
         }
-        assert_eq!(read(&all[1..]), Err(CodecError::Junk));
+        assert_eq!(read(&all[1..]), Err(CodecError::Malformed));
         assert!(matches!(with(2, &all[1]), Err(CodecError::Trailing(_))));
     }
 
     #[test]
     fn what_is_only_claimed_takes_no_memory() {
-        let envelope = |head, parts: Vec<Piece>| {
+        let envelope = |head, parts: Vec<PartHeader>| {
             let (channel, tag) = (ChannelId(0), Tag::START);
             Incoming::new(Envelope { channel, tag, head, parts, physical: false })
         };
-        let mut incoming = envelope(1 << 60, vec![Piece::Inline(1 << 61)]).unwrap();
+        let mut incoming = envelope(1 << 60, vec![PartHeader::Inline(1 << 61)]).unwrap();
         assert_eq!(incoming.take(&[1; 1000]), Ok(false));
         assert!(incoming.payload.head.capacity() <= 2000);
-        assert!(matches!(envelope(u64::MAX, vec![Piece::Inline(1)]), Err(CodecError::Junk)));
-        assert!(matches!(envelope(5, vec![Piece::Inline(1)]), Err(CodecError::Junk)));
+        assert!(matches!(
+            envelope(u64::MAX, vec![PartHeader::Inline(1)]),
+            Err(CodecError::Malformed)
+        ));
+        assert!(matches!(envelope(5, vec![PartHeader::Inline(1)]), Err(CodecError::Malformed)));
     }
 }

@@ -111,7 +111,7 @@ impl Federate {
             let until = if is_opened_again { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
             self.broken_links.insert(peer, (until, None));
         }
-        self.left(now, peer);
+        self.link_has_ended(now, peer);
     }
 
     /// The federation starts: limits how long a direct link may stay broken. Its other end has seen it open, and

@@ -33,19 +33,19 @@ impl Meeting {
 }
 
 impl Federate {
-    /// Takes the list of the federates that have joined. Nothing comes from the others.
-    pub(super) fn meet(&mut self, peers: Vec<Peer>) {
+    /// Takes the list of the federates that have joined. No message comes from the others.
+    pub(super) fn set_peers(&mut self, peers: Vec<Peer>) {
         let present: BTreeSet<_> = peers.iter().map(|peer| peer.federate).collect();
         let absent = self.topology.federates().filter(|federate| !present.contains(federate));
         self.gone = absent.filter(|federate| *federate != self.me).collect();
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             self.gone.iter().for_each(|peer| machine.closed(*peer));
         }
-        self.startup.meet(peers);
+        self.startup.set_peers(peers);
     }
 
     /// A federate is about to join. What its predecessor has sent comes first.
-    pub(super) fn introduce(&mut self, now: PhysicalTime, peer: Peer) {
+    pub(super) fn peer_joining(&mut self, now: PhysicalTime, peer: Peer) {
         let federate = peer.federate;
         if self.startup.is_linked(federate) {
             self.meeting.returning.insert(federate, peer);
@@ -59,26 +59,26 @@ impl Federate {
             self.meeting.linking.insert(federate);
             self.open_link(federate);
         } else {
-            self.welcome(federate);
+            self.include(federate);
         }
     }
 
     /// The direct link to a federate is up.
-    pub(super) fn met(&mut self, peer: FederateId) {
+    pub(super) fn link_is_up(&mut self, peer: FederateId) {
         if self.meeting.linking.remove(&peer) {
-            self.welcome(peer);
+            self.include(peer);
         }
     }
 
     /// The direct link to a federate has ended.
-    pub(super) fn left(&mut self, now: PhysicalTime, peer: FederateId) {
+    pub(super) fn link_has_ended(&mut self, now: PhysicalTime, peer: FederateId) {
         if let Some(peer) = self.meeting.returning.remove(&peer) {
-            self.introduce(now, peer);
+            self.peer_joining(now, peer);
         }
     }
 
-    /// From now on, this federate sends its messages to that one too.
-    fn welcome(&mut self, federate: FederateId) {
+    /// Takes a joining federate into account: from now on, this federate sends its messages to that one too.
+    fn include(&mut self, federate: FederateId) {
         self.flow.forget(federate);
         self.gone.remove(&federate);
         self.resigned.remove(&federate);
@@ -100,7 +100,7 @@ impl Federate {
 
     /// Tells the RTI that this federate takes a joining one into account from now on.
     fn answer(&mut self, federate: FederateId) {
-        let (life, after) = (self.startup.life(federate), self.current);
-        self.outputs.push_back(Output::ToRti(Frame::Met { federate, life, after }));
+        let (incarnation, after) = (self.startup.incarnation(federate), self.current);
+        self.outputs.push_back(Output::ToRti(Frame::Met { federate, incarnation, after }));
     }
 }

@@ -3,19 +3,19 @@
 use hprm_core::{Channel, ChannelId, FederateId, Nanos, Payload, Tag};
 
 use super::{Activity, Coordinator, Federate};
-use crate::startup::Early;
+use crate::startup::EarlyMessage;
 use crate::{Fault, Frame, Output, codec};
 
 /// The most serial numbers in one frame.
 const RELEASES: usize = 4096;
 
 impl Federate {
-    pub(super) fn deliver(&mut self, message: Early) {
+    pub(super) fn deliver(&mut self, message: EarlyMessage) {
         if self.startup.start().is_none() {
             self.startup.keep(message);
             return;
         }
-        let Early { channel, tag, payload } = message;
+        let EarlyMessage { channel, tag, payload } = message;
         self.flow.arrived(channel, tag, &payload);
         if tag < self.first {
             self.discard(channel, tag, payload);
@@ -35,8 +35,8 @@ impl Federate {
     }
 
     /// A message that gets its tag here, so long after the start.
-    pub(super) fn deliver_physical(&mut self, elapsed: Nanos, message: Early) {
-        let Early { channel, tag, payload } = message;
+    pub(super) fn deliver_physical(&mut self, elapsed: Nanos, message: EarlyMessage) {
+        let EarlyMessage { channel, tag, payload } = message;
         self.flow.arrived(channel, tag, &payload);
         // This federate may wait for the sender within a tag, when it reports nothing else.
         self.reached(Tag::START);
@@ -58,13 +58,13 @@ impl Federate {
     }
 
     /// A message that the RTI forwards before the start, as it does to a federate that joins late.
-    pub(super) fn early(&mut self, channel: Channel, message: Early) -> Result<(), Fault> {
+    pub(super) fn early(&mut self, channel: Channel, message: EarlyMessage) -> Result<(), Fault> {
         if !self.topology.is_transient(self.me) {
             return Err(Fault::Unexpected { frame: "Message" });
         }
         if channel.physical {
             self.flow.arrived(message.channel, message.tag, &message.payload);
-            self.flow.placed(message.channel, None);
+            self.flow.assign_tag(message.channel, None);
             self.outputs.push_back(Output::Discard { payload: message.payload });
         } else {
             self.startup.keep(message);

@@ -11,7 +11,7 @@ impl Federate {
     /// join again.
     pub(super) fn rti_lost(&mut self) {
         if self.startup.awaits_peers() {
-            self.is_away = true;
+            self.rti_link_lost = true;
             self.outputs.push_back(Output::Rejoin);
         } else {
             self.end(End::RtiLost);
@@ -21,14 +21,14 @@ impl Federate {
     /// There is another link to the RTI.
     pub(super) fn rejoin(&mut self) {
         self.rejoins = true;
-        self.is_away = false;
+        self.rti_link_lost = false;
         self.outputs.push_back(Output::ToRti(self.hello.clone()));
-        self.tell_of_loading();
+        self.report_loaded();
     }
 
     /// Tells the RTI that the program is loaded, if both are there.
-    pub(super) fn tell_of_loading(&mut self) {
-        if self.startup.is_loaded() && !self.is_away {
+    pub(super) fn report_loaded(&mut self) {
+        if self.startup.is_loaded() && !self.rti_link_lost {
             self.outputs.push_back(Output::ToRti(Frame::Loaded));
         }
     }

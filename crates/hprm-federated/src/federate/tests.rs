@@ -45,7 +45,7 @@ fn input(machine: &mut Federate, after: i64, input: Input) -> Vec<Output> {
 fn peers(count: u16) -> Frame {
     let peer = |id: u16| Peer {
         federate: FederateId(id),
-        life: 0,
+        incarnation: 0,
         host: HostId(u128::from(id / 2)),
         listen: Some(format!("port {id}")),
     };
@@ -287,13 +287,13 @@ fn a_federate_that_ended_in_order_has_resigned_on_its_link_or_messages_are_lost(
 fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     let from = FederateId(0);
     let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
-    let peer = Peer { federate: from, life: 7, host: HostId(1), listen: None };
+    let peer = Peer { federate: from, incarnation: 7, host: HostId(1), listen: None };
     let second = 1_000 * MILLISECOND;
     input(&mut machine, 0, Input::FromRti(Frame::Gone { federate: from, in_order: false }));
     assert!(input(&mut machine, 0, Input::FromRti(Frame::Joining { peer })).is_empty());
     assert!(input(&mut machine, second, Input::Wake).is_empty());
     let outputs = input(&mut machine, 2 * second, Input::Wake);
-    let met = Frame::Met { federate: from, life: 7, after: Tag::NEVER };
+    let met = Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER };
     let expected = [Output::Disconnect(from), Output::OwnerGone(from), Output::ToRti(met)];
     assert_eq!(outputs, expected);
 }

@@ -268,14 +268,14 @@ impl Rti {
             }
         } else if until.is_none() {
             *until = Some(self.now.plus(DEPARTURE));
-            self.dismiss(federate, Tag::START);
+            self.tell_to_leave(federate, Tag::START);
         }
     }
 
     /// Tells a federate to leave at the earliest tag for which no other federate relies on its reports yet,
     /// but not before `least`.
-    pub(super) fn dismiss(&mut self, federate: FederateId, least: Tag) {
-        let tag = self.entry(federate).max(least);
+    pub(super) fn tell_to_leave(&mut self, federate: FederateId, least: Tag) {
+        let tag = self.entry_tag(federate).max(least);
         self.advance.depart(&self.topology, federate, tag);
         self.send(federate, Frame::Depart { tag });
         self.send_grants();
@@ -308,10 +308,16 @@ impl Rti {
 
     /// A neighbour has answered that it knows of an arriving federate, or waits for the federate's messages. It
     /// may have processed tags up to `tag` without them.
-    pub(super) fn met(&mut self, neighbour: FederateId, federate: FederateId, life: u32, tag: Tag) {
+    pub(super) fn neighbour_answered(
+        &mut self,
+        neighbour: FederateId,
+        federate: FederateId,
+        incarnation: u32,
+        tag: Tag,
+    ) {
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         // The answer may be about an earlier process, which does not join any more.
-        if arrival.peer.life != life {
+        if arrival.peer.incarnation != incarnation {
             return;
         }
         let (Stage::Meeting { unanswered } | Stage::Agreeing { unanswered, .. }) =
@@ -331,7 +337,7 @@ impl Rti {
     }
 
     /// The earliest tag at which a federate may join, or must leave.
-    fn entry(&self, federate: FederateId) -> Tag {
+    fn entry_tag(&self, federate: FederateId) -> Tag {
         let elapsed = self.now.since(self.start).max(0);
         // Under decentralized coordination no federate waits yet for the messages of an arriving federate. The
         // margin is time for the first ones to arrive, so that they are not tardy.
@@ -361,7 +367,7 @@ impl Rti {
     /// account. They continue meanwhile: while a receiver is busy and does not answer, the RTI postpones the
     /// tag again and again.
     fn offer_start(&mut self, federate: FederateId) {
-        let entry = self.entry(federate);
+        let entry = self.entry_tag(federate);
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let Stage::Agreeing { first, until, margin, .. } = &mut arrival.stage else { return };
         let later = if *first == Tag::NEVER { 0 } else { *margin };

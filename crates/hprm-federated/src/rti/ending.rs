@@ -47,7 +47,7 @@ impl Rti {
 
     /// The user, or a program that is no federate, asks to stop, as soon as all federates can. A
     /// federation that has not started does not start any more.
-    pub(super) fn stop_asked_from_outside(&mut self) {
+    pub(super) fn request_stop(&mut self) {
         if self.phase == Phase::Running {
             self.ask_to_stop(Tag::START);
         } else if !self.failed {

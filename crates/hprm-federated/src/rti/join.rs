@@ -54,7 +54,7 @@ impl Rti {
         } else if federation != self.federation {
             self.refuse(link, name, Refusal::WrongFederation);
         } else {
-            let peer = Peer { federate, life: link.0, host, listen };
+            let peer = Peer { federate, incarnation: link.0, host, listen };
             match fingerprint == self.fingerprint.digest() {
                 true => self.admit(link, peer),
                 false => self.compare(link, peer),
@@ -90,7 +90,7 @@ impl Rti {
             return;
         }
         self.candidates.insert(link, Candidate { peer, loaded: false });
-        self.outputs.push_back(RtiOutput::Asked { link });
+        self.outputs.push_back(RtiOutput::ProgramRequested { link });
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::ProgramRequest });
     }
 
@@ -203,8 +203,8 @@ impl Rti {
         members
             .filter_map(|(federate, member)| match member {
                 Member::Live { link, host, listen, .. } => {
-                    let (life, host, listen) = (link.0, *host, listen.clone());
-                    Some(Peer { federate, life, host, listen })
+                    let (incarnation, host, listen) = (link.0, *host, listen.clone());
+                    Some(Peer { federate, incarnation, host, listen })
                 }
                 Member::Absent | Member::Gone => None,
             })

@@ -115,7 +115,7 @@ impl Scenario {
             ["is", "ready"] => Frame::Ready { now: self.now },
             ["meets", peer, "after", at] => {
                 let federate = federate(&self.program, peer);
-                Frame::Met { federate, life: self.links[federate].0, after: tag(at) }
+                Frame::Met { federate, incarnation: self.links[federate].0, after: tag(at) }
             }
             ["crashes"] => {
                 let link = LinkId(self.links[from].0);

@@ -168,7 +168,7 @@ fn another_program_is_refused_with_what_differs() {
     input(&mut rti, 0, hello(0)).unwrap();
     let (hello_of_b, reply) = other(1, "1 s");
     let link = LinkId(3);
-    let asked = [RtiOutput::Asked { link }, sent(3, Frame::ProgramRequest)];
+    let asked = [RtiOutput::ProgramRequested { link }, sent(3, Frame::ProgramRequest)];
     assert_eq!(input(&mut rti, 3, hello_of_b).unwrap(), asked);
     // The federate may have loaded its program before the request arrives, and asks for the time.
     assert!(input(&mut rti, 3, Frame::Loaded).unwrap().is_empty());

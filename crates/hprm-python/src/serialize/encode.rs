@@ -43,7 +43,7 @@ pub(super) enum Source<'py> {
     /// The contiguous bytes of another object.
     Buffer(PyBuffer<u8>),
     /// A callable that fills a buffer, and the length of that buffer.
-    Written(Bound<'py, PyAny>, usize),
+    Writer(Bound<'py, PyAny>, usize),
 }
 
 /// A value as a head and its large buffers.
@@ -55,7 +55,7 @@ pub(super) struct Draft<'py> {
 /// Why a walk ends early.
 pub(super) enum Stop {
     /// A part of the value can only be pickled.
-    Foreign(Box<Culprit>),
+    NeedsPickle(Box<Culprit>),
     /// Python has raised an exception.
     Raised(PyErr),
 }
@@ -67,17 +67,17 @@ impl<E: Into<PyErr>> From<E> for Stop {
 }
 
 impl Stop {
-    fn foreign(value: &Bound<'_, PyAny>) -> Self {
-        Self::Foreign(Box::new(Culprit::class_of(value)))
+    fn needs_pickle(value: &Bound<'_, PyAny>) -> Self {
+        Self::NeedsPickle(Box::new(Culprit::class_of(value)))
     }
 
     fn cycle(value: &Bound<'_, PyAny>) -> Self {
-        Self::Foreign(Box::new(Culprit::cycle(value)))
+        Self::NeedsPickle(Box::new(Culprit::cycle(value)))
     }
 
     /// Adds, for the error, at which `place` of its container the value is.
     fn within(mut self, place: impl FnOnce() -> String) -> Self {
-        if let Self::Foreign(culprit) = &mut self {
+        if let Self::NeedsPickle(culprit) = &mut self {
             culprit.within(place());
         }
         self
@@ -126,7 +126,7 @@ struct Seen<'py> {
     number: u64,
     /// Whether the members of the value are still being written. A receiver cannot rebuild a reference from
     /// one of them to the value.
-    open: bool,
+    in_progress: bool,
     /// Keeps the value alive: otherwise another thread could remove it from its container during the walk, and
     /// another object could get its address.
     _value: Bound<'py, PyAny>,
@@ -178,9 +178,9 @@ impl<'py> Walk<'py> {
         } else if let Ok(value) = value.cast_exact::<PyTuple>() {
             self.begin(value.as_any(), NodeKind::Tuple);
             put_number(&mut self.draft.head, value.len() as u64);
-            self.set_open(value.as_any(), true);
+            self.set_in_progress(value.as_any(), true);
             self.members(value.as_any(), value.len(), value.iter(), &index)?;
-            self.set_open(value.as_any(), false);
+            self.set_in_progress(value.as_any(), false);
         } else if let Ok(value) = value.cast_exact::<PyBytes>() {
             self.begin(value.as_any(), NodeKind::Bytes);
             self.blob(value.as_bytes(), || Source::Bytes(value.clone()));
@@ -188,13 +188,13 @@ impl<'py> Walk<'py> {
             self.begin(value.as_any(), NodeKind::ByteArray);
             self.buffer(PyBuffer::get(value.as_any())?)?;
         } else {
-            self.rarer(value)?;
+            self.rare(value)?;
         }
         Ok(())
     }
 
     /// Continues [`Self::shared`] with the types that are rarer.
-    fn rarer(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    fn rare(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         if let Ok(value) = value.cast_exact::<PyComplex>() {
             self.kind(NodeKind::Complex);
             self.draft.head.extend_from_slice(&value.real().to_le_bytes());
@@ -214,9 +214,9 @@ impl<'py> Walk<'py> {
             self.buffer(bytes)?;
         } else if kinds.is_written(value) {
             self.begin(value, NodeKind::Buffer);
-            self.written(value)?;
+            self.writer(value)?;
         } else {
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
             self.encode_parts(kinds, value, &parts)?;
         }
         Ok(())
@@ -232,18 +232,18 @@ impl<'py> Walk<'py> {
         self.begin(value, NodeKind::Reconstructed);
         put_number(&mut self.draft.head, parts.code);
         put_number(&mut self.draft.head, parts.members.len() as u64);
-        self.set_open(value, true);
+        self.set_in_progress(value, true);
         self.kept.push(parts.members.clone().into_any());
         let place = |at| kinds.place(parts, at).unwrap_or_default();
         self.members(value, parts.members.len(), parts.members.iter(), &place)?;
-        self.set_open(value, false);
+        self.set_in_progress(value, false);
         Ok(())
     }
 
     fn array(&mut self, numpy: &Numpy, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
         let Some(layout) = numpy.layout(value)? else {
             let kinds = Kinds::get(self.py)?;
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
             return self.encode_parts(kinds, value, &parts);
         };
         self.begin(value, NodeKind::Array);
@@ -282,7 +282,7 @@ impl<'py> Walk<'py> {
     /// Writes the members of a set in an order that does not depend on their hashes, which differ between runs.
     fn set(&mut self, set: &Bound<'py, PyAny>, kind: NodeKind) -> Result<(), Stop> {
         self.begin(set, kind);
-        self.set_open(set, true);
+        self.set_in_progress(set, true);
         let members = PyIterator::from_object(set)?.collect::<PyResult<Vec<_>>>()?;
         put_number(&mut self.draft.head, members.len() as u64);
         let mut sorted = Vec::with_capacity(members.len());
@@ -293,7 +293,7 @@ impl<'py> Walk<'py> {
         sorted.sort_by(|(one, _), (other, _)| one.cmp(other));
         let members = sorted.into_iter().map(|(_, member)| member);
         self.members(set, members.len(), members, &|_| "{...}".to_owned())?;
-        self.set_open(set, false);
+        self.set_in_progress(set, false);
         Ok(())
     }
 
@@ -327,7 +327,7 @@ impl<'py> Walk<'py> {
     ) -> Result<(), Stop> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
-            return Err(Stop::Foreign(Box::new(Culprit::deep(container))));
+            return Err(Stop::NeedsPickle(Box::new(Culprit::deep(container))));
         }
         let mut count = 0;
         for member in members {
@@ -359,7 +359,7 @@ impl<'py> Walk<'py> {
         let Ok(text) = value.to_str() else {
             // A lone surrogate has no UTF-8.
             let kinds = Kinds::get(self.py)?;
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::foreign(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
             return if self.write_if_seen(value)? {
                 Ok(())
             } else {
@@ -392,7 +392,7 @@ impl<'py> Walk<'py> {
     fn write_if_seen(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, Stop> {
         match self.seen.get(&address(value)) {
             None => Ok(false),
-            Some(Seen { open: true, .. }) => Err(Stop::cycle(value)),
+            Some(Seen { in_progress: true, .. }) => Err(Stop::cycle(value)),
             Some(Seen { number, .. }) => {
                 let number = *number;
                 self.kind(NodeKind::BackReference);
@@ -410,13 +410,13 @@ impl<'py> Walk<'py> {
         }
         self.kind(kind);
         let number = self.seen.len() as u64;
-        let seen = Seen { number, open: false, _value: value.clone() };
+        let seen = Seen { number, in_progress: false, _value: value.clone() };
         self.seen.insert(address(value), seen);
     }
 
-    fn set_open(&mut self, value: &Bound<'py, PyAny>, open: bool) {
+    fn set_in_progress(&mut self, value: &Bound<'py, PyAny>, in_progress: bool) {
         if let Some(seen) = self.seen.get_mut(&address(value)) {
-            seen.open = open;
+            seen.in_progress = in_progress;
         }
     }
 
@@ -437,11 +437,11 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
-    fn written(&mut self, value: &Bound<'py, PyAny>) -> PyResult<()> {
+    fn writer(&mut self, value: &Bound<'py, PyAny>) -> PyResult<()> {
         let len: usize = value.getattr(intern!(self.py, "length"))?.extract()?;
         let write = value.getattr(intern!(self.py, "write"))?;
         if len > self.limit {
-            self.part(len, Source::Written(write, len));
+            self.part(len, Source::Writer(write, len));
             return Ok(());
         }
         let bytes = PyByteArray::new_with(self.py, len, |_| Ok(()))?;

@@ -140,7 +140,7 @@ impl Source<'_> {
             Self::Bytes(bytes) => bytes.as_bytes().len(),
             Self::Text(text) => text.to_str()?.len(),
             Self::Buffer(buffer) => buffer.len_bytes(),
-            Self::Written(_, len) => *len,
+            Self::Writer(_, len) => *len,
         })
     }
 
@@ -150,7 +150,7 @@ impl Source<'_> {
                 let numpy = Numpy::imported(py)?;
                 return Staging::lend(py, draft, |buffer| numpy.gather(array, layout, buffer));
             }
-            Self::Written(write, _) => {
+            Self::Writer(write, _) => {
                 return Staging::lend(py, draft, |buffer| write.call1((buffer,)).map(drop));
             }
             Self::Bytes(bytes) => draft.bytes_mut().copy_from_slice(bytes.as_bytes()),

@@ -23,7 +23,7 @@ use crate::wait::{Deadline, Interest, wait};
 use crate::{Clock, Failure};
 
 /// How long one attempt to connect to a peer may take. The federate's loop does nothing else meanwhile.
-const ATTEMPT: Nanos = 2_000_000_000;
+const CONNECT_TIMEOUT: Nanos = 2_000_000_000;
 
 /// Descriptors of segments that have arrived, by owner and number.
 type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
@@ -36,14 +36,14 @@ pub(super) struct FederateLinks {
     search: Search,
     openings: Openings,
     /// Whether the link to the RTI is lost, and this federate looks for the RTI again.
-    is_away: bool,
+    rti_link_lost: bool,
     keys: Keys,
     advertised: Option<String>,
     host: HostId,
     serials: LinkSerials,
     descriptors: Descriptors,
-    /// Why a frame could not be written: this process had no memory for it. The next read returns it.
-    lack: Option<Failure>,
+    /// The failure of a write for which this process had no memory. The next read returns it.
+    write_failure: Option<Failure>,
 }
 
 /// The number of a link. A federate and a peer may open and close several links one after the other; a later
@@ -172,12 +172,12 @@ impl FederateLinks {
             },
             search,
             openings: Openings::new(&options.reach),
-            is_away: false,
+            rti_link_lost: false,
             keys,
             advertised,
             serials: LinkSerials::default(),
             descriptors: BTreeMap::new(),
-            lack: None,
+            write_failure: None,
         })
     }
 
@@ -187,15 +187,15 @@ impl FederateLinks {
     /// # Errors
     ///
     /// If the RTI cannot be found any more.
-    pub(super) fn lose_rti(&mut self) -> Result<(), Failure> {
+    pub(super) fn drop_rti_link(&mut self) -> Result<(), Failure> {
         self.polled.rti = None;
-        self.is_away = true;
+        self.rti_link_lost = true;
         self.search.lost()
     }
 
     /// When to look for the RTI again, if the link to it is lost.
     pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        self.is_away.then(|| self.search.next())
+        self.rti_link_lost.then(|| self.search.next())
     }
 
     /// Notes that the federation runs: from now on the loop serves members before pending connections.
@@ -245,7 +245,7 @@ impl FederateLinks {
     /// Tries to open the link to a peer. Returns why it cannot be opened, if that is final.
     fn open_link(&mut self, peer: FederateId) -> Option<String> {
         let (address, hello) = self.openings.target(peer)?;
-        let deadline = Deadline::at(Clock::now().plus(ATTEMPT));
+        let deadline = Deadline::at(Clock::now().plus(CONNECT_TIMEOUT));
         match self.network.connect(address, Purpose::Messages, &self.keys, deadline) {
             Ok(mut link) => {
                 link.queue(hello.clone(), None);
@@ -319,13 +319,18 @@ impl FederateLinks {
         }
     }
 
-    pub(super) fn tell_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn send_to_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if let Some(polled) = &mut self.polled.rti {
             polled.link.queue(frame, descriptor);
         }
     }
 
-    pub(super) fn tell_peer(&mut self, to: FederateId, frame: Frame, descriptor: Option<OwnedFd>) {
+    pub(super) fn send_to_peer(
+        &mut self,
+        to: FederateId,
+        frame: Frame,
+        descriptor: Option<OwnedFd>,
+    ) {
         let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
         let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
         if let Some(polled) = link {
@@ -341,12 +346,12 @@ impl FederateLinks {
     /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
     /// ended, or that there was no memory for a frame.
     pub(super) fn flush(&mut self) {
-        let Self { polled, lack, .. } = self;
+        let Self { polled, write_failure, .. } = self;
         for link in polled.links_mut() {
             match link.flush() {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    lack.get_or_insert_with(|| no_memory(&error));
+                    write_failure.get_or_insert_with(|| no_memory(&error));
                 }
                 Err(_) => link.discard(),
             }
@@ -359,9 +364,9 @@ impl FederateLinks {
         self.polled.links().any(|link| link.writable_len() >= EAGER_BUFFER)
     }
 
-    /// Ends the links in order: writes everything within `timeout`, and makes sure that it arrives. With
-    /// `all`, `timeout` begins again whenever some bytes of a long message have left.
-    pub(super) fn leave(&mut self, timeout: Nanos, all: bool) {
+    /// Closes the links in order: writes everything within `timeout`, and makes sure that it arrives. With
+    /// `all`, `timeout` begins again whenever the kernel has taken some bytes of a long message.
+    pub(super) fn close_in_order(&mut self, timeout: Nanos, all: bool) {
         self.poller.drain(&mut self.polled, timeout, all);
         let until = Clock::now().plus(timeout);
         // If this end closed a TCP connection before it has read everything, the kernel would reset the
@@ -379,15 +384,15 @@ impl FederateLinks {
         }
     }
 
-    /// Reads the links that are known to be ready, up to a limit for each. `admit` tells from the first
+    /// Reads the links that are known to be ready, up to a limit for each. `admit` finds out from the first
     /// frame of a new link which federate opened it, and what to answer.
     pub(super) fn read(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
         inputs: &mut Vec<(LinkSerial, Input)>,
     ) -> Result<(), Failure> {
-        if let Some(lack) = self.lack.take() {
-            return Err(lack);
+        if let Some(write_failure) = self.write_failure.take() {
+            return Err(write_failure);
         }
         self.read_rti(inputs)?;
         self.accept_peers(admit, inputs)?;
@@ -407,11 +412,11 @@ impl FederateLinks {
     }
 
     fn read_rti(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
-        if self.is_away
+        if self.rti_link_lost
             && let Some(link) = self.search.look(&self.keys, &self.network)?
         {
             self.polled.rti = Some(PolledLink::new(link));
-            self.is_away = false;
+            self.rti_link_lost = false;
             inputs.push((LinkSerial::RTI, Input::Rejoins));
         }
         let Some(polled) = &mut self.polled.rti else { return Ok(()) };

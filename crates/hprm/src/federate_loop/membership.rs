@@ -18,7 +18,7 @@ use crate::link::Network;
 use crate::{Address, Clock, Failure, Inbox, Security};
 
 /// How long a federate that ends waits until its last frames have arrived.
-const FAREWELL: Nanos = 2_000_000_000;
+const CLOSE_TIMEOUT: Nanos = 2_000_000_000;
 
 /// Which federate to run, and where its federation is.
 #[derive(Clone, Debug)]
@@ -74,7 +74,7 @@ impl Membership {
         let time = Time::new(&options.program, &links);
         let mut membership = Self { machine, links, objects, time };
         // The first frame leaves before the program is loaded.
-        membership.tell_rti();
+        membership.send_to_rti();
         membership.links.flush();
         Ok(membership)
     }
@@ -96,20 +96,20 @@ impl Membership {
         let (message, code) = (report.encoded(), report.code);
         // The machine may have ended already; then no other process is left to tell.
         let _ = self.machine.handle(Clock::now(), Input::Failed { message, code });
-        self.tell_rti();
-        self.links.leave(FAREWELL, false);
+        self.send_to_rti();
+        self.links.close_in_order(CLOSE_TIMEOUT, false);
         failure
     }
 
     /// Ends the links in order, and waits until all frames have left, however long they are.
     pub(super) fn finish_sending(&mut self) {
-        self.links.leave(FAREWELL, true);
+        self.links.close_in_order(CLOSE_TIMEOUT, true);
     }
 
-    fn tell_rti(&mut self) {
+    fn send_to_rti(&mut self) {
         while let Some(output) = self.machine.poll() {
             if let Output::ToRti(frame) = output {
-                self.links.tell_rti(frame, None);
+                self.links.send_to_rti(frame, None);
             }
         }
     }

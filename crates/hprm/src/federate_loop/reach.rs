@@ -137,13 +137,13 @@ pub(super) fn host_id(local: bool, decentralized: bool) -> HostId {
     };
     let boot = read("boot_id").map(number).unwrap_or_default();
     match (local, decentralized, std::fs::metadata("/proc/self/ns/net")) {
-        (true, _, _) => HostId(boot).beside_rti(),
+        (true, _, _) => HostId(boot).joined_over_unix_socket(),
         (false, true, Ok(namespace)) => {
             let user = rustix::process::geteuid().as_raw();
             let number = boot ^ u128::from(namespace.ino()) << 64 ^ u128::from(user) << 32;
-            HostId(number).elsewhere()
+            HostId(number).joined_over_tcp()
         }
-        (false, _, _) => HostId(read("uuid").map(number).unwrap_or_default()).elsewhere(),
+        (false, _, _) => HostId(read("uuid").map(number).unwrap_or_default()).joined_over_tcp(),
     }
 }
 

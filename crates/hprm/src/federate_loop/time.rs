@@ -34,7 +34,7 @@ impl Time {
     /// Asks for the time if it is time for that.
     pub(super) fn ask(&mut self, links: &mut FederateLinks) {
         if let Some(question) = self.sync.ask(Clock::local()) {
-            links.tell_rti(question, None);
+            links.send_to_rti(question, None);
         }
     }
 

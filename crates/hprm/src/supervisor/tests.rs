@@ -204,7 +204,7 @@ fn a_federate_that_hangs_after_its_failure_is_not_waited_for() {
     assert_eq!(stage.sent, [(TERM, B)]);
     stage.pass(1_000);
     assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
-    assert!(stage.reports[1].contains("ends what has not ended within 2 s: b"));
+    assert!(stage.reports[1].contains("ends federates that have not ended within 2 s: b"));
     assert!(stage.reports[2].contains("killed federates that did not end by themselves: b"));
     stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.reports.len(), 3, "the end that was ordered is no news");
@@ -342,7 +342,7 @@ fn a_second_interrupt_kills() {
     stage.event(Observation::Signal(Signal::INTERRUPT));
     stage.exits(B, FederateEnding::Signal(Signal::KILL));
     assert_eq!(stage.outcome(), Some(130));
-    stage.reported_once("killed what had not ended at the second signal: b");
+    stage.reported_once("killed federates that had not ended at the second signal: b");
 }
 
 #[test]
@@ -353,7 +353,7 @@ fn an_interrupt_that_is_not_obeyed_says_what_is_ended_and_why() {
     stage.pass(4_999);
     assert!(stage.reports.is_empty());
     stage.pass(1);
-    stage.reported_once("ends what has not stopped in order within 5 s: b");
+    stage.reported_once("ends federates that have not stopped in order within 5 s: b");
     stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!((stage.outcome(), stage.reports.len()), (Some(143), 1));
 }
@@ -458,7 +458,7 @@ fn output_that_cannot_be_written_is_one_failure() {
     stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
     stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 2));
-    assert!(stage.reports[1].contains("ends what has not ended within 2 s: a, b"));
+    assert!(stage.reports[1].contains("ends federates that have not ended within 2 s: a, b"));
 }
 
 #[test]
@@ -541,7 +541,7 @@ fn threads_that_do_not_end_end_with_the_process() {
     stage.pass(1);
     assert_eq!(stage.outcome(), Some(3));
     assert!(
-        stage.reports[1].contains("ends what has not ended within 2 s: b"),
+        stage.reports[1].contains("ends federates that have not ended within 2 s: b"),
         "{:?}",
         stage.reports
     );
@@ -568,7 +568,7 @@ fn a_second_interrupt_ends_threads_at_once() {
     stage.pass(4_000);
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!((stage.sent.len(), stage.outcome()), (0, Some(130)));
-    stage.reported_once("killed what had not ended at the second signal: a, b");
+    stage.reported_once("killed federates that had not ended at the second signal: a, b");
 }
 
 #[test]
