@@ -171,7 +171,7 @@ fn sensing() -> (Program, ActionId, [PortId; 2]) {
     let mut b = ProgramBuilder::new("Main", properties(30));
     let sensor = b.reactor(b.main(), "sensor");
     let [sensed, ticked] = ["sensed", "ticked"].map(|name| b.port(sensor, name, Direction::Output));
-    let action = b.action(sensor, "hear", Origin::Physical, 0);
+    let action = b.action(sensor, "detect", Origin::Physical, 0);
     let timer = b.timer(sensor, "t", 0, 10);
     b.reaction(sensor, with_effects(&[Trigger::Action(action)], &[Effect::Port(sensed)])); // 0
     b.reaction(sensor, with_effects(&[Trigger::Timer(timer)], &[Effect::Port(ticked)])); // 1
@@ -185,12 +185,12 @@ fn sensing() -> (Program, ActionId, [PortId; 2]) {
 #[test]
 fn a_physical_event_marks_what_may_have_seen_it() {
     let (program, action, [sensed, ticked]) = sensing();
-    let heard = |scheduler: &mut Scheduler<i64>| {
+    let detected = |scheduler: &mut Scheduler<i64>| {
         if scheduler.tag() == Tag::START {
             scheduler.schedule(action, 0, None, START.plus(15));
         }
     };
-    let records = record(program, heard, |scheduler, reaction| match reaction {
+    let records = record(program, detected, |scheduler, reaction| match reaction {
         "Main.sensor.1" => _ = scheduler.set(sensed, 1),
         "Main.sensor.2" => _ = scheduler.set(ticked, 2),
         _ => {}
@@ -271,7 +271,7 @@ fn a_mode_that_a_physical_event_has_entered_marks_all_inside() {
     let mut b = ProgramBuilder::new("Main", properties(20));
     let modal = b.reactor(b.main(), "modal");
     let [first, second] = [b.mode(modal, "first", true), b.mode(modal, "second", false)];
-    let action = b.action(modal, "hear", Origin::Physical, 0);
+    let action = b.action(modal, "detect", Origin::Physical, 0);
     b.reaction(modal, on(&[Trigger::Action(action)])); // 0
     let inside = b.reactor(modal, "inside");
     b.put_in_mode(ModalElement::Reactor(inside), second);
@@ -280,12 +280,12 @@ fn a_mode_that_a_physical_event_has_entered_marks_all_inside() {
     let beside = b.reactor(b.main(), "beside");
     let timer = b.timer(beside, "t", 0, 10);
     b.reaction(beside, on(&[Trigger::Timer(timer)])); // 2
-    let heard = |scheduler: &mut Scheduler<i64>| {
+    let detected = |scheduler: &mut Scheduler<i64>| {
         if scheduler.tag() == Tag::START {
             scheduler.schedule(action, 0, None, START.plus(5));
         }
     };
-    let records = record(b.build().unwrap(), heard, |scheduler, reaction| {
+    let records = record(b.build().unwrap(), detected, |scheduler, reaction| {
         if reaction == "Main.modal.1" {
             scheduler.enter(second, Transition::Reset);
             assert!(scheduler.is_active(first));

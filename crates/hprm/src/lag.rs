@@ -18,7 +18,7 @@ const LASTS: Nanos = SECOND;
 /// See the module.
 #[derive(Debug, Default)]
 pub(crate) struct LagWatch {
-    /// Whether there is nothing to watch any more: it has been told, or the program follows no clock.
+    /// Whether the watch has ended: the overload has been reported, or the program follows no clock.
     is_over: bool,
     /// The latest tag that was in time.
     in_time: Option<Tag>,

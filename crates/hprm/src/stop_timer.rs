@@ -76,7 +76,7 @@ impl StopTimer {
             self.interrupted = Some(now);
             return Some(StopStep::Interrupt(signal));
         };
-        let after = self.patience();
+        let after = self.time_to_end();
         if now < interrupted + after {
             return None;
         }
@@ -90,12 +90,12 @@ impl StopTimer {
             self.stop_requested.filter(|_| !self.progress.over && !self.ended)?;
         Some(match self.interrupted {
             None => stop_requested + Self::ORDERLY,
-            Some(interrupted) => interrupted + self.patience(),
+            Some(interrupted) => interrupted + self.time_to_end(),
         })
     }
 
     /// How long the process may still run after a signal has interrupted it.
-    fn patience(&self) -> Duration {
+    fn time_to_end(&self) -> Duration {
         if self.progress.interrupted { UNWIND } else { NOTICE }
     }
 }

@@ -171,20 +171,20 @@ impl Scenario {
                         Frame::StopRequest { tag } => format!("is asked to stop at {}", show(tag)),
                         Frame::StopGranted { tag } => format!("stops at {}", show(tag)),
                         Frame::Gone { federate, .. } => {
-                            format!("hears that {} is gone", name(federate))
+                            format!("is told that {} is gone", name(federate))
                         }
                         Frame::Joining { peer } => {
-                            format!("hears that {} is joining", name(peer.federate))
+                            format!("is told that {} is joining", name(peer.federate))
                         }
                         Frame::Joined { federate, first } => {
-                            format!("hears that {} begins at {}", name(federate), show(first))
+                            format!("is told that {} begins at {}", name(federate), show(first))
                         }
                         Frame::Depart { tag } => format!("must leave at {}", show(tag)),
                         Frame::Start { first, .. } => format!("begins at {}", show(first)),
                         Frame::Refused { reason } => format!("is refused: {reason}"),
                         Frame::Peers { peers } => {
                             let peers: Vec<_> = peers.iter().map(|p| name(p.federate)).collect();
-                            format!("hears of {}", peers.join(", "))
+                            format!("is told of {}", peers.join(", "))
                         }
                         frame => panic!("no words for {frame:?}"),
                     };

@@ -20,7 +20,7 @@ use crate::Clock;
 use crate::wait::{Interest, Source, SourceId};
 
 /// How long a link may take until its first frame has come.
-const PATIENCE: Nanos = 10_000_000_000;
+const FIRST_FRAME_TIMEOUT: Nanos = 10_000_000_000;
 
 /// The most unauthenticated clients in one stage, and from one address, unless more federates join.
 const MOST_UNPROVED: usize = 32;
@@ -144,8 +144,12 @@ impl LinkAcceptor {
                 };
                 let origin = LinkOrigin::of(&link);
                 // The first frame has often come together with the connection.
-                let waiting =
-                    PendingLink { link, id: SourceId::new(), until: now.plus(PATIENCE), origin };
+                let waiting = PendingLink {
+                    link,
+                    id: SourceId::new(),
+                    until: now.plus(FIRST_FRAME_TIMEOUT),
+                    origin,
+                };
                 let Some(waiting) = progress(waiting, now, admitted) else { continue };
                 pending.push(waiting);
                 let free = || descriptors::left() + pending.unproved();

@@ -116,7 +116,7 @@ fn a_silent_link_is_closed_and_the_loop_woken_up_for_that() {
     let mut silent = TcpStream::connect(address).unwrap();
     assert!(acceptor.admit(NOW).unwrap().is_empty());
     let wakeup = acceptor.next_wakeup().unwrap();
-    assert_eq!(wakeup, NOW.plus(PATIENCE));
+    assert_eq!(wakeup, NOW.plus(FIRST_FRAME_TIMEOUT));
     assert_eq!(acceptor.sources().count(), 2);
     assert!(acceptor.admit(wakeup).unwrap().is_empty());
     assert_eq!(acceptor.next_wakeup(), None);
