@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use hprm_core::{ChannelId, ConnectionId, Overflow, Scheduler, Tag};
+use hprm_core::{ChannelId, ConnectionId, FederateId, Overflow, Program, Scheduler, Tag};
 
 /// See the module.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
@@ -15,9 +15,17 @@ pub(crate) struct Mailboxes {
 /// The messages of one connection.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Mailbox {
-    /// The tags of those that wait.
-    waiting: VecDeque<Tag>,
+    /// Those that wait, in the order of their tags.
+    waiting: VecDeque<Waiting>,
     dropped: u64,
+}
+
+/// A message that waits for its tag.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+struct Waiting {
+    tag: Tag,
+    /// Whether its sender is still there. A blocked sender waits only for room for its own messages.
+    is_senders: bool,
 }
 
 impl Mailboxes {
@@ -32,9 +40,11 @@ impl Mailboxes {
         let connection = program.channels[channel].connection;
         let Some(bound) = program.connections[connection].bound else { return };
         let mailbox = self.by_connection.entry(connection).or_default();
-        mailbox.waiting.retain(|tag| *tag > scheduler.tag());
-        if mailbox.waiting.len() >= bound.messages as usize {
-            mailbox.dropped += u64::from(bound.overflow != Overflow::Block);
+        mailbox.waiting.retain(|message| message.tag > scheduler.tag());
+        let blocks = bound.overflow == Overflow::Block;
+        let counted = mailbox.waiting.iter().filter(|message| !blocks || message.is_senders);
+        if counted.count() >= bound.messages as usize {
+            mailbox.dropped += u64::from(!blocks);
             match bound.overflow {
                 Overflow::Drop if placed.is_none() => return,
                 Overflow::Drop => self.note("a message is not dropped", connection),
@@ -43,7 +53,17 @@ impl Mailboxes {
             }
         }
         let mailbox = self.by_connection.entry(connection).or_default();
-        mailbox.waiting.extend(placed);
+        mailbox.waiting.extend(placed.map(|tag| Waiting { tag, is_senders: true }));
+    }
+
+    /// A federate has ended. Messages that it has left behind take no room from its successor.
+    pub(crate) fn sender_gone(&mut self, program: &Program, federate: FederateId) {
+        let from = program.channels.values().filter(|channel| channel.from == federate);
+        for connection in from.map(|channel| channel.connection) {
+            if let Some(mailbox) = self.by_connection.get_mut(&connection) {
+                mailbox.waiting.iter_mut().for_each(|message| message.is_senders = false);
+            }
+        }
     }
 
     fn note(&mut self, what: &str, connection: ConnectionId) {
@@ -54,7 +74,7 @@ impl Mailboxes {
     /// A tag has begun.
     pub(crate) fn began(&mut self, scheduler: &Scheduler<u64>, tag: Tag) {
         for (connection, mailbox) in &self.by_connection {
-            let must = mailbox.waiting.contains(&tag);
+            let must = mailbox.waiting.iter().any(|message| message.tag == tag);
             let is = scheduler.port(scheduler.program().connections[*connection].to).is_some();
             if must != is {
                 let wrong = || {

@@ -270,7 +270,12 @@ impl Node {
                 Output::SetStop(tag) => self.scheduler.set_stop(tag),
                 Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
                 Output::Ended { reason } => self.ended = Some(reason),
-                output => self.outputs.push_back(output),
+                output => {
+                    if let Output::ReaderGone(peer) = &output {
+                        self.mailboxes.sender_gone(self.scheduler.program(), *peer);
+                    }
+                    self.outputs.push_back(output);
+                }
             }
         }
     }
