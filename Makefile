@@ -91,6 +91,7 @@ lint: $(VENV)/.requirements ## check the format and the lints; nothing is change
 	cargo clippy --workspace --all-targets -- -D warnings
 	$(BIN)/ruff check $(PYTHON_CODE)
 	$(BIN)/ruff format --check $(PYTHON_CODE)
+	$(BIN)/mypy
 
 clean: ## remove everything that the other targets made
 	rm -rf $(VENV) out

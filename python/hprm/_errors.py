@@ -8,6 +8,7 @@ import select
 import threading
 import traceback
 from dataclasses import dataclass, replace
+from typing import Any
 
 from hprm._findings import SYNTAX
 
@@ -83,7 +84,10 @@ def raised(error: BaseException, what: str, place: str = "") -> Description:
         # No memory or no descriptor is left, perhaps. What has happened must be told nevertheless.
         name = type(error).__name__
         found = Description("raised", message=f"{what} raised {name}: {_text(error)}")
-    texts = {name: printable(it) for name, it in vars(found).items() if isinstance(it, str)}
+    texts: dict[str, Any] = {}
+    for name, it in vars(found).items():
+        if isinstance(it, str):
+            texts[name] = printable(it)
     return replace(found, **texts)
 
 

@@ -96,6 +96,8 @@ def _name(error: NameError, frames: list[FrameType]) -> str | None:
 
 def _attribute(error: AttributeError, frames: list[FrameType]) -> str | None:
     thing, name = error.obj, error.name
+    if name is None:
+        return None
     cls, reaction = _place(frames)
     match thing:
         case port_capsule() | action_capsule_t():

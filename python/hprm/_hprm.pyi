@@ -1,13 +1,14 @@
 """The native half of the package: ports, actions, time, serialization, and the loops."""
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload
+from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload, type_check_only
 
 from hprm._errors import Description
 from hprm._source import ProgramSource
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 @final
 class Tag:
@@ -88,11 +89,15 @@ class Interrupt:
 
     def __call__(self, number: int, frame: object, /) -> None: ...
 
+@type_check_only
 class Membership(TypedDict):
-    """Where a federate belongs, and what its launcher has asked for."""
+    """Where a federate belongs, and what its launcher has asked for. Times are in seconds."""
 
     rti: str
     federation: str
+    connect_timeout: float
+    advertise: str | None
+    tls: tuple[str, str, str] | None
     launched: bool
     logical_trace: str | None
     properties: list[str]
@@ -145,6 +150,7 @@ def belong_to_federate(number: int) -> None:
 def runs_bodies() -> bool:
     """Return whether this thread runs bodies, whichever thread has started it."""
 
+@final
 class Stage:
     @property
     def path(self) -> Path | None: ...
@@ -155,11 +161,34 @@ def is_stage_of(stage: str, program: str) -> bool: ...
 def die_with_parent(parent: int) -> bool:
     """Have the kernel end this process when its parent ends; return whether that is alive."""
 
-def link_descriptors() -> list[int]:
-    """Return the descriptors by which this process speaks to the RTI and to other federates."""
-
-def in_store(function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> T:
+def in_store(function: Callable[..., _T], /, *arguments: Any, **keywords: Any) -> _T:
     """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
+
+@final
+class Memory:
+    """Received bytes, which other processes may read too: a buffer that cannot be written."""
+
+    if sys.version_info >= (3, 12):
+        def __buffer__(self, flags: int, /) -> memoryview: ...
+
+@final
+class Frozen:
+    """The memory of an array that threads share: a buffer that can never be written again."""
+
+    if sys.version_info >= (3, 12):
+        def __buffer__(self, flags: int, /) -> memoryview: ...
+
+def freeze(array: Any) -> Frozen | None:
+    """Make the memory of an array read-only for good, for its views too.
+
+    None, and nothing has changed, if the array does not own its memory.
+    """
+
+def shaped(data: Any, format: str, shape: list[int], itemsize: int, fortran: bool) -> memoryview:
+    """Return a read-only view of bytes as elements of a format, in a shape.
+
+    Raises ``ValueError`` if there are not exactly as many bytes.
+    """
 
 def own(array: Any) -> Any:
     """Return a writeable array for a received one, which is not copied before it is written.
@@ -184,7 +213,7 @@ def describe_value(value: Any) -> bytes:
 class ArrivedValue:
     """A value as it arrives, which may be decoded any number of times."""
 
-    def __init__(self, value: Any) -> None: ...
+    def __new__(cls, value: Any) -> ArrivedValue: ...
     def decode(self) -> Any:
         """Return the value, over the buffers that arrived."""
 

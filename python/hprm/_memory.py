@@ -35,7 +35,7 @@ def empty(
 
 def empty_like(
     prototype: npt.ArrayLike,
-    dtype: npt.DTypeLike = None,
+    dtype: npt.DTypeLike | None = None,
     order: str = "K",
     shape: int | Sequence[int] | None = None,
 ) -> np.ndarray[Any, Any]:

@@ -72,7 +72,8 @@ def _all(table: symtable.SymbolTable) -> Iterator[symtable.SymbolTable]:
 
 
 def _names(tables: Iterator[symtable.SymbolTable], local: set[str], unread: set[str]) -> Names:
-    free, made = set(), set()
+    free: set[str] = set()
+    made: set[str] = set()
     for table in tables:
         for symbol in table.get_symbols():
             if table.get_type() == "module" and symbol.is_assigned():

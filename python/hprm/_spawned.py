@@ -8,7 +8,7 @@ import importlib.machinery
 import sys
 from collections.abc import Callable, Sequence
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, cast
 
 from hprm import _hprm, _lf, _main
 
@@ -21,7 +21,7 @@ _CODE = compile(f"__import__('sys').modules[{__name__!r}].fill(globals())", __fi
 def fill(names: dict[str, Any]) -> None:
     """Run the preambles of the program whose main module has these ``names``."""
     source = _hprm.describe_program(names["__spec__"].origin)
-    _main.prepare(source, _lf.make_module(_Elsewhere(), source), names)
+    _main.prepare(source, _lf.make_module(cast("_hprm.Api", _Elsewhere()), source), names)
 
 
 class _Elsewhere:

@@ -21,8 +21,8 @@ _lock = threading.Lock()
 def begin(federates: list[tuple[int, str]]) -> None:
     """Show what federates print behind their names, and know whose a thread is, from now on."""
     names = dict(federates)
-    sys.stdout = Lines(sys.stdout, names, _hprm.output_failed)  # type: ignore[assignment]
-    sys.stderr = Lines(sys.stderr, names, lambda _: 0)  # type: ignore[assignment]
+    sys.stdout = Lines(sys.stdout, names, _hprm.output_failed)
+    sys.stderr = Lines(sys.stderr, names, lambda _: 0)
     start = threading.Thread.start
 
     def start_for_federate(thread: threading.Thread) -> None:
@@ -31,7 +31,7 @@ def begin(federates: list[tuple[int, str]]) -> None:
             _hand_down(thread, federate)
         start(thread)
 
-    threading.Thread.start = start_for_federate  # type: ignore[method-assign]
+    threading.Thread.start = start_for_federate  # type: ignore[method-assign, assignment]
 
 
 def _hand_down(thread: threading.Thread, federate: int) -> None:
@@ -56,7 +56,7 @@ def let_bodies_start_threads() -> None:
     def daemon(thread: threading.Thread) -> bool:
         return not (thread.ident == threading.get_ident() and _hprm.runs_bodies())
 
-    threading._DummyThread.daemon = property(daemon)  # type: ignore[attr-defined]
+    threading._DummyThread.daemon = property(daemon)  # type: ignore[assignment]
 
 
 def publish(name: str, module: ModuleType) -> None:

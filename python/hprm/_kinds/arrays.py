@@ -95,8 +95,7 @@ def _take_masked(array: Any) -> Parts | None:
     data = array.data
     if type(data) is not numpy.ndarray:
         return None
-    mask = None if array.mask is numpy.ma.nomask else numpy.asarray(array.mask)
-    mask = False if mask is None else mask
+    mask = False if array.mask is numpy.ma.nomask else numpy.asarray(array.mask)
     return masked, (data, mask, _fill_value(array), bool(array.hardmask))
 
 
@@ -149,10 +148,14 @@ def _dtype(described: Any) -> Any:
             return numpy.dtype(described)
         case [base, [*shape]]:
             return numpy.dtype((_dtype(base), tuple(shape)))
-        case {"names": _, "formats": [*formats], "align": align, **rest}:
-            spec = {"names": described["names"], "formats": [_dtype(each) for each in formats]}
-            spec |= {name: rest[name] for name in ("offsets", "itemsize")}
-            if any(title is not None for title in rest["titles"]):
-                spec["titles"] = rest["titles"]
-            return numpy.dtype(spec, align=bool(align))
+        case {"names": _, "formats": list(), "align": _}:
+            return _dtype_of_fields(described)
     raise ValueError("malformed payload: this describes no dtype")
+
+
+def _dtype_of_fields(described: dict[str, Any]) -> Any:
+    spec: Any = {name: described[name] for name in ("names", "offsets", "itemsize")}
+    spec["formats"] = [_dtype(each) for each in described["formats"]]
+    if any(title is not None for title in described["titles"]):
+        spec["titles"] = described["titles"]
+    return numpy.dtype(spec, align=bool(described["align"]))

@@ -33,7 +33,9 @@ def memory(
     return _hprm.shaped(data, layout, list(shape), itemsize, fortran)
 
 
-def layout_of(view: memoryview) -> tuple[PickleBuffer, tuple[str, tuple[int, ...], int, bool]]:
+def layout_of(
+    view: memoryview,
+) -> tuple[PickleBuffer, tuple[str, tuple[int, ...] | None, int, bool]]:
     """Return the bytes of a buffer, in a row, and what else ``memory`` needs.
 
     Raises ``TypeError`` if its elements cannot be sent.

@@ -67,7 +67,8 @@ def flags(module: str, name: str, value: int, *, trusted: bool) -> enum.Flag:
     kind = _enumeration(module, name, trusted)
     if not issubclass(kind, enum.Flag) or type(value) is not int:
         raise _refused(kind, "no set of flags")
-    return kind(value)
+    combination: enum.Flag = kind(value)
+    return combination
 
 
 def model(module: str, name: str, state: dict[str, Any], *, trusted: bool) -> Any:

@@ -34,8 +34,8 @@ def fraction(numerator: int, denominator: int) -> fractions.Fraction:
 
 def datetime_(*fields: Any) -> datetime.datetime:
     """Make a point in time."""
-    *numbers, zone, fold = fields
-    return datetime.datetime(*numbers, tzinfo=zone, fold=fold)
+    *parts, fold = fields
+    return datetime.datetime(*parts, fold=fold)
 
 
 def date(year: int, month: int, day: int) -> datetime.date:
@@ -45,8 +45,8 @@ def date(year: int, month: int, day: int) -> datetime.date:
 
 def time(*fields: Any) -> datetime.time:
     """Make a time of day."""
-    *numbers, zone, fold = fields
-    return datetime.time(*numbers, tzinfo=zone, fold=fold)
+    *parts, fold = fields
+    return datetime.time(*parts, fold=fold)
 
 
 def timedelta(days: int, seconds: int, microseconds: int) -> datetime.timedelta:
