@@ -405,7 +405,7 @@ impl Federate {
             }
             Frame::Joining { peer } if !self.startup.awaits_peers() => self.peer_joining(now, peer),
             Frame::Joined { federate, first } => self.joined(federate, first),
-            Frame::Depart { tag } if self.startup.start().is_some() => self.depart(tag),
+            Frame::Depart { tag } if self.startup.start().is_some() => self.told_to_leave(tag),
             Frame::TagAdvanceGrant { .. }
             | Frame::ProvisionalTagAdvanceGrant { .. }
             | Frame::DownstreamNextEventTag { .. }

@@ -263,7 +263,8 @@ pub enum Frame {
         first: Tag,
     },
     /// RTI to federate: the federate must leave at this tag, because it has asked to, or because its successor
-    /// joins. Federate to RTI: the federate asks at which tag it may leave, at this one at the earliest.
+    /// joins. Federate to RTI: the federate asks at which tag it may leave, at this one at the earliest;
+    /// or it has been told a tag that it has passed.
     Depart {
         /// Its last tag, if it has not passed that tag yet.
         tag: Tag,

@@ -51,6 +51,17 @@ impl Federate {
         self.outputs.push_back(Output::LeaveAt(last));
     }
 
+    /// The RTI tells this federate to leave at `tag`. If this federate is in that tag or beyond it, it leaves
+    /// later, and the RTI must know: it lets a federate advance no further than through its last tag. Under
+    /// centralized coordination the RTI knows which tags are complete.
+    pub(super) fn told_to_leave(&mut self, tag: Tag) {
+        self.depart(tag);
+        let last = self.last_tag();
+        if last > tag && matches!(self.coordinator, Coordinator::Decentralized(_)) {
+            self.outputs.push_back(Output::ToRti(Frame::Depart { tag: last }));
+        }
+    }
+
     /// Asks when this federate may stop alone. Its last report did not regard that, and others may rely
     /// on the report.
     pub(super) fn request_departure(&mut self) {

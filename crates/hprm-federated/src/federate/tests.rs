@@ -509,6 +509,25 @@ fn a_federate_asks_when_to_leave_if_others_count_on_what_it_does_next() {
 }
 
 #[test]
+fn a_decentralized_federate_says_when_it_leaves_if_it_has_passed_the_tag_that_it_is_told() {
+    let text = "decentralized\na -> b\nb -> a after 1";
+    for (told, answers) in [(at(7), true), (at(8), false)] {
+        let mut machine = started(text, "a", 2, &[1]);
+        input(&mut machine, 0, Input::NextEvent(at(7)));
+        input(&mut machine, 0, Input::Begun(at(7)));
+        let outputs = input(&mut machine, 0, Input::FromRti(Frame::Depart { tag: told }));
+        let last = told.max(at(7).succ());
+        assert_eq!(outputs[0], Output::LeaveAt(last));
+        let answer = Output::ToRti(Frame::Depart { tag: last });
+        assert_eq!(outputs.contains(&answer), answers, "{outputs:?}");
+        // The answer of the RTI changes nothing.
+        let outputs = input(&mut machine, 0, Input::FromRti(Frame::Depart { tag: last }));
+        assert_eq!(outputs[0], Output::LeaveAt(last));
+        assert!(!outputs.contains(&answer), "{outputs:?}");
+    }
+}
+
+#[test]
 fn a_stop_takes_back_grants_that_did_not_know_of_it() {
     let mut machine = started("a -> b", "b", 2, &[]);
     input(&mut machine, 0, Input::FromRti(Frame::TagAdvanceGrant { tag: Tag::FOREVER }));
