@@ -4,24 +4,24 @@
 //! frame    = length:u32 (little endian, of the body)  body
 //! body     = 0  postcard(Frame)                       every frame but a message
 //!          | 1  postcard(Envelope)  head  part*       a message; the bytes of its payload as they are
-//!          | 2  postcard(Envelope)                    a long message; its bytes follow
-//!          | 3  bytes                                 some bytes of a long message
+//!          | 2  postcard(Envelope)                    a long message; its chunks follow
+//!          | 3  bytes                                 a chunk of a long message
 //! ```
 //!
-//! A long message is an envelope and then, with nothing in between, frames that have its bytes in order.
+//! A long message is an envelope and then, with nothing in between, chunks: frames with its bytes in order.
 //! Decoding any bytes gives a frame, an error, or the number of bytes that are missing; it never panics
 //! and allocates no more than the bytes at hand justify. Where there is no memory for a message, that is
-//! an error, at both ends. Reading and writing links is the driver's.
+//! an error, at both ends. The driver reads and writes links.
 
-mod parts;
+mod chunks;
 
 use hprm_core::limits::FRAME_LIMIT;
 use hprm_core::{ChannelId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
 use serde::{Deserialize, Serialize};
 
 use crate::Frame;
-pub use parts::Outgoing;
-use parts::{Incoming, PART_LIMIT};
+pub use chunks::Outgoing;
+use chunks::{CHUNK_LIMIT, Incoming};
 
 /// Bytes of the length field.
 const LENGTH: usize = 4;
@@ -30,19 +30,19 @@ const LENGTH: usize = 4;
 /// list of peers.
 const CONTROL_LIMIT: usize = 16 << 20;
 
-/// The most bytes that the envelope of a message needs besides its parts' descriptions.
-const ENVELOPE: usize = 64;
+/// The most bytes of an envelope without its part headers, the length of its frame included.
+const ENVELOPE_BASE: usize = 64;
 
-/// The most bytes that the description of a part needs.
-const PART: usize = 48;
+/// The most bytes of a [`PartHeader`].
+const PART_HEADER: usize = 48;
 
 /// The most parts of a payload.
-pub const PARTS_LIMIT: usize = (FRAME_LIMIT - PART_LIMIT - ENVELOPE) / PART;
+pub const PARTS_LIMIT: usize = (FRAME_LIMIT - CHUNK_LIMIT - ENVELOPE_BASE) / PART_HEADER;
 
 const CONTROL: u8 = 0;
 const MESSAGE: u8 = 1;
 const LONG_MESSAGE: u8 = 2;
-const MESSAGE_BYTES: u8 = 3;
+const MESSAGE_CHUNK: u8 = 3;
 
 /// Why bytes cannot be decoded as a frame. What follows them on the link is meaningless.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
@@ -72,9 +72,9 @@ pub enum CodecError {
 pub enum Decoded {
     /// A whole frame, and its length in bytes.
     Frame(Frame, usize),
-    /// A part of a long message. The decoder keeps it until the message is whole.
-    Part {
-        /// The length of the part in bytes.
+    /// A chunk of a long message, or its envelope. The decoder keeps it until the message is complete.
+    Chunk {
+        /// The length of the frame that holds the chunk, in bytes.
         taken: usize,
         /// The length of the payload of the whole message.
         message_len: usize,
@@ -86,7 +86,7 @@ pub enum Decoded {
 /// Reads the frames of a link, in order.
 #[derive(Debug, Default)]
 pub struct Decoder {
-    /// The message whose parts come now.
+    /// The message whose chunks come now.
     incoming: Option<Box<Incoming>>,
 }
 
@@ -107,23 +107,23 @@ enum PartHeader {
     Object(ObjectRef),
 }
 
-/// Whether a message with this payload can be sent: what describes it has to fit into a frame.
+/// Whether a message with this payload can be sent: its envelope has to fit into a frame.
 #[must_use]
 pub fn fits(payload: &Payload) -> bool {
     payload.parts.len() <= PARTS_LIMIT
 }
 
-/// Whether a message with this payload travels in parts.
+/// Whether a message with this payload travels in chunks.
 fn is_long(payload: &Payload) -> bool {
-    inline_len(payload) > PART_LIMIT
+    inline_len(payload) > CHUNK_LIMIT
 }
 
-/// The most bytes that an envelope takes, the length of its frame included.
+/// The most bytes of an envelope with that many part headers, the length of its frame included.
 fn max_envelope_len(parts: usize) -> usize {
-    ENVELOPE.saturating_add(parts.saturating_mul(PART))
+    ENVELOPE_BASE.saturating_add(parts.saturating_mul(PART_HEADER))
 }
 
-/// Appends `frame` to `out`, all parts of it.
+/// Appends `frame` to `out`, with all of its chunks if it is a long message.
 ///
 /// # Errors
 ///
@@ -140,26 +140,26 @@ pub fn encode(frame: &Frame, out: &mut Vec<u8>) -> Result<(), CodecError> {
         assert!(len <= CONTROL_LIMIT, "a {} of {len} bytes exceeds its limit", frame.name());
         return Ok(());
     };
-    assert!(fits(payload), "what describes a message exceeds the limit of a frame");
+    assert!(fits(payload), "the envelope of a message exceeds the limit of a frame");
     let envelope = Envelope::of(*channel, *tag, payload);
-    // Between parts are the beginnings of frames.
+    // Each frame adds its length and its kind. A chunk ends at the limit, or where a buffer ends.
     let len = inline_len(payload);
-    let frames = payload.parts.len() + 1 + len / PART_LIMIT;
-    reserve(out, envelope.max_len() + len + frames * (LENGTH + 1))?;
-    let is_long = len > PART_LIMIT;
+    let max_frames = payload.parts.len() + 1 + len / CHUNK_LIMIT;
+    reserve(out, envelope.max_len() + len + max_frames * (LENGTH + 1))?;
+    let is_long = len > CHUNK_LIMIT;
     let start = begin(if is_long { LONG_MESSAGE } else { MESSAGE }, out);
     append(&envelope, out);
     if is_long {
         end(start, out);
-        let chunks = buffers_of(payload).flat_map(|bytes| bytes.chunks(PART_LIMIT));
-        return chunks.into_iter().try_for_each(|bytes| parts::part(bytes, out));
+        let chunks = buffers_of(payload).flat_map(|bytes| bytes.chunks(CHUNK_LIMIT));
+        return chunks.into_iter().try_for_each(|bytes| chunks::append_chunk(bytes, out));
     }
     buffers_of(payload).for_each(|bytes| out.extend_from_slice(bytes));
     end(start, out);
     Ok(())
 }
 
-/// Begins a frame, whose length is not known yet.
+/// Begins a frame, whose length is not known yet. Returns where it begins.
 fn begin(kind: u8, out: &mut Vec<u8>) -> usize {
     let start = out.len();
     out.extend_from_slice(&[0; LENGTH]);
@@ -199,14 +199,14 @@ pub fn decode(buffer: &[u8]) -> Result<Option<(Frame, usize)>, CodecError> {
     loop {
         match decoder.next(&buffer[before..])? {
             Decoded::Frame(frame, len) => return Ok(Some((frame, before + len))),
-            Decoded::Part { taken, .. } => before += taken,
+            Decoded::Chunk { taken, .. } => before += taken,
             Decoded::Missing(_) => return Ok(None),
         }
     }
 }
 
 impl Decoder {
-    /// Decodes the next frame, or the next part of a long one. `buffer` has the next bytes of the link. The
+    /// Decodes the next frame, or the next chunk of a long message. `buffer` has the next bytes of the link. The
     /// caller removes the decoded bytes from it, and appends what is missing.
     ///
     /// # Errors
@@ -220,10 +220,10 @@ impl Decoder {
         };
         let taken = LENGTH + body.len();
         let (frame, trailing) = match (body, &mut self.incoming) {
-            ([MESSAGE_BYTES, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
+            ([MESSAGE_CHUNK, bytes @ ..], Some(incoming)) if !bytes.is_empty() => {
                 let message_len = incoming.len();
                 if !incoming.take(bytes)? {
-                    return Ok(Decoded::Part { taken, message_len });
+                    return Ok(Decoded::Chunk { taken, message_len });
                 }
                 let complete = self.incoming.take().map(|incoming| incoming.finish());
                 (complete.ok_or(CodecError::Malformed)?, 0)
@@ -240,7 +240,7 @@ impl Decoder {
                 let incoming = Incoming::new(envelope)?;
                 let message_len = incoming.len();
                 self.incoming = Some(Box::new(incoming));
-                return Ok(Decoded::Part { taken, message_len });
+                return Ok(Decoded::Chunk { taken, message_len });
             }
             _ => return Err(CodecError::Malformed),
         };
@@ -259,7 +259,7 @@ fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
     let len = u32::from_le_bytes(*length) as usize;
     let limit = match rest.first() {
         Some(&CONTROL) => CONTROL_LIMIT,
-        Some(&(MESSAGE | LONG_MESSAGE | MESSAGE_BYTES)) | None => FRAME_LIMIT,
+        Some(&(MESSAGE | LONG_MESSAGE | MESSAGE_CHUNK)) | None => FRAME_LIMIT,
         Some(_) => return Err(CodecError::Malformed),
     };
     if len > limit {
@@ -471,7 +471,7 @@ mod tests {
             let mut have = 0;
             loop {
                 match Decoder::default().next(&bytes[..have]).unwrap() {
-                    Decoded::Part { .. } => unreachable!("it is short"),
+                    Decoded::Chunk { .. } => unreachable!("it is short"),
                     Decoded::Missing(more) => {
                         prop_assert!(more > 0 && have + more <= bytes.len());
                         have += more;
@@ -513,7 +513,7 @@ mod tests {
         assert!(too_long(FRAME_LIMIT + 1, MESSAGE));
         assert!(too_long(CONTROL_LIMIT + 1, CONTROL));
         assert!(
-            too_long(FRAME_LIMIT + 1, LONG_MESSAGE) && too_long(FRAME_LIMIT + 1, MESSAGE_BYTES)
+            too_long(FRAME_LIMIT + 1, LONG_MESSAGE) && too_long(FRAME_LIMIT + 1, MESSAGE_CHUNK)
         );
     }
 

@@ -175,10 +175,10 @@ impl Decentralized {
         incoming.known >= tag || Step { tag, level } <= self.safe
     }
 
-    /// All levels of `next`'s tag before its own are done. Returns on which channels the receiver
-    /// must learn that no message comes: those of which every writer has run, or will not run because
+    /// All levels of `next`'s tag before its own are done. Returns the channels on which no message comes at that
+    /// tag, as their receivers must learn: every writer of such a channel has run, or will not run because
     /// nothing can arrive any more that triggers it.
-    pub(crate) fn passed(
+    pub(crate) fn absent_channels(
         &mut self,
         next: Step,
         now: PhysicalTime,

@@ -1,8 +1,8 @@
 //! A federate's side of the coordination: joining, advancing, exchanging messages, ending.
 //!
 //! One machine for both coordinations. What differs between them is in `centralized` and
-//! `decentralized`; `startup` and `stop` keep the state of those phases. This file hands each
-//! input to the code for it; `starting`, `meeting`, `messages` and `ending` have that code.
+//! `decentralized`; `startup` and `stop` keep the state of those phases. This file passes each
+//! input to the code for it, which is in `starting`, `meeting`, `messages` and `ending`.
 
 mod ending;
 mod meeting;
@@ -80,9 +80,9 @@ pub struct Federate {
     /// Federates that have ended, in order or not, and whose direct links are still open; and until when they
     /// may stay open.
     lingering: BTreeMap<FederateId, Lingering>,
-    /// Federates that are about to join, as far as this one has not answered the RTI yet.
+    /// Federates that are about to join, and about which this one has not answered the RTI yet.
     meeting: Meeting,
-    /// Counts what is in transit to receivers and from senders.
+    /// Counts messages in transit to receivers and from senders.
     flow: Flow,
     /// The frame with which this federate asks to join.
     hello: Frame,
@@ -155,8 +155,8 @@ impl Federate {
         }
     }
 
-    /// Sets another limit of how much may be in transit to a receiver when a tag begins. The limit must be the
-    /// same in all federates.
+    /// Sets another limit for the bytes in transit to a receiver when a tag begins. The limit must be the same in
+    /// all federates.
     #[must_use]
     pub fn with_flow_limit(mut self, bytes: u64) -> Self {
         self.flow = Flow::new(&self.topology, self.me, bytes);
@@ -194,15 +194,15 @@ impl Federate {
         }
     }
 
-    /// Whether this federate has no more events, and perhaps no federate has. Then the program ends before its
-    /// timeout, so this federate must not begin the tag of the timeout.
+    /// Whether this federate has no more events, and perhaps no federate has. In that case the program ends for
+    /// starvation before its timeout, so this federate must not begin the tag of the timeout.
     fn may_starve(&self) -> bool {
         self.activity == Activity::Idle(Tag::FOREVER)
             && self.topology.starves()
             && self.stop != Stop::Decided
     }
 
-    /// Whether this federate goes through tags level by level: the driver asks [`Self::may_pass`] before each
+    /// Whether this federate goes through tags level by level: the driver asks [`Self::level_permission`] before each
     /// level, and tells the machine by [`Input::Reached`] how far the scheduler has come.
     #[must_use]
     pub fn is_stepwise(&self) -> bool {
@@ -213,13 +213,13 @@ impl Federate {
     }
 
     /// Whether the reactions of a level of the current tag may run, as far as other federates are
-    /// concerned; with none, whether the tag may be completed.
+    /// concerned. Without a level: whether the federate may complete the tag.
     #[must_use]
-    pub fn may_pass(&self, level: Option<u32>, now: PhysicalTime) -> Permission {
-        self.allows(self.step(level), now)
+    pub fn level_permission(&self, level: Option<u32>, now: PhysicalTime) -> Permission {
+        self.step_permission(self.step(level), now)
     }
 
-    fn allows(&self, step: Step, now: PhysicalTime) -> Permission {
+    fn step_permission(&self, step: Step, now: PhysicalTime) -> Permission {
         let Some(start) = self.started() else {
             return Permission::Wait;
         };
@@ -304,7 +304,7 @@ impl Federate {
     ///
     /// If the peer may not link to this federate. The driver should close the link.
     pub fn admit(&self, hello: &Frame) -> Result<(FederateId, Frame), Refusal> {
-        let peer = self.startup.greeted(hello)?;
+        let peer = self.startup.opener(hello)?;
         Ok((peer, Frame::PeerWelcome { federate: self.me }))
     }
 
@@ -352,8 +352,8 @@ impl Federate {
             }
             Input::Reached(level) => {
                 let step = self.step(level);
-                self.passed(step, now);
-                self.activity = match self.allows(step, now) {
+                self.report_absent_ports(step, now);
+                self.activity = match self.step_permission(step, now) {
                     Permission::Granted => Activity::Processing,
                     Permission::Wait | Permission::WaitUntil(_) => Activity::Within(step),
                 };
@@ -381,9 +381,9 @@ impl Federate {
             }
             Input::Depart => self.depart(Tag::START),
             Input::RequestDeparture => self.request_departure(),
-            Input::Finished if self.departure.is_some() => self.resign(self.leave()),
+            Input::Finished if self.departure.is_some() => self.resign(self.leave_frame()),
             Input::Finished => self.resign(Frame::Resign),
-            Input::Leave => self.resign(self.leave()),
+            Input::Leave => self.resign(self.leave_frame()),
             Input::Failed { message, code } => self.fail(message, code),
             Input::Wake => self.apply_link_limits(now),
         }
@@ -530,7 +530,7 @@ impl Federate {
         for (sender, report) in self.flow.completed(tag) {
             self.route(sender, report);
         }
-        self.passed(Step::end(tag), now);
+        self.report_absent_ports(Step::end(tag), now);
         if let Coordinator::Centralized(machine) = &mut self.coordinator
             && machine.completed(tag)
         {
@@ -551,14 +551,14 @@ impl Federate {
     }
 
     /// All steps before `next` are done: tells the other federates of a cycle without delay which channels to
-    /// them are absent at the current tag.
-    fn passed(&mut self, next: Step, now: PhysicalTime) {
+    /// them carry no message at the current tag.
+    fn report_absent_ports(&mut self, next: Step, now: PhysicalTime) {
         let (Coordinator::Decentralized(machine), Some(start)) =
             (&mut self.coordinator, self.startup.start())
         else {
             return;
         };
-        for (to, channel) in machine.passed(next, now, start) {
+        for (to, channel) in machine.absent_channels(next, now, start) {
             if self.startup.is_linked(to) {
                 let frame = Frame::PortAbsent { channel, tag: next.tag };
                 self.outputs.push_back(Output::ToPeer { to, frame });

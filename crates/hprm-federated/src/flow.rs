@@ -25,9 +25,9 @@ use crate::{Frame, Topology, codec};
 /// How many bytes a message counts for besides its own: the memory that it takes in queues.
 const OVERHEAD: u64 = 128;
 
-/// Of the bytes of an object in the store, one in so many counts: the object is there once for all of its
+/// The length of an object in the store counts divided by this number: the object is there once for all of its
 /// readers, and the store has a limit of its own.
-const IN_STORE: u64 = 16;
+const OBJECT_DIVISOR: u64 = 16;
 
 /// How many groups a limit is divided into, at least. Messages are counted in groups, so that a long
 /// queue of small ones is a short list.
@@ -63,7 +63,7 @@ impl Backlog {
         }
     }
 
-    /// Takes messages away, oldest first. Returns how many bytes they were.
+    /// Removes messages, oldest first. Returns how many bytes they were.
     fn take(&mut self, mut messages: u64, mut bytes: u64) -> u64 {
         let mut taken = 0;
         while messages > 0
@@ -75,7 +75,7 @@ impl Backlog {
                 taken = group.bytes.saturating_add(taken);
                 self.0.pop_front();
             } else {
-                // Of a group of which some is left, the receiver knows how many bytes it has processed.
+                // A part of the group is left; the receiver has reported how many bytes it has processed.
                 let part = bytes.min(group.bytes);
                 group.messages -= messages;
                 group.bytes -= part;
@@ -105,7 +105,7 @@ struct Receiver {
 
 /// A channel that blocks its sender: the state at the sender.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-struct Bounded {
+struct BoundedOutgoing {
     to: FederateId,
     /// How many messages may be unprocessed.
     bound: u64,
@@ -113,12 +113,13 @@ struct Bounded {
     unprocessed: u64,
 }
 
-/// A channel that blocks its sender: the state at the receiver, which is how many bytes each unprocessed message
-/// counts for.
+/// A channel that blocks its sender: the state at the receiver, which is for how many bytes each unprocessed
+/// message counts.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
-struct Held {
+struct BoundedIncoming {
     /// Messages that have not got a tag at the receiver yet.
     untagged: VecDeque<u64>,
+    /// Messages that wait for their tags.
     tagged: VecDeque<(Tag, u64)>,
 }
 
@@ -131,7 +132,7 @@ struct Incoming {
     report_threshold: u64,
     backlog: Backlog,
     /// Present if the channel blocks its sender. Then `backlog` stays empty.
-    held: Option<Held>,
+    bounded: Option<BoundedIncoming>,
 }
 
 /// See the module.
@@ -142,8 +143,8 @@ pub(crate) struct Flow {
     incoming: BTreeMap<ChannelId, Incoming>,
     /// How many groups of messages that have arrived are large enough for a report.
     reportable_groups: usize,
-    bounded: BTreeMap<ChannelId, Bounded>,
-    /// How many messages wait here on channels that block their senders.
+    bounded: BTreeMap<ChannelId, BoundedOutgoing>,
+    /// How many messages on channels that block their senders wait at this receiver for their tags.
     waiting: usize,
 }
 
@@ -156,13 +157,13 @@ impl Flow {
             let parallel = channels().filter(|(_, other)| other.from == from && other.to == me);
             let report_threshold = limit / UNREPORTED / (parallel.count() as u64).max(1);
             let (report_threshold, backlog) = (report_threshold.max(1), Backlog::default());
-            let held = topology.bound(id).map(|_| Held::default());
-            (id, Incoming { from, physical, report_threshold, backlog, held })
+            let bounded = topology.bound(id).map(|_| BoundedIncoming::default());
+            (id, Incoming { from, physical, report_threshold, backlog, bounded })
         });
         let bounded =
             channels().filter(|(_, channel)| channel.from == me).filter_map(|(id, it)| {
                 let bound = topology.bound(id)?.into();
-                Some((id, Bounded { to: it.to, bound, unprocessed: 0 }))
+                Some((id, BoundedOutgoing { to: it.to, bound, unprocessed: 0 }))
             });
         Self {
             limit,
@@ -187,7 +188,7 @@ impl Flow {
         }
     }
 
-    /// A receiver has processed so many messages more of a channel.
+    /// A receiver has processed that many more messages of a channel.
     pub(crate) fn processed(
         &mut self,
         reader: FederateId,
@@ -198,7 +199,7 @@ impl Flow {
         if let Some(bounded) = self.bounded.get_mut(&channel) {
             bounded.unprocessed = bounded.unprocessed.saturating_sub(messages);
         }
-        // The report may be about messages to an earlier process of the same federate.
+        // The report may be about messages to an earlier incarnation of the receiver.
         let Some(receiver) = self.receivers.get_mut(&reader) else { return };
         let Some(backlog) = receiver.channels.get_mut(&channel) else { return };
         receiver.bytes = receiver.bytes.saturating_sub(backlog.take(messages, bytes));
@@ -227,15 +228,15 @@ impl Flow {
     /// A message has arrived.
     pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         let Some(incoming) = self.incoming.get_mut(&channel) else { return };
-        if let Some(held) = &mut incoming.held {
-            held.untagged.push_back(weight(payload));
+        if let Some(bounded) = &mut incoming.bounded {
+            bounded.untagged.push_back(weight(payload));
             return;
         }
         let tag = if incoming.physical { Tag::NEVER } else { tag };
         incoming.backlog.push(tag, weight(payload), incoming.report_threshold);
-        let fresh =
+        let is_reportable =
             incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.report_threshold);
-        self.reportable_groups += usize::from(fresh);
+        self.reportable_groups += usize::from(is_reportable);
     }
 
     /// This federate has processed everything before `tag`, and read every physical message. Returns the
@@ -256,11 +257,11 @@ impl Flow {
     /// The oldest message without a tag on a physical channel gets this `tag`, at which it will be processed. It
     /// gets none if it will never be processed.
     pub(crate) fn assign_tag(&mut self, channel: ChannelId, tag: Option<Tag>) {
-        let held = self.incoming.get_mut(&channel).and_then(|incoming| incoming.held.as_mut());
-        if let Some((held, bytes)) =
-            held.and_then(|held| held.untagged.pop_front().map(|it| (held, it)))
+        let incoming = self.incoming.get_mut(&channel);
+        if let Some(bounded) = incoming.and_then(|incoming| incoming.bounded.as_mut())
+            && let Some(bytes) = bounded.untagged.pop_front()
         {
-            held.tagged.push_back((tag.unwrap_or(Tag::NEVER), bytes));
+            bounded.tagged.push_back((tag.unwrap_or(Tag::NEVER), bytes));
             self.waiting += 1;
         }
     }
@@ -272,12 +273,12 @@ impl Flow {
             return reports;
         }
         for (id, incoming) in &mut self.incoming {
-            let Some(held) = &mut incoming.held else { continue };
+            let Some(bounded) = &mut incoming.bounded else { continue };
             let (mut messages, mut bytes) = (0, 0_u64);
-            while let Some((at, taken)) = held.tagged.front().copied()
+            while let Some((at, taken)) = bounded.tagged.front().copied()
                 && at <= tag
             {
-                held.tagged.pop_front();
+                bounded.tagged.pop_front();
                 messages += 1;
                 bytes = bytes.saturating_add(taken);
             }
@@ -300,8 +301,8 @@ impl Flow {
             let groups = std::mem::take(&mut incoming.backlog).0;
             self.reportable_groups -=
                 groups.iter().filter(|group| group.bytes >= incoming.report_threshold).count();
-            if let Some(held) = &mut incoming.held {
-                self.waiting -= std::mem::take(held).tagged.len();
+            if let Some(bounded) = &mut incoming.bounded {
+                self.waiting -= std::mem::take(bounded).tagged.len();
             }
         }
     }
@@ -330,7 +331,7 @@ impl Incoming {
 fn weight(payload: &Payload) -> u64 {
     let inline = codec::buffers_of(payload).map(|bytes| bytes.len() as u64);
     // The length of an object comes from a peer, so it may be any number.
-    let stored = payload.objects().map(|object| object.len / IN_STORE);
+    let stored = payload.objects().map(|object| object.len / OBJECT_DIVISOR);
     inline.chain(stored).fold(OVERHEAD, u64::saturating_add)
 }
 
@@ -362,17 +363,17 @@ mod tests {
     const B: FederateId = FederateId(1);
 
     /// Delivers the reports of the receiver to the sender.
-    fn pass(reports: Vec<(FederateId, Frame)>, sender: &mut Flow) -> u64 {
-        let mut passed = 0;
+    fn deliver(reports: Vec<(FederateId, Frame)>, sender: &mut Flow) -> u64 {
+        let mut delivered = 0;
         for (to, frame) in reports {
             let Frame::Processed { channel, messages, bytes } = frame else {
                 panic!("{frame:?} is no report");
             };
             assert_eq!(to, A);
             sender.processed(B, channel, messages, bytes);
-            passed += messages;
+            delivered += messages;
         }
-        passed
+        delivered
     }
 
     #[test]
@@ -388,7 +389,7 @@ mod tests {
         // The receiver sends no report before it has processed enough.
         assert_eq!(b.reached(at(1)), []);
         let reports = b.reached(at(3));
-        assert_eq!(pass(reports, &mut a), 3);
+        assert_eq!(deliver(reports, &mut a), 3);
         assert!(!a.is_ahead(at(sent)));
     }
 
@@ -423,19 +424,19 @@ mod tests {
             b.assign_tag(CHANNEL, Some(at(100 + time)));
         }
         assert!(a.is_full() && !a.is_ahead(at(3)));
-        // That they were read does not count.
+        // The receiver has read them, but has not processed them.
         assert_eq!(b.reached(Tag::FOREVER), []);
         assert_eq!(b.completed(at(100)), []);
         let reports = b.completed(at(101));
-        assert_eq!(pass(reports, &mut a), 1);
+        assert_eq!(deliver(reports, &mut a), 1);
         assert!(!a.is_full());
         a.sent(B, CHANNEL, at(3), &payload(1));
         assert!(a.is_full());
-        // One that never gets a tag does not wait; it is told with the next that is processed.
+        // A message that never gets a tag does not wait; the next report includes it.
         b.arrived(CHANNEL, at(3), &payload(1));
         b.assign_tag(CHANNEL, None);
         let reports = b.completed(at(102));
-        assert_eq!(pass(reports, &mut a), 2);
+        assert_eq!(deliver(reports, &mut a), 2);
         assert_eq!((a.bounded[&CHANNEL].unprocessed, b.waiting), (0, 0));
         assert_eq!(a.receivers[&B].bytes, 0);
     }
@@ -448,7 +449,7 @@ mod tests {
         assert!(a.is_full());
         a.forget(B);
         assert!(!a.is_full());
-        // What a sender has left behind is not told to its successor.
+        // The receiver does not report the messages of one incarnation to the next one.
         b.arrived(CHANNEL, at(0), &payload(1));
         b.assign_tag(CHANNEL, Some(at(1)));
         b.forget(A);
@@ -513,7 +514,7 @@ mod tests {
             }
             for time in 0..300 {
                 let reports = b.reached(at(time));
-                pass(reports, &mut a);
+                deliver(reports, &mut a);
                 prop_assert!(!a.is_ahead(at(time)), "at {time}");
             }
             // Both ends agree on what is in transit.

@@ -86,7 +86,7 @@ pub(crate) fn rti_input(links: &Links, input: &RtiInput) {
             let from = OtherEnd { links, link: *link };
             write_line!(RTI, is_data(frame), "from {from}: {}", Shown(frame));
         }
-        RtiInput::Wake | RtiInput::Moved { .. } => {}
+        RtiInput::Wake | RtiInput::ChunksMoved { .. } => {}
         RtiInput::Closed { link } => {
             tracing::debug!(target: RTI, "{} is closed", OtherEnd { links, link: *link });
         }

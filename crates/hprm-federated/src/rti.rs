@@ -1,8 +1,8 @@
 //! The RTI: which federates belong to the federation, when it starts and ends, and which frames it sends
 //! them.
 //!
-//! This file has the machine's state, and hands each input to the code for it. Joining and starting are in
-//! `join`, advancing in `advance`, the evidence for it under decentralized coordination in `traffic`,
+//! This file has the machine's state, and passes each input to the code for it. Joining and starting are in
+//! `join`, advancing in `advance`, the counts of direct messages under decentralized coordination in `traffic`,
 //! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not answer
 //! in `watch`. The RTI never looks into a payload.
 
@@ -48,9 +48,9 @@ pub enum RtiInput {
         /// The frame.
         frame: Frame,
     },
-    /// Parts of a long message were read from a link or written to it, so the federate at its other end is not
+    /// Chunks of a long message were read from a link or written to it, so the federate at its other end is not
     /// silent.
-    Moved {
+    ChunksMoved {
         /// The link.
         link: LinkId,
     },
@@ -96,7 +96,7 @@ pub enum RtiOutput {
     },
     /// A federate may not join.
     Refused {
-        /// Its name, as far as the RTI knows.
+        /// Its name, or its number if the program has no such federate.
         name: String,
         /// Why.
         reason: Refusal,
@@ -272,7 +272,7 @@ impl Rti {
             log::rti_input(&self.links, &input);
         }
         match input {
-            RtiInput::Moved { link } => {
+            RtiInput::ChunksMoved { link } => {
                 if let Some(federate) = self.links.get(&link) {
                     self.note_frame(*federate, now);
                 }
@@ -347,7 +347,7 @@ impl Rti {
     /// When the RTI wants an [`RtiInput::Wake`], if nothing happens before.
     #[must_use]
     pub fn next_wakeup(&self) -> Option<PhysicalTime> {
-        // While a report is missing the RTI grants nothing, so it need not wake up for a grant that is due.
+        // While reports lag behind messages, the RTI grants nothing, so it need not wake up for a grant that is due.
         let grants_nothing = self.failed || self.traffic.lags();
         let due = self.advance.next_due().filter(|_| !grants_nothing);
         let grant = due.map(|tag| tag.due(self.start));
@@ -392,11 +392,11 @@ impl Rti {
                 self.message(from, channel, tag, payload)
             }
             Frame::NextEventTag { tag } if running && self.is_centralized() => {
-                self.next(from, Step::begin(tag), 0);
+                self.next_event(from, Step::begin(tag), 0);
                 Ok(())
             }
             Frame::NextEventLevel { step, received } if running && self.is_centralized() => {
-                self.next(from, step, received);
+                self.next_event(from, step, received);
                 Ok(())
             }
             Frame::LatestTagConfirmed { tag } if running && self.is_centralized() => {
@@ -406,7 +406,7 @@ impl Rti {
             }
             Frame::Progress { next, counts } if running && !self.is_centralized() => {
                 self.traffic.count(&self.topology, from, &counts)?;
-                self.next(from, next, 0);
+                self.next_event(from, next, 0);
                 Ok(())
             }
             Frame::StopRequest { tag } if running => {
@@ -468,13 +468,13 @@ impl Rti {
             }
             self.advance.sent(from);
             if self.forward(from, to, frame) {
-                self.advance.in_transit(&self.topology, to, read);
+                self.advance.forwarded_at(&self.topology, to, read);
                 self.send_grants();
             }
         } else {
             self.advance.sent(from);
             if self.forward(from, to, frame) {
-                self.advance.count(to);
+                self.advance.forwarded(to);
             }
         }
         Ok(())
@@ -488,8 +488,8 @@ impl Rti {
         link.is_some()
     }
 
-    /// A federate has reported its next event.
-    fn next(&mut self, from: FederateId, step: Step, received: u64) {
+    /// A federate has reported its next event, and how many messages it had received by then.
+    fn next_event(&mut self, from: FederateId, step: Step, received: u64) {
         self.advance.next(&self.topology, from, step, received);
         self.send_grants();
         self.end_if_starved();
@@ -498,7 +498,7 @@ impl Rti {
         }
     }
 
-    /// Ends the program if all federates are idle.
+    /// Ends the program for starvation, if no federate has any more events.
     fn end_if_starved(&mut self) {
         if !self.topology.starves() || self.traffic.lags() {
             return;
@@ -553,7 +553,7 @@ impl Rti {
         let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
         for neighbour in neighbours {
             let link = self.members[neighbour].link();
-            let link = link.or_else(|| self.arrivals.link_of_introduced(neighbour));
+            let link = link.or_else(|| self.arrivals.link_of_linking(neighbour));
             let frame = Frame::Gone { federate, in_order };
             self.outputs.extend(link.map(|link| RtiOutput::Send { link, frame }));
         }

@@ -1,4 +1,4 @@
-//! A federate's way to the start: joining, meeting the others, linking to some, being ready.
+//! How a federate gets to the start: it joins, learns of the others, opens links to some, and is ready.
 //!
 //! The handshake of a direct link is here as two pure steps. The driver performs them, because it
 //! does not know before to which federate the link leads. The machine in `federate` uses all the rest.
@@ -96,7 +96,7 @@ impl Startup {
         self.needed.remove(&peer);
     }
 
-    /// Which process of a federate the peer is, as far as is known.
+    /// The incarnation of a peer, as far as is known.
     pub(crate) fn incarnation(&self, peer: FederateId) -> u32 {
         let peers = self.peers.as_ref();
         peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.incarnation)
@@ -151,7 +151,7 @@ impl Startup {
     }
 
     /// Which federate has opened a direct link, by its first frame.
-    pub(crate) fn greeted(&self, frame: &Frame) -> Result<FederateId, Refusal> {
+    pub(crate) fn opener(&self, frame: &Frame) -> Result<FederateId, Refusal> {
         match *frame {
             Frame::PeerHello { protocol, .. } if protocol != PROTOCOL => {
                 Err(Refusal::WrongProtocol)

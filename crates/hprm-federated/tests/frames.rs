@@ -82,7 +82,7 @@ fn samples() -> Vec<Frame> {
         Frame::DownstreamNextEventTag { tag, sent: 7 },
         Frame::LatestTagConfirmed { tag },
         message(vec![]),
-        // It travels in parts.
+        // It travels in chunks.
         message(vec![Part::Inline(vec![7; 300]), Part::Inline(vec![8; 300_000])]),
         message(vec![Part::Inline(vec![7; 300]), Part::Object(object), Part::Inline(vec![])]),
         Frame::Segment { owner, reader, segment: 1, len: 1 << 24 },
@@ -169,7 +169,7 @@ fn a_sender_that_claims_much_and_sends_little_gets_no_memory() {
     }
 }
 
-/// The frames that a message in parts begins with, with its parts missing.
+/// The frames with which a message in chunks begins, with its chunks missing.
 #[test]
 fn a_sender_that_announces_a_long_message_and_sends_none_gets_no_memory() {
     let bytes = encoded(&message(vec![Part::Inline(vec![0; 1 << 20])]));

@@ -336,7 +336,7 @@ impl Node {
         if self.go_on(now)? {
             return Ok(Turn::Done);
         }
-        let until = match self.machine.may_pass(self.scheduler.next_level(), now) {
+        let until = match self.machine.level_permission(self.scheduler.next_level(), now) {
             Permission::WaitUntil(until) => Some(until),
             Permission::Granted | Permission::Wait => None,
         };
@@ -348,7 +348,7 @@ impl Node {
         while self.machine.is_stepwise() {
             let level = self.scheduler.next_level();
             self.input(now, Input::Reached(level))?;
-            let permission = self.machine.may_pass(level, now);
+            let permission = self.machine.level_permission(level, now);
             let at = self.scheduler.tag();
             let due = at.due(self.scheduler.start_time());
             self.patience.asked_to_pass((at, level), due, permission);

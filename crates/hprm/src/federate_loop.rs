@@ -363,10 +363,12 @@ where
             let level = self.scheduler.next_level();
             self.handle(Input::Reached(level))?;
             let now = Clock::now();
-            if self.federation.machine.may_pass(level, now) != Permission::Granted {
+            if self.federation.machine.level_permission(level, now) != Permission::Granted {
                 return Ok(false);
             }
-            if self.federation.machine.may_pass(level, self.looked_at) != Permission::Granted {
+            if self.federation.machine.level_permission(level, self.looked_at)
+                != Permission::Granted
+            {
                 // The level has become safe only since the loop last looked at the links, because time has
                 // passed. So the loop must first read the messages that came meanwhile.
                 self.looked_at = now;
@@ -564,7 +566,7 @@ where
         let processing = self.phase == Phase::Processing;
         let (tag, permission) = if processing {
             let level = self.scheduler.next_level();
-            (self.scheduler.tag(), machine.may_pass(level, self.now))
+            (self.scheduler.tag(), machine.level_permission(level, self.now))
         } else {
             let tag = self.scheduler.next_tag();
             (tag, machine.permission(tag, self.now))

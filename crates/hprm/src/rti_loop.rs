@@ -480,7 +480,7 @@ impl Rti {
             .iter_mut()
             .filter_map(|(id, polled)| polled.link.take_moved().then_some(*id))
             .collect();
-        moved.into_iter().for_each(|link| self.handle_input(RtiInput::Moved { link }));
+        moved.into_iter().for_each(|link| self.handle_input(RtiInput::ChunksMoved { link }));
         let done: Vec<_> = self
             .closing
             .iter()

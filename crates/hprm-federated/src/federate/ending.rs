@@ -78,7 +78,7 @@ impl Federate {
     }
 
     /// The last frame to the RTI, if the others go on.
-    pub(super) fn leave(&self) -> Frame {
+    pub(super) fn leave_frame(&self) -> Frame {
         Frame::Leave { tag: self.current }
     }
 
@@ -203,8 +203,8 @@ impl Federate {
         }
     }
 
-    /// Ends in order; `farewell` is the last frame to the RTI.
-    pub(super) fn resign(&mut self, farewell: Frame) {
+    /// Ends in order; `last_frame` is the last frame to the RTI.
+    pub(super) fn resign(&mut self, last_frame: Frame) {
         let peers: BTreeSet<_> = self.startup.linked().chain(self.meeting.linking()).collect();
         for to in peers {
             self.outputs.push_back(Output::ToPeer { to, frame: Frame::Resign });
@@ -214,7 +214,7 @@ impl Federate {
         {
             self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
         }
-        self.outputs.push_back(Output::ToRti(farewell));
+        self.outputs.push_back(Output::ToRti(last_frame));
         self.ended = true;
     }
 

@@ -175,7 +175,7 @@ fn a_decentralized_federate_waits_as_long_as_its_program_says() {
     // The input is unknown only at the tag itself, and the reactions that read it wait for that.
     assert_eq!(machine.permission(at(50), START), Permission::Granted);
     input(&mut machine, 0, Input::Begun(at(50)));
-    assert_eq!(machine.may_pass(None, START), due(at(50)));
+    assert_eq!(machine.level_permission(None, START), due(at(50)));
     assert_eq!(machine.permission(at(51), START), due(at(51)));
     // A tardy message is delivered all the same: the scheduler sees that it is tardy.
     assert_eq!(input(&mut machine, 0, arrives(at(3))).len(), 1);
@@ -193,16 +193,17 @@ fn a_reaction_waits_for_what_it_reads_and_for_nothing_else() {
     // Before: a message for an earlier tag may still come.
     assert_eq!(machine.permission(at(100), START), until(10));
     input(&mut machine, 110, Input::Begun(at(100)));
-    let levels = [0, levels[0], levels[1]].map(|level| machine.may_pass(Some(level), START));
+    let levels =
+        [0, levels[0], levels[1]].map(|level| machine.level_permission(Some(level), START));
     assert_eq!(levels, [until(10), until(15), until(50)]);
-    assert_eq!(machine.may_pass(None, START), until(50));
+    assert_eq!(machine.level_permission(None, START), until(50));
     // Known through the tag before: there is no reason to wait for that.
     for (from, channel) in [(0, 0), (2, 1)] {
         let frame = message(channel, at(100).pred());
         input(&mut machine, 110, Input::FromPeer { from: FederateId(from), frame });
     }
-    assert_eq!(machine.may_pass(Some(0), START), Permission::Granted);
-    assert_eq!(machine.may_pass(None, START), until(50));
+    assert_eq!(machine.level_permission(Some(0), START), Permission::Granted);
+    assert_eq!(machine.level_permission(None, START), until(50));
 }
 
 #[test]

@@ -223,8 +223,8 @@ impl Advance {
         self.refresh(topology, federate);
     }
 
-    /// A message is in transit to a federate that will discard it, or that has not started.
-    pub(super) fn count(&mut self, federate: FederateId) {
+    /// The RTI has forwarded a message to a federate that will discard it, or that has not started.
+    pub(super) fn forwarded(&mut self, federate: FederateId) {
         self.reports[federate].forwarded += 1;
     }
 
@@ -264,8 +264,8 @@ impl Advance {
         self.refresh(topology, federate);
     }
 
-    /// A message is in transit to a federate, which reads it at `step`.
-    pub(super) fn in_transit(&mut self, topology: &Topology, federate: FederateId, step: Step) {
+    /// The RTI has forwarded a message to a federate, which reads it at `step`.
+    pub(super) fn forwarded_at(&mut self, topology: &Topology, federate: FederateId, step: Step) {
         let report = &mut self.reports[federate];
         report.forwarded += 1;
         report.in_transit.insert(InTransit { step, number: report.forwarded });

@@ -89,8 +89,8 @@ impl Arrivals {
         arrival.met.contains(&from).then_some(arrival.link)
     }
 
-    /// The link to an arriving federate, if the RTI has introduced the others to it.
-    pub(super) fn link_of_introduced(&self, federate: FederateId) -> Option<LinkId> {
+    /// The link to an arriving federate, if the RTI has told it its peers.
+    pub(super) fn link_of_linking(&self, federate: FederateId) -> Option<LinkId> {
         let arrival = self.0.get(&federate)?;
         let knows = matches!(arrival.stage, Stage::Linking { .. } | Stage::Agreeing { .. });
         knows.then_some(arrival.link)

@@ -467,7 +467,7 @@ fn a_federate_that_takes_or_sends_some_of_a_long_message_is_not_silent() {
     for second in 1..10 {
         let now = PhysicalTime(110 + second * SECOND);
         for link in [LinkId(0), LinkId(1), LinkId(77)] {
-            rti.handle(now, RtiInput::Moved { link }).unwrap();
+            rti.handle(now, RtiInput::ChunksMoved { link }).unwrap();
         }
         assert_eq!(rti.next_silence(), Some(now.plus(SECOND)));
     }

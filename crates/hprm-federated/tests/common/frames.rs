@@ -27,7 +27,7 @@ pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
                 frames.push(frame);
                 bytes = &bytes[len..];
             }
-            Ok(Decoded::Part { taken, message_len }) => {
+            Ok(Decoded::Chunk { taken, message_len }) => {
                 assert!(
                     taken > 0 && taken <= bytes.len() && message_len > 0,
                     "{taken} bytes of {message_len}"

@@ -358,7 +358,7 @@ impl StreamLink {
                     *start += len;
                     break frame;
                 }
-                Decoded::Part { taken, message_len } => {
+                Decoded::Chunk { taken, message_len } => {
                     *start += taken;
                     self.has_moved = true;
                     (0, message_len)

@@ -1,7 +1,7 @@
-//! Messages that are too long for one frame: their bytes travel in parts.
+//! Messages that are too long for one frame: their bytes travel in chunks.
 //!
-//! The envelope says what follows; each part is a frame of its own, and nothing comes between them. So
-//! neither end needs more memory than the payload itself, and a part. The receiver gets memory as
+//! The envelope says what follows; each chunk is a frame of its own, and nothing comes between them. So
+//! neither end needs more memory than the payload itself, and a chunk. The receiver gets memory as
 //! bytes arrive: a sender that only claims a long message costs it nothing.
 
 use std::collections::VecDeque;
@@ -10,30 +10,30 @@ use hprm_core::limits::FRAME_LIMIT;
 use hprm_core::{ChannelId, Part, Payload, Tag};
 
 use super::{
-    CodecError, Envelope, LENGTH, LONG_MESSAGE, MESSAGE_BYTES, PartHeader, append, begin, end,
+    CodecError, Envelope, LENGTH, LONG_MESSAGE, MESSAGE_CHUNK, PartHeader, append, begin, end,
     reserve,
 };
 use crate::Frame;
 
-/// The most bytes of a payload in one frame; a message with more of them travels in parts.
-pub(super) const PART_LIMIT: usize = 256 << 10;
+/// The most bytes of a payload in one frame; a message with more of them travels in chunks.
+pub(super) const CHUNK_LIMIT: usize = 256 << 10;
 
-/// A message that leaves in parts.
+/// A message that leaves in chunks.
 #[derive(Debug)]
 pub struct Outgoing {
     /// Until it is written.
     envelope: Option<Envelope>,
-    /// What has not been written; of the first one, so many bytes have.
+    /// The buffers that have not been written completely, and how many bytes of the first one have.
     buffers: VecDeque<Vec<u8>>,
     written: usize,
 }
 
 impl Outgoing {
-    /// The frame in parts, or as it was if it is a whole one.
+    /// Cuts a long message into chunks.
     ///
     /// # Errors
     ///
-    /// The frame, if it is no long message.
+    /// The frame as it was, if it is no long message.
     pub fn cut(frame: Frame) -> Result<Self, Frame> {
         match frame {
             Frame::Message { channel, tag, payload } if super::is_long(&payload) => {
@@ -67,8 +67,8 @@ impl Outgoing {
         }
         if let Some(buffer) = self.buffers.front() {
             let rest = &buffer[self.written..];
-            let bytes = &rest[..rest.len().min(PART_LIMIT)];
-            part(bytes, out)?;
+            let bytes = &rest[..rest.len().min(CHUNK_LIMIT)];
+            append_chunk(bytes, out)?;
             self.written += bytes.len();
             if self.written == buffer.len() {
                 self.buffers.pop_front();
@@ -79,16 +79,16 @@ impl Outgoing {
     }
 }
 
-/// Appends a frame with bytes of a payload to `out`.
-pub(super) fn part(bytes: &[u8], out: &mut Vec<u8>) -> Result<(), CodecError> {
+/// Appends a chunk to `out`: a frame with bytes of a payload.
+pub(super) fn append_chunk(bytes: &[u8], out: &mut Vec<u8>) -> Result<(), CodecError> {
     reserve(out, LENGTH + 1 + bytes.len())?;
-    let start = begin(MESSAGE_BYTES, out);
+    let start = begin(MESSAGE_CHUNK, out);
     out.extend_from_slice(bytes);
     end(start, out);
     Ok(())
 }
 
-/// A message of which the envelope has come, and not all parts.
+/// A message of which the envelope has come, and not all chunks.
 #[derive(Debug)]
 pub(super) struct Incoming {
     channel: ChannelId,
@@ -98,10 +98,11 @@ pub(super) struct Incoming {
     /// Those that are missing.
     missing: usize,
     payload: Payload,
-    /// What is being filled is the head, until that is complete; then the last of the parts.
+    /// The length of the head, until the first byte of it comes. The bytes fill the head first, then one part
+    /// of the payload after the other.
     head: usize,
-    /// The pieces that have not begun, and how much is missing of the one that has.
-    pieces: std::vec::IntoIter<PartHeader>,
+    /// The parts that have not begun, and how many bytes are missing of the one that has.
+    headers: std::vec::IntoIter<PartHeader>,
     rest: usize,
 }
 
@@ -116,14 +117,14 @@ impl Incoming {
                 len = len.checked_add(more).ok_or(CodecError::Malformed)?;
             }
         }
-        // Shorter ones are written in one header.
-        if len <= PART_LIMIT {
+        // A sender puts shorter messages into one frame.
+        if len <= CHUNK_LIMIT {
             return Err(CodecError::Malformed);
         }
         let payload = Payload { physical: envelope.physical, ..Payload::default() };
         let Envelope { channel, tag, parts, .. } = envelope;
-        let pieces = parts.into_iter();
-        Ok(Self { channel, tag, len, missing: len, payload, head, pieces, rest: 0 })
+        let headers = parts.into_iter();
+        Ok(Self { channel, tag, len, missing: len, payload, head, headers, rest: 0 })
     }
 
     /// The bytes of the whole message.
@@ -131,7 +132,7 @@ impl Incoming {
         self.len
     }
 
-    /// Takes a part. Returns whether the message is complete.
+    /// Takes a chunk. Returns whether the message is complete.
     pub(super) fn take(&mut self, mut bytes: &[u8]) -> Result<bool, CodecError> {
         if bytes.len() > self.missing {
             return Err(CodecError::Trailing(bytes.len() - self.missing));
@@ -155,7 +156,7 @@ impl Incoming {
             self.rest = std::mem::take(&mut self.head);
         }
         while self.rest == 0 {
-            self.begin_piece();
+            self.begin_part();
         }
         match self.payload.parts.last_mut() {
             Some(Part::Inline(bytes)) => (bytes, &mut self.rest),
@@ -163,8 +164,8 @@ impl Incoming {
         }
     }
 
-    fn begin_piece(&mut self) {
-        match self.pieces.next() {
+    fn begin_part(&mut self) {
+        match self.headers.next() {
             Some(PartHeader::Inline(len)) => {
                 self.rest = usize::try_from(len).expect("it was added to the others");
                 self.payload.parts.push(Part::Inline(Vec::new()));
@@ -176,9 +177,9 @@ impl Incoming {
 
     /// The message, once it is complete.
     pub(super) fn finish(mut self) -> Frame {
-        // Pieces without bytes may follow the last one with some.
-        while !self.pieces.as_slice().is_empty() {
-            self.begin_piece();
+        // Parts without bytes may follow the last one with some.
+        while !self.headers.as_slice().is_empty() {
+            self.begin_part();
         }
         Frame::Message { channel: self.channel, tag: self.tag, payload: self.payload }
     }
@@ -196,7 +197,7 @@ fn grow(buffer: &mut Vec<u8>, more: usize, rest: usize) -> Result<(), ()> {
     reserved.map_err(|_| ())
 }
 
-const _: () = assert!(PART_LIMIT + LENGTH < FRAME_LIMIT);
+const _: () = assert!(CHUNK_LIMIT + LENGTH < FRAME_LIMIT);
 
 #[cfg(test)]
 mod tests {
@@ -218,10 +219,10 @@ mod tests {
 
     fn long() -> Vec<Frame> {
         vec![
-            frame(PART_LIMIT + 1, &[]),
-            frame(0, &[Some(3 * PART_LIMIT), None, Some(0)]),
-            frame(1, &[None, Some(0), Some(PART_LIMIT), Some(1), Some(0), None]),
-            frame(PART_LIMIT, &[Some(1), Some(2 * PART_LIMIT + 5), Some(PART_LIMIT)]),
+            frame(CHUNK_LIMIT + 1, &[]),
+            frame(0, &[Some(3 * CHUNK_LIMIT), None, Some(0)]),
+            frame(1, &[None, Some(0), Some(CHUNK_LIMIT), Some(1), Some(0), None]),
+            frame(CHUNK_LIMIT, &[Some(1), Some(2 * CHUNK_LIMIT + 5), Some(CHUNK_LIMIT)]),
         ]
     }
 
@@ -234,24 +235,24 @@ mod tests {
             assert_eq!(decode(&bytes[..bytes.len() - 1]), Ok(None));
             // Written one at a time it is the same, and no frame is long.
             let mut outgoing = Outgoing::cut(frame).unwrap();
-            let mut pieces = Vec::new();
+            let mut headers = Vec::new();
             loop {
-                let before = pieces.len();
-                let more = outgoing.write(&mut pieces).unwrap();
-                assert!(pieces.len() - before <= PART_LIMIT + LENGTH + 1);
+                let before = headers.len();
+                let more = outgoing.write(&mut headers).unwrap();
+                assert!(headers.len() - before <= CHUNK_LIMIT + LENGTH + 1);
                 if !more {
                     break;
                 }
             }
-            assert_eq!(pieces, bytes);
+            assert_eq!(headers, bytes);
         }
-        let short = frame(PART_LIMIT, &[None]);
+        let short = frame(CHUNK_LIMIT, &[None]);
         assert_eq!(Outgoing::cut(short.clone()).unwrap_err(), short);
     }
 
     /// The frames of a long message, each by itself.
     fn frames() -> Vec<Vec<u8>> {
-        let mut outgoing = Outgoing::cut(frame(3, &[Some(2 * PART_LIMIT)])).unwrap();
+        let mut outgoing = Outgoing::cut(frame(3, &[Some(2 * CHUNK_LIMIT)])).unwrap();
         let mut frames = vec![];
         loop {
             let mut bytes = Vec::new();
@@ -269,7 +270,7 @@ mod tests {
         for frame in frames {
             match decoder.next(frame)? {
                 Decoded::Frame(..) => whole += 1,
-                Decoded::Part { .. } => {}
+                Decoded::Chunk { .. } => {}
                 Decoded::Missing(_) => panic!("the frame is there"),
             }
         }
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_comes_between_the_parts_and_no_part_is_without_a_message() {
+    fn nothing_comes_between_the_chunks_and_no_chunk_is_without_a_message() {
         let all = frames();
         assert_eq!((all.len(), read(&all)), (4, Ok(1)));
         let mut ping = Vec::new();
