@@ -198,9 +198,9 @@ struct Launched {
 }
 
 impl Driver for Launched {
-    fn observe(&mut self, event: Observation, is_well: bool) -> Observation {
+    fn observe(&mut self, event: Observation, has_not_failed: bool) -> Observation {
         if let Observation::Ended { federate, how } = &event {
-            self.children.reap(*federate, *how == FederateEnding::Code(0) && is_well);
+            self.children.reap(*federate, *how == FederateEnding::Code(0) && has_not_failed);
         }
         event
     }

@@ -177,7 +177,7 @@ struct Launched<'a> {
 }
 
 impl Driver for Launched<'_> {
-    fn observe(&mut self, event: Observation, _is_well: bool) -> Observation {
+    fn observe(&mut self, event: Observation, _has_not_failed: bool) -> Observation {
         blame_the_holder(self.program, event)
     }
 

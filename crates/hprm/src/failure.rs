@@ -24,7 +24,7 @@ pub use report::{Kind, Label, Report};
 /// something about it, its hint in [`Self::hint`].
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum Failure {
-    /// This federate has left the federation on its own account, for example by `sys.exit(0)`. No error.
+    /// This federate has left the federation by itself, for example by `sys.exit(0)`. That is no error.
     #[error("the program has left")]
     LeftFederation,
     /// A signal has asked the program to stop.
@@ -33,10 +33,10 @@ pub enum Failure {
         /// Its number.
         signal: i32,
     },
-    /// The program has chosen an exit code.
+    /// The program has ended itself with an exit code.
     #[error("exited with code {code}")]
     Exited {
-        /// As the program has named it.
+        /// The code that the program gave.
         code: i32,
     },
     /// The program has ended itself with a text.
@@ -45,16 +45,16 @@ pub enum Failure {
         /// The text.
         said: String,
     },
-    /// Code of the program cannot go on.
+    /// Code of the program has failed: a reaction has raised an exception, for example.
     #[error("{}", .0.report.message)]
     Raised(Box<Raised>),
-    /// What the program is made of does not fit together.
+    /// The parts of the program do not fit together.
     #[error(transparent)]
     Program(#[from] ProgramError),
     /// The text of the program has mistakes.
     #[error("{}", mistakes(.0))]
     Mistakes(Vec<Report>),
-    /// An option, a property or a variable cannot be obeyed.
+    /// An option, a target property or an environment variable has a value that HPRM cannot use.
     #[error("{message}")]
     Option {
         /// What is wrong.
@@ -62,7 +62,7 @@ pub enum Failure {
         /// What to do about it.
         hint: Option<&'static str>,
     },
-    /// The system refuses something.
+    /// An operation of the system has failed.
     #[error("{message}")]
     System {
         /// What cannot be done, and why.
@@ -70,10 +70,10 @@ pub enum Failure {
         /// What to do about it.
         hint: Option<String>,
     },
-    /// Nothing can listen at an address.
+    /// The RTI or a federate cannot listen at an address.
     #[error("{}cannot listen at {address}: {reason}", if *.rti { "the RTI " } else { "" })]
     Listen {
-        /// Whether it is the RTI that would.
+        /// Whether it is the RTI.
         rti: bool,
         /// Where.
         address: Address,
@@ -97,12 +97,12 @@ pub enum Failure {
     NoRti {
         /// Where it should be.
         address: Address,
-        /// How that was noticed.
+        /// What happened when this process tried to connect.
         reason: String,
         /// What to do about it.
         hint: String,
     },
-    /// There is an RTI, and this process cannot speak to it.
+    /// There is an RTI, and the handshake with it has failed.
     #[error("the RTI at {address}: {reason}")]
     Unauthenticated {
         /// Where it is.
@@ -133,13 +133,13 @@ pub enum Failure {
         /// What to do about it.
         hint: Option<&'static str>,
     },
-    /// The object store cannot do what it should.
+    /// An operation of the object store has failed.
     #[error("the object store: {0}")]
     Store(String),
     /// There is no memory for a message.
     #[error("{0}")]
     Memory(String),
-    /// Another federate has failed, and this one ends for that reason. The host has been told.
+    /// Another federate has failed, and this one ends for that reason. The host knows the report.
     #[error("{}", .0.message)]
     OtherFederateFailed(Box<Report>),
     /// A federate has failed: the outcome of the RTI of its federation.
@@ -147,7 +147,7 @@ pub enum Failure {
     FederateFailed(Box<Report>),
 }
 
-/// Code of a program that cannot go on: which it is, and what happened.
+/// The failure of code of a program: which code it is, and what happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Raised {
     /// Which code.
@@ -166,12 +166,12 @@ pub enum Source {
         /// When it ran.
         tag: Tag,
     },
-    /// A thread of the program's own.
+    /// A thread that the program has started.
     Thread {
         /// Its name.
         name: String,
     },
-    /// What makes bytes of the values of a connection.
+    /// The serialization of a value that a connection carries.
     Connection {
         /// The output.
         from: String,
@@ -202,7 +202,7 @@ impl Failure {
         Self::Interrupted { signal: Signal::INTERRUPT.0 }
     }
 
-    /// The system does not do `what`.
+    /// An operation of the system has failed; `what` says what cannot be done.
     #[must_use]
     pub fn system(what: impl Display, error: &io::Error) -> Self {
         let hint = advice(error).map(str::to_owned);
@@ -240,13 +240,13 @@ impl Failure {
         }
     }
 
-    /// Nothing can listen there: the RTI, or else a federate.
+    /// The RTI, or else a federate, cannot listen at an address.
     pub(crate) fn listen(rti: bool, address: &Address, error: &io::Error) -> Self {
         let (address, reason) = (address.clone(), error.to_string());
         Self::Listen { rti, address, reason, hint: advice(error) }
     }
 
-    /// Code of the program cannot go on, and the message says all.
+    /// Code of the program has failed, and the message says all.
     #[must_use]
     pub fn raised(source: Source, message: impl Into<String>) -> Self {
         let report = Report::new(Kind::Code, message);
@@ -261,18 +261,18 @@ impl Failure {
 
     /// What comes over a link does not follow the protocol.
     pub(crate) fn protocol(reason: &dyn Display) -> Self {
-        let hint = "what has sent this is no federate of this version of hprm, or has a defect: run the \
-                    same version everywhere";
+        let hint = "the sender is not a federate of this version of hprm, or has a defect: run the same \
+                    version everywhere";
         Self::Protocol { reason: reason.to_string(), hint: Some(hint) }
     }
 
-    /// The object store is wrong.
+    /// An operation of the object store has failed.
     #[must_use]
     pub(crate) fn store(reason: &dyn Display) -> Self {
         Self::Store(reason.to_string())
     }
 
-    /// The mistakes that the front end has found, with `color` in what people see of them.
+    /// The errors that the front end has found; with `color`, their text for people is coloured.
     #[must_use]
     pub fn mistakes(found: &hprm_lf::CompileFailure, color: bool) -> Self {
         let hprm_lf::CompileFailure { diagnostics, sources } = found;
@@ -298,7 +298,7 @@ impl Failure {
         Self::Mistakes(errors.map(report).collect())
     }
 
-    /// Adds what to do about code that cannot go on.
+    /// Adds a hint to the failure of code of the program.
     #[must_use]
     pub fn with_hint(mut self, hint: &str) -> Self {
         if let Self::Raised(raised) = &mut self {
@@ -340,7 +340,7 @@ impl Failure {
         }
     }
 
-    /// What a process ends with that has failed so.
+    /// The exit code of a process that has failed like this.
     #[must_use]
     pub fn exit_code(&self) -> i32 {
         match self {
@@ -352,7 +352,7 @@ impl Failure {
         }
     }
 
-    /// Whether this process has to report the failure to the user. It has not if the program ended as asked,
+    /// Whether this process has to report the failure to the user. It need not if the program ended as asked,
     /// or if another process reports the failure.
     #[must_use]
     pub fn needs_report(&self) -> bool {
@@ -365,7 +365,7 @@ impl Failure {
         )
     }
 
-    /// The report of the failure in one piece, for example for other processes.
+    /// The failure as one report, for example for other processes.
     #[must_use]
     pub fn report(&self) -> Report {
         let plain = Report { code: self.exit_code(), ..Report::new(self.kind(), self.to_string()) };
@@ -438,7 +438,7 @@ pub fn exit_code(code: i32) -> i32 {
 impl From<Fault> for Failure {
     fn from(fault: Fault) -> Self {
         match fault {
-            // What this program sends is too much.
+            // The program sends too many parts in one message, so the protocol is not at fault.
             Fault::TooManyParts { .. } => Self::Protocol { reason: fault.to_string(), hint: None },
             fault => Self::protocol(&fault),
         }

@@ -37,7 +37,7 @@ pub use reach::Reach;
 use links::LinkSerial;
 use membership::Membership;
 use objects::Changes;
-use pace::{LINGER, Pace, Used};
+use pace::{LINGER, Pace, ThreadUsage};
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the federate reports any failure from then on to the RTI.
@@ -114,7 +114,7 @@ where
         federation,
         exchange: exchange.cloned(),
         phase: Phase::Joining,
-        loaded: false,
+        has_reported_loaded: false,
         interrupted: false,
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
@@ -143,11 +143,11 @@ struct FederateLoop<'a, H: Host> {
     /// Holds the values of messages, if the federation is in this process.
     exchange: Option<ValueExchange<H::Value>>,
     phase: Phase,
-    /// Whether the loop has told the machine that this federate is ready to start.
-    loaded: bool,
+    /// Whether the loop has told the machine that this federate has loaded its program.
+    has_reported_loaded: bool,
     /// Whether a signal has asked this process to stop.
     interrupted: bool,
-    /// What has come over links. Empty between rounds; the loop keeps the vector for its memory.
+    /// What the links have received. Empty between rounds; the loop keeps the vector for its memory.
     inputs: Vec<(LinkSerial, Input)>,
     /// When the loop last looked at the links: it has read all that had come by then.
     looked_at: PhysicalTime,
@@ -179,11 +179,11 @@ where
             // a later time, so what the machine promises to other federates for this time stays true.
             let before = mem::replace(&mut self.now, Clock::now());
             if advanced {
-                self.pace.took(self.now.since(before), Used::by_this_thread);
+                self.pace.tag_took(self.now.since(before), ThreadUsage::of_this_thread);
             }
             self.read_inbox()?;
             self.read_links()?;
-            self.get_ready()?;
+            self.report_loaded()?;
             self.send_releases()?;
             self.handle(Input::Wake)?;
             advanced = match self.phase {
@@ -199,7 +199,7 @@ where
         Ok(())
     }
 
-    /// Ends the federate, in order or with a failure, and tells the federation which of the two.
+    /// Ends the federate, in order or with a failure, and tells the other federates which of the two it is.
     fn leave(mut self, outcome: Result<(), Failure>) -> Result<(), Failure> {
         let traced = self.end_trace(&outcome);
         match Failure::with_trace_outcome(outcome, traced) {
@@ -260,13 +260,13 @@ where
         time.ask(links);
     }
 
-    /// Tells the machine once that this federate is ready to start. That must wait until the clock is
+    /// Tells the machine once that this federate has loaded its program. That must wait until the clock is
     /// synchronized, because the machine then sends the clock's time to the RTI.
-    fn get_ready(&mut self) -> Result<(), Failure> {
-        if self.loaded || !self.federation.time.is_settled() {
+    fn report_loaded(&mut self) -> Result<(), Failure> {
+        if self.has_reported_loaded || !self.federation.time.is_settled() {
             return Ok(());
         }
-        self.loaded = true;
+        self.has_reported_loaded = true;
         self.handle(Input::Loaded)
     }
 
@@ -284,7 +284,7 @@ where
         let is_running = matches!(self.phase, Phase::Running | Phase::Processing);
         if is_running && self.inbox.has_requests() {
             for request in self.inbox.take_requests() {
-                // The time of the request may come from a clock that was still ahead.
+                // The clock may have been set back after the other thread had read it.
                 let at = request.at.min(Clock::now());
                 self.scheduler.schedule(request.action, request.extra, request.value, at);
             }
@@ -383,7 +383,7 @@ where
         }
         let tag = self.scheduler.tag();
         self.workers.run_tag(&mut self.scheduler, &mut self.host)?;
-        let last = self.scheduler.end(Clock::now);
+        let is_last = self.scheduler.end(Clock::now);
         self.phase = Phase::Running;
         self.send_all()?;
         self.handle(Input::Completed(tag))?;
@@ -394,10 +394,10 @@ where
             self.handle(Input::RequestStop)?;
         }
         // The machine must know that the federate leaves before it reports the next event to the RTI.
-        if self.scheduler.take_departure() && !last {
+        if self.scheduler.take_departure() && !is_last {
             self.handle(Input::Depart)?;
         }
-        if last {
+        if is_last {
             // After `Finished` it would be too late to tell the RTI that the trace cannot be written.
             self.end_trace(&Ok(()))?;
             self.handle(Input::Finished)?;
@@ -483,6 +483,8 @@ where
                 self.scheduler.start_late(at, first);
                 self.phase = Phase::Running;
             }
+            // This federate holds the objects of a message from its arrival on. Opening and dropping the message
+            // releases them.
             Output::Discard { payload } => drop(objects.open(&payload)?),
             Output::Deliver { channel, tag, payload } => {
                 let physical = payload.physical;

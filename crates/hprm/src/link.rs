@@ -48,10 +48,10 @@ pub(crate) const READS: usize = 64;
 /// Whether the other end is still there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Arrival {
-    /// Something may have been read, and there may be more.
+    /// Something may have been received, and there may be more.
     Bytes,
-    /// Something has been read, and at that moment there was no more.
-    Rest,
+    /// Something has been received, and at that moment there was no more.
+    LastBytes,
     /// There is nothing to read at the moment.
     Nothing,
     /// The other end is closed.
@@ -167,17 +167,17 @@ impl Link {
     }
 
     /// Whether the other end is known to be one of the same federation, or at least of the same user.
-    pub(crate) fn is_proved(&self) -> bool {
+    pub(crate) fn is_authenticated(&self) -> bool {
         match self {
-            Self::Stream(link) => link.is_proved(),
+            Self::Stream(link) => link.is_authenticated(),
             Self::Queue(_) => true,
         }
     }
 
     /// Whether the other end has begun to prove that, as far as this process can tell.
-    pub(crate) fn has_spoken(&self) -> bool {
+    pub(crate) fn has_begun_handshake(&self) -> bool {
         match self {
-            Self::Stream(link) => link.has_spoken(),
+            Self::Stream(link) => link.has_begun_handshake(),
             Self::Queue(_) => true,
         }
     }
@@ -234,17 +234,17 @@ impl Link {
 
     /// Announces that this process is about to sleep: from then on a peer that sends something notifies it.
     /// After the announcement this process must look once more for what has come.
-    pub(crate) fn fall_asleep(&mut self) {
+    pub(crate) fn announce_sleep(&mut self) {
         match self {
-            Self::Stream(link) => link.fall_asleep(),
+            Self::Stream(link) => link.announce_sleep(),
             Self::Queue(_) => {}
         }
     }
 
     /// Announces that this process does not sleep any more.
-    pub(crate) fn wake_up(&mut self) {
+    pub(crate) fn end_sleep(&mut self) {
         match self {
-            Self::Stream(link) => link.wake_up(),
+            Self::Stream(link) => link.end_sleep(),
             Self::Queue(_) => {}
         }
     }
@@ -273,10 +273,10 @@ impl Link {
         }
     }
 
-    /// Whether some of a message that is longer than a frame has come or left since this was asked.
-    pub(crate) fn take_moved(&mut self) -> bool {
+    /// Whether chunks of a long message have come or left since the last call.
+    pub(crate) fn take_moved_chunks(&mut self) -> bool {
         match self {
-            Self::Stream(link) => link.take_moved(),
+            Self::Stream(link) => link.take_moved_chunks(),
             // A frame is there at once.
             Self::Queue(_) => false,
         }

@@ -177,7 +177,7 @@ impl Poller {
         while Clock::now() < until {
             // Nothing reads a link any more that cannot be written.
             on.links_mut().for_each(|link| link.flush().unwrap_or_else(|_| link.discard()));
-            let moved = on.links_mut().fold(false, |moved, link| link.take_moved() | moved);
+            let moved = on.links_mut().fold(false, |moved, link| link.take_moved_chunks() | moved);
             if all && moved {
                 until = Clock::now().plus(timeout);
             }
@@ -201,12 +201,12 @@ impl Poller {
     ) -> Found {
         let sleeps = until != Some(NOW);
         if sleeps {
-            on.links_mut().for_each(Link::fall_asleep);
+            on.links_mut().for_each(Link::announce_sleep);
         }
         // Only after the announcement: a peer that did not see it has already written what it had to write.
         let found = self.ask(on, wakeups, until);
         if sleeps {
-            on.links_mut().for_each(Link::wake_up);
+            on.links_mut().for_each(Link::end_sleep);
         }
         self.asked_at = Clock::local();
         found

@@ -30,7 +30,7 @@ use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
 const START_DELAY: Nanos = 10_000_000;
 
 /// The same, if federates may be on other machines.
-const START_DELAY_ACROSS: Nanos = 250_000_000;
+const START_DELAY_NETWORK: Nanos = 250_000_000;
 
 /// What to coordinate, and where.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ pub struct RtiOptions {
     pub also_listen: Vec<Address>,
     /// How the links of the federation are protected.
     pub security: Security,
-    /// How long a federate may take to answer before that is a failure.
+    /// For how long a federate may be silent; longer silence is its failure.
     pub hang_timeout: HangTimeout,
 }
 
@@ -71,7 +71,7 @@ pub enum RtiEvent {
     Loaded(FederateId),
     /// All have joined and loaded; the program starts at this time.
     Started(PhysicalTime),
-    /// A federate has not answered for that many nanoseconds. It may be in a long computation, or hang.
+    /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
     Silent {
         /// The federate.
         federate: FederateId,
@@ -85,7 +85,7 @@ pub enum RtiEvent {
         /// After how long.
         silence: Nanos,
     },
-    /// A transient federate could not continue. The other federates continue.
+    /// A transient federate has failed. The other federates continue.
     Dropped {
         /// The federate.
         federate: FederateId,
@@ -188,7 +188,7 @@ impl Rti {
     ///
     /// # Errors
     ///
-    /// If an address is taken.
+    /// If the RTI cannot listen at an address, for example because another process does.
     pub fn bind(options: &RtiOptions) -> Result<Self, Failure> {
         let network = Network::sockets().map_err(|error| no_notifier(&error))?;
         Self::bind_on(options, &network)
@@ -201,13 +201,13 @@ impl Rti {
         let keys = Keys::new(options.federation, options.security.clone())?;
         let fingerprint = Arc::clone(&options.fingerprint);
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
-        let delay = if addresses.any(Address::is_open) { START_DELAY_ACROSS } else { START_DELAY };
+        let delay = if addresses.any(Address::is_open) { START_DELAY_NETWORK } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.hang_timeout);
         let listeners = std::iter::once(&options.listen)
             .chain(&options.also_listen)
             .map(|address| {
-                keys.suffice_for(address)?;
+                keys.check_for(address)?;
                 network.listen(address).map_err(|error| failed(address, error))
             })
             .collect::<Result<Vec<_>, _>>()?;
@@ -478,7 +478,7 @@ impl Rti {
             .links
             .by_id
             .iter_mut()
-            .filter_map(|(id, polled)| polled.link.take_moved().then_some(*id))
+            .filter_map(|(id, polled)| polled.link.take_moved_chunks().then_some(*id))
             .collect();
         moved.into_iter().for_each(|link| self.handle_input(RtiInput::ChunksMoved { link }));
         let done: Vec<_> = self
@@ -496,7 +496,8 @@ impl Rti {
     }
 }
 
-/// The first frame of a link over TCP: its sender is not on this machine, even if the frame says so.
+/// Changes the first frame of a link over TCP: it must not claim the host of a federate on this machine, because
+/// federates on one host share memory.
 fn with_host_of_tcp(mut hello: Frame) -> Frame {
     if let Frame::Hello { host, .. } = &mut hello {
         *host = host.joined_over_tcp();

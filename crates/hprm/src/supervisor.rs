@@ -24,8 +24,8 @@ pub use driver::{Driver, Outcome};
 pub use signal::Signal;
 pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
 
-/// How long to wait for the second report of a failure: the RTI and the federate's process report it one by
-/// one.
+/// How long the supervisor waits for the second report of a failure after the first one: the RTI reports the
+/// failure, and so does the end of the federate's process.
 const GRACE: Duration = Duration::from_millis(500);
 /// How long the other federates may take to end by themselves after a failure.
 const AFTER_FAILURE: Duration = Duration::from_secs(2);
@@ -93,7 +93,7 @@ struct FederateState {
     name: String,
     /// Whether the other federates continue without it.
     transient: bool,
-    /// If this is a transient federate that could not continue: what the RTI reported of it, and when.
+    /// If this is a transient federate that has failed: the RTI's report of it, and when it came.
     dropped: Option<(Report, Duration)>,
     /// Whether the failure of its process has been reported.
     is_reported: bool,
@@ -116,8 +116,8 @@ impl FederateState {
 /// How far the end of the federation has come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
-    /// The federation runs.
-    Watching,
+    /// The supervisor has not ended it.
+    Running,
     /// The federates are to end by themselves.
     Stopping { until: Duration },
     /// They have been asked to end.
@@ -140,7 +140,7 @@ pub struct Supervisor {
     /// With which failure the RTI has ended, and when.
     rti_failure: Option<(Failure, Duration)>,
     phase: Phase,
-    /// Whether a failure has been reported; there is only one.
+    /// Whether the supervisor has reported a failure: it reports only the first one.
     reported: bool,
     /// The exit code that follows from the first signal or failure.
     exit_code: Option<i32>,
@@ -179,7 +179,7 @@ impl Supervisor {
             rti_ended: false,
             first_failure: None,
             rti_failure: None,
-            phase: Phase::Watching,
+            phase: Phase::Running,
             reported: false,
             exit_code: None,
             interrupted: None,
@@ -210,10 +210,10 @@ impl Supervisor {
         self.tick(now);
     }
 
-    /// Applies the limits of time that are over.
+    /// Applies the time limits that have passed.
     pub fn tick(&mut self, now: Duration) {
         self.last_tick = now;
-        let awaits_verdict = matches!(self.phase, Phase::Watching | Phase::Stopping { .. });
+        let awaits_verdict = matches!(self.phase, Phase::Running | Phase::Stopping { .. });
         if awaits_verdict
             && !self.reported
             && let Some(verdict) = self.verdict(now)
@@ -256,7 +256,7 @@ impl Supervisor {
     /// When to call [`Self::tick`] if nothing happens. That time may have passed since the last call.
     pub fn next_wakeup(&self) -> Option<Duration> {
         let phase = match self.phase {
-            Phase::Watching => None,
+            Phase::Running => None,
             Phase::Stopping { until } | Phase::Terminating { until } | Phase::Killing { until } => {
                 Some(until)
             }
@@ -293,8 +293,8 @@ impl Supervisor {
         over.then(|| self.exit_code.or(self.transient_code).unwrap_or(0))
     }
 
-    /// Whether nothing has gone wrong so far.
-    pub fn is_well(&self) -> bool {
+    /// Whether neither a failure nor a signal has ended the federation so far.
+    pub fn has_not_failed(&self) -> bool {
         self.exit_code.is_none()
     }
 
@@ -322,8 +322,7 @@ impl Supervisor {
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
-                let hint =
-                    "a reaction that takes long, or one that hangs; --hang-timeout sets a limit";
+                let hint = "one of its reactions takes long or hangs; to end the federation in this case, set --hang-timeout";
                 let report = Report::new(Kind::Lost, on_silent(name, silence)).hint(hint);
                 self.orders.push_back(Order::Warn(Box::new(report)));
             }
@@ -459,7 +458,7 @@ impl Supervisor {
     /// The cause of a failure, as soon as it is known.
     ///
     /// If a signal has killed a federate's process, that is the cause of all other reports. Otherwise the cause
-    /// is what the RTI reports, which knows which federate failed first; otherwise the failure of the RTI
+    /// is what the RTI reports, because it knows which federate failed first; otherwise the failure of the RTI
     /// itself, which ends all federates; otherwise the exit code of a federate that the RTI has not reported.
     fn verdict(&self, now: Duration) -> Option<Verdict> {
         let due = |at: Duration| now >= at + GRACE;
@@ -481,15 +480,15 @@ impl Supervisor {
         }
         // If the federation has been asked to stop, federates that still wait for others are told to stop, so
         // none is late.
-        let watching = self.phase == Phase::Watching;
-        (watching && now >= self.start_until && !self.started).then(|| self.verdict_on_late())
+        let is_running = self.phase == Phase::Running;
+        (is_running && now >= self.start_until && !self.started)
+            .then(|| self.verdict_on_late_start())
     }
 
     /// The failure of a federate, by what the RTI has reported of it and how its process has ended.
     fn verdict_on(&self, id: FederateId) -> Verdict {
         let federate = &self.federates[id];
-        let first_failure =
-            self.first_failure.as_ref().filter(|(first_failure, _, _)| *first_failure == id);
+        let first_failure = self.first_failure.as_ref().filter(|(federate, _, _)| *federate == id);
         let rti_report = first_failure.map(|(_, report, _)| report);
         let ending = federate.ending.as_ref().map(|(how, _)| how);
         Verdict::on_federate(&federate.name, federate.joined, rti_report, ending)
@@ -497,14 +496,14 @@ impl Supervisor {
 
     /// The failure of a federation that has not started in time: names the federates that have not joined, or, if
     /// all have joined, those that have not loaded their programs.
-    fn verdict_on_late(&self) -> Verdict {
+    fn verdict_on_late_start(&self) -> Verdict {
         let absent =
             self.federates.values().filter(|federate| !federate.is_member() && !federate.transient);
         let absent: Vec<_> = absent.map(|federate| federate.name.as_str()).collect();
         let loading =
             self.federates.values().filter(|federate| federate.is_member() && !federate.loaded);
         let loading: Vec<_> = loading.map(|federate| federate.name.as_str()).collect();
-        Verdict::on_late(&absent, &loading, self.start_until.as_secs_f64())
+        Verdict::on_late_start(&absent, &loading, self.start_until.as_secs_f64())
     }
 
     /// Among the federates that are not transient and have ended in a way for which `is` holds, the one that
@@ -523,17 +522,19 @@ impl Supervisor {
 
     /// Whether all federates have ended in order, and no report of a failure can come any more.
     fn is_certain_of_success(&self, now: Duration) -> bool {
-        let good = |federate: &FederateState| {
-            let well = federate.ending.as_ref().is_some_and(|(how, _)| self.is_orderly(how));
+        let has_succeeded = |federate: &FederateState| {
+            let is_orderly = federate.ending.as_ref().is_some_and(|(how, _)| self.is_orderly(how));
             match federate.transient {
-                true => federate.dropped.is_none() && (well || federate.is_reported),
-                false => federate.joined && well,
+                true => federate.dropped.is_none() && (is_orderly || federate.is_reported),
+                false => federate.joined && is_orderly,
             }
         };
         let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
-        let late = endings.map(|(_, at)| *at).max().is_none_or(|at| now >= at + GRACE);
-        let settled = self.first_failure.is_none() && self.rti_failure.is_none();
-        settled && self.federates.values().all(good) && (self.rti_ended || late)
+        let grace_is_over = endings.map(|(_, at)| *at).max().is_none_or(|at| now >= at + GRACE);
+        let none_has_failed = self.first_failure.is_none() && self.rti_failure.is_none();
+        none_has_failed
+            && self.federates.values().all(has_succeeded)
+            && (self.rti_ended || grace_is_over)
     }
 
     /// Whether a federate's process that ends like this has ended in order. The signal that has stopped this

@@ -52,6 +52,8 @@ pub(super) struct FederateLinks {
 pub(super) struct LinkSerial(u64);
 
 impl LinkSerial {
+    /// The number of the link to the RTI, and of the link to a peer if there has been none: less than that of any
+    /// link to a peer.
     const RTI: Self = Self(0);
 }
 
@@ -134,8 +136,7 @@ impl PolledLinks {
         self.outgoing.get(&peer).or_else(|| self.incoming.get(&peer))
     }
 
-    /// Whether the RTI certainly runs for the same user on this machine: only such processes have a link of
-    /// this kind.
+    /// Whether the RTI certainly runs as the same user on this machine: a Unix socket links only such processes.
     fn rti_is_same_user(&self) -> bool {
         self.rti.as_ref().is_some_and(|polled| polled.link.is_local())
     }
@@ -195,7 +196,7 @@ impl FederateLinks {
 
     /// When to look for the RTI again, if the link to it is lost.
     pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        self.rti_link_lost.then(|| self.search.next())
+        self.rti_link_lost.then(|| self.search.next_attempt())
     }
 
     /// Notes that the federation runs: from now on the loop serves members before pending connections.
@@ -285,8 +286,8 @@ impl FederateLinks {
         self.serials.close(peer);
     }
 
-    /// Whether an input came over a link that this federate has closed, or replaced by another link with the
-    /// same peer, since it read the input.
+    /// Whether an input came over a link that this federate, after it had read the input, has closed or replaced
+    /// by another link with the same peer.
     pub(super) fn is_from_closed_link(&self, serial: LinkSerial, input: &Input) -> bool {
         let (Input::PeerUp(peer) | Input::PeerLost(peer) | Input::FromPeer { from: peer, .. }) =
             input
@@ -308,8 +309,8 @@ impl FederateLinks {
         }
     }
 
-    /// Whether a peer certainly runs for the same user on this machine: its links, or the link to the RTI if
-    /// messages go through that, are of a kind that only such processes have.
+    /// Whether a peer certainly runs as the same user on this machine: its links, or the link to the RTI if
+    /// messages go through that, are Unix sockets, which link only such processes.
     pub(super) fn is_same_user(&self, peer: FederateId) -> bool {
         let PolledLinks { outgoing, incoming, .. } = &self.polled;
         let mut links = outgoing.get(&peer).into_iter().chain(incoming.get(&peer));
@@ -413,7 +414,7 @@ impl FederateLinks {
 
     fn read_rti(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
         if self.rti_link_lost
-            && let Some(link) = self.search.look(&self.keys, &self.network)?
+            && let Some(link) = self.search.try_if_due(&self.keys, &self.network)?
         {
             self.polled.rti = Some(PolledLink::new(link));
             self.rti_link_lost = false;
@@ -502,8 +503,8 @@ impl FederateLinks {
 }
 
 /// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has
-/// ended. The function fails only if this process lacks memory or descriptors: that is the fault of neither end
-/// of the link.
+/// ended. The function fails only if this process lacks memory or descriptors, because then the link itself is
+/// intact.
 fn read_peer(
     polled: &mut PolledLink,
     (from, serial): (FederateId, LinkSerial),

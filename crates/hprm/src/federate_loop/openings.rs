@@ -13,7 +13,7 @@ use hprm_core::{FederateId, Nanos, PhysicalTime};
 use hprm_federated::Frame;
 
 use super::reach::Reach;
-use super::search::{PAUSES, may_pass};
+use super::search::{PAUSES, is_transient_error};
 use crate::{Address, Clock, nanoseconds};
 
 /// The links that are being opened.
@@ -80,7 +80,7 @@ impl Openings {
         let is_first = opening.give_up.is_none();
         let give_up = *opening.give_up.get_or_insert(now.plus(self.connect_timeout));
         let reason = reason(error);
-        if now >= give_up || !may_pass(error) {
+        if now >= give_up || !is_transient_error(error) {
             let reason = format!("at {}: {reason}", opening.address);
             self.by_peer.remove(&peer);
             return Some(reason);

@@ -28,16 +28,16 @@ const MEMORY: Nanos = 64;
 
 /// What a thread has used of a processor so far.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(super) struct Used {
+pub(super) struct ThreadUsage {
     /// Time on a processor.
     processor: Nanos,
     /// How often it left its processor because it had to wait for something.
     pauses: i64,
 }
 
-impl Used {
+impl ThreadUsage {
     /// What the calling thread has used; zero where the system does not tell.
-    pub(super) fn by_this_thread() -> Self {
+    pub(super) fn of_this_thread() -> Self {
         getrusage(UsageWho::RUSAGE_THREAD).map_or_else(
             |_| Self::default(),
             |usage| Self {
@@ -60,7 +60,7 @@ pub(super) struct Pace {
     /// How long a tag takes, of late: one that took long is forgotten slowly.
     usual_tag: Nanos,
     /// What the thread had used when it was last asked.
-    used: Used,
+    used: ThreadUsage,
     /// How long the tags since then have taken.
     known: Nanos,
 }
@@ -72,7 +72,7 @@ impl Pace {
             waited_at: PhysicalTime(0),
             in_a_row: 0,
             usual_tag: 0,
-            used: Used::default(),
+            used: ThreadUsage::default(),
             known: 0,
         }
     }
@@ -89,7 +89,7 @@ impl Pace {
     }
 
     /// Notes how long a tag has taken; `used` is asked now and then.
-    pub(super) fn took(&mut self, duration: Nanos, used: impl Fn() -> Used) {
+    pub(super) fn tag_took(&mut self, duration: Nanos, used: impl Fn() -> ThreadUsage) {
         let duration = duration.max(0);
         self.in_a_row = self.in_a_row.saturating_add(1);
         if self.in_a_row == BURST {
@@ -107,7 +107,7 @@ impl Pace {
     /// How much of the duration of a tag is due to the tag itself. While other processes have the processor,
     /// the tag seems long; if the federate therefore wrote every message at once, the readers would take the
     /// processor again. A body that sleeps or waits for a file is slow itself.
-    fn own_share(&mut self, duration: Nanos, used: Used) -> Nanos {
+    fn own_share(&mut self, duration: Nanos, used: ThreadUsage) -> Nanos {
         let before = std::mem::replace(&mut self.used, used);
         let known = std::mem::take(&mut self.known);
         if self.in_a_row < BURST || used.pauses != before.pauses {
@@ -138,7 +138,7 @@ mod tests {
     struct Busy {
         pace: Pace,
         now: PhysicalTime,
-        used: Cell<Used>,
+        used: Cell<ThreadUsage>,
     }
 
     impl Busy {
@@ -152,10 +152,10 @@ mod tests {
         }
 
         fn tag(&mut self, duration: Nanos, processor: Nanos, pauses: i64) {
-            let Used { processor: before, pauses: paused } = self.used.get();
-            self.used.set(Used { processor: before + processor, pauses: paused + pauses });
+            let ThreadUsage { processor: before, pauses: paused } = self.used.get();
+            self.used.set(ThreadUsage { processor: before + processor, pauses: paused + pauses });
             self.now = PhysicalTime(self.now.0 + duration);
-            self.pace.took(duration, || self.used.get());
+            self.pace.tag_took(duration, || self.used.get());
         }
 
         fn quick_tags(&mut self, count: u32) {
@@ -224,9 +224,9 @@ mod tests {
 
     #[test]
     fn the_system_says_what_a_thread_has_used() {
-        let before = Used::by_this_thread();
-        while Used::by_this_thread().processor == before.processor {}
+        let before = ThreadUsage::of_this_thread();
+        while ThreadUsage::of_this_thread().processor == before.processor {}
         std::thread::sleep(std::time::Duration::from_millis(1));
-        assert!(Used::by_this_thread().pauses > before.pauses);
+        assert!(ThreadUsage::of_this_thread().pauses > before.pauses);
     }
 }

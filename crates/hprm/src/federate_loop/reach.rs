@@ -79,7 +79,7 @@ pub(super) fn listen(
         let (host, port) = host_and_port(advertise)?;
         let any = if host.starts_with('[') { "[::]" } else { "0.0.0.0" };
         let any = Address::Tcp(format!("{any}:{port}"));
-        keys.suffice_for(&any)?;
+        keys.check_for(&any)?;
         let listener = bind(network, &any)?;
         addresses.push(format!("tcp:{host}:{}", port_of(listener.address())));
         listeners.push(listener);

@@ -32,9 +32,9 @@ pub(super) struct Search {
     /// When to try again.
     next: PhysicalTime,
     breaks: u32,
-    told: bool,
+    notice_given: bool,
     /// Whether there has been a link before.
-    again: bool,
+    had_link: bool,
 }
 
 /// Why an attempt has brought no link.
@@ -50,12 +50,12 @@ impl Search {
         let reach = options.reach.clone();
         let give_up = Clock::now().plus(nanoseconds(reach.connect_timeout));
         let (rti, (pause, _), next) = (options.rti.clone(), PAUSES, PhysicalTime(0));
-        Self { rti, reach, give_up, pause, next, breaks: 0, told: false, again: false }
+        Self { rti, reach, give_up, pause, next, breaks: 0, notice_given: false, had_link: false }
     }
 
     /// Connects to the RTI. If it is not there yet, waits for it.
     pub(super) fn find(&mut self, keys: &Keys, network: &Network) -> Result<Link, Failure> {
-        keys.suffice_for(&self.rti)?;
+        keys.check_for(&self.rti)?;
         let is_over = self.reach.interrupted.unwrap_or(|| false);
         loop {
             match self.attempt(keys, network, Breaker::Asked(is_over))? {
@@ -70,21 +70,25 @@ impl Search {
     /// Notes that the link to the RTI has ended before all federates have joined. The time to find the RTI
     /// again counts from the first such end.
     pub(super) fn lost(&mut self) -> Result<(), Failure> {
-        if !std::mem::replace(&mut self.again, true) {
-            (self.pause, self.told) = (PAUSES.0, false);
+        if !std::mem::replace(&mut self.had_link, true) {
+            (self.pause, self.notice_given) = (PAUSES.0, false);
             self.give_up = Clock::now().plus(nanoseconds(self.reach.connect_timeout));
         }
         self.failed(&io::ErrorKind::ConnectionReset.into())
     }
 
     /// When to try again.
-    pub(super) fn next(&self) -> PhysicalTime {
+    pub(super) fn next_attempt(&self) -> PhysicalTime {
         self.next
     }
 
     /// Tries again if it is time. Any signal ends the attempt: the caller decides what a signal means, and
     /// a later call repeats the attempt, as long as there is time to find the RTI.
-    pub(super) fn look(&mut self, keys: &Keys, network: &Network) -> Result<Option<Link>, Failure> {
+    pub(super) fn try_if_due(
+        &mut self,
+        keys: &Keys,
+        network: &Network,
+    ) -> Result<Option<Link>, Failure> {
         if Clock::now() < self.next {
             return Ok(None);
         }
@@ -120,13 +124,13 @@ impl Search {
         self.breaks += u32::from(is_break(error));
         let in_vain = self.rti.is_unix() && self.breaks > BREAKS;
         let now = Clock::now();
-        if in_vain || now >= self.give_up || !may_pass(error) {
+        if in_vain || now >= self.give_up || !is_transient_error(error) {
             return Err(self.no_rti(error));
         }
         if self.breaks == BREAKS {
             self.tell(&format!("the RTI at {} still {CLOSES}", self.rti));
-        } else if !std::mem::replace(&mut self.told, true) {
-            let text = match self.again {
+        } else if !std::mem::replace(&mut self.notice_given, true) {
+            let text = match self.had_link {
                 true => format!("the RTI at {} has closed the link: joining again", self.rti),
                 false => format!("waiting for the RTI at {}: {error}", self.rti),
             };
@@ -175,8 +179,8 @@ fn is_break(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
 }
 
-/// Whether a later attempt may succeed.
-pub(super) fn may_pass(error: &io::Error) -> bool {
+/// Whether an error is transient: a later attempt may succeed.
+pub(super) fn is_transient_error(error: &io::Error) -> bool {
     use io::ErrorKind;
     !matches!(
         error.kind(),
@@ -198,7 +202,7 @@ mod tests {
         let (reach, pause) = (Reach::default(), PAUSES.0);
         let give_up = Clock::now().plus(nanoseconds(reach.connect_timeout));
         let next = PhysicalTime(0);
-        Search { rti, reach, give_up, pause, next, breaks: 0, told: false, again: true }
+        Search { rti, reach, give_up, pause, next, breaks: 0, notice_given: false, had_link: true }
     }
 
     /// Over TCP, both ends prove that they know the secret, which takes more than one step.
@@ -218,7 +222,7 @@ mod tests {
                     thread::yield_now();
                 }
             });
-            let link = search.look(&keys, &network);
+            let link = search.try_if_due(&keys, &network);
             is_over.store(true, Ordering::Relaxed);
             assert!(link.unwrap().is_some());
         });

@@ -217,7 +217,7 @@ fn first_frame(link: &mut Link) -> Result<Option<Frame>, NotAMember> {
             return Ok(Some(frame));
         }
         match arrival {
-            Arrival::Bytes | Arrival::Rest => {}
+            Arrival::Bytes | Arrival::LastBytes => {}
             Arrival::Nothing => return Ok(None),
             Arrival::Closed => return Err(NotAMember),
         }

@@ -47,7 +47,7 @@ impl Keys {
     }
 
     /// Whether links to or from this address can be protected as they should.
-    pub(crate) fn suffice_for(&self, address: &Address) -> Result<(), Failure> {
+    pub(crate) fn check_for(&self, address: &Address) -> Result<(), Failure> {
         if address.is_unix() || !self.security.encrypt || self.configs.is_some() {
             return Ok(());
         }

@@ -158,7 +158,7 @@ impl QueueLink {
 
     /// Throws away what comes. Returns whether the other end is still open.
     pub(crate) fn is_open(&mut self) -> bool {
-        while self.read() == Arrival::Rest {}
+        while self.read() == Arrival::LastBytes {}
         self.unread.clear();
         self.read() != Arrival::Closed
     }
@@ -214,7 +214,7 @@ impl<T> Queue<T> {
             self.clear(&mut state);
         }
         match (empty, state.closed) {
-            (false, _) => Arrival::Rest,
+            (false, _) => Arrival::LastBytes,
             (true, false) => Arrival::Nothing,
             (true, true) => Arrival::Closed,
         }
@@ -279,7 +279,7 @@ mod tests {
         assert!(here.has_outbound() && !is_notified(&there));
         here.flush().unwrap();
         assert!(!here.has_outbound() && is_notified(&there));
-        assert_eq!(there.read(), Arrival::Rest);
+        assert_eq!(there.read(), Arrival::LastBytes);
         assert!(!is_notified(&there));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
         assert_eq!(there.next_frame().map(|(frame, _)| frame), Some(Frame::Resign));
@@ -294,7 +294,7 @@ mod tests {
         here.flush().unwrap();
         drop(here);
         assert!(is_notified(&there));
-        assert_eq!(there.read(), Arrival::Rest);
+        assert_eq!(there.read(), Arrival::LastBytes);
         assert_eq!(there.read(), Arrival::Closed);
         assert!(is_notified(&there), "the end can be noticed at any later time");
         there.queue(Frame::Resign, None);

@@ -125,13 +125,13 @@ impl Rings {
     }
 
     /// Announces that this process is about to sleep. After that it must look once more for what has come.
-    pub(super) fn fall_asleep(&mut self) {
+    pub(super) fn announce_sleep(&mut self) {
         if let Some((_, reader)) = &mut self.ends {
             reader.announce_sleep();
         }
     }
 
-    pub(super) fn wake_up(&mut self) {
+    pub(super) fn end_sleep(&mut self) {
         if let Some((_, reader)) = &mut self.ends {
             reader.end_sleep();
         }

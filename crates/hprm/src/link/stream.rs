@@ -86,16 +86,16 @@ impl Stream {
     }
 
     /// Announces that this process is about to sleep. After that it must look once more for what has come.
-    pub(super) fn fall_asleep(&mut self) {
+    pub(super) fn announce_sleep(&mut self) {
         if let Transport::Rings(rings) = &mut self.transport {
-            rings.fall_asleep();
+            rings.announce_sleep();
         }
     }
 
     /// Announces that this process does not sleep any more.
-    pub(super) fn wake_up(&mut self) {
+    pub(super) fn end_sleep(&mut self) {
         if let Transport::Rings(rings) = &mut self.transport {
-            rings.wake_up();
+            rings.end_sleep();
         }
     }
 
@@ -121,8 +121,8 @@ impl Stream {
     }
 
     /// Whether the other end has begun to speak TLS, if it has to.
-    pub(super) fn has_spoken(&self) -> bool {
-        matches!(&self.transport, Transport::Encrypted(channel) if channel.has_spoken())
+    pub(super) fn has_begun_handshake(&self) -> bool {
+        matches!(&self.transport, Transport::Encrypted(channel) if channel.has_begun_handshake())
     }
 
     /// Whether bytes come as they were sent.

@@ -1,10 +1,10 @@
-//! Links over a stream of bytes: ordered frames in, ordered frames out, and a typed end.
+//! Links over a stream of bytes: a link sends and receives frames in order, and tells when the other end is closed.
 //!
 //! On one machine, the transport of a link is a Unix stream socket together with ring buffers, through which
 //! the bytes go. Otherwise it is TCP without Nagle's delay (paper, section III-C, real-time sockets), perhaps
 //! with TLS. A link allocates its buffers once: it reads and writes a message that fits into the eager limit
-//! without another allocation. A link knows frames, not what they mean. Before the first frame, both ends prove
-//! that they belong to the federation ([`proof`]), unless the kernel vouches for the other end.
+//! without another allocation. A link does not know what its frames mean. Before the first frame, both ends prove
+//! that they belong to the federation ([`proof`]); over a Unix socket the kernel tells the other end's user.
 
 use std::collections::VecDeque;
 use std::io;
@@ -34,11 +34,11 @@ pub(crate) struct StreamLink {
     /// Whether the other end is known to belong to the federation.
     trusted: bool,
     /// Whether nothing can be written any more.
-    mute: bool,
+    is_write_closed: bool,
     inbound: Inbound,
     outbound: Outbound,
-    /// Whether parts of a message that is longer than a frame have come or left.
-    has_moved: bool,
+    /// Whether chunks of a long message have come or left.
+    has_moved_chunks: bool,
 }
 
 /// Bytes that have arrived and are not frames yet.
@@ -91,7 +91,7 @@ impl StreamLink {
             stream: keys.stream(socket, role, notifier)?,
             handshake: handshake.map(Box::new),
             trusted: false,
-            mute: false,
+            is_write_closed: false,
             inbound: Inbound {
                 // An unauthenticated client costs little memory.
                 buffer: vec![0; UNTRUSTED_LIMIT],
@@ -102,7 +102,7 @@ impl StreamLink {
                 descriptors: VecDeque::new(),
             },
             outbound: Outbound::default(),
-            has_moved: false,
+            has_moved_chunks: false,
         })
     }
 
@@ -119,14 +119,14 @@ impl StreamLink {
     }
 
     /// Whether the other end is known to belong to the federation, or at least to the same user.
-    pub(crate) fn is_proved(&self) -> bool {
+    pub(crate) fn is_authenticated(&self) -> bool {
         self.is_established() || self.is_local()
     }
 
     /// Whether the other end has begun the handshake, as far as this process can tell.
-    pub(crate) fn has_spoken(&self) -> bool {
+    pub(crate) fn has_begun_handshake(&self) -> bool {
         self.handshake.as_ref().is_none_or(|handshake| handshake.is_greeted())
-            || self.stream.has_spoken()
+            || self.stream.has_begun_handshake()
     }
 
     /// Waits until the handshake is over, until the deadline at the latest.
@@ -137,7 +137,7 @@ impl StreamLink {
                 return Ok(());
             }
             match self.read()? {
-                Arrival::Bytes | Arrival::Rest => continue,
+                Arrival::Bytes | Arrival::LastBytes => continue,
                 Arrival::Closed => return Err(io::ErrorKind::ConnectionReset.into()),
                 Arrival::Nothing => {}
             }
@@ -174,7 +174,7 @@ impl StreamLink {
 
     /// Appends a frame to what is to be written, perhaps with a descriptor.
     pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
-        if !self.mute {
+        if !self.is_write_closed {
             self.outbound.queue(frame, descriptor);
         }
     }
@@ -184,9 +184,9 @@ impl StreamLink {
         self.outbound.writable_len()
     }
 
-    /// Whether parts of a message that is longer than a frame have come or left since the last call.
-    pub(crate) fn take_moved(&mut self) -> bool {
-        std::mem::take(&mut self.has_moved)
+    /// Whether chunks of a long message have come or left since the last call.
+    pub(crate) fn take_moved_chunks(&mut self) -> bool {
+        std::mem::take(&mut self.has_moved_chunks)
     }
 
     /// Whether something is to be written, and the link may still be written.
@@ -195,7 +195,7 @@ impl StreamLink {
             Some(handshake) => !handshake.outbound().is_empty(),
             None => self.outbound.is_some(),
         };
-        !self.mute && (more || self.stream.has_outbound())
+        !self.is_write_closed && (more || self.stream.has_outbound())
     }
 
     /// Whether bytes wait until the socket takes more. Bytes that wait for room in a ring buffer do not count:
@@ -212,13 +212,13 @@ impl StreamLink {
 
     /// Announces that this process is about to sleep: from then on a peer that sends something notifies it.
     /// After the announcement this process must look once more for what has come.
-    pub(crate) fn fall_asleep(&mut self) {
-        self.stream.fall_asleep();
+    pub(crate) fn announce_sleep(&mut self) {
+        self.stream.announce_sleep();
     }
 
     /// Announces that this process does not sleep any more.
-    pub(crate) fn wake_up(&mut self) {
-        self.stream.wake_up();
+    pub(crate) fn end_sleep(&mut self) {
+        self.stream.end_sleep();
     }
 
     /// Whether bytes wait that the socket does not report as readable: in a ring buffer, or decrypted.
@@ -228,7 +228,7 @@ impl StreamLink {
 
     /// Writes as much as the socket takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
-        if self.mute {
+        if self.is_write_closed {
             self.outbound.clear();
             return Ok(());
         }
@@ -241,7 +241,7 @@ impl StreamLink {
         while self.outbound.fill()? {
             match self.outbound.write(&mut self.stream) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(_) => self.has_moved |= self.outbound.is_long(),
+                Ok(_) => self.has_moved_chunks |= self.outbound.is_long(),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
@@ -252,7 +252,7 @@ impl StreamLink {
 
     /// Discards what was to be written: the other end cannot read it.
     pub(crate) fn discard(&mut self) {
-        self.mute = true;
+        self.is_write_closed = true;
         self.outbound.clear();
     }
 
@@ -267,7 +267,7 @@ impl StreamLink {
         loop {
             (self.inbound.start, self.inbound.end) = (0, 0);
             match self.read() {
-                Ok(Arrival::Bytes | Arrival::Rest) => {}
+                Ok(Arrival::Bytes | Arrival::LastBytes) => {}
                 Ok(Arrival::Nothing) => return true,
                 Ok(Arrival::Closed) | Err(_) => return false,
             }
@@ -342,8 +342,8 @@ impl StreamLink {
                 *end += count;
                 // A read that has not filled the buffer has read all that there was, unless it has ended at a
                 // descriptor or at the end of a TLS record.
-                let is_rest = count < room && descriptors.len() == held && self.stream.is_plain();
-                if is_rest { Arrival::Rest } else { Arrival::Bytes }
+                let is_last = count < room && descriptors.len() == held && self.stream.is_plain();
+                if is_last { Arrival::LastBytes } else { Arrival::Bytes }
             }
             Err(arrival) => arrival,
         })
@@ -360,7 +360,7 @@ impl StreamLink {
                 }
                 Decoded::Chunk { taken, message_len } => {
                     *start += taken;
-                    self.has_moved = true;
+                    self.has_moved_chunks = true;
                     (0, message_len)
                 }
                 Decoded::Missing(more) => (more, *end - *start + more),

@@ -227,7 +227,7 @@ impl TlsChannel {
     }
 
     /// Whether the first message of TLS has come from the other end.
-    pub(super) fn has_spoken(&self) -> bool {
+    pub(super) fn has_begun_handshake(&self) -> bool {
         self.connection.protocol_version().is_some()
     }
 

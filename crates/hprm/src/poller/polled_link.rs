@@ -74,7 +74,7 @@ impl PolledLink {
             }
             match arrival.map_err(Broken::reading)? {
                 Arrival::Bytes => {}
-                Arrival::Rest | Arrival::Nothing => return Ok(true),
+                Arrival::LastBytes | Arrival::Nothing => return Ok(true),
                 Arrival::Closed => return Ok(false),
             }
         }

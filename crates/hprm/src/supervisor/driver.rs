@@ -9,9 +9,9 @@ use crate::Kind;
 
 /// What handles the federates: it has launched them as processes or as threads.
 pub trait Driver {
-    /// Does what an event needs before the supervisor gets it, and returns it, perhaps corrected. `is_well`:
-    /// whether nothing had gone wrong before.
-    fn observe(&mut self, event: Observation, is_well: bool) -> Observation;
+    /// Does what an event needs before the supervisor gets it, and returns it, perhaps corrected. `has_not_failed`:
+    /// whether neither a failure nor a signal came before.
+    fn observe(&mut self, event: Observation, has_not_failed: bool) -> Observation;
 
     /// Carries out an order.
     fn carry_out(&mut self, order: Order);
@@ -48,7 +48,7 @@ impl Supervisor {
             let left = |at: Duration| at.saturating_sub(launched.elapsed());
             match events.recv_timeout(self.next_wakeup().map_or(Duration::MAX, left)) {
                 Ok(event) => {
-                    let event = driver.observe(event, self.is_well());
+                    let event = driver.observe(event, self.has_not_failed());
                     self.handle(launched.elapsed(), event);
                 }
                 Err(RecvTimeoutError::Timeout) => {}

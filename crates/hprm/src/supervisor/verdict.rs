@@ -66,7 +66,7 @@ impl Verdict {
     }
 
     /// Some federates did not join in time, or all have joined and some did not load in time.
-    pub(super) fn on_late(absent: &[&str], loading: &[&str], seconds: f64) -> Self {
+    pub(super) fn on_late_start(absent: &[&str], loading: &[&str], seconds: f64) -> Self {
         let (names, what) = match absent {
             [] => (loading, "load its program"),
             _ => (absent, "join"),
@@ -83,7 +83,7 @@ impl Verdict {
         Self { report, code: 1 }
     }
 
-    /// The RTI itself could not go on.
+    /// The RTI itself has failed.
     #[must_use]
     pub fn on_rti(failure: &Failure) -> Self {
         Self { report: failure.report(), code: exit_code(failure.exit_code()) }
@@ -117,7 +117,8 @@ fn killed(name: &str, signal: Signal) -> Report {
     }
 }
 
-/// The report of a process that has exited. `rti_report` adds what the exit code does not show; that the process has ended, it does show.
+/// The report of a process that has exited. `rti_report` counts only if it says more than that the process has
+/// ended, or with which code.
 fn exited(name: &str, joined: bool, code: i32, rti_report: Option<&Report>) -> Report {
     let rti_report =
         rti_report.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
@@ -232,7 +233,7 @@ mod tests {
     #[test]
     fn the_missing_are_named() {
         let late = |absent: &[&str], loading: &[&str]| {
-            Verdict::on_late(absent, loading, 0.5).report.message
+            Verdict::on_late_start(absent, loading, 0.5).report.message
         };
         assert_eq!(late(&["a"], &["c"]), "federate a did not join within 0.5 s");
         assert_eq!(late(&["a", "b"], &[]), "federates a, b did not join within 0.5 s");

@@ -70,8 +70,8 @@ pub(super) struct PendingLink {
 impl PendingLink {
     pub(super) fn stage(&self) -> LinkStage {
         match () {
-            () if self.link.is_proved() => LinkStage::Proved,
-            () if self.link.has_spoken() => LinkStage::Speaking,
+            () if self.link.is_authenticated() => LinkStage::Proved,
+            () if self.link.has_begun_handshake() => LinkStage::Speaking,
             () => LinkStage::Silent,
         }
     }

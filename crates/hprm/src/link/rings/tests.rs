@@ -71,7 +71,7 @@ fn segment(number: u32) -> Frame {
 /// The frames that have come by now.
 fn read_all(link: &mut StreamLink) -> Vec<Frame> {
     let mut frames = Vec::new();
-    while matches!(link.read().unwrap(), Arrival::Bytes | Arrival::Rest) || link.has_unread() {
+    while matches!(link.read().unwrap(), Arrival::Bytes | Arrival::LastBytes) || link.has_unread() {
         while let Some((frame, _)) = link.next_frame().unwrap() {
             frames.push(frame);
         }
@@ -94,7 +94,7 @@ fn only_a_process_that_sleeps_is_notified() {
     assert!(!is_notified(&notifier));
     assert!(far.has_unread());
     assert_eq!(read_all(&mut far), [Frame::Ping]);
-    far.fall_asleep();
+    far.announce_sleep();
     assert!(!far.has_unread());
     near.queue(Frame::Ping, None);
     near.flush().unwrap();
@@ -103,7 +103,7 @@ fn only_a_process_that_sleeps_is_notified() {
     near.queue(Frame::Pong, None);
     near.flush().unwrap();
     assert!(!is_notified(&notifier));
-    far.wake_up();
+    far.end_sleep();
     assert_eq!(read_all(&mut far), [Frame::Ping, Frame::Pong]);
 }
 
@@ -183,7 +183,7 @@ fn long_messages_keep_their_place_among_frames_and_descriptors() {
         }
     }
     assert_eq!(come, frames);
-    assert!(near.take_moved() && far.take_moved() && !far.take_moved());
+    assert!(near.take_moved_chunks() && far.take_moved_chunks() && !far.take_moved_chunks());
     assert!(!near.has_outbound());
 }
 
