@@ -188,11 +188,11 @@ def test_a_port_is_an_argument_and_nothing_to_keep(run: Any) -> None:
         """,
     )
     assert outcome.code == 1
-    kept = "port Program.x.out was kept from reaction Program.x.1, and reaction Program"
+    kept = "port Program.x.out is an argument of reaction Program.x.1, but reaction Program"
     thread = "port Program.x.out can be used only on the thread that runs reaction Program.x.1"
     lines = [line.partition(",")[0] for line in outcome.out.splitlines()]
     assert lines == [thread] * 3 + [kept.partition(",")[0]] * 2, outcome.err
-    assert f"{kept}.x.3 runs" in outcome.err
+    assert f"{kept}.x.3 is running" in outcome.err
 
 
 def test_threads_reach_physical_actions_only(run: Any) -> None:

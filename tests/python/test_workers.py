@@ -176,4 +176,4 @@ def test_ports_of_others_stay_out_of_reach(run: Any) -> None:
     *refused, first, second = outcome.out.splitlines()
     assert len(refused) == 2 and first == "a b"
     for line in [*refused, second]:
-        assert re.search(r"port Program\.[ab]\.out was kept from reaction Program\.[ab]\.1", line)
+        assert re.search(r"port Program\.[ab]\.out is an argument of reaction Program\.[ab]\.1", line)

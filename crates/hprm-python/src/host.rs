@@ -65,14 +65,14 @@ impl PyHost {
             }
         });
         let here = (reaction, thread::ident(py));
-        self.runtime.enter(scheduler, here, mem::take(effects), late);
+        self.runtime.begin_reaction(scheduler, here, mem::take(effects), late);
         let outcome = bodies.call(py, body);
         if let Err(error) = &outcome {
             // Only while the reaction runs can its ports be asked.
             let (hints, error) = (py.import("hprm._hints"), error.clone_ref(py).into_value(py));
             let _ = hints.and_then(|hints| hints.call_method1("explain", (error,)));
         }
-        *effects = self.runtime.leave(reaction);
+        *effects = self.runtime.end_reaction(reaction);
         outcome
     }
 

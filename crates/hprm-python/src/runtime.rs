@@ -36,7 +36,7 @@ struct State {
     /// The reactions that run now, one for each thread.
     running: Vec<Running>,
     /// How many reactions have begun.
-    entries: u64,
+    begun: u64,
     /// The tag of the latest reaction, and the time of the start.
     latest: Option<(Tag, PhysicalTime)>,
     /// The tag at which the reactors of this program or federate started.
@@ -102,7 +102,7 @@ impl Runtime {
     ) -> Self {
         let state = State {
             running: Vec::new(),
-            entries: 0,
+            begun: 0,
             latest: None,
             first: Tag::START,
             leave_requested: false,
@@ -117,7 +117,7 @@ impl Runtime {
 
     /// Notes that `reaction` runs on this thread from now on. `ident` is Python's identifier of the thread. The
     /// reaction reads `scheduler`, and what it asks for is added to `effects`.
-    pub(crate) fn enter(
+    pub(crate) fn begin_reaction(
         &self,
         scheduler: &Arc<Scheduler<Value>>,
         (reaction, ident): (ReactionId, u64),
@@ -128,8 +128,8 @@ impl Runtime {
         state.latest = Some((scheduler.tag(), scheduler.start_time()));
         state.first = scheduler.first_tag();
         let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
-        let number = state.entries;
-        state.entries += 1;
+        let number = state.begun;
+        state.begun += 1;
         state.running.push(Running {
             reaction,
             number,
@@ -141,8 +141,8 @@ impl Runtime {
         });
     }
 
-    /// Ends the reaction. Returns what it has asked for.
-    pub(crate) fn leave(&self, reaction: ReactionId) -> Effects<Value> {
+    /// Notes that the reaction has ended. Returns what it has asked for.
+    pub(crate) fn end_reaction(&self, reaction: ReactionId) -> Effects<Value> {
         let mut state = self.state();
         let at = state.running.iter().position(|running| running.reaction == reaction);
         let running = at.map(|at| state.running.swap_remove(at));
@@ -168,8 +168,8 @@ impl Runtime {
     /// The new maxwait of the federate, if the program has changed it since the last call.
     pub(crate) fn take_maxwait(&self) -> Option<Nanos> {
         let mut state = self.state();
-        let news = std::mem::take(&mut state.maxwait_changed);
-        state.maxwait.filter(|_| news)
+        let has_changed = std::mem::take(&mut state.maxwait_changed);
+        state.maxwait.filter(|_| has_changed)
     }
 
     /// Whether the program has asked this federate to stop alone, since the last call.
@@ -218,7 +218,7 @@ impl Runtime {
 
     /// Whether an action is present, and its value.
     pub(crate) fn action(&self, action: ActionId) -> PyResult<Option<Option<Value>>> {
-        // All reactions that run at the same time have the same tag, so the first one will do.
+        // All reactions that run at the same time have the same tag, so any of them knows the action.
         match self.state().running.first() {
             Some(running) => Ok(running.scheduler.action(action).map(|value| value.cloned())),
             None => Err(self.outside_error(&self.program.actions[action].name)),
@@ -335,9 +335,9 @@ impl Runtime {
         let Running { reaction, scheduler, effects, deadline_handler, .. } = running;
         effects.mark_physical();
         let missed = effects.misses_deadline(scheduler, *reaction, Clock::now());
-        let deadline_handler = deadline_handler.as_ref().map(|late| DeadlineHandler {
-            handler: late.handler.clone_ref(py),
-            arguments: late.arguments.clone_ref(py),
+        let deadline_handler = deadline_handler.as_ref().map(|it| DeadlineHandler {
+            handler: it.handler.clone_ref(py),
+            arguments: it.arguments.clone_ref(py),
         });
         Ok(missed.then_some(deadline_handler))
     }
@@ -398,7 +398,7 @@ impl Runtime {
     // Inside.
 
     /// Calls `access` with the reaction `owner`, of which `port` is an argument. This thread must run that
-    /// reaction: the body of a later reaction cannot use a port that the program has kept.
+    /// reaction: the body of a later reaction cannot use a port that the program has stored.
     fn with_owner<R>(
         &self,
         owner: ReactionId,
@@ -409,26 +409,26 @@ impl Runtime {
         let runs = state.running.iter().any(|running| running.reaction == owner);
         match state.running_here() {
             Some(running) if running.reaction == owner => Ok(access(running)),
-            Some(running) => Err(self.kept_port_error(owner, running.reaction, port)),
+            Some(running) => Err(self.stored_port_error(owner, running.reaction, port)),
             None if runs => Err(self.other_thread_error(owner, port)),
             None => Err(self.outside_error(&self.program.port_name(port))),
         }
     }
 
-    fn kept_port_error(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
+    fn stored_port_error(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
         let [owner, running] =
             [owner, running].map(|reaction| self.program.reaction_name(reaction));
         PyRuntimeError::new_err(format!(
-            "port {} was kept from reaction {owner}, and reaction {running} runs; use the argument of \
-             that name, or keep the value instead of the port",
+            "port {} is an argument of reaction {owner}, but reaction {running} is running; use a port that \
+             is an argument of this reaction, or store the value instead of the port",
             self.program.port_name(port)
         ))
     }
 
     fn other_thread_error(&self, owner: ReactionId, port: PortId) -> PyErr {
         PyRuntimeError::new_err(format!(
-            "port {} can be used only on the thread that runs reaction {}, and this is another one; \
-             other threads schedule a physical action",
+            "port {} can be used only on the thread that runs reaction {}, and this is another thread; \
+             schedule a physical action instead",
             self.program.port_name(port),
             self.program.reaction_name(owner),
         ))

@@ -6,11 +6,11 @@
 //! in `docs/serialization.md`; [`Trust`] says whether one may be sent.
 
 pub(crate) mod array;
-mod culprit;
 mod decode;
 mod encode;
 mod format;
 mod kinds;
+mod pickle_only;
 mod place;
 mod sole;
 mod trust;
@@ -20,7 +20,7 @@ use hprm_core::{FederateId, Payload, copy_of};
 use hprm_store::{Object, Store};
 use pyo3::prelude::*;
 
-use self::encode::Stop;
+use self::encode::EncodeError;
 pub(crate) use self::place::Place;
 pub(crate) use self::sole::{Sole, find as sole};
 pub(crate) use self::trust::Trust;
@@ -77,9 +77,11 @@ pub(crate) fn encode(
     place.reach(value)?;
     let (draft, pickled) = match encode::encode(value) {
         Ok(draft) => (draft, false),
-        Err(Stop::Raised(error)) => return Err(error),
-        Err(Stop::NeedsPickle(_)) if trust.permits_pickle() => (encode::pickle(value)?, true),
-        Err(Stop::NeedsPickle(culprit)) => return Err(culprit.refused(trust)),
+        Err(EncodeError::Raised(error)) => return Err(error),
+        Err(EncodeError::NeedsPickle(_)) if trust.permits_pickle() => {
+            (encode::pickle(value)?, true)
+        }
+        Err(EncodeError::NeedsPickle(part)) => return Err(part.refused(trust)),
     };
     let mut parts = Vec::with_capacity(draft.sources.len());
     for source in &draft.sources {
@@ -108,8 +110,8 @@ pub(crate) fn encode(
 pub(crate) fn describe(value: &Bound<'_, PyAny>, trust: Trust) -> PyResult<Vec<u8>> {
     match encode::encode(value) {
         Ok(draft) => Ok(draft.head.into_bytes()),
-        Err(Stop::Raised(error)) => Err(error),
-        Err(Stop::NeedsPickle(culprit)) => Err(culprit.refused(trust)),
+        Err(EncodeError::Raised(error)) => Err(error),
+        Err(EncodeError::NeedsPickle(part)) => Err(part.refused(trust)),
     }
 }
 

@@ -1,8 +1,8 @@
 //! Rebuilding a value from a head and its parts.
 //!
 //! The bytes may be anything: whatever is wrong with them becomes an error, and no allocation exceeds
-//! what the bytes at hand can justify. Classes are named in them, never code: what is made of those
-//! names is in `hprm._kinds`, and a pickle is read only from a sender that may send any.
+//! what the bytes at hand can justify. The bytes name classes and contain no code: `hprm._kinds` decides what
+//! to make of the names, and a pickle is read only from a sender that may send pickles.
 
 use std::slice;
 
@@ -20,14 +20,16 @@ use super::kinds::Kinds;
 use super::trust::Trust;
 use crate::buffer::{Memory, ReceivedPart};
 
-/// A hash visits everything in a tuple, however often it occurs: in a key, no more than this.
+/// The most values in one key of a dict or member of a set, one that occurs twice counted twice: Python visits
+/// all of them for the hash.
 const KEY_LIMIT: u64 = 1 << 16;
 
 /// Rebuilds a value.
 ///
 /// # Errors
 ///
-/// If the bytes are no value, if its sender may not send such a one, or if building it raises.
+/// If the bytes are no value, if they are a pickle and the sender may not send pickles, or if Python raises an
+/// exception.
 pub(super) fn decode<'py>(
     py: Python<'py>,
     head: &[u8],
@@ -35,7 +37,7 @@ pub(super) fn decode<'py>(
     trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
     let Some((head, parts)) = node_of(head, parts) else {
-        return Err(malformed("no format that is known here"));
+        return Err(malformed("an unknown format"));
     };
     let (parts, seen) = (parts.iter(), Vec::new());
     let mut walk = Walk { py, head, parts, seen, depth: 0, weight: 0, trust, dtype: None };
@@ -85,7 +87,7 @@ impl<'a> Blob<'a> {
         }
     }
 
-    /// The bytes as an object of Python. There may be no memory for those that are many.
+    /// The bytes as a Python object. If they are many, there may be no memory for them, which is an exception.
     fn into_bytes<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         match self {
             Self::Inline(bytes) => Ok(PyBytes::new(py, bytes)),
@@ -96,7 +98,7 @@ impl<'a> Blob<'a> {
         }
     }
 
-    /// The bytes as an object that arrays can lie over, read-only.
+    /// The bytes as a read-only object, which can be the memory of an array.
     fn into_buffer<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         Ok(match self {
             Self::Inline(bytes) => PyBytes::new(py, bytes).into_any(),
@@ -141,14 +143,14 @@ impl<'a, 'py> Walk<'a, 'py> {
             NodeKind::Str => self.text()?,
             NodeKind::Bytes => {
                 let bytes = self.blob()?.into_bytes(py)?;
-                self.remember(bytes.into_any())
+                self.number_value(bytes.into_any())
             }
             NodeKind::ByteArray => {
                 let bytes = match self.blob()? {
                     Blob::Inline(bytes) => PyByteArray::new(py, bytes),
                     part @ Blob::Part(_) => PyByteArray::from(&part.into_buffer(py)?)?,
                 };
-                self.remember(bytes.into_any())
+                self.number_value(bytes.into_any())
             }
             NodeKind::List => self.list()?,
             NodeKind::Tuple => self.tuple()?,
@@ -164,7 +166,7 @@ impl<'a, 'py> Walk<'a, 'py> {
             NodeKind::FrozenSet => self.frozen_set()?,
             NodeKind::Buffer => {
                 let buffer = self.blob()?.into_buffer(py)?;
-                self.remember(PyMemoryView::from(&buffer)?.into_any())
+                self.number_value(PyMemoryView::from(&buffer)?.into_any())
             }
             NodeKind::Reconstructed => self.reconstructed()?,
         };
@@ -172,7 +174,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         Ok(value)
     }
 
-    /// A node that is hashed.
+    /// A key of a dict, or a member of a set: Python computes its hash.
     fn key(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let before = self.weight;
         let key = self.node()?;
@@ -183,37 +185,38 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn set(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let number = self.open();
+        let number = self.reserve_number();
         let set = PySet::empty(self.py)?;
         for _ in 0..self.count()? {
             set.add(self.key()?)?;
         }
-        Ok(self.close(number, set.into_any()))
+        Ok(self.complete(number, set.into_any()))
     }
 
     fn frozen_set(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let number = self.open();
+        let number = self.reserve_number();
         let members = (0..self.count()?).map(|_| self.key()).collect::<PyResult<Vec<_>>>()?;
         let set = PyFrozenSet::new(self.py, members)?;
-        Ok(self.close(number, set.into_any()))
+        Ok(self.complete(number, set.into_any()))
     }
 
     fn reconstructed(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let number = self.open();
+        let number = self.reserve_number();
         let code = self.number()?;
         let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
         let members = PyTuple::new(self.py, members)?;
         let made = Kinds::get(self.py)?.make(code, &members, self.trust.permits_pickle())?;
-        Ok(self.close(number, made))
+        Ok(self.complete(number, made))
     }
 
-    /// Counts a value that is not there before its members are.
-    fn open(&mut self) -> (usize, u64) {
+    /// Numbers a value that can be made only after its members. Returns the number for [`Self::complete`].
+    fn reserve_number(&mut self) -> (usize, u64) {
         self.seen.push(None);
         (self.seen.len() - 1, self.weight)
     }
 
-    fn close(
+    /// The value with the reserved number is made: the bytes may refer to it from now on.
+    fn complete(
         &mut self,
         (number, before): (usize, u64),
         value: Bound<'py, PyAny>,
@@ -224,7 +227,7 @@ impl<'a, 'py> Walk<'a, 'py> {
 
     fn list(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let list = PyList::empty(self.py);
-        self.remember(list.clone().into_any());
+        self.number_value(list.clone().into_any());
         for _ in 0..self.count()? {
             list.append(self.node()?)?;
         }
@@ -232,15 +235,15 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn tuple(&mut self) -> PyResult<Bound<'py, PyAny>> {
-        let number = self.open();
+        let number = self.reserve_number();
         let members = (0..self.count()?).map(|_| self.node()).collect::<PyResult<Vec<_>>>()?;
         let tuple = PyTuple::new(self.py, members)?.into_any();
-        Ok(self.close(number, tuple))
+        Ok(self.complete(number, tuple))
     }
 
     fn dict(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let dict = PyDict::new(self.py);
-        self.remember(dict.clone().into_any());
+        self.number_value(dict.clone().into_any());
         for _ in 0..self.count()? {
             let key = self.key()?;
             dict.set_item(key, self.node()?)?;
@@ -276,10 +279,10 @@ impl<'a, 'py> Walk<'a, 'py> {
         let buffer = self.blob()?.into_buffer(self.py)?;
         let dtype = self.dtype(numpy, description)?;
         let array = numpy.over(&shape, &dtype, &buffer, order)?;
-        Ok(self.remember(array))
+        Ok(self.number_value(array))
     }
 
-    /// The dtype of that description, which is often that of the array before.
+    /// The dtype of that description, which is often the same as that of the previous array.
     fn dtype(&mut self, numpy: &Numpy, description: &'a [u8]) -> PyResult<Bound<'py, PyAny>> {
         match &self.dtype {
             Some((known, dtype)) if *known == description => Ok(dtype.clone()),
@@ -319,7 +322,7 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn text(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let blob = self.blob()?;
         let text = std::str::from_utf8(blob.as_bytes())
-            .map_err(|_| malformed("a string that is no text"))?;
+            .map_err(|_| malformed("a string that is not UTF-8"))?;
         Ok(match blob {
             Blob::Inline(_) => PyString::new(self.py, text),
             Blob::Part(_) => {
@@ -330,7 +333,8 @@ impl<'a, 'py> Walk<'a, 'py> {
         .into_any())
     }
 
-    fn remember(&mut self, value: Bound<'py, PyAny>) -> Bound<'py, PyAny> {
+    /// Gives a value the next number: the bytes may refer to it from now on.
+    fn number_value(&mut self, value: Bound<'py, PyAny>) -> Bound<'py, PyAny> {
         self.seen.push(Some((value.clone(), 1)));
         value
     }
@@ -348,7 +352,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         }
     }
 
-    /// A number of things of at least one byte each, so no more than there are bytes.
+    /// How many entries follow. An entry has at least one byte, so there are no more of them than bytes.
     fn count(&mut self) -> PyResult<usize> {
         let count = self.number()?;
         match usize::try_from(count) {
@@ -359,7 +363,7 @@ impl<'a, 'py> Walk<'a, 'py> {
 
     fn number(&mut self) -> PyResult<u64> {
         let (number, len) =
-            format::number(self.head).ok_or_else(|| malformed("it ends in a number"))?;
+            format::number(self.head).ok_or_else(|| malformed("it ends within a number"))?;
         self.head = &self.head[len..];
         Ok(number)
     }

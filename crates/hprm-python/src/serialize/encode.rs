@@ -19,9 +19,9 @@ use pyo3::types::{
 };
 
 use super::array::{Layout, Numpy};
-use super::culprit::Culprit;
 use super::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use super::kinds::{Kinds, Parts};
+use super::pickle_only::PickleOnly;
 use crate::failure::no_memory;
 
 /// At which lengths of [`Walk::seen`] the walk probes for memory: a map cannot report that it has no memory for
@@ -52,33 +52,33 @@ pub(super) struct Draft<'py> {
     pub(super) sources: Vec<Source<'py>>,
 }
 
-/// Why a walk ends early.
-pub(super) enum Stop {
+/// Why the encoder cannot write a value without pickle.
+pub(super) enum EncodeError {
     /// A part of the value can only be pickled.
-    NeedsPickle(Box<Culprit>),
+    NeedsPickle(Box<PickleOnly>),
     /// Python has raised an exception.
     Raised(PyErr),
 }
 
-impl<E: Into<PyErr>> From<E> for Stop {
+impl<E: Into<PyErr>> From<E> for EncodeError {
     fn from(error: E) -> Self {
         Self::Raised(error.into())
     }
 }
 
-impl Stop {
+impl EncodeError {
     fn needs_pickle(value: &Bound<'_, PyAny>) -> Self {
-        Self::NeedsPickle(Box::new(Culprit::class_of(value)))
+        Self::NeedsPickle(Box::new(PickleOnly::class_of(value)))
     }
 
     fn cycle(value: &Bound<'_, PyAny>) -> Self {
-        Self::NeedsPickle(Box::new(Culprit::cycle(value)))
+        Self::NeedsPickle(Box::new(PickleOnly::cycle(value)))
     }
 
-    /// Adds, for the error, at which `place` of its container the value is.
+    /// Adds to the error at which `place` of its container the part is.
     fn within(mut self, place: impl FnOnce() -> String) -> Self {
-        if let Self::NeedsPickle(culprit) = &mut self {
-            culprit.within(place());
+        if let Self::NeedsPickle(part) = &mut self {
+            part.within(place());
         }
         self
     }
@@ -89,7 +89,7 @@ impl Stop {
 /// # Errors
 ///
 /// If a part of the value can only be pickled, or Python raises.
-pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, Stop> {
+pub(super) fn encode<'py>(value: &Bound<'py, PyAny>) -> Result<Draft<'py>, EncodeError> {
     let mut walk = Walk::new(value.py());
     walk.node(value)?;
     Ok(walk.draft)
@@ -118,7 +118,7 @@ struct Walk<'py> {
     /// The bytes by which the walk sorts members of sets, by the address of the member.
     sort_keys: BTreeMap<usize, Vec<u8>>,
     /// The walk copies no buffers into the head that are longer than this.
-    limit: usize,
+    inline_limit: usize,
     depth: u32,
 }
 
@@ -138,16 +138,16 @@ impl<'py> Walk<'py> {
         head.push(format::DIRECT);
         let draft = Draft { head, sources: Vec::new() };
         let (seen, sort_keys) = (BTreeMap::new(), BTreeMap::new());
-        Self { py, draft, seen, kept: Vec::new(), sort_keys, limit: INLINE_LIMIT, depth: 0 }
+        Self { py, draft, seen, kept: Vec::new(), sort_keys, inline_limit: INLINE_LIMIT, depth: 0 }
     }
 
-    fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), EncodeError> {
         self.write_node(value)?;
         self.draft.head.check().map_err(no_memory)?;
         Ok(())
     }
 
-    fn write_node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    fn write_node(&mut self, value: &Bound<'py, PyAny>) -> Result<(), EncodeError> {
         if value.is_none() {
             self.kind(NodeKind::None);
         } else if let Ok(value) = value.cast_exact::<PyFloat>() {
@@ -166,7 +166,7 @@ impl<'py> Walk<'py> {
     }
 
     /// Writes a value to which other parts of the message may refer as well.
-    fn shared(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    fn shared(&mut self, value: &Bound<'py, PyAny>) -> Result<(), EncodeError> {
         if let Some(numpy) = Numpy::if_imported(self.py)?.filter(|numpy| numpy.is_array(value)) {
             self.array(numpy, value)?;
         } else if let Ok(value) = value.cast_exact::<PyDict>() {
@@ -188,13 +188,13 @@ impl<'py> Walk<'py> {
             self.begin(value.as_any(), NodeKind::ByteArray);
             self.buffer(PyBuffer::get(value.as_any())?)?;
         } else {
-            self.rare(value)?;
+            self.less_common(value)?;
         }
         Ok(())
     }
 
-    /// Continues [`Self::shared`] with the types that are rarer.
-    fn rare(&mut self, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    /// Continues [`Self::shared`] with the types that are less common.
+    fn less_common(&mut self, value: &Bound<'py, PyAny>) -> Result<(), EncodeError> {
         if let Ok(value) = value.cast_exact::<PyComplex>() {
             self.kind(NodeKind::Complex);
             self.draft.head.extend_from_slice(&value.real().to_le_bytes());
@@ -208,15 +208,15 @@ impl<'py> Walk<'py> {
             return self.set(value, NodeKind::FrozenSet);
         }
         let kinds = Kinds::get(self.py)?;
-        let is_view = value.is_exact_instance_of::<PyMemoryView>() || kinds.is_buffer(value);
+        let is_view = value.is_exact_instance_of::<PyMemoryView>() || kinds.is_pickle_buffer(value);
         if let Some(bytes) = is_view.then(|| plain_bytes(value)).flatten() {
             self.begin(value, NodeKind::Buffer);
             self.buffer(bytes)?;
-        } else if kinds.is_written(value) {
+        } else if kinds.writes_itself(value) {
             self.begin(value, NodeKind::Buffer);
             self.writer(value)?;
         } else {
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| EncodeError::needs_pickle(value))?;
             self.encode_parts(kinds, value, &parts)?;
         }
         Ok(())
@@ -228,7 +228,7 @@ impl<'py> Walk<'py> {
         kinds: &Kinds,
         value: &Bound<'py, PyAny>,
         parts: &Parts<'py>,
-    ) -> Result<(), Stop> {
+    ) -> Result<(), EncodeError> {
         self.begin(value, NodeKind::Reconstructed);
         put_number(&mut self.draft.head, parts.code);
         put_number(&mut self.draft.head, parts.members.len() as u64);
@@ -240,10 +240,10 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
-    fn array(&mut self, numpy: &Numpy, value: &Bound<'py, PyAny>) -> Result<(), Stop> {
+    fn array(&mut self, numpy: &Numpy, value: &Bound<'py, PyAny>) -> Result<(), EncodeError> {
         let Some(layout) = numpy.layout(value)? else {
             let kinds = Kinds::get(self.py)?;
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| EncodeError::needs_pickle(value))?;
             return self.encode_parts(kinds, value, &parts);
         };
         self.begin(value, NodeKind::Array);
@@ -255,7 +255,7 @@ impl<'py> Walk<'py> {
         for length in &layout.shape {
             put_number(&mut self.draft.head, length.extract()?);
         }
-        if layout.len > self.limit {
+        if layout.len > self.inline_limit {
             self.part(layout.len, Source::Array(value.clone(), layout));
         } else {
             let bytes = Numpy::bytes(value, &layout)?;
@@ -264,7 +264,7 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
-    fn dict(&mut self, dict: &Bound<'py, PyDict>) -> Result<(), Stop> {
+    fn dict(&mut self, dict: &Bound<'py, PyDict>) -> Result<(), EncodeError> {
         self.begin(dict.as_any(), NodeKind::Dict);
         // The walk reads a copy of the items: the garbage collector may run code meanwhile, and that may change
         // the dict.
@@ -280,14 +280,15 @@ impl<'py> Walk<'py> {
     }
 
     /// Writes the members of a set in an order that does not depend on their hashes, which differ between runs.
-    fn set(&mut self, set: &Bound<'py, PyAny>, kind: NodeKind) -> Result<(), Stop> {
+    fn set(&mut self, set: &Bound<'py, PyAny>, kind: NodeKind) -> Result<(), EncodeError> {
         self.begin(set, kind);
         self.set_in_progress(set, true);
         let members = PyIterator::from_object(set)?.collect::<PyResult<Vec<_>>>()?;
         put_number(&mut self.draft.head, members.len() as u64);
         let mut sorted = Vec::with_capacity(members.len());
         for member in members {
-            let key = self.sort_key(&member).map_err(|stop| stop.within(|| "{...}".to_owned()))?;
+            let key =
+                self.sort_key(&member).map_err(|error| error.within(|| "{...}".to_owned()))?;
             sorted.push((key, member));
         }
         sorted.sort_by(|(one, _), (other, _)| one.cmp(other));
@@ -299,13 +300,13 @@ impl<'py> Walk<'py> {
 
     /// The bytes by which a member of a set is sorted: the encoding of the member alone, so that it does not
     /// depend on where the set is.
-    fn sort_key(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, Stop> {
+    fn sort_key(&mut self, member: &Bound<'py, PyAny>) -> Result<Vec<u8>, EncodeError> {
         if let Some(key) = self.sort_keys.get(&address(member)) {
             return Ok(copy_of(key).map_err(no_memory)?);
         }
         let mut walk = Walk::new(self.py);
         // The sort keys of sets inside the member are the same in both walks.
-        (walk.limit, walk.depth) = (usize::MAX, self.depth + 1);
+        (walk.inline_limit, walk.depth) = (usize::MAX, self.depth + 1);
         walk.sort_keys = std::mem::take(&mut self.sort_keys);
         let walked = walk.node(member);
         self.sort_keys = walk.sort_keys;
@@ -317,28 +318,28 @@ impl<'py> Walk<'py> {
         Ok(key)
     }
 
-    /// Writes the members of a container. `place` says for the error where in it a member is.
+    /// Writes the members of a container. `place` tells, for an error, where in the container a member is.
     fn members(
         &mut self,
         container: &Bound<'py, PyAny>,
         expected: usize,
         members: impl Iterator<Item = Bound<'py, PyAny>>,
         place: &dyn Fn(usize) -> String,
-    ) -> Result<(), Stop> {
+    ) -> Result<(), EncodeError> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
-            return Err(Stop::NeedsPickle(Box::new(Culprit::deep(container))));
+            return Err(EncodeError::NeedsPickle(Box::new(PickleOnly::deep(container))));
         }
         let mut count = 0;
         for member in members {
-            self.node(&member).map_err(|stop| stop.within(|| place(count)))?;
+            self.node(&member).map_err(|error| error.within(|| place(count)))?;
             count += 1;
         }
         self.depth -= 1;
         if count == expected { Ok(()) } else { Err(changed(container).into()) }
     }
 
-    fn integer(&mut self, value: &Bound<'py, PyInt>) -> Result<(), Stop> {
+    fn integer(&mut self, value: &Bound<'py, PyInt>) -> Result<(), EncodeError> {
         if let Ok(number) = value.extract::<i64>() {
             self.kind(NodeKind::Int);
             put_number(&mut self.draft.head, format::zigzag(number));
@@ -355,11 +356,11 @@ impl<'py> Walk<'py> {
         Ok(())
     }
 
-    fn text(&mut self, value: &Bound<'py, PyString>) -> Result<(), Stop> {
+    fn text(&mut self, value: &Bound<'py, PyString>) -> Result<(), EncodeError> {
         let Ok(text) = value.to_str() else {
             // A lone surrogate has no UTF-8.
             let kinds = Kinds::get(self.py)?;
-            let parts = kinds.take_apart(value)?.ok_or_else(|| Stop::needs_pickle(value))?;
+            let parts = kinds.take_apart(value)?.ok_or_else(|| EncodeError::needs_pickle(value))?;
             return if self.write_if_seen(value)? {
                 Ok(())
             } else {
@@ -389,10 +390,10 @@ impl<'py> Walk<'py> {
     }
 
     /// Writes a reference to the value, if the value has occurred before. Returns whether it has.
-    fn write_if_seen(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, Stop> {
+    fn write_if_seen(&mut self, value: &Bound<'py, PyAny>) -> Result<bool, EncodeError> {
         match self.seen.get(&address(value)) {
             None => Ok(false),
-            Some(Seen { in_progress: true, .. }) => Err(Stop::cycle(value)),
+            Some(Seen { in_progress: true, .. }) => Err(EncodeError::cycle(value)),
             Some(Seen { number, .. }) => {
                 let number = *number;
                 self.kind(NodeKind::BackReference);
@@ -421,7 +422,7 @@ impl<'py> Walk<'py> {
     }
 
     fn blob(&mut self, bytes: &[u8], source: impl FnOnce() -> Source<'py>) {
-        if bytes.len() > self.limit {
+        if bytes.len() > self.inline_limit {
             self.part(bytes.len(), source());
         } else {
             self.inline(bytes);
@@ -429,7 +430,7 @@ impl<'py> Walk<'py> {
     }
 
     fn buffer(&mut self, buffer: PyBuffer<u8>) -> PyResult<()> {
-        if buffer.len_bytes() > self.limit {
+        if buffer.len_bytes() > self.inline_limit {
             self.part(buffer.len_bytes(), Source::Buffer(buffer));
         } else {
             self.inline(&buffer.to_vec(self.py)?);
@@ -440,7 +441,7 @@ impl<'py> Walk<'py> {
     fn writer(&mut self, value: &Bound<'py, PyAny>) -> PyResult<()> {
         let len: usize = value.getattr(intern!(self.py, "length"))?.extract()?;
         let write = value.getattr(intern!(self.py, "write"))?;
-        if len > self.limit {
+        if len > self.inline_limit {
             self.part(len, Source::Writer(write, len));
             return Ok(());
         }

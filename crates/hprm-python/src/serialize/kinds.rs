@@ -91,12 +91,12 @@ impl Kinds {
     }
 
     /// Whether `value` writes itself into a buffer, of which it tells the length.
-    pub(super) fn is_written(&self, value: &Bound<'_, PyAny>) -> bool {
+    pub(super) fn writes_itself(&self, value: &Bound<'_, PyAny>) -> bool {
         value.get_type().is(&self.written)
     }
 
     /// Whether `value` is a `PickleBuffer`.
-    pub(super) fn is_buffer(&self, value: &Bound<'_, PyAny>) -> bool {
+    pub(super) fn is_pickle_buffer(&self, value: &Bound<'_, PyAny>) -> bool {
         value.get_type().is(&self.buffer)
     }
 }

@@ -1,6 +1,6 @@
-//! What in a value only pickle can carry, and where it is: for the error, if pickle may not.
+//! A part of a value that only pickle can carry, and where it is: for the error, if the sender may not pickle.
 //!
-//! Nothing is written down for values that need no pickle.
+//! The encoder makes one only for a value that needs pickle.
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -10,14 +10,14 @@ use super::trust::Trust;
 /// The most steps that are shown.
 const STEPS: usize = 12;
 
-/// Something that only pickle can carry.
-pub(super) struct Culprit {
+/// A part of a value that only pickle can carry.
+pub(super) struct PickleOnly {
     what: String,
     /// From the inside outwards.
     path: Vec<String>,
 }
 
-impl Culprit {
+impl PickleOnly {
     /// A value whose class is not known.
     pub(super) fn class_of(value: &Bound<'_, PyAny>) -> Self {
         Self::of(format!("of the type {}", class_name(value)))
