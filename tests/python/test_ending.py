@@ -233,6 +233,22 @@ def test_an_output_that_cannot_be_written_is_one_error(
     assert "No space left on device" in err
 
 
+@pytest.mark.parametrize(("kind", "options"), WAYS[1:])
+def test_a_federation_whose_output_cannot_be_written_stops_in_order(
+    bench: Bench, kind: str, options: list[str]
+) -> None:
+    """Not by force, however long it would have run, and its shutdown reactions run."""
+    text = PRINTS.format(kind=kind, write="print('here', flush=True)")
+    shutdown = "reaction(shutdown) {= open('stopped', 'w').close() =}\n}"
+    text = text.replace("timeout: 2 s", "timeout: 1 min").replace("\n}", f"\n  {shutdown}", 1)
+    code, err = to_output(bench, text, options, ">/dev/full")
+    assert (code, err) == (
+        "1",
+        "error: cannot write to the standard output: No space left on device\n",
+    )
+    assert (bench.folder / "stopped").exists()
+
+
 @pytest.mark.parametrize(("kind", "options"), WAYS)
 def test_a_closed_output_is_no_failure(bench: Bench, kind: str, options: list[str]) -> None:
     text = PRINTS.format(kind=kind, write="print('here', flush=True)").replace("2 s", "10 ms")

@@ -158,6 +158,26 @@ def test_a_federate_is_killed(bench: Bench, coordination: str, moment: str, vict
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_the_rti_does_not_wait_for_a_reaction_that_does_not_return(
+    bench: Bench, coordination: str
+) -> None:
+    """It reports the failure at once, and ends; the federate ends when its reaction returns."""
+    stage = Stage(bench, "steady", ["sender", "bystander"])
+    federation = bench.by_hand(program(coordination), *FEDERATES)
+    stage.await_held()
+    federation.members["sender"].kill()
+    rti = federation.finish("rti", "receiver")["rti"]
+    assert rti.code == 1
+    rti.assert_one_error("error: the process of federate sender ended before its last tag")
+    stage.release()
+    bystander = federation.finish("bystander")["bystander"]
+    assert bystander.code == 1
+    assert len(bystander.errors) == 1, bystander.err
+    federation.finish("sender")
+    assert not bench.left()
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_the_rti_is_killed(bench: Bench, coordination: str, moment: str) -> None:
     # The receiver cannot reach its last tag before the sender has.

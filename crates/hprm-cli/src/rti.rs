@@ -21,6 +21,8 @@ use crate::{check, secret, signals};
 /// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
 /// that the RTI can still tell the others.
 const ORDERLY: Duration = Duration::from_secs(6);
+/// How long the other federates may take to end after a failure.
+const AFTER_FAILURE: Duration = Duration::from_secs(5);
 
 /// Coordinates a federation to its end.
 ///
@@ -65,13 +67,15 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
 
     hprm::enter_realtime(&compiled.program.properties, None)
         .map_err(|failure| Error::from(&failure))?;
-    let mut failure = None;
+    let mut failures = Failures::new(rti.handle(), Arc::clone(&interruption));
     let roster = Roster::new(&compiled.program);
     let outcome = rti.run(|event| {
         let observed = event.clone();
         match message_of(&compiled.program, event) {
             Ok(line) => line.iter().for_each(|line| message::print_line(line)),
-            Err(verdict) => failure = failure.take().or(Some(verdict)),
+            Err(verdict) => {
+                failures.take(*verdict, matches!(observed, RtiEvent::Failed { .. }));
+            }
         }
         roster.observe(&observed);
     });
@@ -82,12 +86,10 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
         }
         return Ok(exit_code(signal.exit_code()));
     }
-    let failure =
-        failure.or_else(|| outcome.err().map(|failure| Box::new(Verdict::on_rti(&failure))));
-    Ok(failure.map_or(ExitCode::SUCCESS, |verdict| {
-        Error::from(verdict.report).show();
-        exit_code(verdict.code)
-    }))
+    if let (None, Err(failure)) = (failures.code, outcome) {
+        failures.take(Verdict::on_rti(&failure), true);
+    }
+    Ok(failures.code.map_or(ExitCode::SUCCESS, exit_code))
 }
 
 /// Refuses addresses that other machines can reach, for a federation whose secret is not known there.
@@ -164,6 +166,48 @@ impl Interruption {
 
     fn signal(&self) -> Option<Signal> {
         Some(self.signal.load(Ordering::Relaxed)).filter(|number| *number != 0).map(Signal)
+    }
+}
+
+/// What has failed: reported at once, because a federate may take long to end.
+struct Failures {
+    rti: RtiHandle,
+    interruption: Arc<Interruption>,
+    /// The exit code that follows from the first one.
+    code: Option<i32>,
+    /// Whether one has ended the federation.
+    over: bool,
+}
+
+impl Failures {
+    fn new(rti: RtiHandle, interruption: Arc<Interruption>) -> Self {
+        Self { rti, interruption, code: None, over: false }
+    }
+
+    /// Takes note of a failure. One that is `fatal` ends the federation, and what follows from it is not
+    /// reported; the failure of a transient federate is not fatal.
+    fn take(&mut self, verdict: Verdict, fatal: bool) {
+        if self.over || self.interruption.signal().is_some() {
+            return;
+        }
+        self.code.get_or_insert(verdict.code);
+        Error::from(verdict.report).show();
+        if fatal {
+            self.over = true;
+            self.limit_end();
+        }
+    }
+
+    /// Has the RTI close all links if the federates do not end by themselves: a reaction may not return.
+    fn limit_end(&self) {
+        let rti = self.rti.clone();
+        let give_up = move || {
+            thread::sleep(AFTER_FAILURE);
+            rti.abort();
+        };
+        if thread::Builder::new().name("failure".to_owned()).spawn(give_up).is_err() {
+            self.rti.abort();
+        }
     }
 }
 

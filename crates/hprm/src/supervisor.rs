@@ -118,8 +118,8 @@ impl FederateState {
 enum Phase {
     /// The supervisor has not ended it.
     Running,
-    /// The federates are to end by themselves.
-    Stopping { until: Duration },
+    /// The federates are to end by themselves: in order, or because the federation has failed.
+    Stopping { until: Duration, in_order: bool },
     /// They have been asked to end.
     Terminating { until: Duration },
     /// They have been killed.
@@ -202,7 +202,10 @@ impl Supervisor {
                 self.rti_failure = outcome.err().map(|failure| (failure, now));
             }
             Observation::Unwritable(report) if self.exit_code.is_none() => {
-                self.fail(now, Verdict { report: *report, code: 1 });
+                self.reported = true;
+                self.exit_code = Some(1);
+                self.orders.push_back(Order::Report(report));
+                self.stop(now);
             }
             Observation::Unwritable(_) => {}
             Observation::Signal(signal) => self.interrupt(now, signal),
@@ -228,11 +231,10 @@ impl Supervisor {
             self.send_all(Signal::INTERRUPT);
         }
         match self.phase {
-            Phase::Stopping { until } if now >= until => {
-                // A failure after the signal ends the time for an orderly stop.
-                let (what, limit) = match self.reported {
-                    true => ("ended", AFTER_FAILURE),
-                    false => ("stopped in order", AFTER_INTERRUPT),
+            Phase::Stopping { until, in_order } if now >= until => {
+                let (what, limit) = match in_order {
+                    true => ("stopped in order", AFTER_INTERRUPT),
+                    false => ("ended", AFTER_FAILURE),
                 };
                 let limit = limit.as_secs();
                 self.warn_of_unfinished(&format!(
@@ -257,9 +259,9 @@ impl Supervisor {
     pub fn next_wakeup(&self) -> Option<Duration> {
         let phase = match self.phase {
             Phase::Running => None,
-            Phase::Stopping { until } | Phase::Terminating { until } | Phase::Killing { until } => {
-                Some(until)
-            }
+            Phase::Stopping { until, .. }
+            | Phase::Terminating { until }
+            | Phase::Killing { until } => Some(until),
         };
         let starting = (!self.started).then_some(self.start_until);
         let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
@@ -388,9 +390,14 @@ impl Supervisor {
         }
         self.exit_code = Some(signal.exit_code());
         self.interrupted = Some(now);
+        self.stop(now);
+    }
+
+    /// Has the federation stop in order, if it runs.
+    fn stop(&mut self, now: Duration) {
         if self.started && !self.rti_ended {
             self.orders.push_back(Order::RequestStop);
-            self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT };
+            self.phase = Phase::Stopping { until: now + AFTER_INTERRUPT, in_order: true };
             self.reminder = Some(now + REMINDER);
         } else {
             self.terminate(now);
@@ -405,7 +412,8 @@ impl Supervisor {
         // The RTI has told the other federates to end, and they need time to do that in order. Processes that
         // have not started need none.
         if self.started || self.members == Members::Threads {
-            self.phase = Phase::Stopping { until: now + AFTER_FAILURE };
+            // A failure after a signal ends the time for an orderly stop.
+            self.phase = Phase::Stopping { until: now + AFTER_FAILURE, in_order: false };
         } else {
             self.terminate(now);
         }

@@ -443,22 +443,37 @@ fn a_broken_pipe_is_not_a_second_interrupt() {
     assert_eq!(stage.outcome(), Some(141));
 }
 
-#[test]
-fn output_that_cannot_be_written_is_one_failure() {
+/// A federation whose output cannot be written; each federate reports that.
+fn unwritable() -> Stage {
     let mut stage = Stage::running();
     for _ in 0..2 {
-        stage.event(Observation::Unwritable(Box::new(Report::new(
-            Kind::Command,
-            "the disk is full",
-        ))));
+        let report = Report::new(Kind::Command, "the disk is full");
+        stage.event(Observation::Unwritable(Box::new(report)));
     }
     stage.reported_once("the disk is full");
-    stage.pass(2_000);
-    assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
+    stage
+}
+
+#[test]
+fn a_federation_whose_output_cannot_be_written_stops_in_order() {
+    let mut stage = unwritable();
+    assert_eq!((stage.stops, stage.sent.len()), (1, 0));
+    stage.exits(A, FederateEnding::Code(0));
+    stage.exits(B, FederateEnding::Code(0));
+    stage.event(Observation::RtiEnded(Ok(())));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1));
+}
+
+#[test]
+fn output_that_cannot_be_written_is_one_failure() {
+    let mut stage = unwritable();
+    stage.pass(5_000);
+    assert!(stage.sent.ends_with(&[(TERM, A), (TERM, B)]));
     stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
     stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
     assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 2));
-    assert!(stage.reports[1].contains("ends federates that have not ended within 2 s: a, b"));
+    let warning = "ends federates that have not stopped in order within 5 s: a, b";
+    assert!(stage.reports[1].contains(warning));
 }
 
 #[test]
