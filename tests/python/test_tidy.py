@@ -36,6 +36,7 @@ CLEANED_UP = (
     "crates/hprm-core/",
     "crates/hprm-federated/",
     "crates/hprm-lf/",
+    "crates/hprm-model/",
     "crates/hprm-python/",
     "crates/hprm-sim/",
     "crates/hprm-store/",
@@ -44,6 +45,8 @@ CLEANED_UP = (
     "python/",
     "tests/lf/",
 )
+# Where diagnostics come from.
+CHECKS = ("crates/hprm-cli/src", "crates/hprm-lf/src", "crates/hprm-model/src", "python/hprm")
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")
 # In documents, names of files and tests, and code.
@@ -199,7 +202,7 @@ def test_the_document_has_every_code_of_a_diagnostic() -> None:
     used = {
         found
         for path, text in sources(".rs", ".py")
-        if path.startswith(("crates/hprm-lf/src", "crates/hprm-cli/src", "python/hprm"))
+        if path.startswith(CHECKS)
         for found in code.findall(text)
     }
     text = (ROOT / "docs" / "diagnostics.md").read_text()

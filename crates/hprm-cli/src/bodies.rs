@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
-use hprm_lf::{Diagnostic, Position, Severity, Sources};
+use hprm_model::{Diagnostic, Position, Severity, Sources};
 use serde::Deserialize;
 
 use crate::args::Interpreter;

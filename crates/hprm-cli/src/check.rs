@@ -6,7 +6,7 @@ use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 
-use hprm_lf::{Compiled, Diagnostic, Severity, Sources, Span};
+use hprm_model::{Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
 use crate::args::{Check, Properties};
@@ -149,7 +149,7 @@ impl Count {
 pub(crate) fn show(diagnostics: &[Diagnostic], sources: &Sources) {
     let color = message::color(&io::stderr());
     for diagnostic in diagnostics {
-        let text = hprm_lf::render(diagnostic, sources, color);
+        let text = hprm_model::render(diagnostic, sources, color);
         message::print_error(format!("{}\n\n", text.trim_end()).as_bytes());
     }
 }

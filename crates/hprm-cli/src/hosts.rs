@@ -5,7 +5,7 @@
 
 use std::net::{IpAddr, UdpSocket};
 
-use hprm_lf::{Compiled, Diagnostic, PlacedAt, Severity};
+use hprm_model::{Compiled, Diagnostic, PlacedAt, Severity};
 
 /// Warnings about parts of a federation that are to run elsewhere.
 pub(crate) fn elsewhere(compiled: &Compiled) -> Vec<Diagnostic> {

@@ -15,7 +15,7 @@ use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outc
 use hprm::{Address, Rti, RtiHandle, RtiOptions, STAGE, Security, enter_realtime};
 use hprm::{FederationId, HangTimeout};
 use hprm_core::{FederateId, Program};
-use hprm_lf::Compiled;
+use hprm_model::Compiled;
 
 use crate::args::{PYTHON, Properties};
 use crate::children::{Children, Console};

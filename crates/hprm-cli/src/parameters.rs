@@ -7,7 +7,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
 use clap::{Arg, ArgMatches, Command, FromArgMatches};
-use hprm_lf::{ParameterDecl, Value};
+use hprm_model::{ParameterDecl, Value};
 
 use crate::args::{self, Arguments};
 use crate::source;

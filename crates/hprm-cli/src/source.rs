@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hprm::{Disk, Kind, Report, Unreadable};
-use hprm_lf::{CompileFailure, Compiled};
+use hprm_model::{CompileFailure, Compiled};
 
 use crate::message::Error;
 

@@ -3,9 +3,9 @@
 //! Comments are removed, a `{= ... =}` body is one token, and characters that the language does not
 //! know are reported once and skipped, so that the parser never sees them.
 
-use crate::code::{self, End};
-use crate::diagnostic::{Diagnostic, Report};
-use crate::source::{FileId, Span};
+use hprm_model::{Diagnostic, FileId, Report, Span};
+
+use crate::body::{self, End};
 use crate::token::{Token, TokenKind};
 
 /// The longest name; names of instances are made of many.
@@ -147,7 +147,7 @@ impl Lexer<'_> {
     }
 
     fn body(&mut self) -> Option<TokenKind> {
-        match code::end(self.text, self.at + 2) {
+        match body::end(self.text, self.at + 2) {
             End::At(end) => {
                 self.at = end + 2;
                 Some(TokenKind::Code)

@@ -9,9 +9,9 @@ use std::collections::BTreeSet;
 
 use hprm_core::Fact;
 
-use crate::code::{Token, canonical, tokens};
-use crate::compiled::{Class, Compiled};
-use crate::library::Library;
+use hprm_model::python::{Token, canonical, tokens};
+use hprm_model::{Class, Code, Compiled, FileId};
+
 use crate::source::{SourceLoader, sibling};
 
 /// The most modules that are looked for.
@@ -48,17 +48,18 @@ pub(crate) fn facts(compiled: &Compiled, loader: &mut dyn SourceLoader) -> Vec<F
     search.facts
 }
 
-fn codes(class: &Class) -> impl Iterator<Item = &crate::Code> {
-    let reactions = class.reactions.iter().flat_map(|reaction| {
-        std::iter::once(&reaction.code).chain(&reaction.deadline).chain(&reaction.tardy)
-    });
-    let methods = class.methods.iter().map(|method| &method.code);
+fn codes(class: &Class) -> impl Iterator<Item = &Code> {
+    let reactions = class
+        .reactions
+        .iter()
+        .flat_map(|reaction| reaction.code.iter().chain(&reaction.deadline).chain(&reaction.tardy));
+    let methods = class.methods.iter().filter_map(|method| method.code.as_ref());
     class.preambles.iter().chain(methods).chain(reactions)
 }
 
 /// Where the program's Python looks for modules, each with a `/` at its end.
 fn folders(compiled: &Compiled, loader: &mut dyn SourceLoader) -> Vec<String> {
-    let mut folders = vec![sibling(compiled.sources.path(Library::MAIN), "")];
+    let mut folders = vec![sibling(compiled.sources.path(FileId::MAIN), "")];
     for (name, file) in &compiled.files {
         let path = sibling(compiled.sources.path(*file), name);
         let is_folder = !loader.list(&path).is_empty();

@@ -3,7 +3,7 @@
 //! Keywords are identifiers here: which words are special depends on the place, which the parser
 //! knows.
 
-use crate::source::Span;
+use hprm_model::Span;
 
 /// What a token is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

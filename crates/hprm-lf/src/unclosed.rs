@@ -1,6 +1,6 @@
 //! Bodies without an end: how they are detected, and where the program text goes on behind one.
 //!
-//! The scanner of [`code`](crate::code) would take the `=}` of the next body for the end. But `{=` is
+//! The scanner of [`body`](crate::body) would take the `=}` of the next body for the end. But `{=` is
 //! no Python outside of strings and comments, so a `{=` inside a body shows that the body should have ended
 //! before it.
 

@@ -4,7 +4,7 @@ mod common;
 
 use common::{compile_files, compile_text};
 use hprm_core::{PortId, ReactionId};
-use hprm_lf::{Access, Argument, Class, Code, Compiled, ContainedPort, Ports, Value};
+use hprm_model::{Access, Argument, Class, Code, Compiled, ContainedPort, Ports, Value};
 
 fn class<'a>(compiled: &'a Compiled, name: &str) -> &'a Class {
     compiled.classes.iter().find(|class| class.name == name).expect("the class has an instance")
@@ -24,15 +24,16 @@ main reactor {
 }",
     );
     let [first, second] = &compiled.classes[0].reactions[..] else { panic!("two reactions") };
-    assert_eq!(first.code.text, "x = f'{1=}'\nif x:\n    print({'a': '=}'})");
-    assert_eq!((first.line, first.code.line, first.code.column), (3, 4, 6));
+    let body = first.code.as_ref().unwrap();
+    assert_eq!(body.text, "x = f'{1=}'\nif x:\n    print({'a': '=}'})");
+    assert_eq!((first.line, body.line, body.column), (3, 4, 6));
     assert!(first.tardy.as_ref().is_some_and(Code::is_empty));
     let deadline = first.deadline.as_ref().unwrap();
     assert_eq!(
         (deadline.text.as_str(), deadline.line, deadline.column),
         ("print(\"late\")", 7, 38)
     );
-    assert_eq!((second.code.text.as_str(), &second.tardy), ("pass", &None));
+    assert_eq!((&second.code.as_ref().unwrap().text[..], &second.tardy), ("pass", &None));
     assert!(compiled.program.reactions.values().all(|reaction| reaction.handles_tardy));
 }
 

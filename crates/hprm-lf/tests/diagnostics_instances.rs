@@ -339,7 +339,7 @@ fn properties_from_elsewhere_have_the_last_word() {
     assert_eq!(store.limit, Some(4096));
 
     let failure = compile(&["timeout=soon", "fast"]).unwrap_err();
-    assert_snapshot!(hprm_lf::render_all(&failure.diagnostics, &failure.sources, false), @r"
+    assert_snapshot!(hprm_model::render_all(&failure.diagnostics, &failure.sources, false), @r"
     error[LF0603]: `timeout` must be a time, such as `10 s`
     --> --property timeout=soon
 

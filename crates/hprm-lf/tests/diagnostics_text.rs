@@ -311,7 +311,7 @@ fn of_attributes(connection: &str, instance: &str) -> String {
     let text = format!("target Python\n{text}");
     let said = match hprm_lf::check("Main.lf", &mut |_: &str| Ok(text.clone())) {
         Ok(_) => return String::new(),
-        Err(failure) => hprm_lf::render_all(&failure.diagnostics, &failure.sources, false),
+        Err(failure) => hprm_model::render_all(&failure.diagnostics, &failure.sources, false),
     };
     let told = |line: &&str| line.starts_with("error") || line.contains("= help");
     let lines: Vec<_> = said.lines().filter(told).map(str::trim).collect();

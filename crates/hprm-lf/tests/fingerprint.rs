@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use hprm_core::Fingerprint;
-use hprm_lf::{Compiled, compile_with};
+use hprm_lf::compile_with;
+use hprm_model::Compiled;
 use proptest::prelude::*;
 
 type Files = BTreeMap<String, String>;

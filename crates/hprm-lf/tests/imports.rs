@@ -3,7 +3,8 @@
 mod common;
 
 use common::errors_in;
-use hprm_lf::{CompileFailure, Compiled, SourceLoader, compile};
+use hprm_lf::{SourceLoader, compile};
+use hprm_model::{CompileFailure, Compiled};
 use insta::assert_snapshot;
 
 /// Files in memory, where a folder is what stands before a slash.

@@ -6,9 +6,9 @@ use common::{compile_files, compile_text, errors, errors_in};
 use insta::assert_snapshot;
 
 /// The reactions of the class `name`, by their text.
-fn reactions(compiled: &hprm_lf::Compiled, name: &str) -> Vec<String> {
+fn reactions(compiled: &hprm_model::Compiled, name: &str) -> Vec<String> {
     let class = compiled.classes.iter().find(|class| class.name == name).expect("it is used");
-    class.reactions.iter().map(|reaction| reaction.code.text.clone()).collect()
+    class.reactions.iter().map(|reaction| reaction.code.as_ref().unwrap().text.clone()).collect()
 }
 
 #[test]
@@ -79,11 +79,11 @@ main reactor { c = new C() }
     let class = compiled.classes.iter().find(|class| class.name == "C").expect("used");
     let parameters: Vec<_> =
         class.parameters.iter().map(|p| (p.name.as_str(), p.default.clone())).collect();
-    let int = hprm_lf::Value::Int;
+    let int = hprm_model::Value::Int;
     assert_eq!(parameters, [("x", int(3)), ("y", int(1)), ("w", int(7))]);
     // Python sets and defines them in this order, so the last one counts.
     assert_eq!(class.state.last().and_then(|state| state.init.clone()), Some(int(6)));
-    assert_eq!(class.methods.last().map(|m| m.code.text.as_str()), Some("return 2"));
+    assert_eq!(class.methods.last().unwrap().code.as_ref().unwrap().text, "return 2");
     assert_eq!(compiled.program.ports.len(), 3);
 }
 
@@ -111,7 +111,7 @@ reactor Base { part = new Part()
     let class = compiled.classes.iter().find(|class| class.name == "Derived").expect("used");
     let place = |index: usize| {
         let reaction = &class.reactions[index];
-        assert_eq!(reaction.file, reaction.code.file);
+        assert_eq!(reaction.file, reaction.code.as_ref().unwrap().file);
         (compiled.sources.path(reaction.file), reaction.line)
     };
     assert_eq!(place(0), ("lib/Base.lf", 5));

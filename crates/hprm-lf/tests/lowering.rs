@@ -4,7 +4,7 @@ mod common;
 
 use common::{compile_files, compile_text, connections};
 use hprm_core::{Delay, Direction, Effect, Origin, Policy, PortId, ReactionId, Spacing, Trigger};
-use hprm_lf::Compiled;
+use hprm_model::Compiled;
 
 const BANK: &str = "
 reactor Source { output[2] out }

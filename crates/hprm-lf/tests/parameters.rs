@@ -1,6 +1,7 @@
 //! Parameters of the main reactor that are stated on the command line, as `main.NAME=VALUE`.
 
-use hprm_lf::{CompileFailure, Compiled, Value, compile_with};
+use hprm_lf::compile_with;
+use hprm_model::{CompileFailure, Compiled, Value};
 
 const PROGRAM: &str = "target Python
 reactor Base(rate = 5) { }

@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use hprm_core::{Coordination, Delay, Nanos};
-use hprm_lf::{Compiled, compile, render_all};
+use hprm_lf::compile;
+use hprm_model::{Compiled, render_all};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/lf")

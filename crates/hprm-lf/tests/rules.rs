@@ -7,7 +7,7 @@
 mod common;
 
 use common::compile_files;
-use hprm_lf::{Diagnostic, Severity};
+use hprm_model::{Diagnostic, Severity};
 
 const ERRORS: &[(&str, &str)] = &[
     // Types, bodies, values.

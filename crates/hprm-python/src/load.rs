@@ -7,7 +7,7 @@ use hprm::{Failure, Inbox, Pickling, Source};
 use hprm_core::{
     ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
 };
-use hprm_lf::{Argument, Compiled, ContainedPort, Ports, Runs};
+use hprm_model::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -196,7 +196,7 @@ impl<'a, 'py> Arguments<'a, 'py> {
 
     /// What the reaction may do with a port of its own reactor: an input that is only a source can be
     /// given a value to remember.
-    fn own(&self, ports: Ports, access: hprm_lf::Access) -> Access {
+    fn own(&self, ports: Ports, access: hprm_model::Access) -> Access {
         let spec = &self.runtime.program().reactions[self.reaction];
         let triggers = spec.triggers.contains(&Trigger::Port(ports.first));
         match elsewhere(access) {
@@ -213,10 +213,10 @@ impl<'a, 'py> Arguments<'a, 'py> {
 }
 
 /// What the reaction may do with a port of a contained reactor.
-fn elsewhere(access: hprm_lf::Access) -> Access {
+fn elsewhere(access: hprm_model::Access) -> Access {
     match access {
-        hprm_lf::Access::Read => Access::Read,
-        hprm_lf::Access::Write => Access::Write,
+        hprm_model::Access::Read => Access::Read,
+        hprm_model::Access::Write => Access::Write,
     }
 }
 

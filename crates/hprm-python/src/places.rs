@@ -1,7 +1,7 @@
 //! Where reactions are written, for messages about them.
 
 use hprm_core::{ReactionId, Table};
-use hprm_lf::{Compiled, Runs};
+use hprm_model::{Compiled, Runs};
 
 /// By reaction: its file and line.
 pub(crate) struct Places {

@@ -4,7 +4,7 @@
 //! described: a federate makes no instance, and compiles no body, of another one.
 
 use hprm_core::{ReactorId, Scope};
-use hprm_lf::{Class, Code, Compiled, Instance, ReactionBody, ReactorPart, Value};
+use hprm_model::{Class, Code, Compiled, Instance, ReactionBody, ReactorPart, Value};
 use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -23,10 +23,10 @@ pub(crate) fn describe<'py>(
     let describe = Describe { module: py.import("hprm._source")?, compiled };
     let sources = &compiled.sources;
     let files = PyDict::new(py);
-    for file in (0..sources.len()).filter_map(|i| u32::try_from(i).ok()).map(hprm_lf::FileId) {
+    for file in (0..sources.len()).filter_map(|i| u32::try_from(i).ok()).map(hprm_model::FileId) {
         files.set_item(sources.path(file), sources.text(file))?;
     }
-    let paths = |stated: &[(String, hprm_lf::FileId)]| -> Vec<(String, String)> {
+    let paths = |stated: &[(String, hprm_model::FileId)]| -> Vec<(String, String)> {
         stated.iter().map(|(path, file)| (path.clone(), sources.path(*file).to_owned())).collect()
     };
     let uses = paths(&compiled.files);
@@ -45,7 +45,7 @@ pub(crate) fn describe<'py>(
         })
         .map(|(id, _)| describe.instance(id))
         .collect::<PyResult<Vec<_>>>()?;
-    let (name, path) = (&compiled.program.name, sources.path(hprm_lf::FileId(0)));
+    let (name, path) = (&compiled.program.name, sources.path(hprm_model::FileId::MAIN));
     let tracing = compiled.settings.tracing;
     let fields = (name, path, files, uses, protobufs, tracing, preambles, classes, instances);
     describe.module.getattr("ProgramSource")?.call1(fields)
@@ -72,7 +72,12 @@ impl<'py> Describe<'_, 'py> {
         for method in &class.methods {
             let defaults = method.defaults.iter().map(|default| self.value(default));
             let defaults = PyList::new(py, defaults.collect::<PyResult<Vec<_>>>()?)?;
-            methods.append((&method.name, &method.args, defaults, self.code(&method.code)?))?;
+            methods.append((
+                &method.name,
+                &method.args,
+                defaults,
+                self.body(method.code.as_ref())?,
+            ))?;
         }
         let reactions = class.reactions.iter().map(|reaction| self.reaction(reaction));
         let reactions = reactions.collect::<PyResult<Vec<_>>>()?;
@@ -84,14 +89,13 @@ impl<'py> Describe<'_, 'py> {
     }
 
     fn reaction(&self, reaction: &ReactionBody) -> PyResult<Bound<'py, PyAny>> {
-        let handler = |code: &Option<Code>| code.as_ref().map(|code| self.code(code)).transpose();
         self.module.getattr("ReactionSource")?.call1((
             &reaction.args,
             &reaction.kinds,
             &reaction.contained,
-            self.code(&reaction.code)?,
-            handler(&reaction.deadline)?,
-            handler(&reaction.tardy)?,
+            self.body(reaction.code.as_ref())?,
+            self.body(reaction.deadline.as_ref())?,
+            self.body(reaction.tardy.as_ref())?,
         ))
     }
 
@@ -130,6 +134,11 @@ impl<'py> Describe<'_, 'py> {
     fn codes(&self, codes: &[Code]) -> PyResult<Bound<'py, PyList>> {
         let codes = codes.iter().map(|code| self.code(code)).collect::<PyResult<Vec<_>>>()?;
         PyList::new(self.module.py(), codes)
+    }
+
+    /// None if there is no text of it.
+    fn body(&self, code: Option<&Code>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        code.map(|code| self.code(code)).transpose()
     }
 
     fn code(&self, code: &Code) -> PyResult<Bound<'py, PyAny>> {

@@ -12,7 +12,7 @@ use hprm::supervisor::Signal;
 use hprm::trace::Trace;
 use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
 use hprm_core::Scope;
-use hprm_lf::Compiled;
+use hprm_model::Compiled;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -206,7 +206,7 @@ pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<C
     match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
         Ok(compiled) => {
             if warn && !compiled.warnings.is_empty() {
-                say(&hprm_lf::render_all(&compiled.warnings, &compiled.sources, color));
+                say(&hprm_model::render_all(&compiled.warnings, &compiled.sources, color));
             }
             Ok(compiled)
         }

@@ -17,7 +17,7 @@ use hprm::{
     RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
 };
 use hprm_core::{Program, Scope};
-use hprm_lf::Compiled;
+use hprm_model::Compiled;
 use pyo3::prelude::*;
 
 use crate::console::{report_output_to, say, show};

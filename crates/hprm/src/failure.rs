@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use hprm_core::{ProgramError, Tag};
 use hprm_federated::{Fault, Missing, Refusal};
-use hprm_lf::{Severity, render};
+use hprm_model::{Severity, render};
 
 use crate::Address;
 use crate::link::descriptors::advice;
@@ -274,10 +274,10 @@ impl Failure {
 
     /// The errors that the front end has found; with `color`, their text for people is coloured.
     #[must_use]
-    pub fn mistakes(found: &hprm_lf::CompileFailure, color: bool) -> Self {
-        let hprm_lf::CompileFailure { diagnostics, sources } = found;
+    pub fn mistakes(found: &hprm_model::CompileFailure, color: bool) -> Self {
+        let hprm_model::CompileFailure { diagnostics, sources } = found;
         let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error);
-        let report = |found: &hprm_lf::Diagnostic| {
+        let report = |found: &hprm_model::Diagnostic| {
             let stated = sources.is_stated(found.span.file);
             let path = sources.path(found.span.file);
             let position = (!stated).then(|| sources.position(found.span));

@@ -11,7 +11,7 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, symlink};
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use hprm_lf::Compiled;
+use hprm_model::Compiled;
 use rustix::fs::{FlockOperation, flock};
 
 /// The environment variable by which processes of a program find the stage that one of them has made.
@@ -46,7 +46,7 @@ impl Stage {
     pub fn of(compiled: &Compiled) -> io::Result<Option<Self>> {
         let sources = &compiled.sources;
         let files = compiled.files.iter().map(|(name, file)| (name, sources.path(*file)));
-        Self::of_files(Path::new(sources.path(hprm_lf::FileId(0))), files)
+        Self::of_files(Path::new(sources.path(hprm_model::FileId::MAIN)), files)
     }
 
     /// The same, for the program at `program` and files by their names, each with the file that

@@ -5,20 +5,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use cargo_metadata::{DependencyKind, MetadataCommand};
 
 /// Each of our crates, and those of ours that it may name.
-const ARROWS: [(&str, &[&str]); 8] = [
+const ARROWS: [(&str, &[&str]); 9] = [
     ("hprm-core", &[]),
     ("hprm-federated", &["hprm-core"]),
     ("hprm-store", &["hprm-core"]),
-    ("hprm-lf", &["hprm-core"]),
-    ("hprm", &["hprm-core", "hprm-federated", "hprm-store", "hprm-lf"]),
+    ("hprm-model", &["hprm-core"]),
+    ("hprm-lf", &["hprm-core", "hprm-model"]),
+    ("hprm", &["hprm-core", "hprm-federated", "hprm-store", "hprm-model", "hprm-lf"]),
     ("hprm-sim", &["hprm-core", "hprm-federated", "hprm-store"]),
-    ("hprm-python", &["hprm", "hprm-core", "hprm-lf", "hprm-store"]),
-    ("hprm-cli", &["hprm", "hprm-core", "hprm-lf", "hprm-sim"]),
+    ("hprm-python", &["hprm", "hprm-core", "hprm-lf", "hprm-model", "hprm-store"]),
+    ("hprm-cli", &["hprm", "hprm-core", "hprm-lf", "hprm-model", "hprm-sim"]),
 ];
 
 /// What a pure crate must not name: whatever touches the world.
 const WORLDLY: [&str; 5] = ["rustix", "socket2", "libc", "tokio", "mio"];
-const PURE: [&str; 4] = ["hprm-core", "hprm-federated", "hprm-lf", "hprm-sim"];
+const PURE: [&str; 5] = ["hprm-core", "hprm-federated", "hprm-lf", "hprm-model", "hprm-sim"];
 
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata");

@@ -1,11 +1,11 @@
 //! Expressions: literals, times, parameters, lists and code.
 
+use hprm_model::declaration::{Expression, ExpressionKind, Name};
+use hprm_model::{Diagnostic, Span};
+
 use super::{Parsed, Parser};
-use crate::ast::{Expression, ExpressionKind, Name};
-use crate::diagnostic::Diagnostic;
-use crate::source::Span;
+use crate::literal;
 use crate::token::TokenKind;
-use crate::value;
 
 impl Parser<'_> {
     pub(super) fn is_boolean(&self) -> bool {
@@ -34,7 +34,7 @@ impl Parser<'_> {
                 let text = self.string().text;
                 ExpressionKind::Character(text.chars().next().unwrap_or_default())
             }
-            TokenKind::Code => ExpressionKind::Code(self.body()?),
+            TokenKind::Code => ExpressionKind::Code(self.code()?),
             TokenKind::Mark('[') => ExpressionKind::List(self.expressions('[', ']')?),
             TokenKind::Mark('{') => {
                 return self.lose(
@@ -91,7 +91,7 @@ impl Parser<'_> {
             return Ok(ExpressionKind::Integer(number));
         }
         let unit = self.name("a unit of time")?;
-        let Some(nanos) = value::unit(&unit.text) else {
+        let Some(nanos) = literal::unit(&unit.text) else {
             let message = format!("`{}` is not a unit of time", unit.text);
             return self.lose(
                 Diagnostic::error("LF0401", unit.span, message)
@@ -119,7 +119,7 @@ impl Parser<'_> {
         self.starts_member()
             || self.is_word("serializer")
             || matches!(next, TokenKind::Mark('.' | '=') | TokenKind::Arrow | TokenKind::Squiggle)
-            || between.contains('\n') && value::unit(self.text_of(word)).is_none()
+            || between.contains('\n') && literal::unit(self.text_of(word)).is_none()
     }
 
     fn float(&mut self, negative: bool) -> Parsed<ExpressionKind> {
@@ -132,14 +132,14 @@ impl Parser<'_> {
     }
 
     fn is_unit(&self) -> bool {
-        self.is(TokenKind::Identifier) && value::unit(self.text_of(self.token())).is_some()
+        self.is(TokenKind::Identifier) && literal::unit(self.text_of(self.token())).is_some()
     }
 
     /// `0.5 ms`, at whose unit the cursor is.
     fn broken_time(&mut self, number: Span, magnitude: f64) -> Parsed<ExpressionKind> {
         let unit = self.advance();
         let message = "a time is a whole number of a unit";
-        let smaller = value::smaller(magnitude, self.text_of(unit));
+        let smaller = literal::smaller(magnitude, self.text_of(unit));
         self.lose(
             Diagnostic::error("LF0401", number.to(unit.span), message)
                 .maybe_hint(smaller.map(|time| format!("write `{time}`"))),
@@ -153,6 +153,6 @@ impl Parser<'_> {
         let text = self.text_of(token);
         let quotes = if text.starts_with("\"\"\"") { 3 } else { 1 };
         let inside = text.get(quotes..text.len() - quotes).unwrap_or_default();
-        Name { text: value::unescape(inside), span: Span { file, start, end } }
+        Name { text: literal::unescape(inside), span: Span { file, start, end } }
     }
 }

@@ -11,10 +11,11 @@ mod target;
 
 use std::collections::BTreeSet;
 
-use crate::ast::{Body, Expression, FileNode, Import, ImportSource, ImportedReactor, Name};
-use crate::diagnostic::{Diagnostic, Report, did_you_mean};
+use hprm_model::declaration::{Body, Expression, Name};
+use hprm_model::{Diagnostic, FileId, Report, Span, did_you_mean};
+
+use crate::ast::{FileNode, Import, ImportSource, ImportedReactor};
 use crate::lexer;
-use crate::source::{FileId, Span};
 use crate::token::{Token, TokenKind};
 
 /// Words that start a member of a reactor, and so cannot name anything.
@@ -161,8 +162,13 @@ impl Parser<'_> {
     }
 
     fn body(&mut self) -> Parsed<Body> {
+        self.code().map(Body::Text)
+    }
+
+    /// The place of the text between `{=` and `=}`.
+    fn code(&mut self) -> Parsed<Span> {
         if self.is_mark('{') {
-            return self.body_in_braces();
+            return Ok(self.body_in_braces());
         }
         if !self.is(TokenKind::Code) {
             return self.fail("a body `{= ... =}`");
@@ -171,7 +177,7 @@ impl Parser<'_> {
         inner.start += 2;
         // Of a body without an end, there is nothing behind it.
         inner.end = (inner.end - 2).max(inner.start);
-        Ok(Body { inner })
+        Ok(inner)
     }
 
     fn maybe_body(&mut self) -> Parsed<Option<Body>> {
@@ -179,7 +185,7 @@ impl Parser<'_> {
     }
 
     /// Reports braces without `=`, and steps over what is between them.
-    fn body_in_braces(&mut self) -> Parsed<Body> {
+    fn body_in_braces(&mut self) -> Span {
         let open = self.advance().span;
         let message = "the body of a reaction or a method stands between `{=` and `=}`";
         self.report.add(
@@ -194,7 +200,7 @@ impl Parser<'_> {
             }
         }
         self.cut |= depth > 0;
-        Ok(Body { inner: Span { end: open.start, ..open } })
+        Span { end: open.start, ..open }
     }
 
     /// Reports that something else was expected here.
@@ -313,7 +319,7 @@ impl Parser<'_> {
         }
     }
 
-    fn preamble(&mut self) -> Parsed<Body> {
+    fn preamble(&mut self) -> Parsed<Span> {
         let span = self.token().span;
         if self.accept_word("private").or_else(|| self.accept_word("public")).is_some() {
             let message = "`private` and `public` have no meaning in the Python target";
@@ -321,7 +327,7 @@ impl Parser<'_> {
                 .add(Diagnostic::warning("LF0219", span, message).hint("write `preamble` alone"));
         }
         self.expect_word("preamble")?;
-        self.body()
+        self.code()
     }
 
     fn import(&mut self) -> Parsed<Import> {

@@ -1,12 +1,12 @@
 //! Reactors and modes: headers, members in a row, and recovery between members.
 
-use super::{MEMBERS, Parsed, Parser};
-use crate::ast::{
+use hprm_model::declaration::{
     Attribute, AttributeArgument, Expression, Member, ModeNode, Name, Parameter, ReactorKind,
     ReactorNode, StateNode, Width, WidthTerm,
 };
-use crate::diagnostic::Diagnostic;
-use crate::source::Span;
+use hprm_model::{Diagnostic, Span};
+
+use super::{MEMBERS, Parsed, Parser};
 use crate::token::TokenKind;
 
 impl Parser<'_> {

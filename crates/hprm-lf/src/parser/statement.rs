@@ -1,14 +1,14 @@
 //! The members of a reactor that have parts: ports, actions, reactions, instances, connections.
 
 use hprm_core::Transition;
-
-use super::{MEMBERS, Parsed, Parser};
-use crate::ast::{
+use hprm_model::declaration::{
     ActionNode, ArgumentNode, Assignment, Attribute, ConnectionNode, Deadline, EffectNode,
     Instantiation, Late, MethodNode, PortKind, PortNode, ReactionNode, Reference, TimerNode,
     TriggerNode, Watchdog,
 };
-use crate::diagnostic::{Diagnostic, did_you_mean};
+use hprm_model::{Diagnostic, did_you_mean};
+
+use super::{MEMBERS, Parsed, Parser};
 use crate::token::TokenKind;
 
 impl Parser<'_> {

@@ -1,9 +1,11 @@
 //! The target declaration with its properties, and the names of hosts: the places where words need
 //! no quotes.
 
+use hprm_model::Span;
+use hprm_model::declaration::{Element, ElementKind, Name, Property};
+
 use super::{Parsed, Parser};
-use crate::ast::{Element, ElementKind, Name, Property, Target};
-use crate::source::Span;
+use crate::ast::Target;
 use crate::token::{Token, TokenKind};
 
 impl Parser<'_> {

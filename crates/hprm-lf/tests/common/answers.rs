@@ -1,6 +1,7 @@
 //! The one promise about any input at all: an answer. Shared with the fuzz target in `fuzz/`.
 
-use hprm_lf::{Severity, compile, render_all};
+use hprm_lf::compile;
+use hprm_model::{Severity, render_all};
 
 /// Compiles the program in `bytes` and sees to it that the answer is a program, or at least one
 /// error.

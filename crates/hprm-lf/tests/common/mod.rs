@@ -3,7 +3,8 @@
 
 #![allow(dead_code, reason = "each test file uses its share")]
 
-use hprm_lf::{CompileFailure, Compiled, compile, render_all};
+use hprm_lf::compile;
+use hprm_model::{CompileFailure, Compiled, render_all};
 
 /// Compiles `Main.lf` among `files`.
 pub(crate) fn compile_files(files: &[(&str, &str)]) -> Result<Compiled, CompileFailure> {
