@@ -114,6 +114,9 @@ fn a_body_may_be_a_function_of_the_front_end() {
     assert_eq!((wheel.reactions[0].file, wheel.reactions[0].line), (wheel.file, 5));
     assert_eq!(wheel.reactions[0].args, ["speed"]);
     assert_eq!(compiled.bodies.len(), 1);
+    // Processes compare what it is called with.
+    let facts = compiled.fingerprint().report();
+    assert!(facts.iter().any(|fact| fact.subject == "the body of reaction 1 of reactor Wheel"));
     // It may set what it names as an effect, and nothing else.
     let [warning] = &compiled.warnings[..] else { panic!("{:?}", compiled.warnings) };
     assert_eq!((warning.code, warning.severity), ("LF0506", Severity::Warning));
