@@ -7,7 +7,7 @@
 
 pub(crate) mod blocking;
 
-use std::collections::VecDeque;
+use alloc::collections::VecDeque;
 
 use crate::{ConnectionId, Tag};
 

@@ -3,7 +3,12 @@
 //! The builder checks what the runtime relies on: one source per port, no causality loop, federates
 //! at the top level. A front end reports what its source language forbids beyond that.
 
-use std::collections::BTreeSet;
+use alloc::borrow::ToOwned;
+use alloc::collections::BTreeSet;
+use alloc::format;
+use alloc::string::String;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use crate::bound::blocking::{Unsafe, unsafe_blocking};
 use crate::level::{self, CausalityLoop, Precedence};
@@ -505,6 +510,8 @@ fn follow(next: &Table<PortId, Vec<PortId>>, start: PortId, mut found: impl FnMu
 
 #[cfg(test)]
 mod tests {
+    use alloc::string::ToString;
+
     use super::*;
 
     fn two_reactors() -> (ProgramBuilder, [PortId; 4]) {

@@ -4,12 +4,18 @@
 //! how they differ. Which facts a program has is in `program`; a front end adds its own facts, for
 //! example about the bodies of reactions.
 
+use alloc::borrow::ToOwned;
+use alloc::format;
+use alloc::string::String;
+use alloc::vec;
+use alloc::vec::Vec;
+
 mod program;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::hash::{Hash, Hasher};
+use alloc::collections::{BTreeMap, BTreeSet};
+use core::hash::{Hash, Hasher};
 
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;

@@ -2,9 +2,11 @@
 //!
 //! An id is an index; names are for people and live in the tables' entries.
 
-use std::fmt;
-use std::marker::PhantomData;
-use std::ops::{Index, IndexMut};
+use alloc::vec;
+use alloc::vec::Vec;
+use core::fmt;
+use core::marker::PhantomData;
+use core::ops::{Index, IndexMut};
 
 use serde::{Deserialize, Serialize};
 
@@ -125,7 +127,7 @@ impl<I: Id, T> Table<I, T> {
     }
 
     /// All entries, in order.
-    pub fn values(&self) -> std::slice::Iter<'_, T> {
+    pub fn values(&self) -> core::slice::Iter<'_, T> {
         self.entries.iter()
     }
 }

@@ -6,7 +6,8 @@
 //! because they are in different modes of a reactor, are not ordered either; but the reactions of one
 //! reactor are, whatever their modes.
 
-use std::collections::{BTreeMap, VecDeque};
+use alloc::collections::{BTreeMap, VecDeque};
+use alloc::vec::Vec;
 
 use crate::{ModeId, Nanos, PortId, Program, ReactionId, Table, Trigger};
 

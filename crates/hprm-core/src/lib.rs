@@ -2,13 +2,20 @@
 //!
 //! This crate is pure. It never reads a clock, opens a socket, starts a thread or touches a file;
 //! time is an argument and values are a type parameter. A driver runs the bodies of reactions and
-//! carries messages to other federates.
+//! carries messages to other federates. It needs no operating system either: the crates `core` and `alloc` are
+//! enough, and a main loop with a clock of its own can step a program by hand, as the example
+//! `stepped_by_hand` does.
 //!
 //! Where to start: [`Tag`] and [`Delay`] are the algebra of time, [`Program`] is the checked
 //! instance graph that [`ProgramBuilder`] builds, [`Scheduler`] executes it.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
+#![no_std]
+
+extern crate alloc;
+#[cfg(test)]
+extern crate std;
 
 mod bound;
 mod builder;

@@ -1,8 +1,10 @@
 //! Many short lists in one piece of memory, by id: a scheduler reads them at every tag.
 
-use std::fmt;
-use std::marker::PhantomData;
-use std::ops::{Index, Range};
+use alloc::vec;
+use alloc::vec::Vec;
+use core::fmt;
+use core::marker::PhantomData;
+use core::ops::{Index, Range};
 
 use crate::id::Id;
 
@@ -53,6 +55,8 @@ impl<I: Id, T: fmt::Debug> fmt::Debug for Lists<I, T> {
 
 #[cfg(test)]
 mod tests {
+    use alloc::format;
+
     use super::*;
     use crate::PortId;
 

@@ -7,6 +7,7 @@ use crate::{
     ActionId, Connection, ConnectionId, Direction, ModeId, PortId, Program, ReactionId, ReactorId,
     Table, TimerId,
 };
+use alloc::string::String;
 
 /// A mode of a reactor instance (handbook, "modal models").
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -64,7 +65,7 @@ impl Program {
 
     /// A mode and the modes around it, from the inside out.
     pub(crate) fn modes_around(&self, mode: Option<ModeId>) -> impl Iterator<Item = ModeId> {
-        std::iter::successors(mode, |mode| self.outer_mode(*mode))
+        core::iter::successors(mode, |mode| self.outer_mode(*mode))
     }
 
     /// Whether what is in mode `a` and what is in mode `b` are never active at the same tag: some

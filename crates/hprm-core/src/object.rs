@@ -2,6 +2,7 @@
 //!
 //! Plain data. The store writes, maps and releases the bytes.
 
+use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::FederateId;

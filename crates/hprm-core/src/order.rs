@@ -6,7 +6,8 @@
 //! A trigger triggers the same reactions each time, so they are kept as [`Batch`]es: a bit set of
 //! positions can add all reactions of one of its words at once.
 
-use std::ops::Range;
+use alloc::vec::Vec;
+use core::ops::Range;
 
 use crate::id::Id;
 use crate::{Program, Reaction, ReactionId, Scope, Table};
@@ -127,6 +128,8 @@ fn as_u32(index: usize) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use alloc::vec;
+
     use super::*;
     use crate::TimerId;
 

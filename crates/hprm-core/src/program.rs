@@ -5,6 +5,9 @@
 //! federate: a federate runs the part of the program that is in its own reactor. It has no bodies, no
 //! source text and nothing of Python.
 
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{

@@ -5,6 +5,7 @@
 
 use crate::tag_map::TagMap;
 use crate::{ActionId, ConnectionId, Tag, TimerId};
+use alloc::vec::Vec;
 
 /// What makes a port, an action or a timer present at a tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -82,7 +83,7 @@ impl<V> EventQueue<V> {
         match self.events.at_mut(tag).iter_mut().find(|event| event.is_of(action))? {
             QueuedEvent::Action { value, physical, .. } => {
                 *physical |= marked;
-                std::mem::replace(value, new)
+                core::mem::replace(value, new)
             }
             QueuedEvent::Timer(_) | QueuedEvent::Message { .. } => None,
         }

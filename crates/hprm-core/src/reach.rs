@@ -1,6 +1,7 @@
 //! Which ports reactions can write and read, through any number of connections.
 
 use crate::{Connection, PortId, Program, ReactionId, Table};
+use alloc::vec::Vec;
 
 /// The ports at which a value may appear that some reaction has set.
 pub(crate) fn written(program: &Program) -> Table<PortId, bool> {
@@ -29,7 +30,7 @@ fn reachable(
         marks(reaction, &mut |port| pending.push(port));
     }
     while let Some(port) = pending.pop() {
-        if !std::mem::replace(&mut reached[port], true) {
+        if !core::mem::replace(&mut reached[port], true) {
             pending.extend(&next[port]);
         }
     }

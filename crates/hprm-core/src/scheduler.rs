@@ -15,9 +15,11 @@
 //! A driver with several threads takes `next_turns` instead of `next_reaction`: all reactions that
 //! may run at the same time. Each of them gets its own [`Effects`], which the driver commits.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::mem;
-use std::sync::Arc;
+use alloc::boxed::Box;
+use alloc::collections::{BTreeMap, VecDeque};
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::mem;
 
 use self::current_tag::CurrentTag;
 use self::departures::Departures;

@@ -4,8 +4,8 @@
 //! what an `after` clause does to a tag. A [`PhysicalTime`] is the reading of a clock. Permissions
 //! to advance are not tags; they live with the coordination.
 
-use std::cmp::Ordering;
-use std::fmt;
+use core::cmp::Ordering;
+use core::fmt;
 
 use serde::{Deserialize, Serialize};
 

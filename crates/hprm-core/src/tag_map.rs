@@ -3,9 +3,10 @@
 //! The earliest list is kept outside the tree, because most programs have events at one or two future
 //! tags. The event queue knows what the entries are.
 
-use std::collections::BTreeMap;
-use std::hash::{Hash, Hasher};
-use std::mem;
+use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
+use core::hash::{Hash, Hasher};
+use core::mem;
 
 use crate::Tag;
 

@@ -5,11 +5,13 @@
 //! reaction reads. Network inputs and the ends of delayed connections are roots of their own, and so is the
 //! end of a connection that carries something in one mode only: a relay.
 
+use alloc::vec::Vec;
+
 mod modal;
 
 pub(crate) use modal::ModeWiring;
 
-use std::collections::BTreeSet;
+use alloc::collections::BTreeSet;
 
 use crate::lists::Lists;
 use crate::order::{Batch, Order, Position};
@@ -235,7 +237,7 @@ fn unread_from(program: &Program, scope: Scope, read: &Table<PortId, bool>) -> T
     let mut pending: Vec<PortId> = ours.ids().filter(|port| ours[*port]).collect();
     while let Some(port) = pending.pop() {
         for follower in &followers[port] {
-            if !std::mem::replace(&mut ours[*follower], true) {
+            if !core::mem::replace(&mut ours[*follower], true) {
                 pending.push(*follower);
             }
         }

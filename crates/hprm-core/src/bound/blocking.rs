@@ -7,7 +7,9 @@
 //! both ways for each logical connection, and one from sender to receiver for each that blocks. The RTI
 //! waits for no federate, so it is in no cycle.
 
-use std::collections::BTreeMap;
+use alloc::collections::BTreeMap;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use super::Overflow;
 use crate::{Channel, Connection, ConnectionId, FederateId, Program};

@@ -4,7 +4,13 @@
 //! priorities, the time of busy-polling, hosts. So is the inside of a transient federate: another version
 //! of it may take over while the program runs. Its ports are included.
 
-use std::fmt::Write as _;
+use alloc::borrow::ToOwned;
+use alloc::format;
+use alloc::string::String;
+use alloc::string::ToString;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::fmt::Write as _;
 
 use super::{Fact, Fingerprint};
 use crate::spacing::Policy;

@@ -2,6 +2,7 @@
 //! complete.
 
 use crate::{ActionId, PortId, Table, Tag};
+use alloc::vec::Vec;
 
 /// What is present at the current tag, and how far its processing has got.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]

@@ -4,7 +4,8 @@
 //! [`Scheduler::leave_at`]. In the scheduler of a whole program the federate's reactors run their
 //! shutdown reactions and then nothing; messages that they have sent still arrive.
 
-use std::sync::Arc;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use super::Scheduler;
 use crate::queue::QueuedEvent;
@@ -60,7 +61,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// Whether a reaction has asked that this federate leaves since this was last called.
     pub fn take_departure(&mut self) -> bool {
-        std::mem::take(&mut self.departures.requested)
+        core::mem::take(&mut self.departures.requested)
     }
 
     /// Ends this federate at `tag`, or at the next one if that has passed, while the program goes on.
@@ -96,7 +97,7 @@ impl<V: Clone> Scheduler<V> {
     /// The current tag is the last one of federates that have asked to leave: queues their shutdown
     /// reactions, and removes their later events.
     pub(super) fn queue_departures(&mut self) {
-        self.departures.leaving = std::mem::take(&mut self.departures.due);
+        self.departures.leaving = core::mem::take(&mut self.departures.due);
         let program = Arc::clone(&self.program);
         let leaving = self.departures.leaving.clone();
         self.queue_shutdown(|reaction| {

@@ -9,6 +9,7 @@ use super::{Body, Scheduler};
 use crate::{
     ActionId, ModeId, Nanos, Origin, PhysicalTime, PortId, ReactionId, Reading, Tag, Transition,
 };
+use alloc::vec::Vec;
 
 /// A reaction whose turn it is.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]

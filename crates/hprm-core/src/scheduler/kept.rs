@@ -28,7 +28,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     fn remember_present(&mut self) {
-        let mut kept = std::mem::take(&mut self.kept);
+        let mut kept = core::mem::take(&mut self.kept);
         for (port, value) in &mut kept {
             if let Some(present) = self.port(*port) {
                 *value = present.clone();

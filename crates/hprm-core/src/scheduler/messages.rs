@@ -1,6 +1,6 @@
 //! Messages: along delayed and physical connections, to other federates and from them.
 
-use std::sync::Arc;
+use alloc::sync::Arc;
 
 use super::{OutboundMessage, Scheduler};
 use crate::bound::Admission;
@@ -104,7 +104,7 @@ impl<V: Clone> Scheduler<V> {
         if self.current.outbound_ports.is_empty() {
             return;
         }
-        let mut ports = std::mem::take(&mut self.current.outbound_ports);
+        let mut ports = core::mem::take(&mut self.current.outbound_ports);
         // Not in the order of setting: the order of messages in the queue is part of the state.
         ports.sort_unstable();
         let now = now.read();

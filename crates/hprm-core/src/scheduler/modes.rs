@@ -12,6 +12,8 @@ use crate::wiring::{ModeWiring, Wiring};
 use crate::{
     Delay, ModeId, Nanos, Program, ReactionId, ReactorId, Table, Tag, TimerId, Transition,
 };
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// The modes of a running program.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -181,7 +183,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// Queues the startup reactions, or keeps them until their mode is active for the first time.
     pub(super) fn queue_startup(&mut self) {
-        let wiring = std::sync::Arc::clone(&self.wiring);
+        let wiring = alloc::sync::Arc::clone(&self.wiring);
         for reaction in &wiring.startup {
             if self.modes.is_active(wiring.modes.of_reaction[*reaction]) {
                 self.ready.push(wiring.order.position(*reaction));
@@ -234,7 +236,7 @@ impl<V: Clone> Scheduler<V> {
         if !self.modes.changing {
             return;
         }
-        let wiring = std::sync::Arc::clone(&self.wiring);
+        let wiring = alloc::sync::Arc::clone(&self.wiring);
         let (reset, new) = self.modes.enter_requested(&wiring.modes);
         self.suspend_inactive();
         self.resume(&reset);
@@ -275,7 +277,7 @@ impl<V: Clone> Scheduler<V> {
     /// are removed.
     fn resume(&mut self, reset: &[ModeId]) {
         let mut kept = Vec::new();
-        for suspended in std::mem::take(&mut self.modes.suspended) {
+        for suspended in core::mem::take(&mut self.modes.suspended) {
             let Suspended { event, mode, remaining } = suspended;
             if reset.contains(&mode) {
                 continue;

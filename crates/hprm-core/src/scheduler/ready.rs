@@ -1,7 +1,9 @@
 //! Reactions that are ready to run at the current tag: a bit set of positions, from which the first is
 //! taken again and again. This file knows their order, not what triggered them.
 
-use std::hash::{Hash, Hasher};
+use alloc::vec;
+use alloc::vec::Vec;
+use core::hash::{Hash, Hasher};
 
 use crate::order::{Batch, Position};
 

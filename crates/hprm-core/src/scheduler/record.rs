@@ -16,7 +16,9 @@
 //! ([`Scheduler::inputs`]) before it runs the body: later, the value may have changed, since clones share
 //! it.
 
-use std::collections::{BTreeSet, VecDeque};
+use alloc::boxed::Box;
+use alloc::collections::{BTreeSet, VecDeque};
+use alloc::vec::Vec;
 
 use super::{Body, Scheduled, Scheduler};
 use crate::{

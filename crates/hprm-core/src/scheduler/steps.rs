@@ -6,6 +6,7 @@
 
 use super::{OutboundMessage, Scheduler};
 use crate::{Channel, ChannelId, PortId};
+use alloc::vec::Vec;
 
 impl<V: Clone> Scheduler<V> {
     /// The next level at which this federate has something to do at this tag, unless a message arrives: a
@@ -39,7 +40,7 @@ impl<V: Clone> Scheduler<V> {
         final_ports.sort_unstable();
         for root in final_ports {
             self.current.sent_ports.push(root);
-            let wiring = std::sync::Arc::clone(&self.wiring);
+            let wiring = alloc::sync::Arc::clone(&self.wiring);
             for channel in &wiring.outgoing[root] {
                 let Channel { connection, .. } = self.program.channels[*channel];
                 if self.is_direct(*channel)

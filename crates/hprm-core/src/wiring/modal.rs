@@ -3,6 +3,8 @@
 use crate::{
     ActionId, ConnectionId, ModeId, Program, ReactionId, ReactorId, Scope, Table, TimerId,
 };
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// What modes enclose, innermost first; all tables are full even where there are no modes.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
