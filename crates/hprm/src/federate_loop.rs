@@ -149,7 +149,7 @@ struct FederateLoop<'a, H: Host> {
     interrupted: bool,
     /// What the links have received. Empty between rounds; the loop keeps the vector for its memory.
     inputs: Vec<(LinkSerial, Input)>,
-    /// When the loop last looked at the links: it has read all that had come by then.
+    /// The loop has read, or is about to read, all that had come over the links by this time.
     looked_at: PhysicalTime,
     /// Decides whether outbound messages may wait for those of the next tags.
     pace: Pace,
@@ -549,10 +549,15 @@ where
         );
         let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
+        let before = Clock::now();
         let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
-        self.looked_at = Clock::now();
-        self.pace.waited(self.looked_at);
+        // The wait has found what had come before it. This thread may have been preempted since the kernel
+        // looked last, so of what came during the wait, the loop may not know yet.
+        if found.is_some() {
+            self.looked_at = before;
+        }
+        self.pace.waited(Clock::now());
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {
