@@ -211,6 +211,10 @@ def _drop_modules() -> None:
     """
     if len(sys._current_frames()) > 1:
         return
+    # The collector finalizes objects in the order of its lists, and a full collection puts the
+    # youngest generation before the middle one. An archive comes before the file that it has
+    # opened only if both of these are empty.
+    gc.collect(1)
     found = {id(module): weakref.ref(module) for module in _program_modules()}
     for name in [name for name, module in sys.modules.items() if _is_program(name, module)]:
         del sys.modules[name]
