@@ -19,6 +19,12 @@ from hprm._source import ClassSource, ReactionSource
 
 _ATTRIBUTE = "__hprm_hint__"
 
+_UNPICKLABLE = (
+    "pickle carries no locks, open files or generators, and functions and classes only by their "
+    "names in a preamble or a module; send data instead, such as dicts, lists, arrays and "
+    "dataclasses (docs/serialization.md)"
+)
+
 _READ_ONLY = re.compile(r"read-only|read only|not writeable", re.IGNORECASE)
 
 
@@ -33,6 +39,14 @@ def explain(error: BaseException) -> None:
     except Exception:
         # Whatever objects of the program answer, the exception itself must be shown.
         return
+
+
+def explain_unpicklable(error: BaseException, pickler: str) -> None:
+    """Keep a hint with an error of pickle, which the file ``pickler`` has called."""
+    *_, (last, _) = traceback.walk_tb(error.__traceback__)
+    # The pickler is not written in Python, so deeper frames are of the value's own methods.
+    if last.f_code.co_filename == pickler:
+        setattr(error, _ATTRIBUTE, _UNPICKLABLE)
 
 
 def of(error: BaseException) -> str | None:

@@ -1,5 +1,6 @@
 """Pickling what is not of the basic types, with its large buffers out of band."""
 
+import contextlib
 import io
 import json
 import pickle
@@ -103,7 +104,15 @@ def _array(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Any) -> Any:
 def dumps(value: Any) -> tuple[bytes, list[Any]]:
     """Return the pickle of a value, and its buffers; the last one says what the others show."""
     file, found = io.BytesIO(), _Buffers()
-    _Pickler(file, found).dump(value)
+    try:
+        _Pickler(file, found).dump(value)
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        # Only programs that fail pay for it; whatever becomes of the hint, the error must be shown.
+        with contextlib.suppress(Exception):
+            from hprm import _hints
+
+            _hints.explain_unpicklable(error, __file__)
+        raise
     layouts = [json.dumps(found.layouts).encode()] if found.taken else []
     return file.getvalue(), found.taken + layouts
 

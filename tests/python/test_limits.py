@@ -49,6 +49,8 @@ def test_without_files_of_that_length_messages_take_sockets(
     assert (done.returncode, done.stdout) == (0, ALL), done.stderr
     assert done.stderr.count("warning") == 1
     assert "bytes of shared memory (ftruncate: File too large" in done.stderr
+    assert "ulimit -f limits how long a file may be" in done.stderr
+    assert "free memory" not in done.stderr
 
 
 def test_a_stack_that_is_too_small_is_said(tmp_path: Path) -> None:

@@ -66,6 +66,27 @@ def test_deny_means_never(
     assert "got" not in outcome.out
 
 
+@pytest.mark.parametrize("inside", [(), ("--in-process",)], ids=["processes", "threads"])
+@pytest.mark.parametrize(
+    "value", ["lambda: 1", "[__import__('threading').Lock()]", "(n for n in [])"]
+)
+def test_what_pickle_cannot_carry_has_a_hint(
+    launch: Run, value: str, inside: tuple[str, ...]
+) -> None:
+    outcome = launch(text(value), *inside)
+    assert outcome.code == 1
+    assert outcome.err.count("hint: ") == 1, outcome.err
+    assert "hint: pickle carries no locks, open files or generators" in outcome.err
+
+
+def test_an_error_of_a_method_that_pickle_calls_has_no_hint_about_pickle(launch: Run) -> None:
+    method = "def __getstate__(self):\n        return self.missing"
+    program = text().replace("class Plain:\n    pass", f"class Plain:\n    {method}")
+    outcome = launch(program)
+    assert (outcome.code, "has no attribute 'missing'" in outcome.err) == (1, True), outcome.err
+    assert "pickle carries" not in outcome.err
+
+
 def test_what_needs_no_pickle_passes_always(launch: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HPRM_PICKLE", "deny")
     program = text().replace("class Plain:\n    pass", DATACLASS).replace("Plain()", "Plain(7)")

@@ -11,8 +11,7 @@ use crate::HoldError;
 pub enum SegmentError {
     /// The system has no memory for it.
     #[error(
-        "cannot create {len} bytes of shared memory ({step}: {cause}); free memory on this host, \
-         raise its limits, or lower the limit of the object store (--store-limit)"
+        "cannot create {len} bytes of shared memory ({step}: {cause}); {}", remedy(*cause)
     )]
     Create {
         /// The length in bytes.
@@ -110,4 +109,32 @@ pub enum StoreError {
     /// A hold does not exist.
     #[error(transparent)]
     Hold(#[from] HoldError),
+}
+
+/// What to do if shared memory cannot be created.
+fn remedy(cause: Errno) -> &'static str {
+    match cause {
+        // Shared memory is a file to the system.
+        Errno::FBIG => {
+            "ulimit -f limits how long a file may be, and shared memory is one: let it be longer, or unlimited"
+        }
+        _ => {
+            "free memory on this host, raise its limits, or lower the limit of the object store \
+             (--store-limit)"
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_to_do_follows_from_the_error_of_the_system() {
+        let said = |cause| SegmentError::Create { len: 1, step: "ftruncate", cause }.to_string();
+        let too_long = said(Errno::FBIG);
+        assert!(too_long.contains("; ulimit -f limits"), "{too_long}");
+        assert!(!too_long.contains("free memory"), "{too_long}");
+        assert!(said(Errno::NOMEM).contains("; free memory on this host"));
+    }
 }
