@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import venv
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +148,24 @@ def test_an_option_that_cannot_be_obeyed(
     assert (done.returncode, done.stdout, found["kind"], found["code"]) == (1, "", "option", 1)
     assert message in found["message"]
     assert hint in found["hint"]
+
+
+@pytest.mark.parametrize("words", [["Main.lf"], ["Fed.lf"], ["--in-process", "Fed.lf"]])
+def test_an_interpreter_without_hprm_is_one_error(folder: Path, words: list[str]) -> None:
+    # A folder that is only called so is no package.
+    (folder / "hprm").mkdir()
+    venv.create(folder / "bare", symlinks=True)
+    python = str(folder / "bare" / "bin" / "python3")
+    done = hprm(folder, "run", "--python", python, *words, "--json")
+    found = report(done)
+    assert (done.returncode, done.stdout, found["kind"], found["code"]) == (1, "", "option", 1)
+    assert found["message"] == f"HPRM is not installed for the interpreter {python}"
+    assert "pip install ." in found["hint"] and "--python" in found["hint"]
+    done = hprm(folder, "run", "--python", python, *words)
+    assert (done.returncode, done.stderr.count("error: ")) == (1, 1)
+    assert "No module named" not in done.stderr
+    doctor = hprm(folder, "doctor", "--python", python)
+    assert "python module" in doctor.stdout and "not found" not in doctor.stdout
 
 
 def test_a_file_that_is_no_secret(folder: Path) -> None:

@@ -47,7 +47,7 @@ pub(crate) fn mistakes(
         Error::new(format!("the Python of reactions was not looked into: {reason}"))
             .hint("hprm doctor tells what is missing; --no-bodies does without")
     };
-    let python = python::find(interpreter).map_err(|_| unchecked(&"there is no python3"))?;
+    let python = python::find(interpreter).map_err(|error| unchecked(&error.report().message))?;
     let mut command = python::module(&python, "syntax");
     let answer = command.arg("--").args(programs).stdin(Stdio::null()).output();
     let answer = answer.map_err(|error| unchecked(&error))?;

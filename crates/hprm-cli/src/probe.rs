@@ -102,7 +102,7 @@ print(json.dumps({
 fn interpreter(chosen: &Interpreter) -> Vec<Finding> {
     const INSTALL: &str =
         "install Python 3.10 or later, then HPRM into it: pip install . in a checkout";
-    let Ok(python) = python::find(chosen) else {
+    let Ok(python) = python::find_any(chosen) else {
         return vec![Finding::bad("python", "not found", INSTALL)];
     };
     let answer = Command::new(&python).args(["-c", QUESTIONS]).output();

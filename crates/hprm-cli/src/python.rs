@@ -15,8 +15,15 @@ use crate::message::Error;
 
 const PYTHON: &str = "python3";
 
-/// More bytes than an interpreter answers that is asked whether it is one, and the script that starts it.
+/// More bytes than an interpreter answers that is asked what it is, and the script that starts it.
 const LONGEST_ANSWER: u64 = 4096;
+
+/// Has an interpreter say whether `python -m hprm` would find HPRM. A folder that is only called so has no origin.
+const QUESTION: &str = "\
+import importlib.util
+found = importlib.util.find_spec('hprm')
+print('an interpreter', 'with' if found and found.origin else 'without', 'hprm')
+";
 
 /// What the search depends on.
 #[derive(Clone, Debug, Default)]
@@ -29,20 +36,47 @@ struct Surroundings {
     path: Option<OsString>,
 }
 
+/// What an interpreter answers to the [`QUESTION`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Answer {
+    WithHprm,
+    WithoutHprm,
+}
+
 /// The interpreter that is stated, or else found: in the active virtual environment, beside `hprm`, or
 /// on `PATH`.
 ///
 /// # Errors
 ///
-/// If there is none, or the stated one cannot be executed.
+/// If there is none, or the stated one cannot be executed or has no HPRM.
 pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
-    if let Some(stated) = &interpreter.python {
-        return match is_executable(stated) && is_python(stated) {
-            true => Ok(stated.clone()),
-            false => Err(Error::option(format!("{} is no Python interpreter", stated.display()))
-                .hint("name an executable file, such as .venv/bin/python3")),
-        };
+    match &interpreter.python {
+        Some(stated) if ask(stated)? == Answer::WithoutHprm => Err(without_hprm(stated)),
+        Some(stated) => Ok(stated.clone()),
+        None => search_here(),
     }
+}
+
+/// The same, with or without HPRM.
+///
+/// # Errors
+///
+/// If there is none, or the stated one cannot be executed.
+pub(crate) fn find_any(interpreter: &Interpreter) -> Result<PathBuf, Error> {
+    match &interpreter.python {
+        Some(stated) => ask(stated).map(|_| stated.clone()),
+        None => search_here(),
+    }
+}
+
+fn without_hprm(stated: &Path) -> Error {
+    let stated = stated.display();
+    Error::option(format!("HPRM is not installed for the interpreter {stated}")).hint(format!(
+        "install it there with `{stated} -m pip install .` in a checkout, or choose another interpreter with --python"
+    ))
+}
+
+fn search_here() -> Result<PathBuf, Error> {
     let surroundings = Surroundings {
         called: env::args_os().next(),
         executable: env::current_exe().ok(),
@@ -55,13 +89,30 @@ pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
     })
 }
 
-/// Whether a program understands Python. One that is found, and not stated, has the name of Python, and is not
-/// asked.
-fn is_python(program: &Path) -> bool {
+/// Asks a program whether it has HPRM. One that is found, and not stated, is not asked.
+///
+/// # Errors
+///
+/// If it does not understand Python.
+fn ask(program: &Path) -> Result<Answer, Error> {
+    let answer = if is_executable(program) { answer(program) } else { None };
+    match answer {
+        Some(answer) if answer.ends_with(b"an interpreter with hprm\n") => Ok(Answer::WithHprm),
+        Some(answer) if answer.ends_with(b"an interpreter without hprm\n") => {
+            Ok(Answer::WithoutHprm)
+        }
+        _ => Err(Error::option(format!("{} is no Python interpreter", program.display()))
+            .hint("name an executable file, such as .venv/bin/python3")),
+    }
+}
+
+/// What a program answers to the [`QUESTION`].
+fn answer(program: &Path) -> Option<Vec<u8>> {
     let mut command = Command::new(program);
-    command.args(["-I", "-S", "-c", "print('an', 'interpreter')"]);
+    // With the paths that it has for `-m hprm`.
+    command.args(["-c", QUESTION]);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-    let Ok(mut process) = command.spawn() else { return false };
+    let mut process = command.spawn().ok()?;
     let mut answer = Vec::new();
     let pipe = process.stdout.take().expect("it is piped");
     // What is something else may write without end.
@@ -69,7 +120,7 @@ fn is_python(program: &Path) -> bool {
     // It may have ended by itself.
     let _ = process.kill();
     let ended = process.wait();
-    read.is_ok() && ended.is_ok() && answer.ends_with(b"an interpreter\n")
+    (read.is_ok() && ended.is_ok()).then_some(answer)
 }
 
 /// The interpreter with one of the commands of the module `hprm`.
@@ -188,8 +239,11 @@ mod tests {
         // It can be executed, and says nothing.
         assert!(stated(python.clone()).is_err());
         assert!(stated(PathBuf::from("/bin/ls")).is_err());
-        std::fs::write(&python, "#!/bin/sh\necho an interpreter\n").unwrap();
+        std::fs::write(&python, "#!/bin/sh\necho an interpreter with hprm\n").unwrap();
         assert_eq!(stated(python.clone()).unwrap(), python);
+        std::fs::write(&python, "#!/bin/sh\necho an interpreter without hprm\n").unwrap();
+        let error = format!("{:?}", stated(python.clone()).unwrap_err());
+        assert!(error.contains("HPRM is not installed for the interpreter"), "{error}");
         let error = stated(there.path().join("python4")).unwrap_err();
         assert!(format!("{error:?}").contains("python4 is no Python interpreter"), "{error:?}");
     }
