@@ -283,3 +283,32 @@ def test_a_reaction_that_reads_no_input_runs_before_the_answer_to_it_is_known(
         """)
     expected = "".join(f"[asks] {n} {2 * n}\n" for n in range(1, 6))
     assert (outcome.code, outcome.out, outcome.err) == (0, expected, "")
+
+
+def test_a_receiver_waits_at_the_last_tag_for_a_late_sender(launch: Run) -> None:
+    outcome = launch("""\
+        target Python { coordination: decentralized, timeout: 20 ms }
+        preamble {=
+        import time
+        =}
+        reactor Late {
+          output out
+          timer t(0, 10 ms)
+          reaction(t) -> out {=
+            time.sleep(0.03)
+            out.set(lf.time.logical_elapsed() // MSEC(10))
+          =}
+        }
+        reactor Sink {
+          input inp
+          reaction(inp) {= print(inp.value) =} tardy {= print("tardy", inp.value) =}
+        }
+        federated reactor {
+          late = new Late()
+          @maxwait(1 hour)
+          sink = new Sink()
+          late.out -> sink.inp
+        }
+        """)
+    expected = "".join(f"[sink] {n}\n" for n in range(3))
+    assert (outcome.code, outcome.out) == (0, expected)

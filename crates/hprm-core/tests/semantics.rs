@@ -331,6 +331,35 @@ fn a_tardy_message_runs_the_handler_at_the_next_free_tag() {
 }
 
 #[test]
+fn a_tardy_message_cannot_be_delivered_after_the_last_tag() {
+    let channel = hprm_core::ChannelId(0);
+    let (program, me) = receiver(true);
+    let [before, last] = [Tag::new(999, 0), Tag::new(1_000, 0)];
+    let mut scheduler = Scheduler::new(program, Scope::Federate(me));
+    scheduler.start(START);
+    scheduler.begin(Tag::START);
+    scheduler.end(START);
+    scheduler.deliver(channel, before, 1_i64, false);
+    scheduler.begin(before);
+    while let Some((reaction, _)) = scheduler.next_reaction(START) {
+        scheduler.finish(reaction);
+    }
+    scheduler.end(START);
+    // A tag is left for it.
+    assert_eq!(scheduler.deliver(channel, Tag::new(998, 0), 2, false), Some(before.succ()));
+    assert_eq!(scheduler.deliver(channel, last, 3, false), Some(last));
+    assert_eq!(scheduler.next_tag(), before.succ());
+    for tag in [before.succ(), last] {
+        scheduler.begin(tag);
+        while let Some((reaction, _)) = scheduler.next_reaction(START) {
+            scheduler.finish(reaction);
+        }
+        scheduler.end(START);
+    }
+    assert_eq!(scheduler.deliver(channel, last, 4, false), None);
+}
+
+#[test]
 fn what_comes_before_a_late_starter_has_started_happens_at_its_first_tag() {
     let (channel, first) = (hprm_core::ChannelId(0), Tag::new(700, 0));
     let late = || {
