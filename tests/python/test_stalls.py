@@ -64,6 +64,11 @@ def assert_told(said: str, text: str, kind: str, loop: str) -> None:
     assert "_program.py" not in said and "__main__" not in said
 
 
+def assert_named(said: str) -> None:
+    """Each line of the report tells which federate it is of."""
+    assert all(line.startswith("[worker] ") for line in said.splitlines() if line), said
+
+
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let a reaction be long that takes a tenth of a second."""
@@ -84,6 +89,8 @@ def test_a_reaction_that_does_not_return_is_told(
     process.kill()
     said += finish(process).err
     assert_told(said, text, kind, loop)
+    if kind == "federated":
+        assert_named(said)
     assert said.count("has been running for") == 1
     native = "holds the interpreter inside of code that is not Python's"
     assert (native in said) == (loop == NATIVE)

@@ -76,6 +76,8 @@ static START: LazyLock<Instant> = LazyLock::new(Instant::now);
 
 /// The report of a stall, without the stack.
 struct StallReport {
+    /// What each line begins with: the federate, if others run in this process.
+    prefix: String,
     title: String,
     hint: &'static str,
     /// Python's identifier of the thread.
@@ -235,9 +237,11 @@ impl Monitor {
             let (run, sampled) = find(stall)?;
             let watched = &self.programs[run.program];
             let runtime = watched.runtime.upgrade()?;
+            let federate = runtime.federate_name().filter(|_| watched.is_thread);
+            let prefix = federate.map_or_else(String::new, |name| format!("[{name}] "));
             let title = title(stall, sampled, watched, &runtime);
             let hint = if stall.delays_stop { "" } else { HINT };
-            Some(StallReport { title, hint, thread: sampled.thread, dump: self.dump })
+            Some(StallReport { prefix, title, hint, thread: sampled.thread, dump: self.dump })
         };
         stalls.iter().filter_map(report).collect()
     }
@@ -247,8 +251,6 @@ impl Monitor {
 fn title(stall: &Stall, sampled: &SampledRun, watched: &Watched, runtime: &Runtime) -> String {
     let program = runtime.program();
     let federate = runtime.federate_name();
-    let prefix = federate.filter(|_| watched.is_thread).map(|name| format!("[{name}] "));
-    let prefix = prefix.unwrap_or_default();
     let of = federate.map_or_else(String::new, |name| format!(" of federate {name}"));
     let name = program.reaction_name(sampled.reaction);
     let place = watched.places.of_reaction(sampled.reaction);
@@ -261,8 +263,8 @@ fn title(stall: &Stall, sampled: &SampledRun, watched: &Watched, runtime: &Runti
     };
     let what = format!("reaction {name}{of}{place} has been running for {lasts} {at}");
     match stall.delays_stop {
-        true => format!("{prefix}warning: {what}, and the end waits for it"),
-        false => format!("{prefix}warning: {what}"),
+        true => format!("warning: {what}, and the end waits for it"),
+        false => format!("warning: {what}"),
     }
 }
 
@@ -296,9 +298,10 @@ fn report(due: &StallReport) {
 }
 
 fn show(due: &StallReport, stack: &str) {
-    let (title, hint) = (&due.title, due.hint);
+    let StallReport { prefix, title, hint, .. } = due;
     let end = if stack.is_empty() { "" } else { "\n" };
-    say(&format!("{title}{end}{}{hint}", stack.trim_end()));
+    let text = format!("{title}{end}{}{hint}", stack.trim_end());
+    say(&format!("{prefix}{}", text.replace('\n', &format!("\n{prefix}"))));
 }
 
 /// The stack of a thread, if it runs Python code.
