@@ -39,6 +39,7 @@ def main() -> NoReturn:
             options.file,
             options.property,
             logical_traces=options.logical_trace,
+            share_of=options.share_of,
             join_timeout=options.join_timeout,
             hang_timeout=options.hang_timeout,
         )
@@ -65,6 +66,7 @@ def main() -> NoReturn:
                 "tls": _tls(parser, options),
                 "launched": options.launched,
                 "logical_trace": options.logical_trace,
+                "share_of": options.share_of,
                 "properties": options.property,
             },
         )
@@ -110,6 +112,9 @@ def _parser() -> argparse.ArgumentParser:
     federate = commands.add_parser("federate", help="run one federate of a program")
     for command in (run, federate):
         command.add_argument("--logical-trace", metavar="FILE", help="write what reactions do")
+        command.add_argument(
+            "--share-of", metavar="FILE", help="the trace that is made of what federates write"
+        )
     federate.add_argument("file", help="the .lf file")
     federate.add_argument("federate", help="the name of the federate")
     federate.add_argument("--rti", required=True, help="the address of the RTI")

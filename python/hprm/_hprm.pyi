@@ -132,12 +132,14 @@ def run_in_process(
     properties: list[str] = ...,
     *,
     logical_traces: str | None = None,
+    share_of: str | None = None,
     join_timeout: float | None = None,
     hang_timeout: float | None = None,
 ) -> int:
     """Run a federation in this process, a thread for each federate. Return the exit code.
 
-    Each federate writes its share of the logical trace to a file in the folder ``logical_traces``.
+    Each federate writes its share of the logical trace to a file in the folder ``logical_traces``;
+    the user calls the trace ``share_of``.
     If not all have loaded the program within ``join_timeout`` seconds, that is a failure.
     """
 

@@ -82,7 +82,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     // First: the start does not wait for transient federates, and most programs want them to take part.
     federates.sort_by_key(|(_, federate)| !federate.transient);
     for (id, federate) in federates {
-        let share = parts.as_ref().map(|parts| parts.share(&federate.name));
+        let share = parts.as_ref().map(|parts| parts.options(&parts.share(&federate.name)));
         let mut command = plan.command(&federate.name, &address, share);
         command.env(FEDERATION_ID, federation.to_string());
         if let Some(stage) = &plan.stage {
@@ -132,12 +132,10 @@ impl Plan {
         Ok((entry.ok(), commands))
     }
 
-    fn command(&self, name: &str, rti: &Address, share: Option<PathBuf>) -> Command {
+    fn command(&self, name: &str, rti: &Address, share: Option<Vec<OsString>>) -> Command {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(rti.to_string());
-        if let Some(share) = share {
-            command.arg("--logical-trace").arg(share);
-        }
+        command.args(share.into_iter().flatten());
         command.args(self.properties.options());
         // It leaves the words on its failure to this process, and never outlives it.
         command.arg("--launched");

@@ -39,7 +39,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         return Err(replace(command));
     };
     let parts = Parts::of(path)?;
-    command.arg("--logical-trace").arg(parts.folder());
+    command.args(parts.options(parts.folder()));
     command.arg("--die-with-parent").arg(std::process::id().to_string());
     command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
     let status = supervise(command)?;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hprm::supervisor::Signal;
-use hprm::trace::Trace;
+use hprm::trace::{Trace, TraceShare};
 use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
 use hprm_core::Scope;
 use hprm_model::Compiled;
@@ -78,6 +78,9 @@ pub(crate) struct Membership {
     launched: bool,
     #[pyo3(item)]
     logical_trace: Option<PathBuf>,
+    /// The trace of which that is a share.
+    #[pyo3(item)]
+    share_of: Option<PathBuf>,
     /// Target properties, `KEY=VALUE`, that override the program's.
     #[pyo3(item)]
     properties: Vec<String>,
@@ -164,8 +167,16 @@ fn options(
     federate: &str,
     membership: Membership,
 ) -> Result<FederateOptions, Failure> {
-    let Membership { rti, federation, logical_trace, connect_timeout, advertise, tls, .. } =
-        membership;
+    let Membership {
+        rti,
+        federation,
+        logical_trace,
+        share_of,
+        connect_timeout,
+        advertise,
+        tls,
+        ..
+    } = membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
         let names: Vec<_> = program.federates.values().map(|f| f.name.as_str()).collect();
@@ -197,7 +208,7 @@ fn options(
             interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
         },
         store: hprm::store_limits(compiled.settings.store),
-        trace: logical_trace,
+        trace: logical_trace.map(|file| TraceShare::new(file, share_of)),
     })
 }
 

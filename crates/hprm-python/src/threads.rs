@@ -12,6 +12,7 @@ use std::thread;
 use std::time::Duration;
 
 use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
+use hprm::trace::TraceShare;
 use hprm::{
     Address, Failure, FederateOptions, FederationId, HangTimeout, Kind, Label, Reach, Report,
     RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
@@ -43,17 +44,19 @@ const ENDING: Duration = Duration::from_secs(2);
 ///
 /// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's. Each
 /// federate writes its share of the logical trace to a file of its name in the folder
-/// `logical_traces`. It is a failure if they are not all loaded within `join_timeout` seconds, or if one does not
+/// `logical_traces`; the user calls the trace `share_of`. It is a failure if they are not all loaded within `join_timeout` seconds, or if one does not
 /// answer for `hang_timeout` seconds.
 #[pyfunction]
 #[pyo3(signature = (
-    path, properties = vec![], *, logical_traces = None, join_timeout = None, hang_timeout = None
+    path, properties = vec![], *, logical_traces = None, share_of = None, join_timeout = None,
+    hang_timeout = None
 ))]
 pub(crate) fn run_in_process(
     py: Python<'_>,
     path: &str,
     properties: Vec<String>,
     logical_traces: Option<PathBuf>,
+    share_of: Option<PathBuf>,
     join_timeout: Option<f64>,
     hang_timeout: Option<f64>,
 ) -> i32 {
@@ -70,7 +73,7 @@ pub(crate) fn run_in_process(
         let interrupt = Interrupt::install(py, Handled::All, |_| signals::forward(signals));
         let interrupt = interrupt.map_err(raised)?;
         let hang_timeout = HangTimeout { limit: silence };
-        let plan = Plan { compiled, join_timeout, hang_timeout, logical_traces };
+        let plan = Plan { compiled, join_timeout, hang_timeout, logical_traces, share_of };
         let run = move || plan.start(&events).map(|rti| plan.watch(&rti, &arrivals));
         let ended = py.detach(run);
         report_output_to(None);
@@ -100,6 +103,8 @@ struct Plan {
     join_timeout: Duration,
     hang_timeout: HangTimeout,
     logical_traces: Option<PathBuf>,
+    /// The trace that is made of them, as the user calls it.
+    share_of: Option<PathBuf>,
 }
 
 impl Plan {
@@ -142,7 +147,9 @@ impl Plan {
                 security: Security::default(),
                 reach: Reach::default(),
                 store: hprm::store_limits(self.compiled.settings.store),
-                trace: traces.map(|folder| folder.join(&federate.name)),
+                trace: traces.map(|folder| {
+                    TraceShare::new(folder.join(&federate.name), self.share_of.clone())
+                }),
             };
             let (compiled, exchange) = (Arc::clone(&self.compiled), exchange.clone());
             let reports = events.clone();

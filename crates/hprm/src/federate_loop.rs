@@ -98,7 +98,8 @@ where
     let mut federation = Membership::join(options, inbox, network)?;
     let scope = Scope::Federate(options.federate);
     let loaded = load().and_then(|host| {
-        let trace = options.trace.as_deref().map(|path| Trace::create(path, &options.program));
+        let trace =
+            options.trace.as_ref().map(|share| Trace::create_share(share, &options.program));
         Ok((host, Workers::new(&options.program, scope, trace.transpose()?)?))
     });
     let (host, workers) = match loaded {

@@ -12,4 +12,4 @@ mod writer;
 
 pub use digest::{Described, Digest, Digester};
 pub use draft::Draft;
-pub use writer::{Trace, cut_traces, reads};
+pub use writer::{Trace, TraceShare, cut_traces, reads};

@@ -1,5 +1,6 @@
 //! The shares that federates write of one trace: a folder beside the trace while the run lasts.
 
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -17,6 +18,8 @@ pub(crate) struct Parts {
     /// What the trace will be called.
     path: PathBuf,
     folder: PathBuf,
+    /// Whether the folder is beside the trace.
+    is_beside: bool,
 }
 
 impl Parts {
@@ -27,7 +30,8 @@ impl Parts {
     /// If the folder cannot be made.
     pub(crate) fn of(path: &Path) -> Result<Self, Error> {
         let unwritten = |error| Error::from(&Failure::trace(path, &error));
-        let folder = if Draft::replaces(path).map_err(unwritten)? {
+        let is_beside = Draft::replaces(path).map_err(unwritten)?;
+        let folder = if is_beside {
             remove_abandoned(path);
             beside(path, std::process::id())
         } else {
@@ -37,7 +41,7 @@ impl Parts {
         fs::create_dir(&folder).map_err(unwritten)?;
         // Federates may run elsewhere in the file system.
         let folder = folder.canonicalize().unwrap_or(folder);
-        Ok(Self { path: path.to_owned(), folder })
+        Ok(Self { path: path.to_owned(), folder, is_beside })
     }
 
     /// Where the shares are: each in a file with the name of its federate.
@@ -48,6 +52,16 @@ impl Parts {
     /// Where a federate writes its share.
     pub(crate) fn share(&self, federate: &str) -> PathBuf {
         self.folder.join(federate)
+    }
+
+    /// The options of a process that writes its shares to `place`. A failure names the trace, unless the shares
+    /// are elsewhere: then the place matters.
+    pub(crate) fn options(&self, place: &Path) -> Vec<OsString> {
+        let mut options = vec!["--logical-trace".into(), place.into()];
+        if self.is_beside {
+            options.extend(["--share-of".into(), self.path.as_os_str().to_owned()]);
+        }
+        options
     }
 
     /// Makes one trace of the shares. If the run has failed, with an exit `code` and a report, that is what

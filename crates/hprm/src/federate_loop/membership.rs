@@ -3,7 +3,6 @@
 //! A federate joins first and loads its program then, so that all federates load at the same time, and a
 //! federate that cannot load reports that to the federation.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Fingerprint, Nanos, Program};
@@ -15,6 +14,7 @@ use super::objects::Objects;
 use super::reach::Reach;
 use super::time::Time;
 use crate::link::Network;
+use crate::trace::TraceShare;
 use crate::{Address, Clock, Failure, Inbox, Security};
 
 /// How long a federate that ends waits until its last frames have arrived.
@@ -40,7 +40,7 @@ pub struct FederateOptions {
     /// How much memory its object store may take.
     pub store: StoreLimits,
     /// Where its share of the logical trace goes, if it is wanted.
-    pub trace: Option<PathBuf>,
+    pub trace: Option<TraceShare>,
 }
 
 /// What connects a federate to its federation.

@@ -30,12 +30,29 @@ struct Output {
 /// The traces that this process is writing.
 static OPEN: Mutex<Vec<Weak<Mutex<Output>>>> = Mutex::new(Vec::new());
 
+/// What a federate writes of the trace of its federation.
+#[derive(Clone, Debug)]
+pub struct TraceShare {
+    /// The file that it writes.
+    pub file: PathBuf,
+    /// The trace that will be made of all shares, as the user calls it; messages name it.
+    pub trace: PathBuf,
+}
+
+impl TraceShare {
+    /// A share of `trace`; without that, the user knows it by the name of its own `file`.
+    #[must_use]
+    pub fn new(file: PathBuf, trace: Option<PathBuf>) -> Self {
+        Self { trace: trace.unwrap_or_else(|| file.clone()), file }
+    }
+}
+
 /// The trace of a run.
 #[derive(Debug)]
 pub struct Trace {
     program: Arc<Program>,
-    /// What it will be called.
-    path: PathBuf,
+    /// What the user calls it.
+    name: PathBuf,
     output: Arc<Mutex<Output>>,
     /// The tag whose entries wait.
     tag: Tag,
@@ -52,13 +69,22 @@ impl Trace {
     ///
     /// If the file cannot be written.
     pub fn create(path: &Path, program: &Arc<Program>) -> Result<Self, Failure> {
+        Self::create_share(&TraceShare::new(path.to_owned(), None), program)
+    }
+
+    /// Starts what a federate writes of a trace.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be written. The failure names the trace, as the user knows no other file.
+    pub fn create_share(share: &TraceShare, program: &Arc<Program>) -> Result<Self, Failure> {
         let header = Header {
             hprm_logical_trace: VERSION,
             program: program.name.clone(),
             federated: program.is_federated(),
         };
-        let unwritten = |error| Failure::trace(path, &error);
-        let mut draft = Draft::create(path).map_err(unwritten)?;
+        let unwritten = |error| Failure::trace(&share.trace, &error);
+        let mut draft = Draft::create(&share.file).map_err(unwritten)?;
         draft.write(&Line::Header(header)).map_err(unwritten)?;
         let program = Arc::clone(program);
         let output = Output { draft: Some(draft), through: Tag::START, tardy: 0 };
@@ -69,7 +95,7 @@ impl Trace {
         drop(open);
         Ok(Self {
             program,
-            path: path.to_owned(),
+            name: share.trace.clone(),
             output,
             tag: Tag::NEVER,
             waiting: Vec::new(),
@@ -137,7 +163,7 @@ impl Trace {
             early: scheduler.leaves_early(),
         };
         self.flush()?;
-        locked(&self.output).end(end).map_err(|error| Failure::trace(&self.path, &error))
+        locked(&self.output).end(end).map_err(|error| Failure::trace(&self.name, &error))
     }
 
     fn flush(&mut self) -> Result<(), Failure> {
@@ -145,7 +171,7 @@ impl Trace {
         let mut output = locked(&self.output);
         for (_, entry) in self.waiting.drain(..) {
             let written = output.write(&Line::Entry(entry));
-            written.map_err(|error| Failure::trace(&self.path, &error))?;
+            written.map_err(|error| Failure::trace(&self.name, &error))?;
             output.through = self.tag;
         }
         output.tardy = self.tardy;
