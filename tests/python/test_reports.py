@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from typing import Any
 
 import pytest
@@ -95,6 +96,14 @@ def test_a_process_that_is_killed(bench: Bench, coordination: str) -> None:
     assert (report["kind"], report["federate"]) == ("killed", "pong")
     assert report["message"] == "federate pong was killed by signal 9 (SIGKILL)"
     assert "dmesg" in report["hint"]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_process_that_a_signal_has_stopped(bench: Bench, coordination: str) -> None:
+    text = program(coordination, f"os.kill(os.getpid(), {signal.SIGINT.value})")
+    report = told(bench, text, code=130)
+    assert (report["kind"], report["federate"]) == ("interrupted", "pong")
+    assert report["message"] == "federate pong exited with code 130"
 
 
 @pytest.mark.parametrize("coordination", [None, "centralized"])

@@ -132,11 +132,21 @@ fn exited(name: &str, joined: bool, code: i32, rti_report: Option<&Report>) -> R
         let message = format!("{exited}: {}", report.message);
         return Report { message, rendered: None, ..report.clone() };
     }
-    let report = Report::new(Kind::Exit, exited);
+    let report = Report::new(kind_of_code(code), exited);
     if joined {
         return report;
     }
     report.hint("if its own output does not say why, see what hprm doctor says")
+}
+
+/// What an exit code says by itself: 128 and the number of a signal that asks a process to end says that the
+/// signal has stopped it, as shells and `hprm` have it.
+fn kind_of_code(code: i32) -> Kind {
+    let signals = [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE];
+    match signals.iter().any(|signal| signal.exit_code() == code) {
+        true => Kind::Interrupted,
+        false => Kind::Exit,
+    }
 }
 
 #[cfg(test)]
@@ -182,6 +192,27 @@ mod tests {
         assert_eq!(verdict(None, Some(FederateEnding::Code(3))), expected);
         // It has said another code than the one that it ended with.
         assert_eq!(verdict(Some(&exit(4)), Some(FederateEnding::Code(3))), expected);
+    }
+
+    #[test]
+    fn an_exit_code_of_a_signal_is_an_interruption() {
+        let kind = |rti_report: Option<&Report>, code| {
+            let ending = FederateEnding::Code(code);
+            let Verdict { report, code: kept } =
+                Verdict::on_federate("b", true, rti_report, Some(&ending));
+            assert_eq!(report.message, format!("federate b exited with code {code}"));
+            assert_eq!(kept, code);
+            report.kind
+        };
+        for signal in [Signal::HANG_UP, Signal::INTERRUPT, Signal::TERMINATE] {
+            let code = signal.exit_code();
+            assert_eq!(kind(None, code), Kind::Interrupted);
+            assert_eq!(kind(Some(&lost()), code), Kind::Interrupted);
+            // It has told the RTI that the program chose this code.
+            assert_eq!(kind(Some(&exit(code)), code), Kind::Exit);
+        }
+        assert_eq!(kind(None, 3), Kind::Exit);
+        assert_eq!(kind(None, Signal::KILL.exit_code()), Kind::Exit);
     }
 
     #[test]
