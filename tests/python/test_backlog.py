@@ -96,7 +96,7 @@ def test_a_limit_that_is_none_is_an_error(
     monkeypatch.setenv("HPRM_EVENT_LIMIT", text)
     outcome = run(PROGRAM.replace("VALUES", "[]"))
     assert outcome.code == 1
-    assert f"error: HPRM_EVENT_LIMIT={text} means nothing; it is a number of" in outcome.err
+    assert f"HPRM_EVENT_LIMIT={text} is wrong: not a number of events" in outcome.err
 
 
 FEDERATION = """\
@@ -116,5 +116,5 @@ def test_a_federation_says_so_every_time(launch: Run, monkeypatch: pytest.Monkey
     # A federate that fails at once ends before the RTI has answered it.
     for _ in range(5):
         outcome = launch(FEDERATION)
-        assert outcome.code == 1
-        assert "HPRM_EVENT_LIMIT=plenty means nothing" in outcome.err, outcome.err
+        assert outcome.code == 2
+        assert "HPRM_EVENT_LIMIT=plenty is wrong" in outcome.err, outcome.err

@@ -68,5 +68,7 @@ def test_without_it_nothing_is_written(bench: Bench) -> None:
 def test_a_slip_is_an_error(bench: Bench, level: str) -> None:
     (bench.folder / "Main.lf").write_text(PROGRAM.replace("COORDINATION", "centralized"))
     outcome = finish(bench.call("run", "Main.lf", environment={"HPRM_LOG": level}))
-    assert outcome.code == 1
-    outcome.assert_one_error(f"HPRM_LOG: `{level}` names no events", "hprm_federated=debug")
+    assert outcome.code == 2
+    outcome.assert_one_error(
+        f"HPRM_LOG={level} is wrong: `{level}` names no events", "hprm_federated=debug"
+    )

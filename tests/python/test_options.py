@@ -178,14 +178,36 @@ def test_a_file_that_is_no_secret(folder: Path) -> None:
     assert "32 hexadecimal digits" in found["hint"]
 
 
-def test_an_environment_variable_is_an_option(folder: Path) -> None:
-    found = report(hprm(folder, "run", "--json", "Main.lf", HPRM_STORE_LIMIT="much"))
-    assert (found["kind"], found["code"]) == ("option", 2)
-    assert "the environment variable HPRM_STORE_LIMIT=much is wrong" in found["message"]
-    found = report(hprm(folder, "run", "--json", "Main.lf", HPRM_LOG="nonsense"))
-    assert (found["kind"], found["code"]) == ("option", 1)
-    found = report(hprm(folder, "run", "--json", "Fed.lf", HPRM_EVENT_LIMIT="lots"))
-    assert (found["kind"], found["code"]) == ("option", 1)
+VARIABLES = [
+    "HPRM_STORE_LIMIT",
+    "HPRM_STORE_FULL",
+    "HPRM_LOG",
+    "HPRM_LONG_REACTION",
+    "HPRM_PICKLE",
+    "HPRM_EVENT_LIMIT",
+]
+
+
+@pytest.mark.parametrize("name", VARIABLES)
+@pytest.mark.parametrize(
+    "words", [["run", "Main.lf"], ["run", "Fed.lf"], ["federate", "Fed.lf", "a"]], ids=" ".join
+)
+def test_a_wrong_environment_variable_is_one_error_before_anything_starts(
+    folder: Path, words: list[str], name: str
+) -> None:
+    # Whatever starts would say so.
+    environment = {name: "foo", "HPRM_PYTHON": "/bin/false"}
+    done = hprm(folder, *words, **environment)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"error: the environment variable {name}=foo is wrong: ")
+    assert "Usage" not in done.stderr and len(done.stderr.splitlines()) <= 2
+    done = hprm(folder, *words, "--json", **environment)
+    found = report(done)
+    assert (done.returncode, found["kind"], found["code"]) == (2, "option", 2)
+    assert f"{name}=foo is wrong" in found["message"]
+    answer = hprm(folder, "verify", "--json", "Main.lf", **environment)
+    assert (answer.returncode, answer.stderr) == (2, "")
+    assert name in json.loads(answer.stdout)["error"]["message"]
 
 
 @pytest.mark.parametrize("name", ["Main.lf", "Fed.lf"])

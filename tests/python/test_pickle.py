@@ -159,8 +159,8 @@ def test_a_word_that_means_nothing_is_an_error(
 ) -> None:
     monkeypatch.setenv("HPRM_PICKLE", "yes")
     outcome = launch(text())
-    assert outcome.code == 1
-    assert "HPRM_PICKLE=yes means nothing; it is `deny`, `local` or `allow`" in outcome.err
+    assert outcome.code == 2
+    assert "HPRM_PICKLE=yes is wrong: not `deny`, `local` or `allow`" in outcome.err
 
 
 @pytest.fixture

@@ -167,5 +167,5 @@ def test_a_limit_that_means_nothing_is_an_error(
 ) -> None:
     monkeypatch.setenv("HPRM_LONG_REACTION", "soon")
     outcome = bench.run(program("main", "pass"))
-    assert outcome.code == 1
-    outcome.assert_one_error("HPRM_LONG_REACTION=soon means nothing; it is a number of seconds")
+    assert outcome.code == 2
+    outcome.assert_one_error("HPRM_LONG_REACTION=soon is wrong: not a positive number of seconds")

@@ -60,7 +60,7 @@ fn command() -> ExitCode {
     let words: Vec<_> = std::env::args_os().collect();
     let arguments = match variables::parse(&words) {
         Ok(arguments) => arguments,
-        Err(error) => return usage::show(&error, &words),
+        Err(wrong) => return usage::show(wrong, &words),
     };
     message::speak_json(match &arguments.command {
         Command::Run(run) => run.failures.json,
@@ -70,9 +70,8 @@ fn command() -> ExitCode {
     });
     // If the system refuses, a file that is too long ends the process, as it does others.
     let _ = signals::survive_long_files();
-    if let Err(failure) = hprm::log_to_stderr(false) {
-        message::Error::from(&failure).show();
-        return ExitCode::FAILURE;
+    if let Err(wrong) = variables::obey(&arguments.command) {
+        return usage::show(wrong, &words);
     }
     let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),

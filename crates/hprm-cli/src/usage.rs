@@ -12,34 +12,41 @@ use hprm::{Kind, Report};
 use serde_json::json;
 
 use crate::message::{self, Error};
+use crate::variables::Wrong;
 
 /// What the command ends with if its words are wrong.
 const WRONG: u8 = 2;
 
-/// Shows what is wrong with the `words` of the command line, or the help that they ask for. Returns what the
-/// command ends with.
-pub(crate) fn show(error: &clap::Error, words: &[OsString]) -> ExitCode {
+/// Shows what is wrong with the `words` of the command line or with the environment, or the help that they
+/// ask for. Returns what the command ends with.
+pub(crate) fn show(wrong: Wrong, words: &[OsString]) -> ExitCode {
     let wants_json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
-    if !error.use_stderr() || !wants_json {
-        let printed = error.print().and_then(|()| std::io::stdout().flush());
-        return match printed {
-            _ if error.use_stderr() => ExitCode::from(WRONG),
-            Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                message::unwritable(&error).show();
-                ExitCode::FAILURE
-            }
-            _ => ExitCode::SUCCESS,
-        };
-    }
-    let error = Error::from(report(&error.to_string()));
-    message::speak_json(true);
+    let error = match wrong {
+        Wrong::Words(error) if !error.use_stderr() || !wants_json => return print(&error),
+        Wrong::Words(error) => Error::from(report(&error.to_string())),
+        Wrong::Variable(error) => error.code(i32::from(WRONG)),
+    };
+    message::speak_json(wants_json);
     match words.get(1).and_then(|word| word.to_str()) {
-        Some("verify" | "diff") => {
+        Some("verify" | "diff") if wants_json => {
             message::print_line(&json!({ "error": error.as_json() }).to_string());
         }
         _ => error.show(),
     }
     ExitCode::from(WRONG)
+}
+
+/// What clap says, with the usage, or the help.
+fn print(error: &clap::Error) -> ExitCode {
+    let printed = error.print().and_then(|()| std::io::stdout().flush());
+    match printed {
+        _ if error.use_stderr() => ExitCode::from(WRONG),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            message::unwritable(&error).show();
+            ExitCode::FAILURE
+        }
+        _ => ExitCode::SUCCESS,
+    }
 }
 
 /// What clap says, without the usage that follows.

@@ -6,18 +6,40 @@ use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
 
 use clap::builder::Resettable;
-use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::error::{ContextKind, ContextValue};
 use clap::{Arg, Command, CommandFactory, FromArgMatches};
 
-use crate::args::{Arguments, join_times};
+use crate::args::{Arguments, Command as Chosen, join_times};
+use crate::message::Error;
 use crate::{parameters, usage};
+
+/// What keeps the command from being obeyed.
+pub(crate) enum Wrong {
+    /// Its words, or a wish for help.
+    Words(clap::Error),
+    /// An environment variable.
+    Variable(Error),
+}
+
+/// Checks the variables that are no options, before anything starts, and opens the log that one of them asks for.
+///
+/// # Errors
+///
+/// What is wrong with one of them.
+pub(crate) fn obey(chosen: &Chosen) -> Result<(), Wrong> {
+    let checked = hprm::log_to_stderr(false).and_then(|()| match chosen {
+        Chosen::Run(_) | Chosen::Federate(_) | Chosen::Verify(_) => hprm::check_variables(),
+        _ => Ok(()),
+    });
+    checked.map_err(|failure| Wrong::Variable(Error::from(&failure)))
+}
 
 /// What was typed, which are the `words`, and what the environment says.
 ///
 /// # Errors
 ///
 /// What is wrong with it, or the help that was asked for.
-pub(crate) fn parse(words: &[OsString]) -> Result<Arguments, clap::Error> {
+pub(crate) fn parse(words: &[OsString]) -> Result<Arguments, Wrong> {
     let command = Arguments::command()
         .mut_subcommands(|subcommand| subcommand.mut_args(without_an_empty_variable));
     let words = join_times(words, |_| false);
@@ -28,10 +50,10 @@ pub(crate) fn parse(words: &[OsString]) -> Result<Arguments, clap::Error> {
         arguments => arguments,
     };
     arguments.map_err(|mut error| match blamed(&command, &error) {
-        Some(message) => command.clone().error(ErrorKind::ValueValidation, message),
+        Some(message) => Wrong::Variable(Error::option(message)),
         None => {
             usage::name_as_typed(&mut error, &command, &words);
-            error
+            Wrong::Words(error)
         }
     })
 }

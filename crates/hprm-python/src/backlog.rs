@@ -4,11 +4,10 @@
 //! written once, and from a limit on, if there is one, the thread gets an error. Only events with a value
 //! count. An event counts as processed when its value is dropped.
 
-use std::ffi::OsStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use hprm_core::read_size;
+use hprm::{EventLimit, Failure};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyBytes, PyDict, PyList, PyString, PyTuple};
@@ -17,7 +16,7 @@ use crate::console::say;
 use crate::serialize;
 
 /// The environment variable with the limit.
-const NAME: &str = "HPRM_EVENT_LIMIT";
+const NAME: &str = EventLimit::NAME;
 
 /// From here on it is told that events pile up.
 const MANY: Limit = Limit { events: 100_000, bytes: 1 << 30 };
@@ -72,17 +71,12 @@ impl Backlog {
     ///
     /// # Errors
     ///
-    /// A message, if that is no limit.
-    pub(crate) fn from_environment() -> Result<Self, String> {
-        let limit = match std::env::var_os(NAME).filter(|text| !text.is_empty()) {
+    /// If that is no limit.
+    pub(crate) fn from_environment() -> Result<Self, Failure> {
+        let limit = match EventLimit::from_environment()? {
             None => Limit::NONE,
-            Some(text) => read(&text).ok_or_else(|| {
-                let text = text.to_string_lossy();
-                format!(
-                    "{NAME}={text} means nothing; it is a number of events, as in 1000, or a size \
-                     with a unit, as in 200 MB"
-                )
-            })?,
+            Some(EventLimit::Events(events)) => Limit { events, ..Limit::NONE },
+            Some(EventLimit::Bytes(bytes)) => Limit { bytes, ..Limit::NONE },
         };
         Ok(Self { waiting: Arc::default(), limit, told: AtomicBool::new(false) })
     }
@@ -115,15 +109,6 @@ impl Backlog {
             ));
         }
         Ok(share)
-    }
-}
-
-/// A number of events, or a size with its unit.
-fn read(text: &OsStr) -> Option<Limit> {
-    let text = text.to_str()?;
-    match text.trim().parse() {
-        Ok(events) => Some(Limit { events, ..Limit::NONE }),
-        Err(_) => Some(Limit { bytes: read_size(text)?.try_into().ok()?, ..Limit::NONE }),
     }
 }
 

@@ -52,8 +52,7 @@ pub(crate) fn load(
     inbox: &Inbox<Value>,
     care: Care,
 ) -> Result<PyHost, Failure> {
-    let wrong = |reason: String| Failure::option(reason);
-    let backlog = Backlog::from_environment().map_err(wrong)?;
+    let backlog = Backlog::from_environment()?;
     let program = Arc::clone(&compiled.program);
     let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
     let loading = |error| failure_in(py, error, &format!("loading {}", compiled.program.name));
@@ -61,7 +60,7 @@ pub(crate) fn load(
     let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
     let codecs = codecs(py, compiled, scope)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
-    let pickling = pickling.map_err(wrong)?;
+    let pickling = pickling.map_err(Failure::option)?;
     // Last, so that Ctrl-C interrupts a preamble at once.
     let launched = care == Care::Launcher;
     let interrupt = match care {
@@ -82,7 +81,7 @@ pub(crate) fn load(
     let is_thread = thread::current_federate().is_some();
     let places = Arc::new(Places::of(compiled));
     let origins = origins(compiled, scope, &places);
-    stalls::watch(py, &runtime, &places, is_thread).map_err(wrong)?;
+    stalls::watch(py, &runtime, &places, is_thread)?;
     Ok(PyHost {
         runtime,
         bodies,

@@ -14,7 +14,7 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::{ReactionRun, Stall, StallWatch};
+use hprm::{Failure, LongReaction, ReactionRun, Stall, StallWatch};
 use hprm_core::{FederateId, Scope, show_time};
 use nix::sys::pthread::{Pthread, pthread_kill};
 use nix::sys::signal::Signal;
@@ -24,11 +24,6 @@ use pyo3::types::PyDict;
 use crate::console::say;
 use crate::places::Places;
 use crate::runtime::{Runtime, SampledRun};
-
-/// The environment variable with the seconds after which a long reaction is reported.
-const VARIABLE: &str = "HPRM_LONG_REACTION";
-/// After which time a long reaction is reported if the environment does not say.
-const DEFAULT_LIMIT: Duration = Duration::from_secs(5);
 
 /// What to do about a reaction that is meant to take long.
 const HINT: &str = "\n  hint: it may be meant to take long, and is reported once; HPRM_LONG_REACTION=SECONDS says \
@@ -61,7 +56,7 @@ struct Monitor {
 }
 
 static MONITOR: LazyLock<Mutex<Monitor>> = LazyLock::new(|| {
-    let watch = StallWatch::new(Some(DEFAULT_LIMIT));
+    let watch = StallWatch::new(LongReaction::DEFAULT.0);
     Mutex::new(Monitor { watch, programs: Vec::new(), dump: None, is_started: false })
 });
 /// Whether a signal has asked the program to stop.
@@ -89,14 +84,14 @@ struct StallReport {
 ///
 /// # Errors
 ///
-/// A message, if the environment variable has no valid value.
+/// If the environment variable has no valid value, or the interpreter takes no hook.
 pub(crate) fn watch(
     py: Python<'_>,
     runtime: &Arc<Runtime>,
     places: &Arc<Places>,
     is_thread: bool,
-) -> Result<(), String> {
-    let limit = limit()?;
+) -> Result<(), Failure> {
+    let LongReaction(limit) = LongReaction::from_environment()?;
     let (runtime, places) = (Arc::downgrade(runtime), Arc::clone(places));
     let is_first = {
         let mut monitor = monitor();
@@ -106,7 +101,7 @@ pub(crate) fn watch(
     if is_first {
         // If `faulthandler` cannot be armed, reports lack the stack of native code.
         let dump = arm(py).ok().flatten();
-        pause_for_forks(py).map_err(|error| error.to_string())?;
+        pause_for_forks(py).map_err(|error| Failure::option(error.to_string()))?;
         let mut monitor = monitor();
         (monitor.watch, monitor.dump) = (StallWatch::new(limit), dump);
         let period = limit.map_or(PERIOD, |limit| (limit / 4).clamp(PERIOD / 25, PERIOD));
@@ -338,21 +333,6 @@ fn dumped(dump: i32, thread: u64) -> Option<String> {
     frames.reverse();
     let first = frames.iter().position(|line| line.contains(".lf\"")).unwrap_or(0);
     Some(frames[first..].join("\n"))
-}
-
-/// After which time a long reaction is reported; none if it is not.
-fn limit() -> Result<Option<Duration>, String> {
-    let Some(text) = std::env::var_os(VARIABLE).filter(|text| !text.is_empty()) else {
-        return Ok(Some(DEFAULT_LIMIT));
-    };
-    let text = text.to_string_lossy();
-    if text == "off" {
-        return Ok(None);
-    }
-    let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    seconds.filter(|limit| !limit.is_zero()).map(Some).ok_or_else(|| {
-        format!("{VARIABLE}={text} means nothing; it is a number of seconds, as in 30, or off")
-    })
 }
 
 fn reporting() -> MutexGuard<'static, ()> {

@@ -31,6 +31,7 @@ mod store_limits;
 pub mod supervisor;
 pub mod trace;
 mod value_exchange;
+mod variables;
 mod wait;
 mod workers;
 
@@ -55,6 +56,7 @@ pub use stall::{ReactionRun, Stall, StallWatch};
 pub use stop_timer::{StopProgress, StopStep, StopTimer};
 pub use store_limits::{container_memory, store_limits};
 pub use value_exchange::ValueExchange;
+pub use variables::{EventLimit, LongReaction, check_variables};
 
 pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
 pub use hprm_federated::{BadFederationId, FederationId, HangTimeout, Refusal};

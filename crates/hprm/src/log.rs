@@ -4,15 +4,13 @@
 //! gets them. For the command and the Python package, [`log_to_stderr`] writes those that the
 //! environment variable `HPRM_LOG` names. What the events are is up to the modules that emit them.
 
-use std::env;
-
 use hprm_core::{Connection, Program};
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt;
 use tracing_subscriber::prelude::*;
 
-use crate::Failure;
+use crate::{Failure, variables};
 
 /// Names the events to write: `hprm_federated=debug,hprm=trace`, or a level for all of them.
 const VARIABLE: &str = "HPRM_LOG";
@@ -32,11 +30,11 @@ const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
 ///
 /// If the variable does not name events.
 pub fn log_to_stderr(threads: bool) -> Result<(), Failure> {
-    let Some(text) = env::var_os(VARIABLE).filter(|text| !text.is_empty()) else {
+    let Some(text) = variables::value_of(VARIABLE) else {
         return Ok(());
     };
     let targets = targets(&text.to_string_lossy()).map_err(|word| Failure::Option {
-        message: format!("{VARIABLE}: `{word}` names no events"),
+        message: variables::wrong(VARIABLE, &text, &format!("`{word}` names no events")),
         hint: Some(
             "give a level (error, warn, info, debug, trace, off), or one for each part, as in \
              hprm_federated=debug,hprm=trace; the parts are hprm, hprm_federated, \

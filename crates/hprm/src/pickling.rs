@@ -6,6 +6,8 @@
 
 use std::ffi::OsStr;
 
+use crate::variables;
+
 /// What `HPRM_PICKLE` says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Pickling {
@@ -35,11 +37,7 @@ impl Pickling {
             Some("deny") => Ok(Self::Deny),
             Some("local") => Ok(Self::Local),
             Some("allow") => Ok(Self::Allow),
-            _ => Err(format!(
-                "{}={} means nothing; it is `deny`, `local` or `allow`",
-                Self::NAME,
-                text.to_string_lossy()
-            )),
+            _ => Err(variables::wrong(Self::NAME, text, "not `deny`, `local` or `allow`")),
         }
     }
 }
