@@ -100,6 +100,7 @@ class Membership(TypedDict):
     tls: tuple[str, str, str] | None
     launched: bool
     logical_trace: str | None
+    share_of: str | None
     properties: list[str]
 
 def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
