@@ -328,7 +328,10 @@ fn what_a_failed_federate_has_started_does_not_stay() {
 fn the_end_of_the_terminal_is_an_interrupt() {
     let (_folder, mut child, _output, pids) = waiting("");
     kill_process(Pid::from_child(&child), Signal::HUP).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(129));
+    let code = child.wait().unwrap().code();
+    let mut errors = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+    assert_eq!((code, errors.as_str()), (Some(129), ""));
     pids.iter().for_each(|pid| wait_until_gone(pid));
 }
 
