@@ -138,6 +138,7 @@ def test_ports_of_others_stay_out_of_reach(run: Any) -> None:
         """
         target Python { workers: 2 }
         preamble {=
+          import sys
           import threading
           barrier = threading.Barrier(2)
           ports = {}
@@ -151,10 +152,11 @@ def test_ports_of_others_stay_out_of_reach(run: Any) -> None:
             out.set(self.name)
             barrier.wait(timeout=60)
             # Its own reaction runs, but not here.
+            # One write, since `print` writes the line and its end apart and both reactions print.
             try:
-                print(other.value)
+                sys.stdout.write(f"{other.value}\\n")
             except RuntimeError as error:
-                print(error)
+                sys.stdout.write(f"{error}\\n")
             assert out.value == self.name
             barrier.wait(timeout=60)
           =}
