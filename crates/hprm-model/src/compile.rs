@@ -8,7 +8,7 @@ use crate::declaration::{Member, Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered};
-use crate::model::{Declarations, MAX_MEMBERS, Model};
+use crate::model::{Declarations, MAX_MEMBERS, Model, ResolvedInstance};
 use crate::overrides::Overrides;
 use crate::properties::TargetProperties;
 use crate::property_rules;
@@ -113,7 +113,7 @@ fn models<'a>(library: &'a Library, report: &mut Report) -> Vec<Option<Model<'a>
     while let Some(class) = pending.pop() {
         if classes[class.0].is_none() {
             let declared = Declarations::new(library, class, report);
-            pending.extend(declared.instances.iter().map(|instance| instance.class));
+            pending.extend(declared.instances.iter().flat_map(ResolvedInstance::classes));
             pending.extend(&declared.lineage);
             size += declared.size();
             let header = declared.decl.header;

@@ -6,6 +6,7 @@
 use hprm_core::{Connection, Delay, PortId};
 
 use crate::check::attributes;
+use crate::compiled::Ports;
 use crate::diagnostic::{Diagnostic, Report};
 use crate::instance::{MAX, Tree};
 use crate::legacy::Waits;
@@ -48,20 +49,53 @@ pub(crate) fn connections(
     connections
 }
 
-/// The channels of one end of a connection in `container`.
-fn channels(tree: &Tree<'_>, container: usize, end: End) -> Vec<PortId> {
+/// The channels of one end of a connection in `container`. A member or a channel that there is not is
+/// reported.
+fn channels(tree: &Tree<'_>, container: usize, end: End, report: &mut Report) -> Vec<PortId> {
     let node = &tree.nodes[container];
     match end.entity {
-        Entity::Port(port) => node.ports[port].channels().collect(),
+        Entity::Port(port) => some_of(end, node.ports[port], report),
         Entity::Contained { instance, port } => {
-            let members = node.children[instance].iter().map(|member| &tree.nodes[*member]);
-            let rows: Vec<Vec<PortId>> =
-                members.map(|member| member.ports[port].channels().collect()).collect();
+            let bank = &node.children[instance];
+            let members = match end.member {
+                None => &bank[..],
+                Some(member) => match bank.get(member as usize) {
+                    Some(node) => std::slice::from_ref(node),
+                    None => {
+                        report.add(beyond(end.span, ("member", "members"), member, bank.len()));
+                        &[]
+                    }
+                },
+            };
+            let ports = members.iter().map(|member| tree.nodes[*member].ports[port]);
+            let rows: Vec<_> = ports.map(|ports| some_of(end, ports, report)).collect();
             if end.interleaved { transposed(&rows) } else { rows.concat() }
         }
         // A connection to one of these has been refused.
         Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Vec::new(),
     }
+}
+
+/// The channels of one port, or the only one that is meant.
+fn some_of(end: End, ports: Ports, report: &mut Report) -> Vec<PortId> {
+    let mut channels = ports.channels();
+    let Some(channel) = end.channel else { return channels.collect() };
+    let only = channels.nth(channel as usize);
+    if only.is_none() {
+        let count = ports.width.unwrap_or(1) as usize;
+        report.add(beyond(end.span, ("channel", "channels"), channel, count));
+    }
+    only.into_iter().collect()
+}
+
+/// The error for a member or a channel that there is not.
+fn beyond(span: Span, (one, several): (&str, &str), index: u32, count: usize) -> Diagnostic {
+    let message = format!("there is no {one} {index} here");
+    let hint = match count {
+        1 => format!("there is only {one} 0"),
+        _ => format!("there are {count} {several}, from 0 to {}", count.saturating_sub(1)),
+    };
+    Diagnostic::error("LF0312", span, message).hint(hint)
 }
 
 fn transposed(rows: &[Vec<PortId>]) -> Vec<PortId> {
@@ -80,10 +114,10 @@ fn join(
 ) -> Option<()> {
     let decl = connection.decl;
     let environment = &tree.nodes[container].environment;
-    let mut row = |ends: &[End]| -> Option<Vec<PortId>> {
+    let mut row = |ends: &[End], report: &mut Report| -> Option<Vec<PortId>> {
         let mut row = Vec::new();
         for end in ends {
-            row.extend(channels(tree, container, *end));
+            row.extend(channels(tree, container, *end, report));
             *budget = budget.checked_sub(1)?;
             if row.len() > *budget {
                 return None;
@@ -93,7 +127,11 @@ fn join(
         Some(row)
     };
     let mode = connection.mode.map(|mode| tree.nodes[container].modes[mode]);
-    let (left, right) = (row(&connection.left)?, row(&connection.right)?);
+    let known = report.errors();
+    let (left, right) = (row(&connection.left, report)?, row(&connection.right, report)?);
+    if report.errors() > known {
+        return Some(());
+    }
     check_widths(decl, left.len(), right.len(), report);
     let delay = decl
         .delay

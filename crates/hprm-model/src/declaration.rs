@@ -9,6 +9,7 @@
 
 use hprm_core::{Nanos, Transition};
 
+use crate::library::ClassId;
 use crate::source::Span;
 
 /// A name and its place. It is an identifier of at most 255 characters: the front end sees to that.
@@ -169,6 +170,9 @@ pub enum Member {
     Reaction(ReactionNode),
     /// A mode, with members of its own.
     Mode(ModeNode),
+    /// A member of a mode that is declared elsewhere in this class: the number of the mode among those of
+    /// the class. So the order of reactions need not be that of the modes which they belong to.
+    InMode(usize, Box<Self>),
 }
 
 /// A state variable.
@@ -405,6 +409,10 @@ pub struct Instantiation {
     pub width: Option<Width>,
     /// Its class, as it is called in the file of the container.
     pub class: Name,
+    /// The class of each member of a bank, or of the one instance, if names do not tell them; `class` is
+    /// then what messages call it. All have the same ports in the same order, but these may have other
+    /// widths, and the rest may differ.
+    pub members: Option<Vec<ClassId>>,
     /// `<int>`, which the Python target does not have.
     pub type_arguments: Option<Span>,
     /// The parameters that get a value.
@@ -422,6 +430,7 @@ impl Instantiation {
             name,
             width: None,
             class,
+            members: None,
             type_arguments: None,
             assignments: Vec::new(),
             host: None,
@@ -476,13 +485,18 @@ impl ConnectionNode {
     }
 }
 
-/// `port`, `instance.port` or `interleaved(instance.port)`.
+/// `port`, `instance.port` or `interleaved(instance.port)`; in connections, it may be of one member or one
+/// channel.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Reference {
     /// The instance, if it names a port of one.
     pub container: Option<Name>,
+    /// The one member of a bank that is meant; without it, all are.
+    pub member: Option<u32>,
     /// The port, action, timer or mode.
     pub variable: Name,
+    /// The one channel of a multiport that is meant; without it, all are.
+    pub channel: Option<u32>,
     /// Whether the channels of a bank of multiports are taken in turns.
     pub interleaved: bool,
     /// What a reaction calls it: `port as name`.
@@ -496,15 +510,15 @@ impl Reference {
     #[must_use]
     pub fn own(variable: Name) -> Self {
         let span = variable.span;
-        Self { container: None, variable, interleaved: false, alias: None, span }
+        let (container, member, channel, alias) = (None, None, None, None);
+        Self { container, member, variable, channel, interleaved: false, alias, span }
     }
 
     /// A port of an instance that the reactor contains.
     #[must_use]
     pub fn contained(instance: Name, port: Name) -> Self {
         let span = instance.span.to(port.span);
-        let container = Some(instance);
-        Self { container, variable: port, interleaved: false, alias: None, span }
+        Self { container: Some(instance), span, ..Self::own(port) }
     }
 }
 

@@ -223,6 +223,10 @@ impl<'a> Growth<'a, '_> {
                 }
             };
             let mut members = Vec::new();
+            let width = match &instance.decl.members {
+                Some(members) => width.map(|_| u32::try_from(members.len()).unwrap_or(u32::MAX)),
+                None => width,
+            };
             for member in 0..width.unwrap_or(1) {
                 let bank_index = width.map(|_| member);
                 let node = self.member(parent, *instance, bank_index)?;
@@ -240,7 +244,8 @@ impl<'a> Growth<'a, '_> {
         instance: model::ResolvedInstance<'a>,
         bank_index: Option<u32>,
     ) -> Option<usize> {
-        let model::ResolvedInstance { decl, mode, class } = instance;
+        let model::ResolvedInstance { decl, mode, .. } = instance;
+        let class = instance.class_of(bank_index.unwrap_or(0));
         let container = &self.tree.nodes[parent];
         let parameters = &self.models[class.0].as_ref()?.declared.parameters;
         let environment = container.environment.of_instance(decl, parameters, bank_index);

@@ -42,6 +42,8 @@ pub struct Library {
     /// By source.
     files: Vec<File>,
     classes: Vec<(FileId, ReactorNode)>,
+    /// The main reactor, if the front end states it.
+    main: Option<ClassId>,
 }
 
 impl Library {
@@ -51,7 +53,8 @@ impl Library {
     /// show; nothing opens it.
     #[must_use]
     pub fn new(path: &str, text: String) -> Self {
-        let mut library = Self { sources: Sources::new(), files: Vec::new(), classes: Vec::new() };
+        let (sources, files, classes) = (Sources::new(), Vec::new(), Vec::new());
+        let mut library = Self { sources, files, classes, main: None };
         library.add_file(path, text);
         library
     }
@@ -87,12 +90,24 @@ impl Library {
         reactor: ReactorNode,
         report: &mut Report,
     ) -> ClassId {
-        let class = ClassId(self.classes.len());
         if let Some(name) = &reactor.name {
-            self.declare(file, name, class, report);
+            self.declare(file, name, ClassId(self.classes.len()), report);
         }
+        self.add_unlisted(file, reactor)
+    }
+
+    /// Adds a reactor that a file declares, without a name by which the file sees it: there may be others of
+    /// its name. Instantiations know it by what this returns.
+    pub fn add_unlisted(&mut self, file: FileId, reactor: ReactorNode) -> ClassId {
+        let class = ClassId(self.classes.len());
         self.classes.push((file, reactor));
         class
+    }
+
+    /// States which reactor of the main file is the main reactor. Without that, it is the one that is not
+    /// plain, and its name, if it has one, is that of the file.
+    pub fn set_main(&mut self, main: ClassId) {
+        self.main = Some(main);
     }
 
     /// States that a file imports `class`, and sees it as `name`. A name that has a meaning there already
@@ -146,6 +161,11 @@ impl Library {
     /// What the main file declares.
     pub(crate) fn classes_of_main(&self) -> impl Iterator<Item = ClassId> {
         self.classes().filter(|class| self.file_of(*class) == FileId::MAIN)
+    }
+
+    /// The main reactor, if the front end has stated it.
+    pub(crate) fn stated_main(&self) -> Option<ClassId> {
+        self.main
     }
 
     pub(crate) fn reactor(&self, class: ClassId) -> &ReactorNode {

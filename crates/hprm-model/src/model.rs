@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::Transition;
 
-use crate::declaration;
+use crate::declaration::{self, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::inherit::{self, Overriding};
 use crate::library::{ClassId, Library};
@@ -29,6 +29,8 @@ pub(crate) struct Declarations<'a> {
     pub(crate) lineage: Vec<ClassId>,
     /// The headers of those classes, in the order of the text.
     homes: Vec<Span>,
+    /// How many modes the superclasses have of the class whose members are being sorted.
+    inherited_modes: usize,
     /// The members by name.
     index: Index<'a>,
     pub(crate) parameters: Vec<&'a declaration::Parameter>,
@@ -82,7 +84,22 @@ impl<T> std::ops::Deref for Placed<'_, T> {
 pub(crate) struct ResolvedInstance<'a> {
     pub(crate) decl: &'a declaration::Instantiation,
     pub(crate) mode: Option<usize>,
+    /// Of a bank, the class of its first member; all others have the same ports.
     pub(crate) class: ClassId,
+}
+
+impl ResolvedInstance<'_> {
+    /// The class of one member of a bank, or of the one instance.
+    pub(crate) fn class_of(&self, member: u32) -> ClassId {
+        let members = self.decl.members.as_deref().unwrap_or_default();
+        members.get(member as usize).copied().unwrap_or(self.class)
+    }
+
+    /// The classes that it is made of, the first member's first; one may be there several times.
+    pub(crate) fn classes(&self) -> impl Iterator<Item = ClassId> {
+        let others = self.decl.members.iter().flatten().skip(1).copied();
+        std::iter::once(self.class).chain(others)
+    }
 }
 
 /// A class, resolved.
@@ -182,6 +199,11 @@ impl ResolvedReaction<'_> {
 pub(crate) struct End {
     pub(crate) entity: Entity,
     pub(crate) interleaved: bool,
+    /// The only member of a bank that is meant.
+    pub(crate) member: Option<u32>,
+    /// The only channel of a multiport that is meant.
+    pub(crate) channel: Option<u32>,
+    pub(crate) span: Span,
 }
 
 #[derive(Debug)]
@@ -201,6 +223,7 @@ impl<'a> Declarations<'a> {
             incomplete: false,
             lineage: Vec::new(),
             homes: Vec::new(),
+            inherited_modes: 0,
             index: Index::default(),
             parameters: Vec::new(),
             preambles: Vec::new(),
@@ -219,6 +242,7 @@ impl<'a> Declarations<'a> {
         let mut parameters = Overriding::default();
         for home in &classes {
             let ancestor = library.reactor(*home);
+            declared.inherited_modes = declared.modes.len();
             parameters.extend(&ancestor.parameters, |parameter| &parameter.name);
             for member in &ancestor.members {
                 declared.member((library, *home), member, None, report);
@@ -257,6 +281,10 @@ impl<'a> Declarations<'a> {
 
     /// The number of the class in the lineage that declares what is at `span`.
     pub(crate) fn home(&self, span: Span) -> usize {
+        if self.homes.len() == 1 {
+            // Its members may be anywhere.
+            return 0;
+        }
         self.homes.partition_point(|home| (home.file, home.start) <= (span.file, span.start))
     }
 
@@ -279,7 +307,7 @@ impl<'a> Declarations<'a> {
                 self.connections.push(Placed { decl, mode });
             }
             declaration::Member::Instantiation(_) if report.is_full() => self.incomplete = true,
-            declaration::Member::Instantiation(decl) => match find_class(library, class, decl) {
+            declaration::Member::Instantiation(decl) => match class_of(library, class, decl) {
                 Ok(class) => self.instances.push(ResolvedInstance { decl, mode, class }),
                 Err(diagnostic) => self.miss(*diagnostic, report),
             },
@@ -299,6 +327,12 @@ impl<'a> Declarations<'a> {
                     if may_be_in_mode(member, report) {
                         self.member((library, class), member, Some(index), report);
                     }
+                }
+            }
+            declaration::Member::InMode(number, member) => {
+                if may_be_in_mode(member, report) {
+                    let place = Some(self.inherited_modes + number);
+                    self.member((library, class), member, place, report);
                 }
             }
         }
@@ -365,23 +399,39 @@ impl<'a> Index<'a> {
     }
 }
 
-fn find_class(
+/// The class of an instance; of a bank, that of its first member.
+fn class_of(
     library: &Library,
     container: ClassId,
     decl: &declaration::Instantiation,
 ) -> Result<ClassId, Box<Diagnostic>> {
-    let file = library.file_of(container);
     let name = &decl.class;
-    let Some(class) = library.find(file, &name.text) else {
-        let message = format!("there is no reactor `{}`", name.text);
-        let hint = existing(&name.text, "reactors", library.names(file));
-        return Err(Box::new(Diagnostic::error("LF0301", name.span, message).hint(hint)));
+    let found = library.find(library.file_of(container), &name.text);
+    let classes = match &decl.members {
+        Some(members) => members.as_slice(),
+        None => found.as_slice(),
     };
-    if library.reactor(class).kind != declaration::ReactorKind::Plain {
-        let message = format!("`{}` is a main reactor: it cannot be instantiated", name.text);
-        return Err(Box::new(Diagnostic::error("LF0307", name.span, message)));
+    let is_plain = |class: &ClassId| library.reactor(*class).kind == ReactorKind::Plain;
+    match classes {
+        [first, ..] if classes.iter().all(is_plain) => Ok(*first),
+        [] if decl.members.is_some() => {
+            let message = format!("the bank `{}` has no members", decl.name.text);
+            Err(Box::new(
+                Diagnostic::error("LF0405", decl.name.span, message)
+                    .hint("a bank has at least one"),
+            ))
+        }
+        [] => {
+            let message = format!("there is no reactor `{}`", name.text);
+            let names = library.names(library.file_of(container));
+            let hint = existing(&name.text, "reactors", names);
+            Err(Box::new(Diagnostic::error("LF0301", name.span, message).hint(hint)))
+        }
+        _ => {
+            let message = format!("`{}` is a main reactor: it cannot be instantiated", name.text);
+            Err(Box::new(Diagnostic::error("LF0307", name.span, message)))
+        }
     }
-    Ok(class)
 }
 
 /// Reports a member that cannot be in a mode.

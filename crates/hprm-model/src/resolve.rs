@@ -165,7 +165,8 @@ impl<'a> Resolver<'_, 'a> {
         let mut ends = |references: &[Reference], role| -> Vec<End> {
             let end = |reference: &Reference| {
                 let entity = self.find(reference, role, report)?;
-                Some(End { entity, interleaved: reference.interleaved })
+                let Reference { interleaved, member, channel, span, .. } = *reference;
+                Some(End { entity, interleaved, member, channel, span })
             };
             references.iter().filter_map(end).collect()
         };
@@ -350,11 +351,42 @@ impl<'a> Resolver<'_, 'a> {
         refuse(Diagnostic::error("LF0311", alias.span, message).hint(hint))
     }
 
+    /// Whether one member of a bank, or one channel of a multiport, can be meant here.
+    fn check_part(&self, reference: &Reference, entity: Entity, connects: bool) -> Resolved<()> {
+        if (reference.member, reference.channel) == (None, None) {
+            return Ok(());
+        }
+        let (bank, port) = match entity {
+            Entity::Port(port) => (None, Some(self.declared.ports[port])),
+            Entity::Contained { instance, port } => {
+                let bank = self.declared.instances[instance].decl;
+                (bank.width.as_ref(), Some(self.ports_of(instance)[port]))
+            }
+            Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => (None, None),
+        };
+        let is_multiport = port.is_some_and(|port| port.width.is_some());
+        let (message, hint) = if !connects {
+            let message = "a reaction cannot name one member of a bank, or one channel";
+            (message.to_owned(), "name the port: the reaction gets all of it".to_owned())
+        } else if let (Some(member), None) = (reference.member, bank) {
+            let name = reference.container.as_ref().map_or("", |container| &container.text);
+            let hint = format!("it has no member {member}: leave out the number");
+            (format!("`{name}` is no bank"), hint)
+        } else if let (Some(channel), false) = (reference.channel, is_multiport) {
+            let hint = format!("it has no channel {channel}: leave out the number");
+            (format!("`{}` is no multiport", as_written(reference)), hint)
+        } else {
+            return Ok(());
+        };
+        refuse(Diagnostic::error("LF0312", reference.span, message).hint(hint))
+    }
+
     fn check_form(&self, reference: &Reference, entity: Entity, role: Role) -> Resolved<()> {
         let connects = matches!(role, Role::From | Role::To);
         if let Some(alias) = &reference.alias {
             self.check_alias(alias, entity, connects)?;
         }
+        self.check_part(reference, entity, connects)?;
         if !reference.interleaved {
             return Ok(());
         }
@@ -370,7 +402,8 @@ impl<'a> Resolver<'_, 'a> {
         match entity {
             Entity::Contained { instance, port }
                 if self.declared.instances[instance].decl.width.is_some()
-                    && self.ports_of(instance)[port].width.is_some() =>
+                    && self.ports_of(instance)[port].width.is_some()
+                    && (reference.member, reference.channel) == (None, None) =>
             {
                 Ok(())
             }

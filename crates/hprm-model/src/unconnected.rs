@@ -83,6 +83,9 @@ impl Open {
     /// runs because of that, with the reaction.
     fn of_bank(&self, nodes: &[Node<'_>], members: &[usize]) -> Option<(Vec<String>, Span)> {
         let first = &nodes[*members.first()?];
+        // Members of one class are alike.
+        let mut unlike: Vec<&Node<'_>> = members.iter().map(|member| &nodes[*member]).collect();
+        unlike.dedup_by(|one, other| std::ptr::eq(one.model, other.model));
         let open = |node: &Node<'_>, port: usize| {
             node.ports[port].channels().all(|channel| self.root[channel.index()] == Some(channel))
         };
@@ -94,11 +97,14 @@ impl Open {
         if inputs.is_empty() {
             return None;
         }
-        let roots: BTreeMap<PortId, usize> = inputs
-            .iter()
-            .flat_map(|port| first.ports[*port].channels().map(|channel| (channel, *port)))
-            .collect();
-        let (reaction, guilty) = self.silenced(nodes, first, &roots)?;
+        let (reaction, guilty) = unlike.into_iter().find_map(|member| {
+            let of = |port: &usize| {
+                let port = *port;
+                member.ports[port].channels().map(move |channel| (channel, port))
+            };
+            let roots: BTreeMap<PortId, usize> = inputs.iter().flat_map(of).collect();
+            self.silenced(nodes, member, &roots)
+        })?;
         let name = |port: &usize| first.model.declared.ports[*port].name.text.clone();
         Some((guilty.iter().map(name).collect(), reaction))
     }

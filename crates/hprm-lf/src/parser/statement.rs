@@ -236,7 +236,16 @@ impl Parser<'_> {
         })?;
         let host = if self.accept_word("at").is_some() { Some(self.host()?) } else { None };
         self.accept(';');
-        Ok(Instantiation { attributes, name, width, class, type_arguments, assignments, host })
+        Ok(Instantiation {
+            attributes,
+            name,
+            width,
+            class,
+            members: None,
+            type_arguments,
+            assignments,
+            host,
+        })
     }
 
     pub(super) fn connection(&mut self, attributes: Vec<Attribute>) -> Parsed<ConnectionNode> {
@@ -285,6 +294,7 @@ impl Parser<'_> {
         let renamed = self.accept_word("as").is_some();
         let alias = if renamed { Some(self.name("a name")?) } else { None };
         let span = start.to(self.previous());
-        Ok(Reference { container, variable, interleaved, alias, span })
+        let (member, channel) = (None, None);
+        Ok(Reference { container, member, variable, channel, interleaved, alias, span })
     }
 }

@@ -5,6 +5,7 @@
 //! instances are made.
 
 pub(crate) mod attributes;
+mod banks;
 pub(crate) mod constants;
 mod federation;
 mod hosts;
@@ -15,10 +16,10 @@ mod values;
 
 use std::collections::BTreeSet;
 
-use crate::declaration::{Member, ReactorKind, ReactorNode};
+use crate::declaration::{Member, Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
-use crate::model::Model;
+use crate::model::{Model, ResolvedInstance};
 use crate::source::{FileId, Span, stem};
 use crate::spacing;
 
@@ -43,6 +44,7 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
             hosts::check(host, report);
         }
         modes::check(model, models, report);
+        banks::check(model, models, report);
     }
     cycles(models, report);
     unused_imports(library, report);
@@ -56,6 +58,9 @@ pub(crate) fn is_for_import(library: &Library) -> bool {
 
 /// The main reactor, of which there must be one.
 pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<ClassId> {
+    if let Some(main) = library.stated_main() {
+        return Some(main);
+    }
     let mains: Vec<ClassId> = library
         .classes_of_main()
         .filter(|class| library.reactor(*class).kind != ReactorKind::Plain)
@@ -179,13 +184,21 @@ fn reactions(model: &Model<'_>, report: &mut Report) {
 }
 
 /// No class contains itself, directly or through others.
-fn cycles(models: &Models<'_>, report: &mut Report) {
+fn cycles<'m>(models: &'m Models<'m>, report: &mut Report) {
     #[derive(Clone, Copy, PartialEq, Eq)]
     enum Visit {
         Not,
         Open,
         Done,
     }
+    let inside = |model: &'m Option<Model<'m>>| -> Vec<(usize, &'m Name)> {
+        let instances = model.iter().flat_map(|model| &model.declared.instances);
+        let classes = |instance: &'m ResolvedInstance<'m>| {
+            instance.classes().map(|class| (class.0, &instance.decl.class))
+        };
+        instances.flat_map(classes).collect()
+    };
+    let inside: Vec<_> = models.iter().map(inside).collect();
     let mut visits = vec![Visit::Not; models.len()];
     for root in 0..models.len() {
         if visits[root] != Visit::Not {
@@ -194,22 +207,20 @@ fn cycles(models: &Models<'_>, report: &mut Report) {
         visits[root] = Visit::Open;
         let mut stack = vec![(root, 0)];
         while let Some((class, next)) = stack.pop() {
-            let instances = models[class].as_ref().map_or(&[][..], |m| &m.declared.instances[..]);
-            let Some(instance) = instances.get(next) else {
+            let Some((inside, name)) = inside[class].get(next) else {
                 visits[class] = Visit::Done;
                 continue;
             };
             stack.push((class, next + 1));
-            match visits[instance.class.0] {
+            match visits[*inside] {
                 Visit::Done => {}
                 Visit::Open => {
-                    let name = &instance.decl.class;
                     let message = format!("`{}` contains itself, without end", name.text);
                     report.add(Diagnostic::error("LF0308", name.span, message));
                 }
                 Visit::Not => {
-                    visits[instance.class.0] = Visit::Open;
-                    stack.push((instance.class.0, 0));
+                    visits[*inside] = Visit::Open;
+                    stack.push((*inside, 0));
                 }
             }
         }
@@ -224,6 +235,7 @@ fn unused_imports(library: &Library, report: &mut Report) {
                     used.insert(&instance.class.text);
                 }
                 Member::Mode(mode) => instances(&mode.members, used),
+                Member::InMode(_, member) => instances(std::slice::from_ref(member), used),
                 _ => {}
             }
         }

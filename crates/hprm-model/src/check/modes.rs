@@ -117,10 +117,18 @@ fn kept_inside(
     models: &Models<'_>,
     seen: &mut BTreeSet<ClassId>,
 ) -> Option<String> {
+    instance.classes().find_map(|class| kept_in_class(class, models, seen))
+}
+
+fn kept_in_class(
+    class: ClassId,
+    models: &Models<'_>,
+    seen: &mut BTreeSet<ClassId>,
+) -> Option<String> {
     // Instances at a greater depth are not checked, and no class is checked twice.
     const MAX: usize = 100;
-    let new = seen.len() < MAX && seen.insert(instance.class);
-    let model = models[instance.class.0].as_ref().filter(|_| new)?;
+    let new = seen.len() < MAX && seen.insert(class);
+    let model = models[class.0].as_ref().filter(|_| new)?;
     let kept = |state: &&crate::model::Placed<'_, crate::declaration::StateNode>| {
         state.mode.is_none() && state.reset.is_none()
     };
