@@ -34,6 +34,7 @@ CLEANED_UP = (
     "README.md",
     "crates/hprm-cli/",
     "crates/hprm-core/",
+    "crates/hprm-declared/",
     "crates/hprm-federated/",
     "crates/hprm-lf/",
     "crates/hprm-model/",
@@ -46,7 +47,13 @@ CLEANED_UP = (
     "tests/lf/",
 )
 # Where diagnostics come from.
-CHECKS = ("crates/hprm-cli/src", "crates/hprm-lf/src", "crates/hprm-model/src", "python/hprm")
+CHECKS = (
+    "crates/hprm-cli/src",
+    "crates/hprm-declared/src",
+    "crates/hprm-lf/src",
+    "crates/hprm-model/src",
+    "python/hprm",
+)
 # Public names that have a retired word and stay.
 PUBLIC_NAMES = re.compile(r"objects_passed_on")
 # In documents, names of files and tests, and code.

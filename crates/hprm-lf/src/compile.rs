@@ -7,7 +7,7 @@ use hprm_model::{
 use crate::files;
 use crate::load::{self, Loaded};
 use crate::modules;
-use crate::overrides;
+use crate::overrides::overrides;
 use crate::source::SourceLoader;
 
 /// Compiles the program in the file at `path`, which `loader` reads, together with what it imports.
@@ -63,7 +63,7 @@ fn all_stages(
 ) -> Result<Compiled, CompileFailure> {
     let mut report = Report::default();
     let Loaded { mut library, states_target } = load::load(path, loader, &mut report);
-    let overrides = overrides::parse(stated, &mut library, &mut report);
+    let overrides = overrides(stated, &mut library, &mut report);
     let properties = TargetProperties::read(&library, &overrides, &mut report);
     if !states_target && !report.has_errors() {
         let message = "the file does not say what its target is";

@@ -29,5 +29,5 @@ mod unclosed;
 
 pub use compile::{check, compile, compile_with};
 pub use literal::is_unit;
-pub use overrides::{PARAMETER, expected_spin, expected_time};
+pub use overrides::{PARAMETER, expected_spin, expected_time, overrides};
 pub use source::SourceLoader;

@@ -13,8 +13,11 @@ use crate::parser;
 /// The prefix of a key that names a parameter of the main reactor: no target property has a dot.
 pub const PARAMETER: &str = "main.";
 
-/// Parses what is stated; each becomes a source of its own.
-pub(crate) fn parse(stated: &[String], library: &mut Library, report: &mut Report) -> Overrides {
+/// Parses what is stated: target properties as `KEY=VALUE`, and parameters of the main reactor as
+/// `main.NAME=VALUE` (see [`PARAMETER`]). Each becomes a source of its own.
+///
+/// A front end for another language needs it too: the command line is the same for all programs.
+pub fn overrides(stated: &[String], library: &mut Library, report: &mut Report) -> Overrides {
     let mut overrides = Overrides::default();
     for stated in stated {
         let Some((key, value)) = stated.split_once('=') else {

@@ -1,0 +1,85 @@
+//! The front end for programs whose instances another language has made: what they declare, as JSON, to
+//! what `hprm-model` checks.
+//!
+//! Such a program is a tree of objects, so each reactor *instance* is declared, with its widths, times and
+//! contents as they are; instances that declare the same may share one declaration. Bodies stay where they
+//! are: the model knows only that they are there.
+//!
+//! `document` is the form of the JSON, `places` finds places in the texts, `reactors` makes a library of the
+//! declarations, with `members` and `references`; `properties` has the target properties, and `facts` what
+//! federates compare beyond what the model knows.
+//!
+//! This crate is pure: text goes in, data comes out. It opens no file and runs nothing.
+
+#![deny(clippy::disallowed_methods, clippy::disallowed_types)]
+#![forbid(unsafe_code)]
+
+mod document;
+mod facts;
+mod members;
+mod places;
+mod properties;
+mod reactors;
+mod references;
+
+use hprm_model::{CompileFailure, Compiled, Purpose, Report, TargetProperties};
+
+use crate::document::Document;
+use crate::reactors::Reactors;
+
+/// The text is no declaration of a program: the Python package that wrote it has another version than this
+/// crate, or a bug.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[error("the declaration of the program cannot be read: {0}")]
+pub struct Malformed(String);
+
+impl Malformed {
+    fn new(why: impl Into<String>) -> Self {
+        Self(why.into())
+    }
+}
+
+/// Compiles the program that `text` declares, with target properties as `KEY=VALUE`, which override those of
+/// the program. Values of parameters, `main.NAME=VALUE`, are left out: the program has used them when it made
+/// its main reactor.
+///
+/// ```
+/// use hprm_model::Purpose;
+///
+/// let text = r#"{
+///     "files": [{"path": "app.py", "text": "class Hello(Reactor):\n    def greet(self): ...\n"}],
+///     "main": 0,
+///     "reactors": [{
+///         "name": "Hello", "at": [0, 1, 0, -1],
+///         "reactions": [{"name": "greet", "at": [0, 2, 4, -1], "triggers": ["startup"]}]
+///     }]
+/// }"#;
+/// let compiled = hprm_declared::compile(text, &[], Purpose::Run).unwrap().unwrap();
+/// assert_eq!(compiled.program.name, "Hello");
+/// assert_eq!(compiled.classes[0].reactions[0].line, 2);
+/// ```
+///
+/// # Errors
+///
+/// [`Malformed`] if the text is no declaration; the inner error has everything that is wrong with the program.
+pub fn compile(
+    text: &str,
+    properties: &[String],
+    purpose: Purpose,
+) -> Result<Result<Compiled, CompileFailure>, Malformed> {
+    let document: Document =
+        serde_json::from_str(text).map_err(|error| Malformed::new(error.to_string()))?;
+    let mut report = Report::default();
+    let mut library = Reactors::new(&document, &mut report)?.into_library()?;
+    let is_property = |stated: &&String| !stated.starts_with(hprm_lf::PARAMETER);
+    let stated: Vec<String> = properties.iter().filter(is_property).cloned().collect();
+    let overrides = hprm_lf::overrides(&stated, &mut library, &mut report);
+    let properties = TargetProperties::read(&library, &overrides, &mut report);
+    let compiled = hprm_model::compile(library, properties, &overrides, purpose, report);
+    Ok(compiled.map(|mut compiled| {
+        if compiled.federated {
+            compiled.modules = facts::facts(&document, &compiled);
+        }
+        compiled
+    }))
+}
