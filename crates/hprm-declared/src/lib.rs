@@ -22,7 +22,7 @@ mod properties;
 mod reactors;
 mod references;
 
-use hprm_model::{CompileFailure, Compiled, Purpose, Report, TargetProperties};
+use hprm_model::{CompileFailure, Compiled, Purpose, Report, Syntax, TargetProperties};
 
 use crate::document::Document;
 use crate::reactors::Reactors;
@@ -69,7 +69,7 @@ pub fn compile(
 ) -> Result<Result<Compiled, CompileFailure>, Malformed> {
     let document: Document =
         serde_json::from_str(text).map_err(|error| Malformed::new(error.to_string()))?;
-    let mut report = Report::default();
+    let mut report = Report::new(Syntax::Python);
     let mut library = Reactors::new(&document, &mut report)?.into_library()?;
     let is_property = |stated: &&String| !stated.starts_with(hprm_lf::PARAMETER);
     let stated: Vec<String> = properties.iter().filter(is_property).cloned().collect();

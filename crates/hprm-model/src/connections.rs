@@ -167,6 +167,7 @@ fn check_widths(
     right: usize,
     report: &mut Report,
 ) {
+    let repeated = report.syntax().repeated();
     let mut warn = |message: String, hint: &str| {
         report.add(Diagnostic::warning("LF0501", decl.span, message).hint(hint));
     };
@@ -182,8 +183,8 @@ fn check_widths(
     } else if left > right {
         warn(format!("this connection joins {sides}"), "the rest on the left is not connected");
     } else if left < right {
-        let hint = "the rest on the right stays absent; `(...)+` repeats the left side";
-        warn(format!("this connection joins {sides}"), hint);
+        let hint = format!("the rest on the right stays absent; {repeated}");
+        warn(format!("this connection joins {sides}"), &hint);
     }
 }
 

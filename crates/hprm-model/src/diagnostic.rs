@@ -8,6 +8,7 @@
 use std::collections::BTreeSet;
 
 use crate::source::Span;
+use crate::syntax::Syntax;
 
 /// How bad it is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -89,6 +90,7 @@ const MAX: usize = 200;
 /// Diagnostics as they are found; the same one is kept once, however many instances it concerns.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
+    syntax: Syntax,
     diagnostics: Vec<Diagnostic>,
     seen: BTreeSet<(&'static str, Span)>,
     /// How many errors there have been, the same ones counted again.
@@ -98,6 +100,17 @@ pub struct Report {
 }
 
 impl Report {
+    /// A report whose hints show how things are written in a language.
+    #[must_use]
+    pub fn new(syntax: Syntax) -> Self {
+        Self { syntax, ..Self::default() }
+    }
+
+    /// What the program is written in.
+    pub(crate) fn syntax(&self) -> Syntax {
+        self.syntax
+    }
+
     /// Adds one.
     pub fn add(&mut self, diagnostic: Diagnostic) {
         self.errors += usize::from(diagnostic.severity == Severity::Error);

@@ -71,6 +71,7 @@ mod resolve;
 mod slots;
 mod source;
 mod spacing;
+mod syntax;
 mod transitions;
 mod unconnected;
 mod value;
@@ -87,6 +88,7 @@ pub use overrides::{Overrides, ParameterOverride};
 pub use properties::{Settings, StatedFile, TargetProperties};
 pub use render::{render, render_all};
 pub use source::{FileId, Position, Sources, Span};
+pub use syntax::Syntax;
 pub use value::Value;
 
 /// Reading the values of single target properties, for what is stated elsewhere too.

@@ -20,6 +20,7 @@ use crate::library::{ClassId, Library};
 use crate::overrides::Assigned;
 use crate::reaction;
 use crate::source::Span;
+use crate::syntax::Syntax;
 use crate::unconnected;
 
 /// What lowering makes of a checked program.
@@ -61,7 +62,7 @@ pub(crate) fn lower<'a>(
     let program = match builder.build() {
         Ok(program) => Arc::new(program),
         Err(error) => {
-            report.add(origins.explain(&error, library.reactor(main).header));
+            report.add(origins.explain(&error, library.reactor(main).header, report.syntax()));
             return None;
         }
     };
@@ -164,17 +165,20 @@ struct Origins {
 
 impl Origins {
     /// The builder's finding, at the place in the text that causes it.
-    fn explain(&self, error: &ProgramError, main: Span) -> Diagnostic {
+    fn explain(&self, error: &ProgramError, main: Span, syntax: Syntax) -> Diagnostic {
         match error {
-            ProgramError::CausalityLoop { reactions, names } => self.causality(reactions, names),
+            ProgramError::CausalityLoop { reactions, names } => {
+                self.causality(reactions, names, syntax)
+            }
             ProgramError::TwoSources { port, name, connections } => {
                 self.two_sources(*port, name, connections.iter().map(|c| c.index()))
             }
             ProgramError::Blocking { connection, name, why } => {
                 let span = self.connections.get(connection.index()).copied().unwrap_or(main);
                 let message = format!("the sender on {name} cannot wait for its receiver: {why}");
+                let bound = syntax.option_with("bound", "10, \"replace\"");
                 Diagnostic::error("LF0507", span, message)
-                    .hint("drop messages instead: `@bound(10, \"replace\")` or \"drop\"")
+                    .hint(format!("drop messages instead: {bound} or \"drop\""))
             }
             ProgramError::OutsideFederates { reactor, name } => {
                 let span = self.reactors.get(reactor.index()).copied().unwrap_or(main);
@@ -186,7 +190,7 @@ impl Origins {
         }
     }
 
-    fn causality(&self, reactions: &[ReactionId], names: &str) -> Diagnostic {
+    fn causality(&self, reactions: &[ReactionId], names: &str, syntax: Syntax) -> Diagnostic {
         let span = |reaction: &ReactionId| self.reactions[reaction.index()];
         let mut seen = BTreeSet::new();
         let spans: Vec<Span> =
@@ -195,9 +199,10 @@ impl Origins {
             [_] => format!("the reaction {names} waits for itself: it reads what it sets"),
             _ => format!("reactions wait for one another in a cycle: {names}"),
         };
-        let diagnostic = Diagnostic::error("LF0503", spans[0], message).hint(
-            "give one of the connections a delay, such as `after 0`, or reorder the reactions",
-        );
+        let diagnostic = Diagnostic::error("LF0503", spans[0], message).hint(format!(
+            "give one of the connections a delay, such as {}, or reorder the reactions",
+            syntax.shortest_delay()
+        ));
         spans[1..].iter().fold(diagnostic, |diagnostic, span| {
             diagnostic.label(*span, "this reaction is in the cycle")
         })
@@ -218,6 +223,14 @@ impl Origins {
             .hint("a port is set by one connection, or by the reactions of one reactor");
         match (spans.first(), writer) {
             (Some(first), _) if *first != last => diagnostic.label(*first, "it is also set here"),
+            (Some(_), _) => {
+                // As in a loop.
+                let count = spans.len() + 1;
+                diagnostic.hint(format!(
+                    "it is connected {count} times here; a port is set by one connection, or by \
+                     the reactions of one reactor"
+                ))
+            }
             (None, Some((_, reaction))) => diagnostic.label(*reaction, "this reaction sets it too"),
             _ => diagnostic,
         }

@@ -12,6 +12,7 @@ use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::inherit::{self, Overriding};
 use crate::library::{ClassId, Library};
 use crate::source::Span;
+use crate::syntax::Syntax;
 
 /// The most members of all classes together, with those that they inherit.
 pub(crate) const MAX_MEMBERS: usize = 1_000_000;
@@ -307,10 +308,12 @@ impl<'a> Declarations<'a> {
                 self.connections.push(Placed { decl, mode });
             }
             declaration::Member::Instantiation(_) if report.is_full() => self.incomplete = true,
-            declaration::Member::Instantiation(decl) => match class_of(library, class, decl) {
-                Ok(class) => self.instances.push(ResolvedInstance { decl, mode, class }),
-                Err(diagnostic) => self.miss(*diagnostic, report),
-            },
+            declaration::Member::Instantiation(decl) => {
+                match class_of(library, class, decl, report.syntax()) {
+                    Ok(class) => self.instances.push(ResolvedInstance { decl, mode, class }),
+                    Err(diagnostic) => self.miss(*diagnostic, report),
+                }
+            }
             declaration::Member::Watchdog(watchdog) => {
                 let instead = "use a physical action, or a deadline";
                 let span = watchdog.name.span;
@@ -404,6 +407,7 @@ fn class_of(
     library: &Library,
     container: ClassId,
     decl: &declaration::Instantiation,
+    syntax: Syntax,
 ) -> Result<ClassId, Box<Diagnostic>> {
     let name = &decl.class;
     let found = library.find(library.file_of(container), &name.text);
@@ -428,7 +432,7 @@ fn class_of(
             Err(Box::new(Diagnostic::error("LF0301", name.span, message).hint(hint)))
         }
         _ => {
-            let message = format!("`{}` is a main reactor: it cannot be instantiated", name.text);
+            let message = syntax.is_main(&name.text);
             Err(Box::new(Diagnostic::error("LF0307", name.span, message)))
         }
     }

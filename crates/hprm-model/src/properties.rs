@@ -252,7 +252,8 @@ impl TargetProperties {
         {
             let with = if federated { "a federated program" } else { "physical actions" };
             let message = format!("`fast` does not go together with {with}");
-            report.add(Diagnostic::error("LF0605", span, message).hint("remove `fast: true`"));
+            let hint = format!("remove {}", report.syntax().property("fast", "true"));
+            report.add(Diagnostic::error("LF0605", span, message).hint(hint));
         }
         self.properties.keepalive = self.keepalive.unwrap_or(physical_actions);
     }

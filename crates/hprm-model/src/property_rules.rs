@@ -142,16 +142,19 @@ pub(crate) fn contradictions(library: &Library, federated: bool, report: &mut Re
         _ => boolean(&property.value) == Some(true),
     };
     let Some(single) = stated.get("single-threaded").filter(is_on) else { return };
+    let syntax = report.syntax();
     let mut contradicts = |other: &str, hint: &str| {
         let message = format!("`single-threaded` does not go together with {other}");
         report.add(Diagnostic::error("LF0605", single.name.span, message).hint(hint));
     };
     if federated {
-        contradicts("a federated program", "remove `single-threaded: true`");
+        let stated = syntax.property("single-threaded", "true");
+        contradicts("a federated program", &format!("remove {stated}"));
     } else if stated.get("tracing").filter(is_on).is_some() {
         contradicts("`tracing`", "remove one of them");
     } else if stated.contains_key("workers") {
-        contradicts("`workers`", "remove one of them; `workers: 1` has one worker");
+        let one = syntax.property("workers", "1");
+        contradicts("`workers`", &format!("remove one of them; {one} has one worker"));
     }
 }
 

@@ -71,6 +71,10 @@ fn snippet<'a>(
     let lines = lines(spans(), sources.text(file))?;
     let first = spans().map(|span| sources.position(span).line).min()?;
     let text = &sources.text(file)[lines.clone()];
+    if text.trim().is_empty() && first > 1 {
+        // Only how many lines there are is known of the text.
+        return None;
+    }
     if text.split('\n').any(|line| line.len() > LONGEST_LINE) {
         return None;
     }

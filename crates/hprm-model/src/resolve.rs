@@ -175,7 +175,7 @@ impl<'a> Resolver<'_, 'a> {
             && self.is_backwards(left, right)
         {
             let message = "this connection is the wrong way round";
-            let hint = format!("write `{} -> {}`", as_written(right), as_written(left));
+            let hint = report.syntax().connection(&as_written(right), &as_written(left));
             report.add(Diagnostic::error("LF0305", decl.span, message).hint(hint));
             return ResolvedConnection { decl, mode, left: Vec::new(), right: Vec::new() };
         }
@@ -374,7 +374,8 @@ impl<'a> Resolver<'_, 'a> {
             (format!("`{name}` is no bank"), hint)
         } else if let (Some(channel), false) = (reference.channel, is_multiport) {
             let hint = format!("it has no channel {channel}: leave out the number");
-            (format!("`{}` is no multiport", as_written(reference)), hint)
+            let port = Reference { channel: None, ..reference.clone() };
+            (format!("`{}` is no multiport", as_written(&port)), hint)
         } else {
             return Ok(());
         };
@@ -420,8 +421,10 @@ fn once_each<T: Copy + Ord>(all: &mut Vec<T>) {
 
 /// The reference as written.
 fn as_written(reference: &Reference) -> String {
+    let index = |number: Option<u32>| number.map_or(String::new(), |number| format!("[{number}]"));
+    let port = format!("{}{}", reference.variable.text, index(reference.channel));
     match &reference.container {
-        Some(container) => format!("{}.{}", container.text, reference.variable.text),
-        None => reference.variable.text.clone(),
+        Some(container) => format!("{}{}.{port}", container.text, index(reference.member)),
+        None => port,
     }
 }

@@ -29,13 +29,12 @@ pub(crate) fn check(
                 let inputs: Vec<_> =
                     names.iter().map(|name| format!("`{}.{name}`", decl.name.text)).collect();
                 let message = format!("nothing is connected to {}", inputs.join(" and "));
+                let hint =
+                    report.syntax().connection_to(&format!("{}.{}", decl.name.text, names[0]));
                 report.add(
                     Diagnostic::warning("LF0505", decl.name.span, message)
                         .label(reaction, "so this reaction never runs")
-                        .hint(format!(
-                            "connect an output to it: `... -> {}.{}`",
-                            decl.name.text, names[0]
-                        )),
+                        .hint(hint),
                 );
             }
         }

@@ -172,7 +172,7 @@ fn only_banks_have_members_and_only_multiports_channels() {
     let one_channel = Robot::with(vec![speed()]).connect(self::speed(Some(0), Some(0)), "a");
     let error = one_channel.compiled().unwrap_err();
     assert_eq!(error.diagnostics[0].code, "LF0312");
-    assert_eq!(error.diagnostics[0].message, "`wheels.speed` is no multiport");
+    assert_eq!(error.diagnostics[0].message, "`wheels[0].speed` is no multiport");
     let mut left = self::speed(Some(0), None);
     left.container = Some(name("sink"));
     left.variable = Name::new("a", at("sink.a"));

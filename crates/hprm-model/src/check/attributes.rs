@@ -7,6 +7,7 @@ use hprm_core::{Bound, Overflow};
 use crate::declaration::{Attribute, AttributeArgument, Expression, ExpressionKind, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::Model;
+use crate::syntax::Syntax;
 
 /// For diagrams only: accepted anywhere and without effect, if its arguments are strings.
 const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
@@ -113,7 +114,7 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
         "maxwait" | "absent_after" => wait(attribute, &name, place, federated, report),
         "bound" => bounded(attribute, place, report),
         "transient" if place != Place::Instance || !federated => {
-            report.add(misplaced(attribute, &name, "an instance"));
+            report.add(misplaced(attribute, &name, "an instance", report.syntax()));
         }
         "transient" => flag(attribute, &name, report),
         name if UNSUPPORTED.contains(&name) => {
@@ -162,8 +163,8 @@ fn value_of<'a>(attribute: &'a Attribute, argument: &str) -> Option<&'a Expressi
     attribute.arguments.iter().enumerate().find_map(of)
 }
 
-fn misplaced(attribute: &Attribute, name: &str, home: &str) -> Diagnostic {
-    let message = format!("`@{name}` does not belong here");
+fn misplaced(attribute: &Attribute, name: &str, home: &str, syntax: Syntax) -> Diagnostic {
+    let message = format!("{} does not belong here", syntax.option(name));
     Diagnostic::error("LF0212", attribute.span, message)
         .hint(format!("it belongs to {home} of a federated reactor"))
 }
@@ -193,7 +194,7 @@ fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report
                 .hint("write it at the instance, or `@absent_after` at the connection"),
         );
     } else if !federated || !is_home {
-        report.add(misplaced(attribute, name, description));
+        report.add(misplaced(attribute, name, description, report.syntax()));
     }
     if attribute.arguments.len() != 1 {
         let message = format!("`@{name}` takes one time");
@@ -207,12 +208,10 @@ fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report
 /// How many messages of a physical connection may wait, and what becomes of one that is too many.
 fn bounded(attribute: &Attribute, place: Place, report: &mut Report) {
     if !matches!(place, Place::Connection { physical: true }) {
-        let message = "`@bound` does not belong here";
-        report.add(
-            Diagnostic::error("LF0212", attribute.span, message)
-                .hint("it belongs to a physical connection: `~>`"),
-        );
-    } else if let Err(Wrong { message, hint }) = read_bound(attribute) {
+        let message = format!("{} does not belong here", report.syntax().option("bound"));
+        let hint = format!("it belongs to a physical connection: {}", report.syntax().physical());
+        report.add(Diagnostic::error("LF0212", attribute.span, message).hint(hint));
+    } else if let Err(Wrong { message, hint }) = read_bound(attribute, report.syntax()) {
         report.add(Diagnostic::error("LF0212", attribute.span, message).hint(hint));
     }
 }
@@ -223,13 +222,18 @@ struct Wrong {
     hint: String,
 }
 
-fn read_bound(attribute: &Attribute) -> Result<Bound, Wrong> {
-    const EXAMPLE: &str = "write `@bound(10, \"replace\")`, \"drop\" to keep the first 10, or \
-                           \"block\" to make the sender wait";
+fn read_bound(attribute: &Attribute, syntax: Syntax) -> Result<Bound, Wrong> {
     const POLICIES: [(&str, Overflow); 3] =
         [("drop", Overflow::Drop), ("replace", Overflow::Replace), ("block", Overflow::Block)];
-    let wrong = |message: &str| Wrong { message: message.to_owned(), hint: EXAMPLE.to_owned() };
-    let form = "`@bound` takes a number of messages, and what to do when more arrive";
+    let name = syntax.option("bound");
+    let example = syntax.option_with("bound", "10, \"replace\"");
+    let wrong = |message: String| Wrong {
+        message,
+        hint: format!(
+            "write {example}, \"drop\" to keep the first 10, or \"block\" to make the sender wait"
+        ),
+    };
+    let form = format!("{name} takes a number of messages, and what to do when more arrive");
     let Some(Expression { kind: ExpressionKind::Integer(messages), .. }) = value_of(attribute, "n")
     else {
         return Err(wrong(form));
@@ -239,7 +243,7 @@ fn read_bound(attribute: &Attribute) -> Result<Bound, Wrong> {
         Some(ExpressionKind::String(policy)) if attribute.arguments.len() == 2 => {
             let found = POLICIES.iter().find(|(name, _)| name == policy);
             let Some((_, overflow)) = found else {
-                let message = format!("`@bound` has no policy `{policy}`");
+                let message = format!("{name} has no policy `{policy}`");
                 let hint = existing(policy, "its policies", POLICIES.map(|(name, _)| name));
                 return Err(Wrong { message, hint });
             };
@@ -250,7 +254,7 @@ fn read_bound(attribute: &Attribute) -> Result<Bound, Wrong> {
     let most = u32::MAX;
     let messages = u32::try_from(*messages).ok().filter(|messages| *messages > 0);
     let messages = messages.ok_or_else(|| {
-        wrong(&format!("the number of messages of `@bound` must be from 1 to {most}"))
+        wrong(format!("the number of messages of {name} must be from 1 to {most}"))
     })?;
     Ok(Bound { messages, overflow })
 }
@@ -258,7 +262,8 @@ fn read_bound(attribute: &Attribute) -> Result<Bound, Wrong> {
 /// The bound that is among `attributes`, if it is right.
 pub(crate) fn bound(attributes: &[Attribute]) -> Option<Bound> {
     let named = |attribute: &&Attribute| attribute.name.text.eq_ignore_ascii_case("bound");
-    attributes.iter().find(named).and_then(|attribute| read_bound(attribute).ok())
+    let read = |attribute: &Attribute| read_bound(attribute, Syntax::default()).ok();
+    attributes.iter().find(named).and_then(read)
 }
 
 /// An attribute that says all by its name.

@@ -12,7 +12,7 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
                 let message = "only an instance in a federated reactor has a host";
                 report.add(
                     Diagnostic::error("LF0802", host.span, message)
-                        .hint("write `federated reactor`, or remove `at`"),
+                        .hint(report.syntax().federated_or_no_host()),
                 );
             }
         }

@@ -130,7 +130,7 @@ fn header(model: &Model<'_>, report: &mut Report) {
         let message = "only a federated reactor has a host";
         report.add(
             Diagnostic::error("LF0802", host.span, message)
-                .hint("write `federated reactor`, or remove `at`"),
+                .hint(report.syntax().federated_or_no_host()),
         );
     }
 }

@@ -58,7 +58,7 @@ fn initial(declared: &Declarations<'_>, report: &mut Report) {
     match (initial.next(), declared.modes.first()) {
         (None, Some(first)) => report.add(
             Diagnostic::error("LF0901", first.header, "none of the modes is the initial one")
-                .hint("write `initial mode` where the reactor starts"),
+                .hint(report.syntax().initial_mode()),
         ),
         (Some(first), _) => {
             for other in initial {

@@ -48,10 +48,7 @@ pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
             Some(reaction) => warning
                 .label(reaction.decl.header, "this names it as an effect")
                 .hint(format!("call `{}.set(value)` in its body", called(reaction, index))),
-            None => warning.hint(format!(
-                "name it as the effect of a reaction that calls `{name}.set(value)`, or connect an \
-                 output of a contained reactor to it"
-            )),
+            None => warning.hint(report.syntax().set_output(name)),
         });
     }
 }

@@ -1,0 +1,120 @@
+//! What a program is written in, for the hints that show how something is written.
+//!
+//! Rules do not depend on it: only these words do.
+
+/// The language of a program, as far as diagnostics show it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Syntax {
+    /// Lingua Franca.
+    #[default]
+    Lf,
+    /// Classes in Python.
+    Python,
+}
+
+impl Syntax {
+    fn either<'t>(self, lf: &'t str, python: &'t str) -> &'t str {
+        match self {
+            Self::Lf => lf,
+            Self::Python => python,
+        }
+    }
+
+    /// An option of an instance or a connection, by its name.
+    pub(crate) fn option(self, name: &str) -> String {
+        match self {
+            Self::Lf => format!("`@{name}`"),
+            Self::Python => format!("`{name}=`"),
+        }
+    }
+
+    /// An option with a value that shows what is expected.
+    pub(crate) fn option_with(self, name: &str, value: &str) -> String {
+        match self {
+            Self::Lf => format!("`@{name}({value})`"),
+            Self::Python if value.contains(',') => format!("`{name}=({value})`"),
+            Self::Python if value.contains(' ') => format!("`{name}=\"{value}\"`"),
+            Self::Python => format!("`{name}={value}`"),
+        }
+    }
+
+    /// A target property with a value.
+    pub(crate) fn property(self, name: &str, value: &str) -> String {
+        match self {
+            Self::Lf => format!("`{name}: {value}`"),
+            Self::Python if value == "true" => format!("`{}=True`", name.replace('-', "_")),
+            Self::Python => format!("`{}={value}`", name.replace('-', "_")),
+        }
+    }
+
+    /// A connection of two ports.
+    pub(crate) fn connection(self, from: &str, to: &str) -> String {
+        match self {
+            Self::Lf => format!("write `{from} -> {to}`"),
+            Self::Python => format!("connect `{from}` to `{to}`"),
+        }
+    }
+
+    /// A connection to an input that lacks one.
+    pub(crate) fn connection_to(self, input: &str) -> String {
+        match self {
+            Self::Lf => format!("connect an output to it: `... -> {input}`"),
+            Self::Python => format!("connect an output to `{input}`"),
+        }
+    }
+
+    /// How a connection repeats its left side.
+    pub(crate) fn repeated(self) -> &'static str {
+        self.either("`(...)+` repeats the left side", "`repeated=True` repeats the left side")
+    }
+
+    /// A connection with the shortest delay.
+    pub(crate) fn shortest_delay(self) -> &'static str {
+        self.either("`after 0`", "`after=0`")
+    }
+
+    /// What makes a connection physical.
+    pub(crate) fn physical(self) -> &'static str {
+        self.either("`~>`", "`physical=True`")
+    }
+
+    /// What sets an output that nothing sets yet.
+    pub(crate) fn set_output(self, output: &str) -> String {
+        match self {
+            Self::Lf => format!(
+                "name it as the effect of a reaction that calls `{output}.set(value)`, or connect \
+                 an output of a contained reactor to it"
+            ),
+            Self::Python => format!(
+                "name it in `effects=[...]` of a reaction that calls `self.{output}.set(value)`, \
+                 or connect an output of a contained reactor to it"
+            ),
+        }
+    }
+
+    /// What to do about a host that only a federation can have.
+    pub(crate) fn federated_or_no_host(self) -> &'static str {
+        self.either(
+            "write `federated reactor`, or remove `at`",
+            "make the main reactor a federated one, or remove `host=`",
+        )
+    }
+
+    /// Why a reactor of this name cannot be part of another one.
+    pub(crate) fn is_main(self, reactor: &str) -> String {
+        match self {
+            Self::Lf => format!("`{reactor}` is a main reactor: it cannot be instantiated"),
+            Self::Python => {
+                format!("`{reactor}` is federated: only the main reactor of a program can be")
+            }
+        }
+    }
+
+    /// What makes a mode the initial one.
+    pub(crate) fn initial_mode(self) -> &'static str {
+        self.either(
+            "write `initial mode` where the reactor starts",
+            "write `initial=True` for the one where the reactor starts",
+        )
+    }
+}
