@@ -4,7 +4,7 @@
 //! and exit code 2.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
@@ -12,6 +12,8 @@ use hprm::{Address, TlsFiles};
 use hprm::{FederationId, HangTimeout};
 use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
+
+use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
 #[derive(Parser, Debug)]
@@ -41,6 +43,7 @@ pub(crate) const PROPERTY: &str = "property";
 const EXAMPLES: &str = "\
 Examples:
   hprm run Main.lf            run a program, in one process or as a federation
+  hprm run app.py             the same, of a program in Python
   hprm check src/*.lf         say what is wrong, and run nothing
   hprm verify Main.lf         run a program several times, and compare what it did
   hprm doctor                 see whether this machine has what HPRM needs
@@ -204,6 +207,7 @@ impl RunTime {
 #[command(after_help = "\
 Examples:
   hprm run Main.lf
+  hprm run app.py:Vision                    a program in Python, and which of its reactors is the main one
   hprm run Main.lf --rate 30                give the main reactor's parameter rate another value
   hprm run Main.lf -- --rounds 10           the program finds --rounds 10 in sys.argv
   hprm run --join-timeout 120 Vision.lf     give federates two minutes to load their models
@@ -212,8 +216,8 @@ Examples:
 
 The exit code is 0 if every federate ended well, and else that of the first one that did not.")]
 pub(crate) struct Run {
-    /// The program.
-    #[arg(value_name = "FILE.lf")]
+    /// The program: FILE.lf, FILE.py, or FILE.py:NAME for one of several main reactors.
+    #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// Run the federates as threads of one process. Arrays go from one to the other without a copy,
     /// and are read-only from then on.
@@ -240,6 +244,13 @@ pub(crate) struct Run {
     pub(crate) interpreter: Interpreter,
     #[command(flatten)]
     pub(crate) arguments: ProgramArguments,
+}
+
+impl Run {
+    /// The program that is meant.
+    pub(crate) fn program(&self) -> Program<'_> {
+        program(&self.file, &self.properties, &self.interpreter, &self.arguments)
+    }
 }
 
 /// How failures are told.
@@ -313,8 +324,8 @@ Examples:
 
 The exit code is 0 if all runs did the same, and 3 if two did not.")]
 pub(crate) struct Verify {
-    /// The program.
-    #[arg(value_name = "FILE.lf")]
+    /// The program: FILE.lf, FILE.py, or FILE.py:NAME for one of several main reactors.
+    #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// How often to run it.
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "6", value_parser = clap::value_parser!(u32).range(2..))]
@@ -335,6 +346,13 @@ pub(crate) struct Verify {
     pub(crate) arguments: ProgramArguments,
 }
 
+impl Verify {
+    /// The program that is meant.
+    pub(crate) fn program(&self) -> Program<'_> {
+        program(&self.file, &self.properties, &self.interpreter, &self.arguments)
+    }
+}
+
 /// Say what is wrong with programs, and run nothing.
 ///
 /// Files that others import can be checked too. The Python in them is compiled, by one interpreter for
@@ -347,8 +365,8 @@ Examples:
 
 The exit code is 1 if there is an error; a warning leaves it 0.")]
 pub(crate) struct Check {
-    /// The programs.
-    #[arg(value_name = "FILE.lf", required = true)]
+    /// The programs: FILE.lf, FILE.py or FILE.py:NAME.
+    #[arg(value_name = "FILE", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Print one JSON object a line to the standard output, instead of text.
     #[arg(long)]
@@ -423,8 +441,8 @@ Across machines, each with a copy of the program and of the secret:
   hprm rti Main.lf --listen 0.0.0.0:15045 --federation-file secret
   hprm federate Main.lf camera --rti robot.local:15045 --federation-file secret")]
 pub(crate) struct RtiArguments {
-    /// The program, with a federated reactor.
-    #[arg(value_name = "FILE.lf")]
+    /// The program, with a federated reactor: FILE.lf, FILE.py or FILE.py:NAME.
+    #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// Where to listen: HOST:PORT, unix:@NAME or unix:/PATH. May be repeated: federates on this
     /// machine share memory if they join over a Unix socket.
@@ -444,6 +462,17 @@ pub(crate) struct RtiArguments {
     pub(crate) secret: Secret,
     #[command(flatten)]
     pub(crate) tls: Tls,
+    #[command(flatten)]
+    pub(crate) interpreter: Interpreter,
+    #[command(flatten)]
+    pub(crate) arguments: ProgramArguments,
+}
+
+impl RtiArguments {
+    /// The program that is meant.
+    pub(crate) fn program(&self) -> Program<'_> {
+        program(&self.file, &self.properties, &self.interpreter, &self.arguments)
+    }
 }
 
 /// Run one federate of a program.
@@ -456,8 +485,8 @@ Example:
   HPRM_FEDERATION_ID=0123456789abcdef0123456789abcdef \\
       hprm federate Main.lf camera --rti robot.local:15045")]
 pub(crate) struct FederateArguments {
-    /// The program.
-    #[arg(value_name = "FILE.lf")]
+    /// The program: FILE.lf, FILE.py, or FILE.py:NAME for one of several main reactors.
+    #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// The name of the federate. A member of a bank has its index: camera__2.
     #[arg(value_name = "NAME")]
@@ -526,6 +555,16 @@ pub(crate) struct Doctor {
     pub(crate) json: bool,
     #[command(flatten)]
     pub(crate) interpreter: Interpreter,
+}
+
+fn program<'a>(
+    path: &'a Path,
+    properties: &Properties,
+    interpreter: &'a Interpreter,
+    arguments: &'a ProgramArguments,
+) -> Program<'a> {
+    let (properties, arguments) = (properties.stated(), arguments.all().collect());
+    Program { path, properties, arguments, interpreter }
 }
 
 /// Joins a number with the unit that follows it, behind an option that `takes_time`: programs of Lingua

@@ -3,33 +3,34 @@
 //! Finding mistakes is up to the front end; this shows them, as text or as JSON.
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use hprm_model::{Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
-use crate::args::{Check, Properties};
-use crate::bodies;
+use crate::args::Check;
 use crate::message::{self, Error};
-use crate::source;
+use crate::source::{Outcome, Program};
+use crate::{bodies, declare};
 
-/// The program at `path` with these properties; none if it has errors, all of which have been shown then.
+/// The program, compiled; if it has errors, which have been shown then, what the command ends with.
 ///
 /// # Errors
 ///
 /// If the file is not a program at all.
-pub(crate) fn checked(path: &Path, properties: &Properties) -> Result<Option<Compiled>, Error> {
-    match source::compile(path, &properties.stated())? {
-        Ok(compiled) => Ok(Some(compiled)),
-        Err(failure) => {
+pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode>, Error> {
+    match program.compile()? {
+        Outcome::Right(compiled) => Ok(Ok(*compiled)),
+        Outcome::Ended(code) => Ok(Err(code)),
+        Outcome::Wrong(failure) => {
             if message::speaks_json() {
                 let reports = hprm::Failure::mistakes(&failure, false).reports();
                 reports.into_iter().for_each(|report| Error::from(report).show());
             } else {
                 show(&failure.diagnostics, &failure.sources);
             }
-            Ok(None)
+            Ok(Err(ExitCode::FAILURE))
         }
     }
 }
@@ -41,9 +42,17 @@ pub(crate) fn show_warnings(compiled: &Compiled) {
 
 /// Checks programs, and shows what was found in the order in which they are named.
 pub(crate) fn check(arguments: &Check) -> ExitCode {
-    let found: Vec<_> =
-        arguments.files.iter().map(|path| (path.as_path(), source::check(path))).collect();
-    let well = found.iter().filter(|(_, outcome)| matches!(outcome, Ok(Ok(_))));
+    let looked_through = |path| {
+        let (properties, words) = (Vec::new(), Vec::new());
+        let interpreter = &arguments.interpreter;
+        let program = Program { path, properties, arguments: words, interpreter };
+        (path, program.check())
+    };
+    let found: Vec<_> = arguments.files.iter().map(PathBuf::as_path).map(looked_through).collect();
+    // Python has compiled what a program in Python consists of.
+    let well = found.iter().filter(|(path, outcome)| {
+        matches!(outcome, Ok(Outcome::Right(_))) && !declare::is_python(path)
+    });
     let well: Vec<_> = well.map(|(path, _)| *path).collect();
     let bodies = if arguments.no_bodies {
         Ok(Vec::new())
@@ -54,8 +63,16 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
     let mut count = Count::default();
     for (path, outcome) in found {
         let (mut diagnostics, sources) = match outcome {
-            Ok(Ok(compiled)) => (compiled.warnings, compiled.sources),
-            Ok(Err(failure)) => (failure.diagnostics, failure.sources),
+            Ok(Outcome::Right(compiled)) => (compiled.warnings, compiled.sources),
+            Ok(Outcome::Wrong(failure)) => (failure.diagnostics, failure.sources),
+            Ok(Outcome::Ended(_)) => {
+                count.errors += 1;
+                if arguments.json {
+                    let what = format!("{} does not declare a program", path.display());
+                    output.error(&Error::new(what), Some(path));
+                }
+                continue;
+            }
             // The other files are of interest all the same.
             Err(error) => {
                 count.errors += 1;

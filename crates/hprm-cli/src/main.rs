@@ -11,6 +11,7 @@ mod args;
 mod bodies;
 mod check;
 mod children;
+mod declare;
 mod diff;
 mod doctor;
 mod follow;

@@ -1,7 +1,9 @@
 //! Options that a program has of its own: the parameters of its main reactor, by their names.
 //!
-//! Only the program tells which they are, so it is compiled when the words of a command line do not
-//! suffice without it: because of an unknown option, or to show all options there are.
+//! Only the program tells which they are, so an `.lf` file is compiled when the words of a command line do
+//! not suffice without it: because of an unknown option, or to show all options there are. A program in Python
+//! is not run for that: each option that the command does not know is a parameter of it, and it says itself if
+//! there is no such one.
 
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
@@ -9,8 +11,9 @@ use std::path::Path;
 use clap::{Arg, ArgMatches, Command, FromArgMatches};
 use hprm_model::{ParameterDecl, Value};
 
-use crate::args::{self, Arguments};
-use crate::source;
+use crate::args::{self, Arguments, Interpreter};
+use crate::declare;
+use crate::source::{Outcome, Program};
 
 /// The heading of these options in the help.
 const HEADING: &str = "Parameters of the program";
@@ -28,7 +31,15 @@ pub(crate) fn parse(
     }
     let before_rest = words.iter().take_while(|word| *word != "--");
     let file = before_rest.skip(2).find(|word| is_program(word))?;
-    let compiled = source::compile(Path::new(file), &[]).ok()?.ok()?;
+    if declare::is_python(Path::new(file)) {
+        let words = as_properties(subcommand, words)?;
+        let parsed = command.clone().try_get_matches_from(words);
+        return Some(parsed.and_then(|matches| Arguments::from_arg_matches(&matches)));
+    }
+    let (interpreter, path) = (Interpreter::default(), Path::new(file));
+    let (properties, arguments) = (Vec::new(), Vec::new());
+    let program = Program { path, properties, arguments, interpreter: &interpreter };
+    let Outcome::Right(compiled) = program.compile().ok()? else { return None };
     let known: Vec<_> = compiled
         .main_parameters()
         .iter()
@@ -54,8 +65,73 @@ fn takes_a_program(subcommand: &Command) -> bool {
 }
 
 fn is_program(word: &OsStr) -> bool {
-    let path = Path::new(word);
-    path.extension().is_some_and(|extension| extension == "lf") && path.is_file()
+    let path = declare::file_of(Path::new(word));
+    path.extension().is_some_and(|extension| extension == "lf" || extension == "py")
+        && path.is_file()
+}
+
+/// The words with `--property main.NAME=VALUE` in the place of each option with a value that the command does
+/// not know; none if all are known.
+fn as_properties(subcommand: &Command, words: &[OsString]) -> Option<Vec<OsString>> {
+    let mut all = Vec::new();
+    let mut rest = words;
+    while let [word, following @ ..] = rest {
+        if word == "--" {
+            break;
+        }
+        rest = following;
+        let Some((name, stated)) = word.to_str().and_then(|word| unknown(subcommand, word)) else {
+            all.push(word.clone());
+            continue;
+        };
+        let value = match (stated, following) {
+            (Some(value), _) => value.to_owned(),
+            (None, [next, following @ ..]) if is_value(next) => {
+                rest = following;
+                let number = next.to_str()?.to_owned();
+                // Programs of Lingua Franca take `--period 500 ms`.
+                match following.first().and_then(|unit| unit.to_str()) {
+                    Some(unit) if number.parse::<i64>().is_ok() && hprm_lf::is_unit(unit) => {
+                        rest = &following[1..];
+                        format!("{number} {unit}")
+                    }
+                    _ => number,
+                }
+            }
+            _ => {
+                all.push(word.clone());
+                continue;
+            }
+        };
+        all.push(format!("--{}={}{name}={value}", args::PROPERTY, hprm_lf::PARAMETER).into());
+    }
+    let is_changed = all.len() + rest.len() < words.len() || all[..] != words[..all.len()];
+    all.extend_from_slice(rest);
+    is_changed.then_some(all)
+}
+
+/// The name of a parameter that a word sets, and the value if it is in the same word; none if it is an option of
+/// the command, or no option with a long name.
+fn unknown<'w>(subcommand: &Command, word: &'w str) -> Option<(String, Option<&'w str>)> {
+    let (name, value) = match word.strip_prefix("--")?.split_once('=') {
+        Some((name, value)) => (name, Some(value)),
+        None => (word.strip_prefix("--")?, None),
+    };
+    let is_long = |arg: &Arg| {
+        let aliases = arg.get_all_aliases().unwrap_or_default();
+        arg.get_long() == Some(name) || aliases.contains(&name)
+    };
+    let is_known = name == "help" || name == "version" || subcommand.get_arguments().any(is_long);
+    let is_name = name.starts_with(|c: char| c.is_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-');
+    (is_name && !is_known).then(|| (name.replace('-', "_"), value))
+}
+
+/// Whether a word can be the value of the option before it. A mistyped flag may stand before the program.
+fn is_value(word: &OsStr) -> bool {
+    let Some(text) = word.to_str() else { return false };
+    let is_option = text.starts_with('-') && text.parse::<f64>().is_err();
+    !is_option && !is_program(word)
 }
 
 /// Whether a name is taken by an option of the command. The parameter can be stated as a property
@@ -159,12 +235,54 @@ mod tests {
     }
 
     fn stated(words: &[&str]) -> Vec<String> {
-        in_a_folder(words, |parsed| match parsed.unwrap().command {
+        in_a_folder(words, |parsed| properties(parsed.unwrap()))
+    }
+
+    fn properties(parsed: Arguments) -> Vec<String> {
+        match parsed.command {
             Parsed::Run(run) => run.properties.stated(),
             Parsed::Federate(federate) => federate.properties.stated(),
             Parsed::Verify(verify) => verify.properties.stated(),
             other => panic!("{other:?}"),
-        })
+        }
+    }
+
+    /// Parses words in which `app.py` is a program in Python, which is not run.
+    fn of_python(words: &[&str]) -> Option<Result<Arguments, clap::Error>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("app.py");
+        std::fs::write(&path, "raise SystemExit\n").unwrap();
+        let words = words.iter().map(|word| match word.strip_prefix("app.py") {
+            Some(name) => OsString::from(format!("{}{name}", path.display())),
+            None => word.into(),
+        });
+        parse(&Arguments::command(), &words.collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn options_of_a_program_in_python_are_its_parameters() {
+        let words =
+            ["hprm", "run", "--rate", "-3", "app.py:Vision", "--frame-size=full", "-w", "1"];
+        let parsed = of_python(&words).unwrap().unwrap();
+        assert_eq!(properties(parsed), ["main.rate=-3", "main.frame_size=full", "workers=1"]);
+        let words = ["hprm", "run", "app.py", "--period", "20", "ms", "x", "--", "--rounds", "3"];
+        let parsed = of_python(&words).unwrap().unwrap();
+        let Parsed::Run(run) = &parsed.command else { panic!() };
+        assert_eq!(run.arguments.all().collect::<Vec<_>>(), ["x", "--rounds", "3"]);
+        assert_eq!(properties(parsed), ["main.period=20 ms"]);
+        let words = ["hprm", "federate", "app.py", "a", "--rti", "unix:@x", "--federation-id=1"];
+        assert!(of_python(&words).is_none(), "all are known");
+    }
+
+    #[test]
+    fn a_mistyped_flag_is_no_parameter() {
+        for words in [
+            &["hprm", "run", "--in-proces", "app.py"][..],
+            &["hprm", "run", "app.py", "--in-proces"],
+            &["hprm", "run", "app.py", "--in-proces", "--workers", "2"],
+        ] {
+            assert!(of_python(words).is_none(), "{words:?}");
+        }
     }
 
     #[test]

@@ -16,6 +16,7 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::process::geteuid;
 use serde::{Deserialize, Serialize};
 
+use crate::declare;
 use crate::message::Error;
 use crate::secret;
 
@@ -142,7 +143,7 @@ pub(crate) fn sweep(program: &Path) -> bool {
     for (path, record, _) in dead.into_iter().filter(|(_, _, is_live)| !is_live) {
         // Another program's commands are for its next run to remove, as long as it is there.
         let other = record.as_ref().filter(|record| record.program != program);
-        if other.is_none_or(|record| !record.program.exists()) {
+        if other.is_none_or(|record| !declare::file_of(&record.program).exists()) {
             let _ = fs::remove_file(&path);
             made |= record.is_some_and(|record| record.program == program && record.made);
         }
@@ -200,8 +201,14 @@ fn is_private(folder: &Path) -> io::Result<bool> {
     Ok(metadata.is_dir() && is_own && metadata.mode() & 0o077 == 0)
 }
 
+/// The path of a program without links. The name of a reactor that follows it stays.
 fn real(path: &Path) -> PathBuf {
-    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+    let file = declare::file_of(path);
+    let Ok(real) = file.canonicalize() else { return path.to_owned() };
+    let name = &path.as_os_str().as_encoded_bytes()[file.as_os_str().len()..];
+    let mut real = real.into_os_string();
+    real.push(String::from_utf8_lossy(name).as_ref());
+    real.into()
 }
 
 #[cfg(test)]

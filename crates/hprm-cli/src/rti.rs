@@ -30,8 +30,9 @@ const AFTER_FAILURE: Duration = Duration::from_secs(5);
 ///
 /// If it cannot listen, or the federation fails.
 pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
-    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
-        return Ok(ExitCode::FAILURE);
+    let compiled = match check::checked(&arguments.program())? {
+        Ok(compiled) => compiled,
+        Err(code) => return Ok(code),
     };
     require_federation(&compiled.program, &arguments.file)?;
     check::show_warnings(&compiled);
@@ -113,7 +114,7 @@ pub(crate) fn require_federation(program: &Program, file: &Path) -> Result<(), E
         return Ok(());
     }
     Err(Error::new(format!("{} is not a federation", file.display()))
-        .hint("its main reactor says `main reactor`: hprm run runs it in one process"))
+        .hint("its main reactor is not federated: hprm run runs it in one process"))
 }
 
 /// That the federation has not stopped in order.

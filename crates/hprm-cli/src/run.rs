@@ -14,6 +14,7 @@ use crate::args::{FederateArguments, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
+use crate::source::Program as Wanted;
 use crate::{check, hosts, join, python, rti, secret, signals, threads};
 
 /// Runs a program to its end.
@@ -22,8 +23,9 @@ use crate::{check, hosts, join, python, rti, secret, signals, threads};
 ///
 /// If it cannot be started.
 pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
-    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
-        return Ok(ExitCode::FAILURE);
+    let compiled = match check::checked(&arguments.program())? {
+        Ok(compiled) => compiled,
+        Err(code) => return Ok(code),
     };
     let debugged = debugged(&compiled.program, arguments)?;
     let python = python::find(&arguments.interpreter)?;
@@ -76,7 +78,7 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
     let names: Vec<_> = program.federates.values().map(|federate| federate.name.as_str()).collect();
     let error = Error::option(format!("{} has no federate {name}", file.display()));
     match names.is_empty() {
-        true => error.hint("it has no federates: its main reactor says `main reactor`"),
+        true => error.hint("it has no federates: its main reactor is not federated"),
         false => error.hint(format!("its federates: {}", names.join(", "))),
     }
 }
@@ -94,8 +96,19 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     } else if let Some(running) = &running {
         properties.inherit(running.properties.iter().map(String::as_str));
     }
-    let Some(compiled) = check::checked(&arguments.file, &properties)? else {
-        return Ok(ExitCode::FAILURE);
+    let mut interpreter = arguments.interpreter.clone();
+    if let Some(running) = &running {
+        interpreter.python.get_or_insert_with(|| running.python.clone());
+    }
+    let program = Wanted {
+        path: &arguments.file,
+        properties: properties.stated(),
+        arguments: arguments.arguments.all().collect(),
+        interpreter: &interpreter,
+    };
+    let compiled = match check::checked(&program)? {
+        Ok(compiled) => compiled,
+        Err(code) => return Ok(code),
     };
     rti::require_federation(&compiled.program, &arguments.file)?;
     if compiled.program.federate_named(&arguments.name).is_none() {
@@ -106,10 +119,6 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
     };
-    let mut interpreter = arguments.interpreter.clone();
-    if let Some(running) = &running {
-        interpreter.python.get_or_insert_with(|| running.python.clone());
-    }
     let python = python::find(&interpreter)?;
     let mut command = python::module(&python, "federate");
     command.args(message::json_option());

@@ -3,13 +3,25 @@
 //! They become events like all others. What they lead to is the supervisor's business.
 
 use std::io;
+use std::os::unix::process::CommandExt;
+use std::process::{Command, ExitStatus};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
+use std::time::Duration;
 
 use hprm::supervisor;
-use nix::sys::signal::{SigSet, SigmaskHow, Signal};
+use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
+use nix::unistd::Pid;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::flag;
 use signal_hook::iterator::Signals;
+
+/// The signals that ask a process to stop.
+const ASKING: [i32; 3] = [SIGHUP, SIGINT, SIGTERM];
+
+/// How often to look whether a process has ended.
+const PATIENCE: Duration = Duration::from_millis(2);
 
 /// Starts an interpreter by `start` in such a way that Ctrl-C cannot stop it before it is ready for that: the
 /// signal waits until the package unblocks it, which it does first of all.
@@ -57,7 +69,50 @@ pub(crate) fn watch(
 /// If the system refuses.
 pub(crate) fn survive_long_files() -> io::Result<()> {
     // A handler, unlike an ignored signal, is not inherited.
-    signal_hook::flag::register(SIGXFSZ, Arc::default()).map(drop)
+    flag::register(SIGXFSZ, Arc::default()).map(drop)
+}
+
+/// Runs a process to its end. Meanwhile the signals that ask this process to stop go to that one, and a second
+/// one kills it.
+///
+/// # Errors
+///
+/// If it cannot be started, or the system refuses.
+pub(crate) fn run_to_end(mut command: Command) -> io::Result<ExitStatus> {
+    let is_over = Arc::new(AtomicBool::new(false));
+    let came = Arc::new(AtomicUsize::new(0));
+    let mut registered = Vec::new();
+    for signal in ASKING.into_iter().filter(|signal| !is_ignored(*signal)) {
+        // In this order: what the signal does otherwise, it does again when all is over.
+        registered.push(flag::register_conditional_default(signal, Arc::clone(&is_over))?);
+        let number = usize::try_from(signal).unwrap_or_default();
+        registered.push(flag::register_usize(signal, Arc::clone(&came), number)?);
+    }
+    // A group of its own, so that a Ctrl-C at the terminal does not reach it twice.
+    let command = command.process_group(0);
+    let mut process = without_ctrl_c(|| command.spawn())?;
+    let mut is_asked = false;
+    let status = loop {
+        if let Some(status) = process.try_wait()? {
+            break status;
+        }
+        let signal = i32::try_from(came.swap(0, Ordering::Relaxed)).unwrap_or_default();
+        if signal != 0 {
+            let pid = Pid::from_raw(i32::try_from(process.id()).unwrap_or_default());
+            let signal = if is_asked { Signal::SIGKILL } else { Signal::try_from(signal)? };
+            // It is this one's child, and has not been waited for, so the number is its own.
+            let _ = kill(pid, signal);
+            is_asked = true;
+        }
+        thread::sleep(PATIENCE);
+    };
+    is_over.store(true, Ordering::Relaxed);
+    Ok(status)
+}
+
+/// Whether a signal asks a process to stop.
+pub(crate) fn asks_to_stop(signal: i32) -> bool {
+    ASKING.contains(&signal)
 }
 
 fn is_ignored(signal: i32) -> bool {

@@ -1,47 +1,110 @@
-//! Reading `.lf` files for the front end, which itself never touches a disk.
+//! Compiling programs: `.lf` files, which are read for the front end that itself never touches a disk, and
+//! programs in Python, which declare themselves.
 
+use std::ffi::OsString;
 use std::path::Path;
+use std::process::ExitCode;
 
 use hprm::{Disk, Kind, Report, Unreadable};
-use hprm_model::{CompileFailure, Compiled};
+use hprm_model::{CompileFailure, Compiled, Purpose};
 
+use crate::args::Interpreter;
+use crate::declare;
 use crate::message::Error;
 
-/// Compiles the program at `path` with these target properties, or gives what the front end has against it.
-///
-/// # Errors
-///
-/// If there is no such program: the path is wrong, the file is unreadable or not text. What
-/// is wrong *in* the program, or with a file that it imports, is the
-/// inner result.
-pub(crate) fn compile(
-    path: &Path,
-    properties: &[String],
-) -> Result<Result<Compiled, CompileFailure>, Error> {
-    let (name, mut disk) = read(path)?;
-    Ok(hprm_lf::compile_with(name, properties, &mut disk))
+/// A program, and what decides what it is.
+#[derive(Clone, Debug)]
+pub(crate) struct Program<'a> {
+    /// The path, as it was typed.
+    pub(crate) path: &'a Path,
+    /// Target properties and parameters, as `KEY=VALUE`.
+    pub(crate) properties: Vec<String>,
+    /// What it finds in `sys.argv`.
+    pub(crate) arguments: Vec<&'a OsString>,
+    /// Of a program in Python, what runs it.
+    pub(crate) interpreter: &'a Interpreter,
 }
 
-/// Looks through the file at `path`, which may also be one that others import.
-///
-/// # Errors
-///
-/// As [`compile`].
-pub(crate) fn check(path: &Path) -> Result<Result<Compiled, CompileFailure>, Error> {
-    let (name, mut disk) = read(path)?;
-    Ok(hprm_lf::check(name, &mut disk))
+/// What a program is compiled to.
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    /// It can run.
+    Right(Box<Compiled>),
+    /// It has mistakes.
+    Wrong(CompileFailure),
+    /// Its Python has failed, and has said so.
+    Ended(ExitCode),
+}
+
+impl From<Result<Compiled, CompileFailure>> for Outcome {
+    fn from(compiled: Result<Compiled, CompileFailure>) -> Self {
+        match compiled {
+            Ok(compiled) => Self::Right(Box::new(compiled)),
+            Err(failure) => Self::Wrong(failure),
+        }
+    }
+}
+
+impl Program<'_> {
+    /// Compiles it.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such program: the path is wrong, the file is unreadable or not text. What
+    /// is wrong *in* the program, or with a file that it imports, is in the outcome.
+    pub(crate) fn compile(&self) -> Result<Outcome, Error> {
+        if declare::is_python(self.path) {
+            return self.declared(Purpose::Run);
+        }
+        let (name, mut disk) = read(self.path)?;
+        Ok(hprm_lf::compile_with(name, &self.properties, &mut disk).into())
+    }
+
+    /// Looks through it; an `.lf` file may also be one that others import.
+    ///
+    /// # Errors
+    ///
+    /// As [`compile`](Self::compile).
+    pub(crate) fn check(&self) -> Result<Outcome, Error> {
+        if declare::is_python(self.path) {
+            return self.declared(Purpose::Check);
+        }
+        let (name, mut disk) = read(self.path)?;
+        Ok(hprm_lf::check(name, &mut disk).into())
+    }
+
+    fn declared(&self, purpose: Purpose) -> Result<Outcome, Error> {
+        utf8(self.path)?;
+        let Self { path, properties, arguments, interpreter } = self;
+        let declared = declare::declare(path, properties, arguments.iter().copied(), interpreter)?;
+        let text = match declared {
+            Ok(text) => text,
+            Err(code) => return Ok(Outcome::Ended(code)),
+        };
+        match hprm_declared::compile(&text, properties, purpose) {
+            Ok(compiled) => Ok(compiled.into()),
+            Err(malformed) => Err(Error::new(format!("{}: {malformed}", path.display())).hint(
+                "the package hprm of the interpreter may have another version than this command: \
+                 hprm doctor tells",
+            )),
+        }
+    }
+}
+
+fn utf8(path: &Path) -> Result<&str, Error> {
+    path.to_str().ok_or_else(|| {
+        Error::new(format!("the name of {} is not UTF-8 text", path.display()))
+            .hint("give the file another name")
+    })
 }
 
 /// Reads a file before anything else, so that a wrong path is one plain error, not a diagnostic in a
 /// file that does not exist.
 fn read(path: &Path) -> Result<(&str, Disk), Error> {
-    let name = path.to_str().ok_or_else(|| {
-        Error::new(format!("the name of {} is not UTF-8 text", path.display()))
-            .hint("give the file another name")
-    })?;
+    let name = utf8(path)?;
     if path.extension().is_none_or(|extension| extension != "lf") {
-        return Err(Error::new(format!("{name} is not a Lingua Franca program"))
-            .hint("programs are files whose name ends in .lf"));
+        return Err(Error::new(format!("{name} is not a program"))
+            .hint("programs are files whose name ends in .lf or .py"));
     }
     let mut disk = Disk::from_environment();
     disk.read_ahead(name).map_err(|found| unreadable(name, found))?;
@@ -64,21 +127,36 @@ fn unreadable(name: &str, Unreadable { reason, line }: Unreadable) -> Error {
 mod tests {
     use super::*;
 
+    fn error(path: &Path) -> Error {
+        let interpreter = Interpreter::default();
+        let (properties, arguments) = (Vec::new(), Vec::new());
+        let program = Program { path, properties, arguments, interpreter: &interpreter };
+        match program.compile() {
+            Err(error) => error,
+            Ok(outcome) => panic!("{} is {outcome:?}", path.display()),
+        }
+    }
+
     #[test]
     fn a_missing_file_is_one_error() {
-        let Err(error) = compile(Path::new("/nowhere/Main.lf"), &[]) else { panic!("it is there") };
-        assert_eq!(
-            error,
-            Error::new("cannot read /nowhere/Main.lf: No such file or directory")
-                .hint("is the path right? It is relative to the current directory")
-        );
+        for (path, file) in [
+            ("/nowhere/Main.lf", "/nowhere/Main.lf"),
+            ("/nowhere/app.py", "/nowhere/app.py"),
+            ("/nowhere/app.py:Vision", "/nowhere/app.py"),
+        ] {
+            assert_eq!(
+                error(Path::new(path)),
+                Error::new(format!("cannot read {file}: No such file or directory"))
+                    .hint("is the path right? It is relative to the current directory")
+            );
+        }
     }
 
     #[test]
     fn another_kind_of_file_is_refused() {
-        for name in ["main.py", "Main", "lf"] {
-            let Err(error) = compile(Path::new(name), &[]) else { panic!("{name}") };
-            assert!(format!("{error:?}").contains("not a Lingua Franca program"), "{error:?}");
+        for name in ["main.rs", "Main", "lf", "Main.lf:Main"] {
+            let error = error(Path::new(name));
+            assert!(format!("{error:?}").contains("is not a program"), "{error:?}");
         }
     }
 
@@ -87,9 +165,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("Main.lf");
         std::fs::write(&path, b"target Python\n\xff\n").unwrap();
-        let Err(error) = compile(&path, &[]) else { panic!("it is text") };
+        let error = error(&path);
         assert!(format!("{error:?}").contains("line 2 is not UTF-8 text"), "{error:?}");
         let report = error.report();
         assert_eq!((report.file.as_deref(), report.line), (path.to_str(), Some(2)));
+    }
+
+    #[test]
+    fn a_folder_is_no_program() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("app.py");
+        std::fs::create_dir(&path).unwrap();
+        assert!(format!("{:?}", error(&path)).contains("it is a folder"));
     }
 }

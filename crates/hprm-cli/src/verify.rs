@@ -41,10 +41,13 @@ pub(crate) fn verify(arguments: &Verify) -> Result<ExitCode, Error> {
 }
 
 fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
-    let Some(compiled) = check::checked(&arguments.file, &arguments.properties)? else {
-        let name = arguments.file.display();
-        let wrong = Error::new(format!("{name} has errors, which hprm check names"));
-        return if arguments.verdict.json { Err(wrong) } else { Ok(ExitCode::FAILURE) };
+    let compiled = match check::checked(&arguments.program())? {
+        Ok(compiled) => compiled,
+        Err(code) => {
+            let name = arguments.file.display();
+            let wrong = Error::new(format!("{name} has errors, which hprm check names"));
+            return if arguments.verdict.json { Err(wrong) } else { Ok(code) };
+        }
     };
     check::show_warnings(&compiled);
     let folder = Folder::of(arguments)?;

@@ -1,0 +1,147 @@
+//! Programs in plain Python: an interpreter makes their reactors and declares them, as JSON.
+//!
+//! What the program prints meanwhile goes to the standard error. What is wrong with it as Python, the
+//! interpreter says itself.
+
+use std::ffi::OsString;
+use std::fs::{self, DirBuilder, File};
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{ExitCode, ExitStatus, Stdio};
+
+use crate::args::Interpreter;
+use crate::message::{self, Error};
+use crate::{python, secret, signals};
+
+/// How the name of a file ends that is a program in Python.
+const ENDING: &str = ".py";
+
+/// The file of a program: without the name of a reactor, as in `app.py:Vision`.
+pub(crate) fn file_of(path: &Path) -> &Path {
+    match path.to_str().and_then(|path| path.rsplit_once(':')) {
+        Some((file, name)) if file.ends_with(ENDING) && !name.contains('/') => Path::new(file),
+        _ => path,
+    }
+}
+
+/// Whether a program is in Python, by its path.
+pub(crate) fn is_python(path: &Path) -> bool {
+    file_of(path).extension().is_some_and(|extension| extension == &ENDING[1..])
+}
+
+/// Has an interpreter declare the program at `path`. Returns the declaration, or what the interpreter has
+/// ended with, if it has none; then it has said why.
+///
+/// # Errors
+///
+/// If the program cannot be read, or no interpreter started.
+pub(crate) fn declare<'a>(
+    path: &Path,
+    properties: &[String],
+    arguments: impl IntoIterator<Item = &'a OsString>,
+    interpreter: &Interpreter,
+) -> Result<Result<String, ExitCode>, Error> {
+    is_readable(file_of(path))?;
+    let folder = Folder::new()?;
+    let answer = folder.path.join("declared.json");
+    let python = python::find(interpreter)?;
+    let mut command = python::module(&python, "declare");
+    command.arg("--out").arg(&answer);
+    command.args(message::json_option());
+    command.args(properties.iter().map(|stated| format!("--property={stated}")));
+    command.arg("--").arg(path).args(arguments);
+    let failed = |error: io::Error| Error::new(format!("cannot run {}: {error}", python.display()));
+    let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
+    command.stdin(Stdio::null()).stdout(stderr);
+    let status = signals::run_to_end(command).map_err(failed)?;
+    if !status.success() {
+        return Ok(Err(exit_code(status, path)));
+    }
+    match fs::read_to_string(&answer) {
+        Ok(text) => Ok(Ok(text)),
+        Err(_) => Err(Error::new(format!("{} has not declared a program", path.display()))
+            .hint("does it end the interpreter when it is imported?")),
+    }
+}
+
+/// What the command ends with, after an interpreter that has ended so.
+fn exit_code(status: ExitStatus, path: &Path) -> ExitCode {
+    let code = match (status.code(), status.signal()) {
+        (Some(code), _) => code,
+        (None, Some(signal)) => {
+            if !signals::asks_to_stop(signal) {
+                let what = format!("{} was killed by signal {signal}", path.display());
+                Error::new(what).hint("it was declaring its reactors").show();
+            }
+            128 + signal
+        }
+        (None, None) => 1,
+    };
+    u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from)
+}
+
+fn is_readable(file: &Path) -> Result<(), Error> {
+    let opened = File::open(file).and_then(|opened| opened.metadata());
+    let reason = match opened {
+        Ok(found) if found.is_dir() => "it is a folder".to_owned(),
+        Ok(_) => return Ok(()),
+        Err(error) => {
+            let text = error.to_string();
+            text.split(" (os error").next().unwrap_or_default().to_owned()
+        }
+    };
+    let error = Error::new(format!("cannot read {}: {reason}", file.display()));
+    match file.try_exists() {
+        Ok(false) => Err(error.hint("is the path right? It is relative to the current directory")),
+        _ => Err(error),
+    }
+}
+
+/// A folder that only this user can enter, and that goes away.
+struct Folder {
+    path: PathBuf,
+}
+
+impl Folder {
+    fn new() -> Result<Self, Error> {
+        let name = u64::from_ne_bytes(secret::random_bytes()?);
+        let path = std::env::temp_dir().join(format!("hprm-declared-{name:016x}"));
+        match DirBuilder::new().mode(0o700).create(&path) {
+            Ok(()) => Ok(Self { path }),
+            Err(error) => {
+                Err(Error::new(format!("cannot make the folder {}: {error}", path.display()))
+                    .hint("a folder for temporary files is needed: TMPDIR names another one"))
+            }
+        }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // If it fails, only a temporary file is left.
+        let _ = fs::remove_dir_all(&self.path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_in_python_may_have_the_name_of_its_main_reactor() {
+        let file = |text: &'static str| file_of(Path::new(text)).to_str().unwrap();
+        assert_eq!(file("a/app.py:Vision"), "a/app.py");
+        assert_eq!(file("a/app.py"), "a/app.py");
+        assert_eq!(file("app.py:"), "app.py");
+        assert_eq!(file("app.py:a/b.lf"), "app.py:a/b.lf");
+        assert_eq!(file("Main.lf:Main"), "Main.lf:Main");
+        for (text, expected) in
+            [("app.py", true), ("app.py:Vision", true), ("Main.lf", false), ("py", false)]
+        {
+            assert_eq!(is_python(Path::new(text)), expected, "{text}");
+        }
+    }
+}
