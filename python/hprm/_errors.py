@@ -15,6 +15,13 @@ from hprm._findings import SYNTAX
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
 
+# Where modules are that are not the program's.
+_LIBRARIES = (
+    f"{os.sep}site-packages{os.sep}",
+    f"{os.sep}dist-packages{os.sep}",
+    os.path.dirname(os.__file__) + os.sep,
+)
+
 # What helps where memory is short.
 _MEMORY = (
     "drop values sooner, or let this process have more memory"
@@ -45,10 +52,13 @@ class Description:
     hint: str | None = None
 
 
-def describe(error: BaseException, what: str, place: str = "") -> Description:
+def describe(
+    error: BaseException, what: str, place: str = "", is_bound: bool = False
+) -> Description:
     """Return what an exception means that ends ``what``.
 
-    It is about ``place`` if none of the program's lines is on the way to the error.
+    It is about ``place`` if none of the program's lines is on the way to the error: lines of
+    ``.lf`` files or, if the program ``is_bound``, of Python files that are not libraries.
     """
     match error:
         case SystemExit(code=None | 0):
@@ -61,7 +71,7 @@ def describe(error: BaseException, what: str, place: str = "") -> Description:
             return Description("interrupted")
         case BrokenPipeError() if _is_unread():
             return Description("unread")
-    return raised(error, what, place)
+    return raised(error, what, place, is_bound)
 
 
 def _is_unread() -> bool:
@@ -76,10 +86,10 @@ def exit_code(code: int) -> int:
     return code & 0xFF or int(code != 0)
 
 
-def raised(error: BaseException, what: str, place: str = "") -> Description:
+def raised(error: BaseException, what: str, place: str = "", is_bound: bool = False) -> Description:
     """Return what is known of an exception by which ``what`` has failed, whatever it is."""
     try:
-        found = _raised(error, what, place)
+        found = _raised(error, what, place, is_bound)
     except Exception:
         # No memory or no descriptor is left, perhaps. What has happened must be told nevertheless.
         name = type(error).__name__
@@ -96,14 +106,14 @@ def printable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-def _raised(error: BaseException, what: str, place: str) -> Description:
+def _raised(error: BaseException, what: str, place: str, is_bound: bool) -> Description:
     if isinstance(error, SyntaxError) and error.filename is not None:
         return _syntax_error(error)
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
     reason = _text(error).strip().partition("\n")[0].rstrip()
-    file, line = _place(trace, place)
+    file, line = _place(trace, place, is_bound)
     text = "".join(trace.format()).rstrip()
     return Description(
         "raised",
@@ -116,14 +126,25 @@ def _raised(error: BaseException, what: str, place: str) -> Description:
     )
 
 
-def _place(trace: traceback.TracebackException, place: str) -> tuple[str | None, int | None]:
+def _place(
+    trace: traceback.TracebackException, place: str, is_bound: bool
+) -> tuple[str | None, int | None]:
     """Where the program's own code is on the way to an error; or ``place``, if there is none."""
     frames = [frame for frame in trace.stack if frame.filename.endswith(".lf")]
+    if not frames and (is_bound or not place):
+        frames = _own(trace.stack)
     frames = frames or ([] if place else list(trace.stack))
     if frames:
         return frames[-1].filename, frames[-1].lineno
     file, _, line = place.rpartition(":")
     return (file, int(line)) if file else (None, None)
+
+
+def _own(stack: traceback.StackSummary) -> list[traceback.FrameSummary]:
+    """Return the frames that are neither of libraries nor, if there are others, of made code."""
+    frames = [it for it in stack if not any(folder in it.filename for folder in _LIBRARIES)]
+    frames = [it for it in frames if not it.filename.startswith("<frozen ")]
+    return [it for it in frames if it.filename != "<string>"] or frames
 
 
 def _hint(error: BaseException, text: str) -> str | None:

@@ -2,13 +2,27 @@
 
 import sys
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from pathlib import Path
-from typing import Any, SupportsIndex, TypedDict, TypeVar, final, overload, type_check_only
+from typing import (
+    Any,
+    Protocol,
+    SupportsIndex,
+    TypeAlias,
+    TypedDict,
+    TypeVar,
+    final,
+    overload,
+    type_check_only,
+)
 
 from hprm._errors import Description
 from hprm._source import ProgramSource
 
 _T = TypeVar("_T")
+
+# Nanoseconds, a text with a unit such as "10 ms", or a timedelta.
+_Time: TypeAlias = float | str | timedelta
 
 @final
 class Tag:
@@ -34,6 +48,7 @@ class port_capsule:
 
     @property
     def value(self) -> Any: ...
+    def get(self, default: Any = None) -> Any: ...
     @property
     def is_present(self) -> bool: ...
     @property
@@ -58,9 +73,17 @@ class action_capsule_t:
 
     @property
     def value(self) -> Any: ...
+    def get(self, default: Any = None) -> Any: ...
     @property
     def is_present(self) -> bool: ...
-    def schedule(self, offset: float | None = None, value: Any = None) -> None: ...
+    def schedule(self, offset: _Time | None = None, value: Any = None) -> None: ...
+
+@final
+class mode_capsule_t:
+    """A mode that reactions may enter."""
+
+    def enter(self) -> None: ...
+    def set(self) -> None: ...
 
 @final
 class Api:
@@ -77,10 +100,10 @@ class Api:
     def stop(self) -> None: ...
     def tag_start_effective(self) -> Tag: ...
     def check_deadline(self, invoke_deadline_handler: bool = True) -> bool: ...
-    def update_deadline(self, deadline: float) -> None: ...
+    def update_deadline(self, deadline: _Time) -> None: ...
     def federate(self) -> str | None: ...
     def maxwait(self) -> int: ...
-    def set_maxwait(self, maxwait: float) -> None: ...
+    def set_maxwait(self, maxwait: _Time) -> None: ...
     def store_stats(self) -> dict[str, int]: ...
 
 @final
@@ -103,9 +126,47 @@ class Membership(TypedDict):
     share_of: str | None
     properties: list[str]
 
+@type_check_only
+class Declared(Protocol):
+    """What has declared a program: it knows the instances of its reactors by their full names."""
+
+    @property
+    def text(self) -> str:
+        """The declaration, as JSON."""
+
+    def types(self, reactor: str) -> dict[str, type | tuple[type, ...]]:
+        """Return the types of values that are set at ports and actions of an instance."""
+
+    def bind(self, reactor: str, parts: dict[str, Any], api: Api) -> None:
+        """Give an instance its ports, actions and modes."""
+
+    def bodies(
+        self, reactor: str, reaction: int
+    ) -> tuple[
+        object,
+        tuple[Callable[..., Any], Callable[..., Any] | None, Callable[..., Any] | None],
+    ]:
+        """Return an instance; and body, deadline handler and tardy handler of a reaction of it."""
+
+def run_declared(
+    declared: Declared, properties: list[str] = ..., *, logical_trace: str | None = None
+) -> int:
+    """Run a declared program in this process, which goes on. Return the exit code.
+
+    Signals that ask for the end stop the program, if this is the main thread and the process does
+    not handle them itself.
+    """
+
+def check_declared(declared: Declared, properties: list[str] = ...) -> tuple[bool, str]:
+    """Return whether a declared program can run, and its diagnostics as text."""
+
+def nanoseconds(time: _Time, /) -> int:
+    """Return the nanoseconds of a number of them, a text such as "10 ms", or a timedelta."""
+
 def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
     """Run a program in this process, federated or not, to its end. Return the exit code.
 
+    It is an ``.lf`` file, or a Python file, perhaps with the name of a reactor: ``app.py:NAME``.
     Target properties, each as ``KEY=VALUE``, override those of the program.
     """
 

@@ -258,7 +258,8 @@ def test_maxwait_can_be_changed(launch: Any) -> None:
         "0",
         "30000000",
         "a maxwait cannot be negative, and -1 is",
-        "a time must be a number of nanoseconds, such as MSEC(10), and this is a str",
+        "a time is a number with a unit (ns, us, ms, s, min, h, d or week), such as "
+        '"10 ms", and "x" is not',
         "a maxwait that has no end must be stated in the program: @maxwait(forever)",
         "0",
     ]

@@ -28,6 +28,6 @@ mod token;
 mod unclosed;
 
 pub use compile::{check, compile, compile_with};
-pub use literal::is_unit;
+pub use literal::{WrongTime, is_unit, parse_time};
 pub use overrides::{PARAMETER, expected_spin, expected_time, overrides};
 pub use source::SourceLoader;

@@ -11,12 +11,12 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::action::nanos;
 use crate::console::tell;
 use crate::failure::Described;
 use crate::numpy_memory;
 use crate::runtime::{DeadlineHandler, Runtime};
 use crate::tag::Tag;
+use crate::time::nanos;
 
 /// The runtime of one program, for its module `lf`.
 #[pyclass(frozen, module = "hprm._hprm")]

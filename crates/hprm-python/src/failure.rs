@@ -40,29 +40,32 @@ impl Described {
     }
 }
 
-/// The failure that `error` means, in this part of the program.
-///
-/// `sys.exit` is a choice and has nothing to say; Ctrl-C neither.
-pub(crate) fn failure(py: Python<'_>, error: PyErr, source: Source) -> Failure {
-    failure_at(py, error, source, "")
-}
-
-/// The same, while something went on that is no reaction.
-pub(crate) fn failure_in(py: Python<'_>, error: PyErr, what: &str) -> Failure {
-    failure(py, error, Source::Other(what.to_owned()))
-}
-
 /// The exception that says so.
 pub(crate) fn no_memory(error: NoMemory) -> PyErr {
     PyMemoryError::new_err(error.to_string())
 }
 
-/// As [`failure`], about the `place` of the program that this stems from, if the error names no other.
-pub(crate) fn failure_at(py: Python<'_>, error: PyErr, source: Source, place: &str) -> Failure {
+/// The failure that `error` means, while something went on that is no reaction.
+///
+/// `sys.exit` is a choice and has nothing to say; Ctrl-C neither.
+pub(crate) fn failure_in(py: Python<'_>, error: PyErr, what: &str) -> Failure {
+    failure_at(py, error, Source::Other(what.to_owned()), ("", false))
+}
+
+/// The same, in this part of the program, about the `place` of the program that this stems from, if the error names
+/// no other. It does if frames of the program's own files are on the way to it: `.lf` files, or, if the program
+/// `is_bound`, files that Python has imported.
+pub(crate) fn failure_at(
+    py: Python<'_>,
+    error: PyErr,
+    source: Source,
+    (place, is_bound): (&str, bool),
+) -> Failure {
     let error = error.into_value(py).into_bound(py);
+    let arguments = (&error, source.to_string(), place, is_bound);
     let described = py
         .import("hprm._errors")
-        .and_then(|errors| errors.call_method1("describe", (&error, source.to_string(), place)))
+        .and_then(|errors| errors.call_method1("describe", arguments))
         .and_then(|described| described.extract::<Described>());
     match described {
         Ok(described) => described.failure(source),

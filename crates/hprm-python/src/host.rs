@@ -15,13 +15,14 @@ use pyo3::prelude::*;
 
 use crate::bodies::Bodies;
 use crate::codec::Codec;
-use crate::failure::{failure, failure_at};
+use crate::failure::failure_at;
 use crate::fork;
 use crate::interrupt::Interrupt;
 use crate::numpy_memory;
 use crate::places::Places;
 use crate::runtime::{DeadlineHandler, Runtime};
 use crate::serialize::Trust;
+use crate::stalls;
 use crate::thread;
 use crate::value::Value;
 
@@ -30,6 +31,8 @@ pub(crate) struct PyHost {
     pub(crate) runtime: Arc<Runtime>,
     /// The reactions that run here.
     pub(crate) bodies: BTreeMap<ReactionId, Bodies>,
+    /// Whether they are functions of modules, rather than text of the program.
+    pub(crate) is_bound: bool,
     pub(crate) interrupt: Py<Interrupt>,
     /// Whether another process or thread reports failures of other federates to the user.
     pub(crate) launched: bool,
@@ -94,7 +97,10 @@ impl PyHost {
             let outcome = fork::leave_if_child(py, self.call(py, scheduler, turn, effects));
             outcome.map_err(|error| {
                 let name = self.runtime.program().reaction_name(turn.0);
-                failure(py, error, Source::Reaction { name, tag: scheduler.tag() })
+                // A body that is text has a frame in any case.
+                let place = self.places.of_reaction(turn.0).filter(|_| self.is_bound);
+                let place = (place.as_deref().unwrap_or_default(), self.is_bound);
+                failure_at(py, error, Source::Reaction { name, tag: scheduler.tag() }, place)
             })
         })
     }
@@ -113,12 +119,13 @@ impl PyHost {
         let connection = &program.connections[program.channels[channel].connection];
         let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
         let origin = self.origins.get(&connection.from).map_or("", String::as_str);
-        failure_at(py, error, Source::Connection { from, to }, origin)
+        failure_at(py, error, Source::Connection { from, to }, (origin, self.is_bound))
     }
 }
 
 impl Drop for PyHost {
     fn drop(&mut self) {
+        stalls::unwatch(&self.runtime);
         Python::attach(|py| {
             numpy_memory::leave(py);
             self.interrupt.get().release(py);

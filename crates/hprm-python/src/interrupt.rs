@@ -4,7 +4,7 @@
 
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use hprm::StopProgress;
@@ -39,9 +39,17 @@ pub(crate) struct Interrupt {
     /// Whether a signal is interrupting reactions, and those that run are being reported.
     is_reporting: AtomicBool,
     progress: Arc<Progress>,
-    /// Where the interpreter writes the numbers of signals, while a thread listens.
-    writer: Mutex<Option<OwnedFd>>,
+    /// The descriptor to which the interpreter writes the numbers of signals, while a thread listens; and the one
+    /// to which it wrote them before.
+    writer: Mutex<Option<(OwnedFd, i32)>>,
+    /// Which signals it handles, and what handled them before.
+    previous: Mutex<Vec<(i32, Py<PyAny>)>>,
 }
+
+/// The handler that is in force, for forked processes.
+static IN_FORCE: Mutex<Option<Py<Interrupt>>> = Mutex::new(None);
+/// Whether Python tells of forks.
+static TELLS_OF_FORKS: AtomicBool = AtomicBool::new(false);
 
 /// How far the end has come that a signal has asked for.
 #[derive(Debug, Default)]
@@ -95,15 +103,19 @@ impl Interrupt {
     {
         let handler = Py::new(py, Self::default())?;
         hprm_store::watch_forks();
-        let forked = PyDict::new(py);
-        forked.set_item(intern!(py, "after_in_child"), handler.getattr(py, "_forked")?)?;
-        py.import(intern!(py, "os"))?.call_method("register_at_fork", (), Some(&forked))?;
         let threading = py.import(intern!(py, "threading"))?;
         let this = threading.call_method0(intern!(py, "current_thread"))?;
         let main = threading.call_method0(intern!(py, "main_thread"))?;
         if !this.is(&main) {
             return Ok(handler);
         }
+        if !TELLS_OF_FORKS.swap(true, Ordering::Relaxed) {
+            let hooks = PyDict::new(py);
+            hooks.set_item(intern!(py, "after_in_child"), wrap_pyfunction!(forked, py)?)?;
+            py.import(intern!(py, "os"))?.call_method("register_at_fork", (), Some(&hooks))?;
+        }
+        let earlier = in_force().replace(handler.clone_ref(py));
+        drop(earlier);
         let mut numbers = Vec::new();
         for (number, default) in ASKING {
             let wanted = handled == Handled::All || number == SIGINT;
@@ -113,8 +125,9 @@ impl Interrupt {
         }
         if !numbers.is_empty() {
             let writer = signals::listen(numbers, on_event(Arc::clone(&handler.get().progress)))?;
-            write_to(py, writer.as_raw_fd())?;
-            *handler.get().writer.lock().unwrap_or_else(PoisonError::into_inner) = Some(writer);
+            let before = write_to(py, writer.as_raw_fd())?;
+            let mut held = handler.get().writer.lock().unwrap_or_else(PoisonError::into_inner);
+            *held = Some((writer, before));
         }
         Ok(handler)
     }
@@ -126,16 +139,34 @@ impl Interrupt {
         let is_free = current.eq(signal.getattr(default)?)?;
         if is_free {
             signal.call_method1(intern!(slf.py(), "signal"), (number, slf))?;
+            let mut previous = slf.get().previous.lock().unwrap_or_else(PoisonError::into_inner);
+            previous.push((number, current.unbind()));
         }
         Ok(is_free)
     }
 
     /// Ends the thread that receives signals.
     pub(crate) fn release(&self, py: Python<'_>) {
-        let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if writer.is_some() {
+        let held = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some((_writer, before)) = held {
+            // Fails if the descriptor from before is closed, and while the interpreter itself comes to its end.
+            let _ = write_to(py, before).or_else(|_| write_to(py, -1));
+        }
+    }
+
+    /// Restores what handled the signals before, in a process that goes on.
+    pub(crate) fn uninstall(slf: &Bound<'_, Self>) {
+        let py = slf.py();
+        slf.get().release(py);
+        let previous =
+            std::mem::take(&mut *slf.get().previous.lock().unwrap_or_else(PoisonError::into_inner));
+        for (number, handler) in previous {
             // Fails only while the interpreter itself comes to its end.
-            let _ = write_to(py, -1);
+            let _ = Self::hand_over(slf, number, handler.bind(py));
+        }
+        let mut in_force = in_force();
+        if in_force.as_ref().is_some_and(|it| it.is(slf)) {
+            *in_force = None;
         }
     }
 
@@ -194,13 +225,6 @@ impl Interrupt {
         Self::restore(slf, number)?;
         Err(PySystemExit::new_err(Signal(number).exit_code()))
     }
-
-    /// In a process that a body has forked: it is to obey its parent like any other.
-    fn _forked(slf: &Bound<'_, Self>) -> PyResult<()> {
-        // The pipe leads to the parent.
-        slf.get().release(slf.py());
-        [SIGTERM, SIGHUP].into_iter().try_for_each(|number| Self::restore(slf, number))
-    }
 }
 
 impl Interrupt {
@@ -212,21 +236,44 @@ impl Interrupt {
 
     /// Has a signal end the process, as it does by default, if this is its handler.
     fn restore(slf: &Bound<'_, Self>, number: i32) -> PyResult<()> {
+        let signal = slf.py().import(intern!(slf.py(), "signal"))?;
+        Self::hand_over(slf, number, &signal.getattr(intern!(slf.py(), "SIG_DFL"))?)
+    }
+
+    /// Has another handler handle a signal, if this is its handler.
+    fn hand_over(slf: &Bound<'_, Self>, number: i32, handler: &Bound<'_, PyAny>) -> PyResult<()> {
         let py = slf.py();
-        let signal = py.import(intern!(py, "signal"))?;
         if Self::handles(slf, number)? {
-            let default = signal.getattr(intern!(py, "SIG_DFL"))?;
-            signal.call_method1(intern!(py, "signal"), (number, default))?;
+            let signal = py.import(intern!(py, "signal"))?;
+            signal.call_method1(intern!(py, "signal"), (number, handler))?;
         }
         Ok(())
     }
 }
 
-/// Has the interpreter write the number of each signal that comes to a descriptor, or -1 for none.
-fn write_to(py: Python<'_>, descriptor: i32) -> PyResult<()> {
+fn in_force() -> MutexGuard<'static, Option<Py<Interrupt>>> {
+    IN_FORCE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// In a process that a body has forked: it is to obey its parent like any other.
+#[pyfunction]
+fn forked(py: Python<'_>) -> PyResult<()> {
+    // The lock may be held by a thread that is not there any more.
+    let Ok(in_force) = IN_FORCE.try_lock() else { return Ok(()) };
+    let handler = in_force.as_ref().map(|handler| handler.clone_ref(py));
+    drop(in_force);
+    let Some(handler) = handler else { return Ok(()) };
+    // The pipe leads to the parent.
+    handler.get().release(py);
+    let restore = |number| Interrupt::restore(handler.bind(py), number);
+    [SIGTERM, SIGHUP].into_iter().try_for_each(restore)
+}
+
+/// Has the interpreter write the number of each signal that comes to a descriptor, or -1 for none. Returns the
+/// descriptor to which it wrote before.
+fn write_to(py: Python<'_>, descriptor: i32) -> PyResult<i32> {
     let signal = py.import(intern!(py, "signal"))?;
     let quiet = PyDict::new(py);
     quiet.set_item(intern!(py, "warn_on_full_buffer"), false)?;
-    signal.call_method(intern!(py, "set_wakeup_fd"), (descriptor,), Some(&quiet))?;
-    Ok(())
+    signal.call_method(intern!(py, "set_wakeup_fd"), (descriptor,), Some(&quiet))?.extract()
 }

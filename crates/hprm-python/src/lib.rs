@@ -10,14 +10,18 @@
     reason = "this is where programs meet the world"
 )]
 
+mod accepts;
 mod action;
 mod api;
 mod backlog;
 mod bodies;
+mod bound;
 mod buffer;
+mod checked;
 mod codec;
 mod console;
 mod digest;
+mod embedded;
 mod failure;
 mod forced_end;
 mod fork;
@@ -28,6 +32,7 @@ mod measuring;
 mod mode;
 mod numpy_memory;
 mod parcel;
+mod parts;
 mod places;
 mod port;
 mod program;
@@ -41,6 +46,8 @@ mod tag;
 mod testing;
 mod thread;
 mod threads;
+mod time;
+mod users;
 mod value;
 
 use pyo3::prelude::*;
@@ -55,17 +62,21 @@ mod _hprm {
     #[pymodule_export]
     use crate::buffer::{Frozen, Memory, shaped};
     #[pymodule_export]
+    use crate::checked::check_declared;
+    #[pymodule_export]
     use crate::console::{output_failed, tell_programs};
     #[pymodule_export]
     use crate::interrupt::Interrupt;
     #[pymodule_export]
     use crate::measuring::{ArrivedValue, describe_value};
     #[pymodule_export]
+    use crate::mode::Mode;
+    #[pymodule_export]
     use crate::numpy_memory::{freeze, in_store};
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]
-    use crate::run::{describe_program, die_with_parent, run_federate, run_program};
+    use crate::run::{describe_program, die_with_parent, run_declared, run_federate, run_program};
     #[pymodule_export]
     use crate::serialize::array::own;
     #[pymodule_export]
@@ -78,4 +89,6 @@ mod _hprm {
     use crate::thread::{belong_to_federate, current_federate, runs_bodies};
     #[pymodule_export]
     use crate::threads::run_in_process;
+    #[pymodule_export]
+    use crate::time::nanos;
 }

@@ -1,11 +1,14 @@
 //! Making the host of a compiled program: its instances, its bodies with their arguments, its codecs.
+//!
+//! What is different about programs that Python has declared is in [`bound`](crate::bound).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use hprm::{Failure, Inbox, Pickling, Source};
 use hprm_core::{
-    ConnectionId, Effect, Effects, FederateId, PortId, ReactionId, Scheduler, Scope, Table, Trigger,
+    ConnectionId, Effect, Effects, FederateId, PortId, Program, ReactionId, ReactorId, Scheduler,
+    Scope, Table, Trigger,
 };
 use hprm_model::{Argument, Compiled, ContainedPort, Ports, Runs};
 use pyo3::exceptions::PyKeyError;
@@ -16,19 +19,21 @@ use crate::action::Action;
 use crate::api::Api;
 use crate::backlog::Backlog;
 use crate::bodies::{self, Bodies};
+use crate::bound;
 use crate::codec::Codec;
 use crate::console;
-use crate::failure::{failure_at, failure_in};
+use crate::failure::failure_at;
 use crate::host::PyHost;
 use crate::interrupt::{Handled, Interrupt};
 use crate::mode::Mode;
 use crate::places::Places;
 use crate::port::Port;
 use crate::program;
-use crate::runtime::{Access, Runtime};
+use crate::runtime::Runtime;
 use crate::signals;
 use crate::stalls;
 use crate::thread;
+use crate::users::{Access, Users};
 use crate::value::Value;
 
 /// What looks after the process, so that it ends when it is asked to.
@@ -38,16 +43,29 @@ pub(crate) enum Care {
     Own(String),
     /// Another process or, for a federate that is a thread, another thread.
     Launcher,
+    /// The code that has called HPRM, and goes on afterwards: nothing ends the process.
+    Caller,
 }
 
-/// Loads the share of a program that lies in `scope`: runs its preambles, makes its instances.
+/// Whether the reactions of a reactor run in `scope`, or it contains such reactors.
+pub(crate) fn runs_in(scope: Scope, program: &Program, reactor: ReactorId) -> bool {
+    match scope {
+        Scope::Whole => true,
+        Scope::Federate(federate) => {
+            reactor == ReactorId(0) || program.reactors[reactor].federate == Some(federate)
+        }
+    }
+}
+
+/// Loads the share of a program that lies in `scope`: runs its preambles, makes its instances; or, if Python has
+/// `declared` it, has the instances bound that are there.
 ///
 /// # Errors
 ///
 /// What the program raised, and where.
 pub(crate) fn load(
     py: Python<'_>,
-    compiled: &Compiled,
+    (compiled, declared): (&Compiled, Option<&Py<PyAny>>),
     scope: Scope,
     inbox: &Inbox<Value>,
     care: Care,
@@ -55,23 +73,20 @@ pub(crate) fn load(
     let backlog = Backlog::from_environment()?;
     let program = Arc::clone(&compiled.program);
     let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
-    let loading = |error| failure_in(py, error, &format!("loading {}", compiled.program.name));
+    let is_bound = declared.is_some();
+    let loading = |error| {
+        let what = format!("loading {}", compiled.program.name);
+        failure_at(py, error, Source::Other(what), ("", is_bound))
+    };
     console::program_writes();
-    let bodies = bodies(py, compiled, &runtime).map_err(loading)?;
-    let codecs = codecs(py, compiled, scope)?;
+    let bodies = match declared {
+        None => bodies(py, compiled, &runtime),
+        Some(declared) => bound::bodies(declared.bind(py), compiled, &runtime),
+    };
+    let bodies = bodies.map_err(loading)?;
+    let codecs = codecs(py, compiled, scope, is_bound)?;
     let pickling = Pickling::of(std::env::var_os(Pickling::NAME).as_deref());
     let pickling = pickling.map_err(Failure::option)?;
-    // Last, so that Ctrl-C interrupts a preamble at once.
-    let launched = care == Care::Launcher;
-    let interrupt = match care {
-        Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {
-            signals::stop_in_time(what, inbox.clone(), progress)
-        }),
-        Care::Launcher => {
-            Interrupt::install(py, Handled::CtrlC, |_| signals::notice(inbox.clone()))
-        }
-    };
-    let interrupt = interrupt.map_err(loading)?;
     let federate = match scope {
         Scope::Whole => FederateId(0),
         Scope::Federate(federate) => federate,
@@ -82,9 +97,22 @@ pub(crate) fn load(
     let places = Arc::new(Places::of(compiled));
     let origins = origins(compiled, scope, &places);
     stalls::watch(py, &runtime, &places, is_thread)?;
+    // Last, so that Ctrl-C interrupts a preamble at once.
+    let launched = care == Care::Launcher;
+    let interrupt = match care {
+        Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {
+            signals::stop_in_time(what, inbox.clone(), progress)
+        }),
+        Care::Launcher => {
+            Interrupt::install(py, Handled::CtrlC, |_| signals::notice(inbox.clone()))
+        }
+        Care::Caller => Interrupt::install(py, Handled::All, |_| signals::notice(inbox.clone())),
+    };
+    let interrupt = interrupt.map_err(loading)?;
     Ok(PyHost {
         runtime,
         bodies,
+        is_bound,
         interrupt,
         launched,
         codecs,
@@ -135,7 +163,7 @@ fn bodies(
 }
 
 /// A reaction's body, its deadline handler and its tardy handler.
-type Functions = (Py<PyAny>, Option<Py<PyAny>>, Option<Py<PyAny>>);
+pub(crate) type Functions = (Py<PyAny>, Option<Py<PyAny>>, Option<Py<PyAny>>);
 
 /// Makes the arguments of one reaction.
 struct Arguments<'a, 'py> {
@@ -159,8 +187,8 @@ impl<'a, 'py> Arguments<'a, 'py> {
                 port.ok_or_else(|| PyKeyError::new_err(format!("no port {}.{}", key.0, key.1)))
             }
             Argument::Mode { mode, transition, .. } => {
-                let mode = Mode::new(self.runtime, self.reaction, *mode, *transition);
-                Ok(Bound::new(self.py, mode)?.into_any())
+                let users = Users::Argument(self.reaction, *transition);
+                Ok(Bound::new(self.py, Mode::new(self.runtime, *mode, users))?.into_any())
             }
             Argument::Action { action, .. } => {
                 Ok(Bound::new(self.py, Action::new(self.runtime, *action))?.into_any())
@@ -206,8 +234,8 @@ impl<'a, 'py> Arguments<'a, 'py> {
 
     fn port(&self, name: &str, ports: Ports, access: Access) -> PyResult<Bound<'py, PyAny>> {
         let channels = (ports.first, ports.width);
-        let user = (self.reaction, access);
-        Ok(Port::build(self.py, self.runtime, user, name, channels)?.into_any())
+        let user = |_| Users::Argument(self.reaction, access);
+        Ok(Port::build(self.py, self.runtime, name, channels, user, || None)?.into_any())
     }
 }
 
@@ -224,6 +252,7 @@ fn codecs(
     py: Python<'_>,
     compiled: &Compiled,
     scope: Scope,
+    is_bound: bool,
 ) -> Result<Table<hprm_core::ChannelId, Arc<Codec>>, Failure> {
     let program = &compiled.program;
     let mut known = BTreeMap::<Option<&str>, Arc<Codec>>::new();
@@ -241,7 +270,7 @@ fn codecs(
                     let name = name.unwrap_or("native");
                     let what = format!("loading the serializer \"{name}\" of {from} -> {to}");
                     let place = connection_place(compiled, channel.connection);
-                    let failure = failure_at(py, error, Source::Other(what), &place);
+                    let failure = failure_at(py, error, Source::Other(what), (&place, is_bound));
                     failure.with_hint(SERIALIZERS)
                 })?;
                 Arc::clone(known.entry(name).or_insert(Arc::new(codec)))

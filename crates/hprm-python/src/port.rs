@@ -1,15 +1,18 @@
-//! The class `port_capsule`: a port, as an argument of a reaction.
+//! The class `port_capsule`: a port, as an argument of a reaction or as an attribute of its reactor.
 
 use std::sync::Arc;
 
-use hprm_core::{PortId, ReactionId};
-use pyo3::exceptions::{PyAttributeError, PyIndexError, PyTypeError};
+use hprm_core::PortId;
+use pyo3::exceptions::{PyAttributeError, PyIndexError, PyTypeError, PyValueError};
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyTuple};
 
-use crate::action::kind;
-use crate::runtime::{Access, Runtime};
+use crate::accepts::Accepts;
+use crate::runtime::Runtime;
 use crate::tag::Tag;
+use crate::time::kind;
+use crate::users::{self, Access, Users};
 use crate::value::Value;
 
 /// What `width` is for a port that is not a multiport (handbook, "multiports").
@@ -22,10 +25,11 @@ const NEVER: i64 = i64::MIN;
 #[pyclass(frozen, name = "port_capsule", module = "hprm")]
 pub(crate) struct Port {
     runtime: Arc<Runtime>,
-    reaction: ReactionId,
-    access: Access,
+    users: Users<Access>,
     name: String,
     channels: Channels,
+    /// None of an argument.
+    attribute: Option<Attribute>,
 }
 
 /// The channels of a port.
@@ -34,24 +38,39 @@ enum Channels {
     Multiport(Py<PyTuple>),
 }
 
+/// What is different about a port that is an attribute of its reactor.
+pub(crate) struct Attribute {
+    /// The values that it accepts, if not all.
+    pub(crate) accepts: Option<Accepts>,
+    /// Whether its readers may change the value, so that each of them gets a copy.
+    pub(crate) mutable: bool,
+}
+
 impl Port {
-    /// The port that begins at `first`, for an argument of `reaction`.
+    /// The port that begins at `first`. Of each channel, `users` says which reactions may use it, and `attribute`
+    /// what it is as an attribute of its reactor.
     pub(crate) fn build<'py>(
         py: Python<'py>,
         runtime: &Arc<Runtime>,
-        (reaction, access): (ReactionId, Access),
         name: &str,
         (first, width): (PortId, Option<u32>),
+        users: impl Fn(PortId) -> Users<Access>,
+        attribute: impl Fn() -> Option<Attribute>,
     ) -> PyResult<Bound<'py, Self>> {
-        let port = |name: String, channels| {
-            let runtime = Arc::clone(runtime);
-            Bound::new(py, Self { runtime, reaction, access, name, channels })
+        let port = |name: String, id, channels| {
+            let (runtime, users, attribute) = (Arc::clone(runtime), users(id), attribute());
+            Bound::new(py, Self { runtime, users, name, channels, attribute })
         };
-        let Some(width) = width else { return port(name.to_owned(), Channels::One(first)) };
+        let Some(width) = width else {
+            return port(name.to_owned(), first, Channels::One(first));
+        };
         let channels = (0..width)
-            .map(|i| port(format!("{name}[{i}]"), Channels::One(PortId(first.0 + i))))
+            .map(|i| {
+                let id = PortId(first.0 + i);
+                port(format!("{name}[{i}]"), id, Channels::One(id))
+            })
             .collect::<PyResult<Vec<_>>>()?;
-        port(name.to_owned(), Channels::Multiport(PyTuple::new(py, channels)?.unbind()))
+        port(name.to_owned(), first, Channels::Multiport(PyTuple::new(py, channels)?.unbind()))
     }
 
     fn channel(&self, verb: &str) -> PyResult<PortId> {
@@ -74,17 +93,58 @@ impl Port {
         }
     }
 
-    fn present(&self) -> PyResult<Option<Value>> {
-        self.runtime.read((self.reaction, self.access), self.channel("read")?)
+    /// The value, which was decoded, and for an attribute that is mutable copied.
+    fn read<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let port = self.channel("read")?;
+        let is_mutable = self.attribute.as_ref().is_some_and(|attribute| attribute.mutable);
+        if is_mutable && let Some(copy) = self.runtime.copy(py, &self.users, port)? {
+            return Ok(Some(copy.into_bound(py)));
+        }
+        let Some(value) = self.runtime.read(&self.users, port)? else { return Ok(None) };
+        let object = value.object(py)?;
+        if !is_mutable {
+            return Ok(Some(object));
+        }
+        let copied = py.import(intern!(py, "hprm._ports"))?.getattr(intern!(py, "_copied"))?;
+        let copy = copied.call1((object,))?;
+        self.runtime.keep_copy(&self.users, port, copy.clone().unbind())?;
+        Ok(Some(copy))
+    }
+
+    /// The error of a reaction that reads the value of an attribute while there is none.
+    fn absent(&self, port: PortId) -> PyErr {
+        let program = self.runtime.program();
+        let Some(reaction) = self.runtime.running_reaction() else {
+            return PyValueError::new_err(format!("port {} is absent", self.name));
+        };
+        let name = users::port_as_seen(program, program.reactions[reaction].reactor, port);
+        PyValueError::new_err(format!(
+            "port {name} is absent at this tag, so reaction {} cannot read its value: ask \
+             {name}.is_present first, or read {name}.get(default)",
+            program.reaction_name(reaction)
+        ))
     }
 }
 
 #[pymethods]
 impl Port {
-    /// The value; None if the port is absent.
+    /// The value. While the port is absent, that is None if it is an argument, and an error if it is an attribute.
     #[getter]
     fn value<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        self.present()?.map(|value| value.object(py)).transpose()
+        match self.read(py)? {
+            None if self.attribute.is_some() => Err(self.absent(self.channel("read")?)),
+            value => Ok(value),
+        }
+    }
+
+    /// The value, or the default while the port is absent.
+    #[pyo3(signature = (default = None))]
+    fn get<'py>(
+        &self,
+        py: Python<'py>,
+        default: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        Ok(self.read(py)?.or(default))
     }
 
     #[setter(value)]
@@ -99,7 +159,7 @@ impl Port {
     #[getter]
     fn is_present(&self, py: Python<'_>) -> PyResult<bool> {
         match &self.channels {
-            Channels::One(port) => self.runtime.is_present((self.reaction, self.access), *port),
+            Channels::One(port) => self.runtime.is_present(&self.users, *port),
             Channels::Multiport(channels) => {
                 for channel in channels.bind(py) {
                     if channel.cast::<Self>()?.get().is_present(py)? {
@@ -123,7 +183,7 @@ impl Port {
     /// The tag that the value was meant for: an earlier one if it came too late.
     #[getter]
     fn intended_tag(&self) -> PyResult<Tag> {
-        let tag = self.runtime.intended_tag(self.reaction, self.channel("read")?)?;
+        let tag = self.runtime.intended_tag(&self.users, self.channel("read")?)?;
         let (_, start) = self.runtime.tag()?;
         Ok(Tag::of(tag, start))
     }
@@ -132,7 +192,8 @@ impl Port {
     #[getter]
     fn physical_time_of_arrival(&self) -> PyResult<i64> {
         self.runtime.note_physical();
-        let arrival = self.present()?.and_then(|value| value.arrival());
+        let value = self.runtime.read(&self.users, self.channel("read")?)?;
+        let arrival = value.and_then(|value| value.arrival());
         Ok(arrival.map_or(NEVER, |time| time.0))
     }
 
@@ -143,15 +204,24 @@ impl Port {
     #[pyo3(signature = (value, /))]
     fn set(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let port = self.channel("set")?;
-        match self.access {
-            Access::Write => self.runtime.set(self.reaction, port, Value::new(value)),
-            Access::Remember => self.runtime.remember(self.reaction, port, Value::new(value)),
-            Access::Read => Err(PyTypeError::new_err(format!(
+        if let Users::Argument(_, Access::Read) = self.users {
+            return Err(PyTypeError::new_err(format!(
                 "port {0} cannot be set here; only the effects of a reaction can, so name it after \
                  the arrow: reaction(...) -> {0}",
                 self.name
-            ))),
+            )));
         }
+        if let Some(Attribute { accepts: Some(accepts), .. }) = &self.attribute {
+            accepts.check(value, || {
+                let (program, setter) = (self.runtime.program(), self.runtime.running_reaction());
+                let seen = setter.map_or_else(
+                    || program.port_name(port),
+                    |it| users::port_as_seen(program, program.reactions[it].reactor, port),
+                );
+                (format!("port {seen}"), setter.map(|it| program.reaction_name(it)))
+            })?;
+        }
+        self.runtime.set(&self.users, port, Value::new(value))
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {

@@ -9,6 +9,8 @@ use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
+use crate::load::runs_in;
+
 /// Describes the share of a program that lies in `scope`, as a `ProgramSource`; without a scope there
 /// are no instances.
 ///
@@ -36,13 +38,7 @@ pub(crate) fn describe<'py>(
     let classes = PyList::new(py, classes.collect::<PyResult<Vec<_>>>()?)?;
     let reactors = compiled.program.reactors.iter();
     let instances = reactors
-        .filter(|(id, reactor)| match scope {
-            None => false,
-            Some(Scope::Whole) => true,
-            Some(Scope::Federate(federate)) => {
-                *id == ReactorId(0) || reactor.federate == Some(federate)
-            }
-        })
+        .filter(|(id, _)| scope.is_some_and(|scope| runs_in(scope, &compiled.program, *id)))
         .map(|(id, _)| describe.instance(id))
         .collect::<PyResult<Vec<_>>>()?;
     let (name, path) = (&compiled.program.name, sources.path(hprm_model::FileId::MAIN));

@@ -3,7 +3,6 @@
 //! They return exit codes. What there is to say has been said by then.
 
 use std::fmt::Display;
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +15,9 @@ use hprm_model::Compiled;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::checked::Checked;
 use crate::console::{say, tell};
+use crate::embedded;
 use crate::interrupt::Interrupt;
 use crate::load::{Care, load};
 use crate::program;
@@ -33,17 +34,53 @@ pub(crate) fn run_program(
     properties: Vec<String>,
     logical_trace: Option<PathBuf>,
 ) -> i32 {
-    exit_code(&compile(path, &properties, true).and_then(|compiled| {
-        hprm::log_to_stderr(false)?;
-        let inbox = inbox()?;
-        let mut host =
-            load(py, &compiled, Scope::Whole, &inbox, Care::Own("the program".to_owned()))?;
-        let trace =
-            logical_trace.map(|path| Trace::create(&path, &compiled.program)).transpose()?;
-        let outcome = hprm::run_whole_traced(&compiled.program, &mut host, &inbox, trace);
-        host.interrupt.get().end();
-        outcome.map_err(|failure| by_signal(failure, host.interrupt.get()))
+    exit_code(&Checked::load(py, path, &properties, true).and_then(|checked| {
+        let care = Care::Own("the program".to_owned());
+        run_whole(py, &checked, care, logical_trace)
     }))
+}
+
+/// Runs the program that `declared` declares, to its end. Returns the exit code: the process goes on, and is as it
+/// was. Each of the `properties` is a target property, as for [`run_program`].
+///
+/// Signals that ask for the end stop the program in order, if this is the main thread and the process has no
+/// handlers for them.
+#[pyfunction]
+#[pyo3(signature = (declared, properties = vec![], *, logical_trace = None))]
+pub(crate) fn run_declared(
+    declared: &Bound<'_, PyAny>,
+    properties: Vec<String>,
+    logical_trace: Option<PathBuf>,
+) -> i32 {
+    let py = declared.py();
+    exit_code(&Checked::of(declared, &properties).and_then(|checked| {
+        embedded::run(py, || run_whole(py, &checked, Care::Caller, logical_trace))
+    }))
+}
+
+fn run_whole(
+    py: Python<'_>,
+    checked: &Checked,
+    care: Care,
+    logical_trace: Option<PathBuf>,
+) -> Result<(), Failure> {
+    let Checked { compiled, declared } = checked;
+    hprm::log_to_stderr(false)?;
+    let inbox = inbox()?;
+    let goes_on = care == Care::Caller;
+    let declared = declared.as_ref().map(|declared| &declared.object);
+    let mut host = load(py, (compiled, declared), Scope::Whole, &inbox, care)?;
+    let program = &compiled.program;
+    let trace = logical_trace.map(|path| Trace::create(&path, program)).transpose();
+    let run = |trace| hprm::run_whole_traced(program, &mut host, &inbox, trace);
+    let outcome = trace.and_then(run);
+    let interrupt = host.interrupt.clone_ref(py);
+    interrupt.get().end();
+    drop(host);
+    if goes_on {
+        Interrupt::uninstall(interrupt.bind(py));
+    }
+    outcome.map_err(|failure| by_signal(failure, interrupt.get()))
 }
 
 /// A failure that tells which signal it was, if it was one: Python's exception does not.
@@ -96,7 +133,8 @@ pub(crate) fn run_federate(
 ) -> i32 {
     let launched = membership.launched;
     let mut joined = false;
-    let outcome = compile(path, &membership.properties, !launched).and_then(|compiled| {
+    let checked = Checked::load(py, path, &membership.properties, !launched);
+    let outcome = checked.and_then(|Checked { compiled, declared }| {
         hprm::log_to_stderr(false)?;
         let options = options(&compiled, federate, membership)?;
         let inbox = inbox()?;
@@ -108,7 +146,8 @@ pub(crate) fn run_federate(
                 true => Care::Launcher,
                 false => Care::Own(format!("federate {federate}")),
             };
-            let host = load(py, &compiled, scope, &inbox, care)?;
+            let declared = declared.as_ref().map(|declared| &declared.object);
+            let host = load(py, (&compiled, declared), scope, &inbox, care)?;
             interrupt = Some(host.interrupt.clone_ref(py));
             Ok(host)
         });
@@ -210,19 +249,6 @@ fn options(
         store: hprm::store_limits(compiled.settings.store),
         trace: logical_trace.map(|file| TraceShare::new(file, share_of)),
     })
-}
-
-pub(crate) fn compile(path: &str, properties: &[String], warn: bool) -> Result<Compiled, Failure> {
-    let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    match hprm_lf::compile_with(path, properties, &mut Disk::from_environment()) {
-        Ok(compiled) => {
-            if warn && !compiled.warnings.is_empty() {
-                say(&hprm_model::render_all(&compiled.warnings, &compiled.sources, color));
-            }
-            Ok(compiled)
-        }
-        Err(failure) => Err(Failure::mistakes(&failure, color)),
-    }
 }
 
 pub(crate) fn inbox() -> Result<Inbox<Value>, Failure> {

@@ -20,6 +20,7 @@ use pyo3::prelude::*;
 use crate::backlog::Backlog;
 use crate::bodies::Arguments;
 use crate::fork;
+use crate::users::{self, Access, Use, Users};
 use crate::value::Value;
 
 /// What the Python objects of a program share.
@@ -62,6 +63,8 @@ struct Running {
     effects: Effects<Value>,
     /// What runs if the reaction misses its deadline.
     deadline_handler: Option<DeadlineHandler>,
+    /// Its own copies of values at mutable inputs that are attributes of its reactor.
+    copies: Vec<(PortId, Py<PyAny>)>,
 }
 
 /// A reaction that runs at the moment of a sample.
@@ -79,17 +82,6 @@ pub(crate) struct SampledRun {
 pub(crate) struct DeadlineHandler {
     pub(crate) handler: Py<PyAny>,
     pub(crate) arguments: Arguments,
-}
-
-/// What a reaction may do with a port.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Access {
-    /// Read it.
-    Read,
-    /// Read it, and give it a first value to remember: an input of the reactor itself.
-    Remember,
-    /// Set it, and read what was set.
-    Write,
 }
 
 impl Runtime {
@@ -138,6 +130,7 @@ impl Runtime {
             scheduler,
             effects,
             deadline_handler,
+            copies: Vec::new(),
         });
     }
 
@@ -180,66 +173,109 @@ impl Runtime {
     // For ports and actions.
 
     /// The value at a port; if the port is persistent and absent, the last value.
-    pub(crate) fn read(
-        &self,
-        (owner, access): (ReactionId, Access),
-        port: PortId,
-    ) -> PyResult<Option<Value>> {
-        self.with_owner(owner, port, |running| running.latest(port, access).cloned())
+    pub(crate) fn read(&self, users: &Users<Access>, port: PortId) -> PyResult<Option<Value>> {
+        self.with_user(users, (port, Use::Read), |running, access| {
+            running.latest(port, access).cloned()
+        })
     }
 
-    /// Makes a port persistent, with a first value.
-    pub(crate) fn remember(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
-        fork::refuse_in_child()?;
-        self.with_owner(owner, port, |running| running.effects.keep(port, value))
+    /// The copy that the running reaction has of the value at a port.
+    pub(crate) fn copy(
+        &self,
+        py: Python<'_>,
+        users: &Users<Access>,
+        port: PortId,
+    ) -> PyResult<Option<Py<PyAny>>> {
+        self.with_user(users, (port, Use::Read), |running, _| {
+            let copy = running.copies.iter().find(|(of, _)| *of == port);
+            copy.map(|(_, copy)| copy.clone_ref(py))
+        })
+    }
+
+    /// Keeps the copy that the running reaction has of the value at a port, until it returns.
+    pub(crate) fn keep_copy(
+        &self,
+        users: &Users<Access>,
+        port: PortId,
+        copy: Py<PyAny>,
+    ) -> PyResult<()> {
+        self.with_user(users, (port, Use::Read), |running, _| running.copies.push((port, copy)))
     }
 
     /// Whether a port has a value.
-    pub(crate) fn is_present(
-        &self,
-        (owner, access): (ReactionId, Access),
-        port: PortId,
-    ) -> PyResult<bool> {
-        self.with_owner(owner, port, |running| running.port(port, access).is_some())
+    pub(crate) fn is_present(&self, users: &Users<Access>, port: PortId) -> PyResult<bool> {
+        self.with_user(users, (port, Use::Read), |running, access| {
+            running.port(port, access).is_some()
+        })
     }
 
     /// The tag that the value at a port was meant for.
-    pub(crate) fn intended_tag(&self, owner: ReactionId, port: PortId) -> PyResult<Tag> {
-        self.with_owner(owner, port, |Running { scheduler, .. }| {
+    pub(crate) fn intended_tag(&self, users: &Users<Access>, port: PortId) -> PyResult<Tag> {
+        self.with_user(users, (port, Use::Read), |Running { scheduler, .. }, _| {
             scheduler.intended_tag(port).unwrap_or(scheduler.tag())
         })
     }
 
-    /// Sets a port.
-    pub(crate) fn set(&self, owner: ReactionId, port: PortId, value: Value) -> PyResult<()> {
+    /// Sets a port, or makes it persistent, with a first value.
+    pub(crate) fn set(&self, users: &Users<Access>, port: PortId, value: Value) -> PyResult<()> {
         fork::refuse_in_child()?;
-        self.with_owner(owner, port, |running| running.effects.set(port, value))
+        let reader = self.with_user(users, (port, Use::Set), |running, access| {
+            match access {
+                Access::Write => running.effects.set(port, value),
+                Access::Remember => running.effects.keep(port, value),
+                Access::Read => return Some(running.reaction),
+            }
+            None
+        })?;
+        reader.map_or(Ok(()), |reader| {
+            Err(users::undeclared_port(&self.program, reader, port, Use::Set))
+        })
     }
 
-    /// Whether an action is present, and its value.
-    pub(crate) fn action(&self, action: ActionId) -> PyResult<Option<Option<Value>>> {
+    /// Whether an action is present, and its value. Any reaction may ask for an action that is an argument.
+    pub(crate) fn action(
+        &self,
+        users: Option<&Users<Access>>,
+        action: ActionId,
+    ) -> PyResult<Option<Option<Value>>> {
+        let mut state = self.state();
         // All reactions that run at the same time have the same tag, so any of them knows the action.
-        match self.state().running.first() {
+        let running = match users {
+            None => state.running.first_mut(),
+            Some(_) => state.running_here(),
+        };
+        match running {
+            Some(Running { reaction, .. })
+                if users.is_some_and(|users| users.access(*reaction).is_none()) =>
+            {
+                Err(users::undeclared_action(&self.program, *reaction, action, Use::Read))
+            }
             Some(running) => Ok(running.scheduler.action(action).map(|value| value.cloned())),
             None => Err(self.outside_error(&self.program.actions[action].name)),
         }
     }
 
-    /// Schedules an action. Any thread may schedule a physical action at any time.
+    /// Schedules an action. Any thread may schedule a physical action at any time; if there are `users`, a
+    /// logical one only if it is an effect of the running reaction.
     pub(crate) fn schedule(
         &self,
-        action: ActionId,
-        extra: Nanos,
+        users: Option<&Users<Access>>,
+        (action, extra): (ActionId, Nanos),
         value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         fork::refuse_in_child()?;
         let object = value.map(Value::new);
-        if let Some(Running { scheduler, effects, .. }) = self.state().running_here() {
+        let spec = &self.program.actions[action];
+        let is_logical = spec.origin == hprm_core::Origin::Logical;
+        if let Some(Running { reaction, scheduler, effects, .. }) = self.state().running_here() {
+            let may = |users: &Users<Access>| users.access(*reaction) == Some(Access::Write);
+            if is_logical && !users.is_none_or(may) {
+                return Err(users::undeclared_action(&self.program, *reaction, action, Use::Set));
+            }
             effects.schedule(scheduler, action, extra, object, Clock::now);
             return Ok(());
         }
-        let spec = &self.program.actions[action];
-        if spec.origin == hprm_core::Origin::Logical {
+        if is_logical {
             return Err(PyRuntimeError::new_err(format!(
                 "logical action {} can be scheduled only inside a reaction; declare it as a \
                  physical action to schedule it from elsewhere",
@@ -255,26 +291,31 @@ impl Runtime {
     }
 
     /// Enters a mode when the tag of the running reaction is done.
-    pub(crate) fn change_mode(
-        &self,
-        owner: ReactionId,
-        mode: ModeId,
-        transition: Transition,
-    ) -> PyResult<()> {
+    pub(crate) fn change_mode(&self, users: &Users<Transition>, mode: ModeId) -> PyResult<()> {
         fork::refuse_in_child()?;
         let name = &self.program.modes[mode].name;
         let mut state = self.state();
-        match state.running_here() {
-            Some(running) if running.reaction == owner => {
+        let Some(running) = state.running_here() else {
+            return Err(self.outside_error(&format!("the mode {name}")));
+        };
+        match (users.access(running.reaction), users) {
+            (Some(transition), _) => {
                 running.effects.enter(mode, transition);
                 Ok(())
             }
-            Some(running) => Err(PyRuntimeError::new_err(format!(
+            (None, Users::Argument(..)) => Err(PyRuntimeError::new_err(format!(
                 "reaction {} cannot enter mode {name}, which is not an effect of it",
                 self.program.reaction_name(running.reaction),
             ))),
-            None => Err(self.outside_error(&format!("the mode {name}"))),
+            (None, Users::Declared(_)) => {
+                Err(users::undeclared_mode(&self.program, running.reaction, mode))
+            }
         }
+    }
+
+    /// The reaction that runs on this thread.
+    pub(crate) fn running_reaction(&self) -> Option<ReactionId> {
+        self.state().running_here().map(|running| running.reaction)
     }
 
     // For the module `lf`.
@@ -397,21 +438,31 @@ impl Runtime {
 
     // Inside.
 
-    /// Calls `access` with the reaction `owner`, of which `port` is an argument. This thread must run that
-    /// reaction: the body of a later reaction cannot use a port that the program has stored.
-    fn with_owner<R>(
+    /// Calls `access` with the reaction that runs on this thread, and what it may do with `port`. It must be one
+    /// of its `users`: the body of a later reaction cannot use an argument that the program has stored.
+    fn with_user<R>(
         &self,
-        owner: ReactionId,
-        port: PortId,
-        access: impl FnOnce(&mut Running) -> R,
+        users: &Users<Access>,
+        (port, wanted): (PortId, Use),
+        access: impl FnOnce(&mut Running, Access) -> R,
     ) -> PyResult<R> {
         let mut state = self.state();
-        let runs = state.running.iter().any(|running| running.reaction == owner);
-        match state.running_here() {
-            Some(running) if running.reaction == owner => Ok(access(running)),
-            Some(running) => Err(self.stored_port_error(owner, running.reaction, port)),
-            None if runs => Err(self.other_thread_error(owner, port)),
-            None => Err(self.outside_error(&self.program.port_name(port))),
+        let Some(running) = state.running_here() else {
+            let user = state.running.iter().map(|running| running.reaction);
+            let user = user.into_iter().find(|reaction| users.access(*reaction).is_some());
+            return Err(match user {
+                Some(user) => self.other_thread_error(user, port),
+                None => self.outside_error(&self.program.port_name(port)),
+            });
+        };
+        match (users.access(running.reaction), users) {
+            (Some(granted), _) => Ok(access(running, granted)),
+            (None, Users::Argument(owner, _)) => {
+                Err(self.stored_port_error(*owner, running.reaction, port))
+            }
+            (None, Users::Declared(_)) => {
+                Err(users::undeclared_port(&self.program, running.reaction, port, wanted))
+            }
         }
     }
 

@@ -95,6 +95,12 @@ pub(crate) fn watch(
     let (runtime, places) = (Arc::downgrade(runtime), Arc::clone(places));
     let is_first = {
         let mut monitor = monitor();
+        if monitor.programs.iter().all(|watched| watched.runtime.strong_count() == 0) {
+            // Nothing is left of programs that this process has run before.
+            monitor.programs.clear();
+            monitor.watch = StallWatch::new(limit);
+            STOP_REQUESTED.store(false, Ordering::Relaxed);
+        }
         monitor.programs.push(Watched { runtime, places, is_thread });
         !mem::replace(&mut monitor.is_started, true)
     };
@@ -102,8 +108,7 @@ pub(crate) fn watch(
         // If `faulthandler` cannot be armed, reports lack the stack of native code.
         let dump = arm(py).ok().flatten();
         pause_for_forks(py).map_err(|error| Failure::option(error.to_string()))?;
-        let mut monitor = monitor();
-        (monitor.watch, monitor.dump) = (StallWatch::new(limit), dump);
+        monitor().dump = dump;
         let period = limit.map_or(PERIOD, |limit| (limit / 4).clamp(PERIOD / 25, PERIOD));
         let builder = thread::Builder::new().name("stalls".to_owned());
         // If the thread cannot be started, long reactions are not reported, and nothing else is lost.
@@ -118,6 +123,16 @@ pub(crate) fn watch(
         });
     }
     Ok(())
+}
+
+/// Watches the reactions of a program no more: it has ended, even if its objects keep its runtime.
+pub(crate) fn unwatch(runtime: &Arc<Runtime>) {
+    let ended = Arc::as_ptr(runtime);
+    for watched in &mut monitor().programs {
+        if watched.runtime.as_ptr() == ended {
+            watched.runtime = Weak::new();
+        }
+    }
 }
 
 /// Notes that a signal has asked the program to stop.

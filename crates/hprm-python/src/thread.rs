@@ -26,6 +26,11 @@ pub(crate) fn run_bodies() {
     RUNS_BODIES.set(true);
 }
 
+/// From now on, this thread runs no bodies.
+pub(crate) fn run_no_bodies() {
+    RUNS_BODIES.set(false);
+}
+
 /// The number of this thread, as Python counts threads; zero if Python does not say.
 #[inline]
 pub(crate) fn ident(py: Python<'_>) -> u64 {

@@ -21,12 +21,13 @@ use hprm_core::{Program, Scope};
 use hprm_model::Compiled;
 use pyo3::prelude::*;
 
+use crate::checked::Checked;
 use crate::console::{report_output_to, say, show};
 use crate::failure::failure_in;
 use crate::forced_end;
 use crate::interrupt::{Handled, Interrupt};
 use crate::load::{Care, load};
-use crate::run::{compile, exit_code, inbox};
+use crate::run::{exit_code, inbox};
 use crate::signals;
 use crate::stalls;
 use crate::thread::belong_to;
@@ -60,20 +61,20 @@ pub(crate) fn run_in_process(
     join_timeout: Option<f64>,
     hang_timeout: Option<f64>,
 ) -> i32 {
-    let outcome = compile(path, &properties, true).and_then(|compiled| {
+    let outcome = Checked::load(py, path, &properties, true).and_then(|checked| {
         hprm::log_to_stderr(true)?;
         let join_timeout = limit("--join-timeout", join_timeout)?.unwrap_or(Duration::MAX);
         let silence = limit("--hang-timeout", hang_timeout)?.map(nanoseconds);
-        let compiled = Arc::new(compiled);
+        let checked = Arc::new(checked);
         let raised = |error| failure_in(py, error, "starting the federates");
-        share_streams(py, &compiled).map_err(raised)?;
+        share_streams(py, &checked.compiled).map_err(raised)?;
         let (events, arrivals) = channel();
         report_output_to(Some(events.clone()));
         let signals = events.clone();
         let interrupt = Interrupt::install(py, Handled::All, |_| signals::forward(signals));
         let interrupt = interrupt.map_err(raised)?;
         let hang_timeout = HangTimeout { limit: silence };
-        let plan = Plan { compiled, join_timeout, hang_timeout, logical_traces, share_of };
+        let plan = Plan { checked, join_timeout, hang_timeout, logical_traces, share_of };
         let run = move || plan.start(&events).map(|rti| plan.watch(&rti, &arrivals));
         let ended = py.detach(run);
         report_output_to(None);
@@ -99,7 +100,7 @@ fn share_streams(py: Python<'_>, compiled: &Compiled) -> PyResult<()> {
 
 /// What is to be run, and how.
 struct Plan {
-    compiled: Arc<Compiled>,
+    checked: Arc<Checked>,
     join_timeout: Duration,
     hang_timeout: HangTimeout,
     logical_traces: Option<PathBuf>,
@@ -110,7 +111,8 @@ struct Plan {
 impl Plan {
     /// Starts the RTI and the federates. What becomes of them is reported to `events`.
     fn start(&self, events: &Sender<Observation>) -> Result<RtiHandle, Failure> {
-        let program = &self.compiled.program;
+        let Checked { compiled, .. } = &*self.checked;
+        let program = &compiled.program;
         check(program)?;
         let exchange = ValueExchange::new();
         let fingerprint = Arc::new(program.fingerprint());
@@ -146,16 +148,16 @@ impl Plan {
                 federation: options.federation,
                 security: Security::default(),
                 reach: Reach::default(),
-                store: hprm::store_limits(self.compiled.settings.store),
+                store: hprm::store_limits(compiled.settings.store),
                 trace: traces.map(|folder| {
                     TraceShare::new(folder.join(&federate.name), self.share_of.clone())
                 }),
             };
-            let (compiled, exchange) = (Arc::clone(&self.compiled), exchange.clone());
+            let (checked, exchange) = (Arc::clone(&self.checked), exchange.clone());
             let reports = events.clone();
             spawn(&federate.name, move || {
-                let run = AssertUnwindSafe(|| run_federate(&compiled, &options, &exchange));
-                let how = ending(&compiled.program.federates[id].name, catch_unwind(run));
+                let run = AssertUnwindSafe(|| run_federate(&checked, &options, &exchange));
+                let how = ending(&options.program.federates[id].name, catch_unwind(run));
                 let _ = reports.send(Observation::Ended { federate: id, how });
             })?;
         }
@@ -165,7 +167,7 @@ impl Plan {
     /// Looks after them until all have ended, or must. Brings events to the supervisor, and carries out its
     /// orders.
     fn watch(&self, rti: &RtiHandle, arrivals: &Receiver<Observation>) -> Ended {
-        let program = &self.compiled.program;
+        let program = &self.checked.compiled.program;
         let mut supervisor = Supervisor::new(program, Members::Threads, self.join_timeout);
         let mut launched = Launched { program, rti };
         let Outcome { code, is_traced } = supervisor.run(&mut launched, arrivals);
@@ -239,7 +241,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Failure>
 }
 
 fn run_federate(
-    compiled: &Compiled,
+    Checked { compiled, declared }: &Checked,
     options: &FederateOptions,
     exchange: &ValueExchange<Value>,
 ) -> Result<(), Failure> {
@@ -251,7 +253,11 @@ fn run_federate(
         py.detach(|| {
             hprm::run_federate_in(options, exchange, &inbox, || {
                 let scope = Scope::Federate(options.federate);
-                Python::attach(|py| load(py, compiled, scope, &inbox, Care::Launcher))
+                Python::attach(|py| {
+                    let declared = declared.as_ref().map(|declared| declared.of_federate(py));
+                    let declared = declared.transpose()?;
+                    load(py, (compiled, declared.as_ref()), scope, &inbox, Care::Launcher)
+                })
             })
         })
     })

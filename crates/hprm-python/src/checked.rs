@@ -1,0 +1,163 @@
+//! A program that has been checked: the text of an `.lf` file, or what a Python file or an object declares.
+
+use std::io::IsTerminal;
+
+use hprm::{Disk, Failure, Source};
+use hprm_model::{CompileFailure, Compiled, Purpose, render_all};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::intern;
+use pyo3::prelude::*;
+
+use crate::console::say;
+use crate::failure::failure_at;
+
+/// A checked program.
+pub(crate) struct Checked {
+    pub(crate) compiled: Compiled,
+    /// What has declared it; none if it is the text of an `.lf` file.
+    pub(crate) declared: Option<Declared>,
+}
+
+/// What has declared a program in Python.
+pub(crate) struct Declared {
+    /// An object that knows the instances of its reactors, and the functions of their reactions.
+    pub(crate) object: Py<PyAny>,
+    /// The text of the declaration.
+    text: String,
+    /// The file and the properties, if it was loaded from a file.
+    file: Option<(String, Vec<String>)>,
+}
+
+impl Checked {
+    /// Checks the program at `path`: an `.lf` file, or a Python file, perhaps with the name of a reactor behind it
+    /// (`app.py:Vision`). Writes its warnings to the standard error, if asked to `warn`.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it, or what it raises.
+    pub(crate) fn load(
+        py: Python<'_>,
+        path: &str,
+        properties: &[String],
+        warn: bool,
+    ) -> Result<Self, Failure> {
+        if is_python(path) {
+            let object = load(py, path, properties)?;
+            let file = Some((path.to_owned(), properties.to_owned()));
+            return Self::declared(object.bind(py), properties, file, warn);
+        }
+        let compiled = hprm_lf::compile_with(path, properties, &mut Disk::from_environment());
+        Ok(Self { compiled: accept(compiled, warn)?, declared: None })
+    }
+
+    /// Checks the program that `object` declares, which exists already.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it.
+    pub(crate) fn of(object: &Bound<'_, PyAny>, properties: &[String]) -> Result<Self, Failure> {
+        Self::declared(object, properties, None, true)
+    }
+
+    fn declared(
+        object: &Bound<'_, PyAny>,
+        properties: &[String],
+        file: Option<(String, Vec<String>)>,
+        warn: bool,
+    ) -> Result<Self, Failure> {
+        let text = text_of(object)?;
+        let compiled = hprm_declared::compile(&text, properties, Purpose::Run);
+        let compiled = compiled.map_err(|error| Failure::option(error.to_string()))?;
+        let object = object.clone().unbind();
+        let declared = Some(Declared { object, text, file });
+        Ok(Self { compiled: accept(compiled, warn)?, declared })
+    }
+}
+
+impl Declared {
+    /// What declares the program for a federate that shares the process with others, each of which has modules,
+    /// classes and instances of its own.
+    ///
+    /// # Errors
+    ///
+    /// What the file raises, or that it declares something else each time it is loaded.
+    pub(crate) fn of_federate(&self, py: Python<'_>) -> Result<Py<PyAny>, Failure> {
+        let Some((path, properties)) = &self.file else { return Ok(self.object.clone_ref(py)) };
+        let object = load(py, path, properties)?;
+        if text_of(object.bind(py))? == self.text {
+            return Ok(object);
+        }
+        Err(Failure::Option {
+            message: format!("{path} declares another program each time it is loaded"),
+            hint: Some(
+                "every federate loads the file, and all must declare the same: what is declared must not \
+                 depend on the time, on random numbers or on the process",
+            ),
+        })
+    }
+}
+
+/// Whether a program of that path is a Python file, perhaps with the name of a reactor behind it.
+fn is_python(path: &str) -> bool {
+    let is_name = |text: &str| {
+        !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '.')
+    };
+    match path.rsplit_once(':') {
+        Some((file, name)) if file.ends_with(".py") && is_name(name) => true,
+        _ => path.ends_with(".py"),
+    }
+}
+
+fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Py<PyAny>, Failure> {
+    let module = py.import(intern!(py, "hprm._declared"));
+    let loaded = module.and_then(|it| it.call_method1(intern!(py, "load"), (path, properties)));
+    let raised =
+        |error| failure_at(py, error, Source::Other(format!("loading {path}")), ("", true));
+    Ok(loaded.map_err(raised)?.unbind())
+}
+
+fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {
+    let py = object.py();
+    let text = object.getattr(intern!(py, "text")).and_then(|text| text.extract::<String>());
+    let source = || Source::Other("declaring the program".to_owned());
+    text.map_err(|error| failure_at(py, error, source(), ("", true)))
+}
+
+/// The program, unless there is something wrong with it.
+fn accept(compiled: Result<Compiled, CompileFailure>, warn: bool) -> Result<Compiled, Failure> {
+    let color = in_color();
+    match compiled {
+        Ok(compiled) => {
+            if warn && !compiled.warnings.is_empty() {
+                say(&render_all(&compiled.warnings, &compiled.sources, color));
+            }
+            Ok(compiled)
+        }
+        Err(failure) => Err(Failure::mistakes(&failure, color)),
+    }
+}
+
+fn in_color() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}
+
+/// Whether the program that an object declares can run, and its diagnostics as text, in colour if the standard
+/// error is a terminal.
+///
+/// # Errors
+///
+/// If the object is no declaration, or the package and this module are of different versions.
+#[pyfunction]
+#[pyo3(signature = (declared, properties = vec![]))]
+pub(crate) fn check_declared(
+    declared: &Bound<'_, PyAny>,
+    properties: Vec<String>,
+) -> PyResult<(bool, String)> {
+    let text: String = declared.getattr(intern!(declared.py(), "text"))?.extract()?;
+    let compiled = hprm_declared::compile(&text, &properties, Purpose::Run);
+    let compiled = compiled.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+    Ok(match compiled {
+        Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color())),
+        Err(found) => (false, render_all(&found.diagnostics, &found.sources, in_color())),
+    })
+}
