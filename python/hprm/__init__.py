@@ -1,10 +1,13 @@
 """Deterministic, zero-copy middleware for robots and autonomous agents.
 
-Programs are written in ``.lf`` files and run by ``hprm run``; what their bodies use is here as
-well, for the modules that they import.
+Programs are reactor classes in plain Python, or ``.lf`` files; both are run by ``hprm run``. What
+the bodies of ``.lf`` files use is here as well, for the modules that they import.
 """
 
 # ruff: noqa: E402, I001
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from hprm import _startup
 
 # Before anything that takes time to load.
@@ -37,33 +40,92 @@ from hprm._time import (
     interval_t,
 )
 
+if TYPE_CHECKING:
+    from hprm._connect import connect
+    from hprm._coroutines import background
+    from hprm._duration import Time
+    from hprm._launching import check, run
+    from hprm._mistakes import ProgramError, ProgramFailed
+    from hprm._parts import Action, Input, Mode, Output, PhysicalAction, Timer
+    from hprm._reactions import reaction, reset, shutdown, startup
+    from hprm._reactor import Federation, Reactor, federate
+
+# Programs of `.lf` files do without these, and start sooner.
+_LOADED_ON_DEMAND = {
+    **dict.fromkeys(("connect",), "hprm._connect"),
+    **dict.fromkeys(("background",), "hprm._coroutines"),
+    **dict.fromkeys(("Time",), "hprm._duration"),
+    **dict.fromkeys(("check", "run"), "hprm._launching"),
+    **dict.fromkeys(("ProgramError", "ProgramFailed"), "hprm._mistakes"),
+    **dict.fromkeys(
+        ("Action", "Input", "Mode", "Output", "PhysicalAction", "Timer"), "hprm._parts"
+    ),
+    **dict.fromkeys(("reaction", "reset", "shutdown", "startup"), "hprm._reactions"),
+    **dict.fromkeys(("Federation", "Reactor", "federate"), "hprm._reactor"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load what programs of Python objects are made of, when it is used first."""
+    module = _LOADED_ON_DEMAND.get(name)
+    if module is None:
+        raise AttributeError(f"module 'hprm' has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(module), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """List what is loaded, and what is loaded on demand."""
+    return sorted({*globals(), *_LOADED_ON_DEMAND})
+
+
 __all__ = [
+    "Action",
     "BILLION",
     "DAY",
     "DAYS",
     "FOREVER",
+    "Federation",
     "HOUR",
     "HOURS",
+    "Input",
     "MINUTE",
     "MINUTES",
     "MSEC",
     "MSECS",
+    "Make",
+    "Mode",
     "NEVER",
     "NSEC",
     "NSECS",
+    "Output",
+    "PhysicalAction",
+    "ProgramError",
+    "ProgramFailed",
+    "Reactor",
+    "ReactorBase",
     "SEC",
     "SECS",
+    "Tag",
+    "Time",
+    "Timer",
     "USEC",
     "USECS",
     "WEEK",
     "WEEKS",
-    "Make",
-    "ReactorBase",
-    "Tag",
     "action_capsule_t",
+    "background",
+    "check",
+    "connect",
     "empty",
     "empty_like",
+    "federate",
     "instant_t",
     "interval_t",
     "port_capsule",
+    "reaction",
+    "reset",
+    "run",
+    "shutdown",
+    "startup",
 ]

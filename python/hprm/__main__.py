@@ -29,6 +29,8 @@ def main() -> NoReturn:
         leave(0)
     if options.json:
         _hprm.tell_programs()
+    if options.command == "declare":
+        leave(_declare(options))
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments
     sys.argv = [options.file, *arguments]
     _threads.let_bodies_start_threads()
@@ -75,6 +77,20 @@ def main() -> NoReturn:
     leave(code, patience=None if alone or code == 0 else AFTER_FAILURE)
 
 
+def _declare(options: argparse.Namespace) -> int:
+    """Write the structure of a program of Python objects to a file. Return the exit code."""
+    from hprm import _loading
+
+    sys.argv = [options.file, *options.arguments]
+    try:
+        declared = _loading.load(options.file, options.property)
+        with open(options.out, "w", encoding="utf-8") as file:
+            file.write(declared.text)
+    except BaseException as error:
+        return _hprm.tell_exception(error, f"loading {options.file}")
+    return 0
+
+
 def _tls(
     parser: argparse.ArgumentParser, options: argparse.Namespace
 ) -> tuple[str, str, str] | None:
@@ -107,6 +123,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
+    declare = commands.add_parser(
+        "declare", help="write the structure of a program of Python objects"
+    )
+    declare.add_argument("--out", required=True, metavar="FILE", help="the file that gets it")
+    declare.add_argument("--json", action="store_true", help="print failures as JSON")
+    declare.add_argument(
+        "--property", action="append", default=[], help="a target property: KEY=VALUE"
+    )
+    declare.add_argument("file", help="FILE.py or FILE.py:NAME")
+    declare.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     syntax = commands.add_parser("syntax", help="find mistakes in the Python of programs")
     syntax.add_argument("files", nargs="+", help="the .lf files")
     federate = commands.add_parser("federate", help="run one federate of a program")

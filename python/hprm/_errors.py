@@ -3,6 +3,7 @@
 How that is told is the extension module's business, which makes a failure of it.
 """
 
+import linecache
 import os
 import select
 import threading
@@ -11,6 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hprm._findings import SYNTAX
+from hprm._mistakes import ProgramError
+from hprm._places import shown
 
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)
@@ -109,6 +112,8 @@ def printable(text: str) -> str:
 def _raised(error: BaseException, what: str, place: str, is_bound: bool) -> Description:
     if isinstance(error, SyntaxError) and error.filename is not None:
         return _syntax_error(error)
+    if isinstance(error, ProgramError):
+        return _program_error(error)
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
@@ -186,15 +191,7 @@ def _drop_own_frames(trace: traceback.TracebackException, seen: set[int]) -> Non
 def _syntax_error(error: SyntaxError) -> Description:
     line = error.lineno or 1
     column = error.offset or 1
-    text = (error.text or "").rstrip("\n")
-    margin = " " * len(str(line))
-    marker = "".join("\t" if c == "\t" else " " for c in text[: column - 1]) + "^"
-    lines = [
-        f"{margin}--> {error.filename}:{line}:{column}",
-        f"{margin} |",
-        f"{line} | {text}",
-        f"{margin} | {marker}",
-    ]
+    place = f"{error.filename}:{line}:{column}"
     # The text of a program is compiled before it runs; any other text is compiled by the program.
     mistake = (error.filename or "").endswith(".lf")
     return Description(
@@ -204,6 +201,36 @@ def _syntax_error(error: SyntaxError) -> Description:
         file=error.filename,
         line=line,
         column=column,
-        excerpt="\n".join(lines),
+        excerpt=_excerpt(place, error.text or "", (line, column)),
         hint=getattr(error, "hint", None),
+    )
+
+
+def _excerpt(place: str, text: str, at: tuple[int, int]) -> str:
+    """Show a line, with a marker below a column of it, which counts from one."""
+    line, column = at
+    text = text.rstrip("\n")
+    margin = " " * len(str(line))
+    marker = "".join("\t" if c == "\t" else " " for c in text[: column - 1]) + "^"
+    lines = [f"{margin}--> {place}", f"{margin} |", f"{line} | {text}", f"{margin} | {marker}"]
+    return "\n".join(lines)
+
+
+def _program_error(error: ProgramError) -> Description:
+    """Describe what is wrong with a program of Python objects."""
+    place = error.location
+    if place is None:
+        return Description("mistake", message=error.message, hint=error.hint)
+    text = linecache.getline(place.path, place.line)
+    column = len(text.encode()[: place.column].decode(errors="replace")) + 1
+    file = shown(place.path)
+    return Description(
+        "mistake",
+        message=error.message,
+        diagnostic=error.code or None,
+        file=file,
+        line=place.line,
+        column=column,
+        excerpt=_excerpt(f"{file}:{place.line}:{column}", text, (place.line, column)),
+        hint=error.hint,
     )

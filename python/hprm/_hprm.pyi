@@ -176,6 +176,9 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     If it was launched, then the launcher reports warnings and failures.
     """
 
+def tell_exception(error: BaseException, what: str) -> int:
+    """Tell the user of an exception that has ended ``what``. Return the exit code that follows."""
+
 def tell_programs() -> None:
     """Have failures told as JSON from now on: one object a line, on the standard error."""
 

@@ -18,8 +18,16 @@ from hprm._source import ProgramSource
 
 _PREFIX = "hprm._spawned.program_"
 
+# Of the package, what bodies of `.lf` files know without an import.
+_OF_PACKAGE = (
+    *("BILLION", "DAY", "DAYS", "FOREVER", "HOUR", "HOURS", "MINUTE"),
+    *("MINUTES", "MSEC", "MSECS", "NEVER", "NSEC", "NSECS", "SEC"),
+    *("SECS", "USEC", "USECS", "WEEK", "WEEKS", "Make", "ReactorBase"),
+    *("Tag", "action_capsule_t", "empty", "empty_like", "instant_t", "interval_t", "port_capsule"),
+)
+
 #: What bodies know without an import, beside built-in names.
-NAMES = frozenset(hprm.__all__) | {
+NAMES = frozenset(_OF_PACKAGE) | {
     *("copy", "get_fed_maxwait", "lf", "os", "request_stop", "set_fed_maxwait", "start", "sys"),
 }
 
@@ -46,7 +54,7 @@ def prepare(source: ProgramSource, lf: ModuleType, names: dict[str, Any]) -> Non
     stage = _staging.folder(source)
     names["__file__"] = path if stage is None else os.path.join(stage, os.path.basename(path))
     _extend_path(source, stage)
-    names |= {name: getattr(hprm, name) for name in hprm.__all__}
+    names |= {name: getattr(hprm, name) for name in _OF_PACKAGE}
     names |= {name: getattr(lf, name) for name in ("get_fed_maxwait", "request_stop", "start")}
     names |= {"copy": copy, "lf": lf, "os": os, "set_fed_maxwait": lf.set_fed_maxwait, "sys": sys}
     names |= _protobuf.messages(source.protobufs)

@@ -76,7 +76,9 @@ mod _hprm {
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]
-    use crate::run::{describe_program, die_with_parent, run_declared, run_federate, run_program};
+    use crate::run::{
+        describe_program, die_with_parent, run_declared, run_federate, run_program, tell_exception,
+    };
     #[pymodule_export]
     use crate::serialize::array::own;
     #[pymodule_export]

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use hprm::supervisor::Signal;
 use hprm::trace::{Trace, TraceShare};
-use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, TlsFiles};
+use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, Source, TlsFiles};
 use hprm_core::Scope;
 use hprm_model::Compiled;
 use pyo3::exceptions::PyValueError;
@@ -18,6 +18,7 @@ use pyo3::prelude::*;
 use crate::checked::Checked;
 use crate::console::{say, tell};
 use crate::embedded;
+use crate::failure::failure_at;
 use crate::interrupt::Interrupt;
 use crate::load::{Care, load};
 use crate::program;
@@ -185,6 +186,13 @@ pub(crate) fn describe_program<'py>(
     let compiled = compiled.map_err(|failure| PyValueError::new_err(failure.to_string()))?;
     let instances = all && !compiled.instances.is_empty();
     program::describe(py, &compiled, instances.then_some(Scope::Whole))
+}
+
+/// Tells the user of an exception that has ended `what`. Returns the exit code that follows.
+#[pyfunction]
+pub(crate) fn tell_exception(py: Python<'_>, error: Bound<'_, PyAny>, what: &str) -> i32 {
+    let source = Source::Other(what.to_owned());
+    exit_code(&Err(failure_at(py, PyErr::from_value(error), source, ("", true))))
 }
 
 /// Has the kernel end this process when the one that started it ends. Returns whether that is

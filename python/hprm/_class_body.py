@@ -1,0 +1,242 @@
+"""What a class body declares: parts and reactions, and that bodies use only what they declare.
+
+The model of the program is checked by the rules of the language before it runs; here is what only
+the Python of a class shows.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import linecache
+from collections.abc import Iterator
+from functools import lru_cache
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from hprm import _findings, _places
+from hprm._mistakes import ProgramError
+from hprm._parts import History, Part
+from hprm._places import Place
+from hprm._reactions import MARK, Event, Reaction
+
+if TYPE_CHECKING:
+    from hprm._reactor import Reactor
+
+
+def parts_of(cls: type) -> dict[str, Part]:
+    """Collect the parts of a class, those of base classes first; a subclass may replace them."""
+    found: dict[str, Part] = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            if isinstance(value, Part):
+                found[name] = value
+            else:
+                found.pop(name, None)
+    return found
+
+
+def reactions_of(cls: type) -> list[Reaction]:
+    """Collect the reactions of a class, those of base classes first.
+
+    A subclass may replace one. A method of its name is another body of it.
+    """
+    found: dict[str, Reaction] = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            reaction: Reaction | None = getattr(value, MARK, None)
+            if isinstance(value, FunctionType) and reaction is not None:
+                found[name] = reaction
+            elif isinstance(value, FunctionType) and name in found:
+                place = _places.of_function(value)
+                found[name] = found[name]._replace(function=value, place=place)
+            else:
+                found.pop(name, None)
+    return list(found.values())
+
+
+def check(cls: type[Reactor]) -> None:
+    """Raise ``ProgramError`` if something is wrong with the reactions of a class."""
+    for reaction in cls._reactions:
+        _check_function(reaction)
+        for part in (*reaction.triggers, *reaction.sources, *reaction.effects):
+            _check_part(cls, reaction, part)
+        for body in bodies(cls, reaction):
+            _check_uses(cls, reaction, body)
+
+
+def bodies(cls: type[Reactor], reaction: Reaction) -> Iterator[FunctionType]:
+    """Return the body of a reaction, and its deadline and tardy handlers, if it has them."""
+    # For mypy, a function in a tuple is a method of it.
+    yield cast(FunctionType, reaction.function)
+    for handler in (reaction.late, reaction.tardy):
+        function = handler_of(cls, reaction, handler)
+        if function is not None:
+            yield function
+
+
+def handler_of(cls: type[Reactor], reaction: Reaction, handler: Any) -> FunctionType | None:
+    """Return the function of a handler, which a reaction may name; none if there is none."""
+    if isinstance(handler, str):
+        found = inspect.getattr_static(cls, handler, None)
+        if not isinstance(found, FunctionType):
+            raise ProgramError(
+                f"{cls.__name__} has no method `{handler}`, which reaction {reaction.name} names",
+                reaction.place,
+                f"write `def {handler}(self) -> None:` in {cls.__name__}",
+            )
+        return found
+    return handler if isinstance(handler, FunctionType) else None
+
+
+def _check_function(reaction: Reaction) -> None:
+    function = reaction.function
+    if function.__code__.co_argcount != 1 or function.__code__.co_kwonlyargcount:
+        raise ProgramError(
+            f"reaction {reaction.name} must have one parameter, `self`",
+            reaction.place,
+            "it reads and sets ports as attributes: self.image.value, self.boxes.set(...)",
+        )
+    if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
+        raise ProgramError(
+            "`yield` makes a generator of this body, which then never runs",
+            reaction.place,
+            code=_findings.SYNTAX,
+        )
+
+
+def _check_part(cls: type[Reactor], reaction: Reaction, named: Any) -> None:
+    """Refuse what is no part of the class, where the reaction names it."""
+    part = named.mode if isinstance(named, History) else named
+    if isinstance(part, Part):
+        if part.name in cls._parts and type(cls._parts[part.name]) is type(part):
+            return
+        raise ProgramError(
+            f"the {part.kind} {part.name or '?'} that reaction {reaction.name} names is not of"
+            f" {cls.__name__}",
+            reaction.place,
+            "name a part of the class; a port of a contained reactor is a function:"
+            " lambda self: self.camera.image",
+        )
+    if not isinstance(part, Event) and not callable(part):
+        raise ProgramError(
+            f"reaction {reaction.name} names {part!r}, which is no part of a reactor",
+            reaction.place,
+            "name an input, an action, a timer, hprm.startup, or another part of the class",
+        )
+
+
+class _Use(NamedTuple):
+    """A place in a body where an attribute of ``self`` is used, and for what."""
+
+    name: str
+    #: The attribute that is used of it in turn, or an empty text.
+    of_it: str
+    assigns: bool
+    node: ast.Attribute
+    path: str
+
+
+def _check_uses(cls: type[Reactor], reaction: Reaction, body: FunctionType) -> None:
+    """Refuse a body that uses a part which its reaction does not declare."""
+    read = {part.name for part in (*reaction.triggers, *reaction.sources) if _is_part(part)}
+    effects = [it.mode if isinstance(it, History) else it for it in reaction.effects]
+    written = {part.name for part in effects if _is_part(part)}
+    for use in _uses(cls, body, set()):
+        part = cls._parts.get(use.name)
+        if part is None or part.kind == "timer":
+            continue
+        if use.assigns:
+            _refuse_assignment(use, part)
+        missing = _missing(part, use, read, written)
+        if missing is not None:
+            raise ProgramError(
+                f"reaction {reaction.name} uses the {part.kind} `{use.name}`, which it does not"
+                " declare",
+                _place(use),
+                f"write @hprm.reaction({missing})",
+                _findings.UNNAMED,
+            )
+
+
+def _is_part(named: object) -> bool:
+    return isinstance(named, Part)
+
+
+def _missing(part: Part, use: _Use, read: set[str], written: set[str]) -> str | None:
+    """Return what the reaction has to declare, if it does not."""
+    effect = f"..., effects=[{part.name}]"
+    match part.kind:
+        case "input":
+            return None if part.name in read else f"..., sources=[{part.name}]"
+        case "output" | "mode":
+            return None if part.name in written else effect
+    if use.of_it == "schedule":
+        is_physical = getattr(part, "physical", False)
+        return None if is_physical or part.name in written else effect
+    return None if part.name in read | written else f"..., sources=[{part.name}]"
+
+
+def _refuse_assignment(use: _Use, part: Part) -> None:
+    instead = {
+        "output": f"self.{part.name}.set(...)",
+        "action": f"self.{part.name}.schedule(...)",
+        "mode": f"self.{part.name}.enter()",
+    }
+    raise ProgramError(
+        f"the {part.kind} `{use.name}` cannot be assigned",
+        _place(use),
+        f"write {instead[part.kind]}" if part.kind in instead else "give the variable another name",
+        _findings.REFUSED,
+    )
+
+
+def _place(use: _Use) -> Place:
+    node = use.node
+    same = node.end_lineno == node.lineno and node.end_col_offset is not None
+    return Place(use.path, node.lineno, node.col_offset, node.end_col_offset if same else -1)  # type: ignore[arg-type]
+
+
+def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> Iterator[_Use]:
+    """Find the attributes of ``self`` that a body uses, and the methods that it calls in turn."""
+    if body in seen:
+        return
+    seen.add(body)
+    tree = _tree_of(body)
+    if tree is None or not tree.args.args:
+        return
+    me = tree.args.args[0].arg
+    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(value=ast.Name(id=name), attr=attribute) if name == me:
+                method = inspect.getattr_static(cls, attribute, None)
+                if isinstance(method, FunctionType) and not hasattr(method, MARK):
+                    yield from _uses(cls, method, seen)
+                above = parents.get(node)
+                of_it = above.attr if isinstance(above, ast.Attribute) else ""
+                assigns = isinstance(node.ctx, ast.Store | ast.Del)
+                yield _Use(attribute, of_it, assigns, node, body.__code__.co_filename)
+
+
+def _tree_of(function: FunctionType) -> ast.FunctionDef | ast.AsyncFunctionDef | None:
+    """Return the tree of a function; none if its text is not known, as of ``python -c``."""
+    code = function.__code__
+    text = "".join(linecache.getlines(code.co_filename))
+    return _functions(text).get((code.co_name, code.co_firstlineno)) if text else None
+
+
+@lru_cache(maxsize=64)
+def _functions(
+    text: str,
+) -> dict[tuple[str, int], ast.FunctionDef | ast.AsyncFunctionDef]:
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return {}
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            lines = [decorator.lineno for decorator in node.decorator_list]
+            found[node.name, min([node.lineno, *lines])] = node
+    return found

@@ -1,0 +1,185 @@
+"""Running a program of Python objects from a script, a notebook, or a test.
+
+A program in one process runs in this one. The federates of a federation are processes, which load
+the file again that defines it, as ``hprm run FILE`` has them do.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from typing import Any
+
+from hprm import _construction, _hprm, _loading, _structure
+from hprm._declared import Declared
+from hprm._duration import Time, nanoseconds
+from hprm._mistakes import ProgramError, ProgramFailed
+from hprm._places import here, shown
+from hprm._reactor import Federation, Reactor
+
+
+def run(
+    program: Reactor | type[Reactor],
+    *,
+    timeout: Time | None = None,
+    fast: bool | None = None,
+    properties: Mapping[str, object] | None = None,
+    processes: bool = True,
+    logical_trace: str | os.PathLike[str] | None = None,
+) -> None:
+    """Run a program to its end.
+
+    Parameters
+    ----------
+    program
+        The main reactor, or its class if the constructor needs no arguments.
+    timeout
+        When the program ends, after its start.
+    fast
+        Whether logical time runs ahead of the clock.
+    properties
+        Other target properties, which override those of the class.
+    processes
+        Whether the federates of a federation are processes. Otherwise all reactors run here.
+    logical_trace
+        The file that gets the logical trace.
+
+    Raises
+    ------
+    ProgramError
+        If something is wrong with the program; nothing has run then.
+    ProgramFailed
+        If the program fails; what has happened is told on the standard error. It is a
+        ``SystemExit``: a script that does not handle it ends with the exit code.
+
+    """
+    file = _loading.loading()
+    if file is not None:
+        raise ProgramError(
+            f"hprm.run was called while {file} was loaded",
+            here(),
+            'put it below `if __name__ == "__main__":`, so that federates can import the file',
+        )
+    main = program() if isinstance(program, type) else program
+    if not isinstance(main, Reactor):
+        raise TypeError(f"a program is a hprm.Reactor, not a {type(main).__name__}")
+    stated: dict[str, Any] = {"timeout": timeout, "fast": fast, **(properties or {})}
+    options = [_property(name, value) for name, value in stated.items() if value is not None]
+    declared = Declared(main)
+    check(declared, options)
+    trace = None if logical_trace is None else os.fspath(logical_trace)
+    if isinstance(main, Federation) and processes:
+        code = _launch(main, options, trace)
+    else:
+        code = _hprm.run_declared(declared, options, logical_trace=trace)
+    if code:
+        raise ProgramFailed(code)
+
+
+def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | None = None) -> None:
+    """Check a program by the rules of the language, without running it.
+
+    Raises
+    ------
+    ProgramError
+        If something is wrong with it. Warnings are printed on the standard error.
+
+    """
+    if isinstance(program, type):
+        program = program()
+    declared = program if isinstance(program, Declared) else Declared(program)
+    is_right, text = _hprm.check_declared(declared, properties or [])
+    if not is_right:
+        raise ProgramError(text.strip())
+    if text.strip():
+        print(text.rstrip(), file=sys.stderr)
+
+
+def _property(name: str, value: Any) -> str:
+    """Return a target property as the command line states it."""
+    name = name.replace("_", "-")
+    if name in _structure.TIMES and value not in ("auto", "off"):
+        return f"{name}={nanoseconds(value)} ns"
+    if isinstance(value, bool):
+        return f"{name}={str(value).lower()}"
+    if isinstance(value, list | tuple):
+        return f"{name}=[{', '.join(map(str, value))}]"
+    plain = isinstance(value, int) or str(value).replace("-", "").isalnum()
+    return f"{name}={value}" if plain else f'{name}="{value}"'
+
+
+def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
+    """Run a federation as processes, by the command ``hprm``. Return its exit code."""
+    command = _command()
+    program = _importable(main)
+    options = [option for it in properties for option in ("--property", it)]
+    if trace is not None:
+        options += ["--logical-trace", trace]
+    with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
+        call = os.path.join(folder, "call")
+        try:
+            with open(call, "wb") as file:
+                pickle.dump(_construction.of(main).call, file)
+        except Exception as error:
+            raise ProgramError(
+                f"the arguments of {type(main).__name__} cannot be passed to federates: {error}",
+                _construction.of(main).place,
+                "federates are processes: pass what can be pickled",
+            ) from None
+        environment = os.environ | {_loading.CALL: call}
+        started = [command, "run", "--python", sys.executable, *options, program]
+        return _wait(subprocess.Popen(started, env=environment))
+
+
+def _wait(process: subprocess.Popen[bytes]) -> int:
+    """Wait for the command, which handles Ctrl-C itself."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:
+        # Only the main thread can; in another one, no Ctrl-C comes.
+        return process.wait()
+    try:
+        return process.wait()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _command() -> str:
+    beside = os.path.join(os.path.dirname(sys.executable), "hprm")
+    found = beside if os.access(beside, os.X_OK) else shutil.which("hprm")
+    if found is None:
+        raise ProgramError(
+            "there is no command `hprm` to start the federates with",
+            hint="it is installed with the package; or run all in this process: processes=False",
+        )
+    return found
+
+
+def _importable(main: Federation) -> str:
+    """Return the program as the command line names it: its file, and its class in that."""
+    cls = type(main)
+    path = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    hint = (
+        "define it at the top level of a file, or run all in this process:"
+        " hprm.run(..., processes=False)"
+    )
+    if not isinstance(path, str) or not path.endswith(".py"):
+        raise ProgramError(
+            f"the federates of {cls.__name__} are processes that import it, and it is in no file",
+            cls._place,
+            hint,
+        )
+    if "<locals>" in cls.__qualname__:
+        raise ProgramError(
+            f"the federates of {cls.__name__} are processes that import it, and it is defined in a"
+            " function",
+            cls._place,
+            hint,
+        )
+    return f"{shown(path)}:{cls.__qualname__}"

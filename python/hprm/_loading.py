@@ -1,0 +1,185 @@
+"""Loading a program of Python objects from its file, in the processes that run it.
+
+The file is imported as a module under its own name, so what is below ``if __name__ == "__main__":``
+does not run. The program is the class, the object or the function that the caller names, or the one
+federation or reactor class that the file defines.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import os
+import pickle
+import sys
+from types import ModuleType
+from typing import Any
+
+from hprm._declared import Declared
+from hprm._mistakes import ProgramError
+from hprm._reactor import Federation, Reactor
+
+#: The environment variable with the file that has the arguments of the program's constructor.
+CALL = "HPRM_PROGRAM_CALL"
+#: The prefix of a property that is a parameter of the program's constructor.
+_PARAMETER = "main."
+
+# The file that is being loaded.
+_loading: list[str] = []
+
+
+def load(path: str, properties: list[str]) -> Declared:
+    """Load the program at ``path``, which is ``FILE.py`` or ``FILE.py:NAME``.
+
+    Parameters
+    ----------
+    path
+        The file, and the class, object or function in it.
+    properties
+        ``KEY=VALUE``; those that begin with ``main.`` are arguments of the constructor.
+
+    """
+    file, name = split(path)
+    module = _import(file)
+    found = _named(module, file, name) if name else _only(module, file)
+    stated = [it.removeprefix(_PARAMETER) for it in properties if it.startswith(_PARAMETER)]
+    return Declared(_made(found, file, dict(it.split("=", 1) for it in stated)))
+
+
+def split(path: str) -> tuple[str, str]:
+    """Return the file and the name in it, which may be empty."""
+    file, separator, name = path.rpartition(".py:")
+    return (f"{file}.py", name) if separator else (path, "")
+
+
+def loading() -> str | None:
+    """Return the file that is being loaded, if one is."""
+    return _loading[-1] if _loading else None
+
+
+def _import(file: str) -> ModuleType:
+    name = os.path.basename(file).removesuffix(".py")
+    folder = os.path.dirname(os.path.abspath(file))
+    if sys.path[:1] != [folder]:
+        sys.path.insert(0, folder)
+    known = sys.modules.get(name)
+    if known is not None and getattr(known, "__file__", None) == os.path.abspath(file):
+        return known
+    spec = importlib.util.spec_from_file_location(name, os.path.abspath(file))
+    if spec is None or spec.loader is None:
+        raise ProgramError(f"{file} is no Python program")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    _loading.append(file)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    finally:
+        _loading.pop()
+    return module
+
+
+def _named(module: ModuleType, file: str, name: str) -> Any:
+    found: Any = module
+    for part in name.split("."):
+        if not hasattr(found, part):
+            raise ProgramError(
+                f"{file} has no {name}", hint=f"it has: {', '.join(_programs(module)) or 'none'}"
+            )
+        found = getattr(found, part)
+    return found
+
+
+def _programs(module: ModuleType) -> dict[str, type[Reactor]]:
+    """Return the reactor classes that a module defines itself."""
+    return {
+        name: value
+        for name, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, Reactor)
+        and value.__module__ == module.__name__
+    }
+
+
+def _only(module: ModuleType, file: str) -> Any:
+    """Return what a file defines as its program, if that is clear."""
+    programs = _programs(module)
+    stem = module.__name__.replace("_", "").lower()
+    federations = {name: it for name, it in programs.items() if issubclass(it, Federation)}
+    for candidates in (federations, programs):
+        called = {name: it for name, it in candidates.items() if name.lower() in ("main", stem)}
+        for some in (candidates, called):
+            if len(some) == 1:
+                return next(iter(some.values()))
+    if not programs:
+        raise ProgramError(
+            f"{file} defines no reactor",
+            hint="a program is a class that extends hprm.Reactor or hprm.Federation",
+        )
+    names = ", ".join(programs)
+    raise ProgramError(
+        f"{file} defines several reactors: {names}",
+        hint=f"name the program: {file}:{next(iter(programs))}",
+    )
+
+
+def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:
+    """Make the main reactor, with arguments that the user or the calling script states."""
+    if isinstance(found, Reactor):
+        if stated:
+            raise ProgramError(
+                f"{file} makes the program itself, so it takes no parameters: {', '.join(stated)}"
+            )
+        return found
+    if not callable(found):
+        raise ProgramError(f"{file}: {found!r} is no reactor, and makes none")
+    arguments: tuple[Any, ...] = ()
+    keywords: dict[str, Any] = {}
+    if CALL in os.environ:
+        with open(os.environ[CALL], "rb") as call:
+            arguments, keywords = pickle.load(call)
+    keywords |= _parameters(found, file, stated)
+    made = found(*arguments, **keywords)
+    if not isinstance(made, Reactor):
+        raise ProgramError(f"{file}: {found!r} gives a {type(made).__name__}, not a reactor")
+    return made
+
+
+def _parameters(found: Any, file: str, stated: dict[str, str]) -> dict[str, Any]:
+    """Read the parameters that the command line states, each by the type that it has."""
+    known = inspect.signature(found).parameters
+    read = {}
+    for name, text in stated.items():
+        option = f"--{name.replace('_', '-')} {text}"
+        parameter = known.get(name)
+        if parameter is None:
+            names = ", ".join(f"--{it}" for it in known) or "none"
+            raise ProgramError(
+                f"{option}: the program has no such parameter", hint=f"it has: {names}"
+            )
+        read[name] = _read(parameter, text, option)
+    return read
+
+
+def _read(parameter: inspect.Parameter, text: str, option: str) -> Any:
+    expected = parameter.annotation
+    if expected is inspect.Parameter.empty and parameter.default is not inspect.Parameter.empty:
+        expected = type(parameter.default)
+    name = expected if isinstance(expected, str) else getattr(expected, "__name__", "")
+    if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
+        text = text[1:-1]
+    try:
+        match name:
+            case "int":
+                return int(text)
+            case "float":
+                return float(text)
+            case "bool" if text.lower() in ("true", "false"):
+                return text.lower() == "true"
+            case "bool":
+                raise ValueError("it is true or false")
+    except ValueError:
+        raise ProgramError(f"{option}: the parameter is a {name}") from None
+    return text

@@ -1,0 +1,50 @@
+"""What is wrong with a program in plain Python, found while its classes and objects are made."""
+
+from __future__ import annotations
+
+from hprm._places import Place
+
+
+class ProgramError(Exception):
+    """Something is wrong with a program; the text says what, where, and what to do about it.
+
+    Attributes
+    ----------
+    message
+        What is wrong.
+    place
+        Where, as ``FILE:LINE``; empty if it is in the message.
+    hint
+        What to do about it, or None.
+    code
+        The code of the diagnostic.
+
+    """
+
+    def __init__(
+        self, message: str, place: Place | None = None, hint: str | None = None, code: str = ""
+    ) -> None:
+        """Say what is wrong at a place."""
+        self.message = message
+        self.location = place
+        self.place = "" if place is None else str(place)
+        self.hint = hint
+        self.code = code
+        super().__init__(message)
+
+    def __str__(self) -> str:
+        """Return the place, the code, the message and the hint."""
+        where = f"{self.place}: " if self.place else ""
+        code = f"[{self.code}] " if self.code else ""
+        hint = f"\n  hint: {self.hint}" if self.hint else ""
+        return f"{where}{code}{self.message}{hint}"
+
+
+class ProgramFailed(SystemExit):
+    """A program has ended with a failure, which has been told; ``code`` is its exit code.
+
+    A script that does not handle it ends with that exit code.
+    """
+
+
+ProgramError.__module__ = ProgramFailed.__module__ = "hprm"

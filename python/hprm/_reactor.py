@@ -1,0 +1,207 @@
+"""Reactors as classes: the base class, and what it makes of class bodies and constructors."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
+
+from hprm import _class_body, _construction, _places
+from hprm._construction import Construction
+from hprm._duration import Time, nanoseconds
+from hprm._mistakes import ProgramError
+from hprm._parts import Part
+from hprm._places import Place
+from hprm._reactions import Reaction
+from hprm._running import Running
+
+R = TypeVar("R", bound="Reactor")
+
+
+class _Constructed(type):
+    """Constructors of reactors note what they make."""
+
+    if not TYPE_CHECKING:
+
+        def __call__(cls, *arguments, **keywords):
+            """Make a reactor, with the structure that its constructor gives it."""
+            place = _places.here()
+            made = cls.__new__(cls)
+            try:
+                bound = inspect.signature(cls.__init__).bind(made, *arguments, **keywords)
+            except TypeError as error:
+                raise TypeError(f"{cls.__name__}(...): {error}") from None
+            bound.apply_defaults()
+            given = dict(list(bound.arguments.items())[1:])
+            construction = Construction(given, (arguments, keywords), place)
+            outer = _construction.current()
+            if outer is not None:
+                construction.mode_of_container = outer.mode
+            vars(made)["_hprm_"] = construction
+            stack = _construction.stack()
+            stack.append(construction)
+            try:
+                made.__init__(*arguments, **keywords)
+                _adopt(made, construction)
+            finally:
+                stack.pop()
+            construction.is_done = True
+            return made
+
+
+class Reactor(Running, metaclass=_Constructed):
+    """A reactor: subclasses declare ports and reactions, and what they contain.
+
+    The constructor gives a reactor its parameters, and makes and connects what it contains. It runs
+    in every process of a federation, so it only declares: a reaction to ``hprm.startup`` opens
+    devices and loads models.
+
+    Keywords of the class statement are target properties, which count for the main reactor:
+    ``class Vision(hprm.Federation, coordination="decentralized", timeout="10 s")``.
+    """
+
+    _parts: ClassVar[dict[str, Part]] = {}
+    _reactions: ClassVar[list[Reaction]] = []
+    _properties: ClassVar[dict[str, tuple[Any, Place]]] = {}
+    _place: ClassVar[Place] = Place("<hprm>", 1)
+
+    def __init__(self) -> None:
+        """Make a reactor without parameters."""
+
+    def __init_subclass__(
+        cls,
+        *,
+        coordination: Literal["centralized", "decentralized"] | None = None,
+        timeout: Time | None = None,
+        fast: bool | None = None,
+        keepalive: bool | None = None,
+        workers: int | None = None,
+        properties: Mapping[str, object] | None = None,
+        **others: object,
+    ) -> None:
+        """Take what the class body declares."""
+        super().__init_subclass__()
+        place = cls._place = _places.here()
+        if others:
+            name = next(iter(others))
+            raise ProgramError(
+                f"a reactor class has no keyword `{name}`",
+                place,
+                f'write properties={{"{name.replace("_", "-")}": ...}} if it is a target property',
+            )
+        stated = {
+            "coordination": coordination,
+            "timeout": timeout,
+            "fast": fast,
+            "keepalive": keepalive,
+            "workers": workers,
+            **(properties or {}),
+        }
+        given = {name: (value, place) for name, value in stated.items() if value is not None}
+        cls._properties = cls._properties | given
+        cls._parts = _class_body.parts_of(cls)
+        cls._reactions = _class_body.reactions_of(cls)
+        for name, part in cls._parts.items():
+            if hasattr(Reactor, name) or name == "_hprm_":
+                raise ProgramError(
+                    f"every reactor has an attribute `{name}` already",
+                    part.place,
+                    f"give the {part.kind} another name",
+                )
+        _class_body.check(cls)
+        # What `help` and editors show of the constructor, which the metaclass calls.
+        signature = inspect.signature(cls.__init__)
+        parameters = list(signature.parameters.values())[1:]
+        cls.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+
+
+class Federation(Reactor):
+    """A main reactor whose contained reactors are federates: processes of their own.
+
+    Each reactor that the constructor assigns to an attribute is a federate; each member of a list
+    is one, too.
+    """
+
+
+def federate(
+    reactor: R,
+    *,
+    host: str | None = None,
+    maxwait: Time | None = None,
+    transient: bool = False,
+) -> R:
+    """State something about a reactor of a federation as a federate.
+
+    ``self.camera = hprm.federate(Camera(), maxwait="10 ms")``
+
+    Parameters
+    ----------
+    reactor
+        The reactor, which is returned.
+    host
+        The host on which it is to run.
+    maxwait
+        How long the beginning of a tag waits, under decentralized coordination.
+    transient
+        Whether it may join and leave while the federation runs.
+
+    """
+    place = _places.here()
+    if not isinstance(reactor, Reactor):
+        raise ProgramError(f"a federate is a reactor, not a {type(reactor).__name__}", place)
+    try:
+        wait = None if maxwait is None else nanoseconds(maxwait)
+    except (TypeError, ValueError) as error:
+        raise ProgramError(f"`maxwait`: {error}", place) from None
+    stated = {"host": host, "maxwait": wait, "transient": transient}
+    _construction.of(reactor).federate = stated
+    return reactor
+
+
+def _adopt(reactor: Reactor, construction: Construction) -> None:
+    """Find what a reactor contains: the reactors that are its attributes."""
+    for name, value in vars(reactor).items():
+        if name in type(reactor)._parts:
+            part = type(reactor)._parts[name]
+            raise ProgramError(
+                f"the constructor of {type(reactor).__name__} assigns to the {part.kind} `{name}`",
+                construction.place,
+                "a part is declared by the class and cannot be assigned; give one of them another"
+                " name",
+                "LF1007",
+            )
+        if isinstance(value, Reactor):
+            _adopt_one(reactor, value, (name, None))
+            construction.children[name] = value
+        elif isinstance(value, list | tuple) and any(isinstance(it, Reactor) for it in value):
+            classes = {type(member) for member in value}
+            if len(classes) > 1:
+                names = ", ".join(sorted(cls.__name__ for cls in classes))
+                raise ProgramError(
+                    f"the members of the bank {name} are of several classes: {names}",
+                    construction.place,
+                    "a bank has members of one class; give others attributes of their own",
+                )
+            for index, member in enumerate(value):
+                _adopt_one(reactor, member, (name, index))
+            construction.children[name] = list(value)
+        elif isinstance(value, dict) and any(isinstance(it, Reactor) for it in value.values()):
+            raise ProgramError(
+                f"{type(reactor).__name__}.{name} is a dictionary of reactors",
+                construction.place,
+                "a reactor contains those that are attributes, or members of a list",
+            )
+
+
+def _adopt_one(container: Reactor, child: Reactor, called: tuple[str, int | None]) -> None:
+    construction = _construction.of(child)
+    name, member = called
+    if construction.container is not None or child is container:
+        raise ProgramError(
+            f"the {type(child).__name__} of {type(container).__name__}.{name} is contained in"
+            f" {type(construction.container or container).__name__} already",
+            construction.place,
+            "make another one: a reactor is in one place",
+        )
+    construction.container = container
+    construction.name, construction.member = name, member

@@ -1,0 +1,279 @@
+"""Mistakes in reactor classes: one error each, with its place, before anything runs."""
+
+from __future__ import annotations
+
+import linecache
+import textwrap
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+import hprm
+from hprm._declared import load
+
+_numbers = count()
+
+
+def error(tmp_path: Path, text: str) -> hprm.ProgramError:
+    """Load a program that is wrong; a mark ``# here`` is where."""
+    path = tmp_path / f"program_{next(_numbers)}.py"
+    path.write_text("import hprm\n" + textwrap.dedent(text))
+    lines = path.read_text().splitlines()
+    linecache.checkcache()
+    with pytest.raises(hprm.ProgramError) as raised:
+        hprm.check(load(str(path), []))
+    [number] = [at for at, line in enumerate(lines, start=1) if line.endswith("# here")]
+    assert f"{path}:{number}" in str(raised.value), raised.value
+    return raised.value
+
+
+PORTS = """
+class Main(hprm.Reactor):
+    number = hprm.Input(int)
+    other = hprm.Input(int)
+    doubled = hprm.Output(int)
+    again = hprm.Action(int)
+    idle = hprm.Mode(initial=True)
+    busy = hprm.Mode()
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "message", "hint"),
+    [
+        (
+            "self.doubled.set(2)  # here",
+            "reaction double uses the output `doubled`, which it does not declare",
+            "write @hprm.reaction(..., effects=[doubled])",
+        ),
+        (
+            "print(self.other.value)  # here",
+            "reaction double uses the input `other`, which it does not declare",
+            "write @hprm.reaction(..., sources=[other])",
+        ),
+        (
+            "self.again.schedule(0)  # here",
+            "reaction double uses the action `again`, which it does not declare",
+            "write @hprm.reaction(..., effects=[again])",
+        ),
+        (
+            "self.busy.enter()  # here",
+            "reaction double uses the mode `busy`, which it does not declare",
+            "write @hprm.reaction(..., effects=[busy])",
+        ),
+        (
+            "self.doubled = 2  # here",
+            "the output `doubled` cannot be assigned",
+            "write self.doubled.set(...)",
+        ),
+    ],
+)
+def test_a_body_that_uses_what_its_reaction_does_not_declare(
+    tmp_path: Path, body: str, message: str, hint: str
+) -> None:
+    text = (
+        f"{PORTS}\n    @hprm.reaction(number, mode=idle)\n    def double(self):\n        {body}\n"
+    )
+    found = error(tmp_path, text)
+    assert (found.message, found.hint) == (message, hint)
+
+
+def test_a_method_that_a_reaction_calls_counts_as_its_body(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        f"""{PORTS}
+    @hprm.reaction(number)
+    def double(self):
+        self.answer(2 * self.number.value)
+
+    def answer(self, value):
+        self.doubled.set(value)  # here
+""",
+    )
+    assert found.message == "reaction double uses the output `doubled`, which it does not declare"
+    assert found.code == "LF1003"
+
+
+def test_a_handler_that_does_not_exist(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        f"""{PORTS}
+    @hprm.reaction(number, deadline="10 ms", late="skipp")  # here
+    def double(self): pass
+    def skip(self): pass
+""",
+    )
+    assert found.message == "Main has no method `skipp`, which reaction double names"
+
+
+def test_a_deadline_without_a_handler(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        f"""{PORTS}
+    @hprm.reaction(number, deadline="10 ms")  # here
+    def double(self): pass
+""",
+    )
+    assert found.message == "reaction double has a `deadline` and no `late`"
+
+
+def test_a_reaction_without_parentheses(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Main(hprm.Reactor):
+    @hprm.reaction  # here
+    def double(self): pass
+""",
+    )
+    assert found.message == "reaction double has no triggers"
+
+
+def test_a_time_that_is_none(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Main(hprm.Reactor):
+    tick = hprm.Timer("10 msec.")  # here
+    @hprm.reaction(tick)
+    def run(self): pass
+""",
+    )
+    assert "a time is" in found.message and "'10 msec.'" in found.message
+
+
+def test_a_port_of_a_reactor_that_is_no_attribute(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+
+class Sink(hprm.Reactor):
+    into = hprm.Input(int)
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        source = Source()
+        self.sink = Sink()
+        hprm.connect(source.out, self.sink.into)  # here
+""",
+    )
+    assert "output Source.out is not of Main" in found.message
+    assert found.hint is not None and "assign the Source to an attribute" in found.hint
+
+
+def test_a_reactor_in_two_places(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Part(hprm.Reactor):
+    pass
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.first = Part()  # here
+        self.second = self.first
+""",
+    )
+    assert "is contained in Main already" in found.message
+
+
+def test_ports_of_different_types(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Source(hprm.Reactor):
+    out = hprm.Output(str)
+
+class Sink(hprm.Reactor):
+    into = hprm.Input(int)
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.source, self.sink = Source(), Sink()
+        self.source.out >> self.sink.into  # here
+""",
+    )
+    assert (
+        found.message == "output Source.out has values of type str, and input Sink.into takes int"
+    )
+
+
+def test_a_connection_outside_of_a_constructor(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Source(hprm.Reactor):
+    out = hprm.Output(str)
+
+hprm.connect(Source().out, Source().out)  # here
+""",
+    )
+    assert "ports are connected in the constructor" in found.message
+
+
+# What the rules of the language find, as they do in `.lf` files.
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("hprm.connect(self.a.into, self.b.out)  # here", "LF0305"),
+        (
+            "hprm.connect(self.a.out, self.b.into)\n"
+            "        hprm.connect(self.c.out, self.b.into)  # here",
+            "LF0502",
+        ),
+        (
+            "hprm.connect(self.a.out, self.b.into)\n        hprm.connect(self.b.out, self.a.into)",
+            "LF0503",
+        ),
+    ],
+)
+def test_the_rules_of_the_language(tmp_path: Path, text: str, code: str) -> None:
+    mark = "" if "# here" in text else "  # here"
+    found = error(
+        tmp_path,
+        f"""
+class Part(hprm.Reactor):
+    into = hprm.Input(int)
+    out = hprm.Output(int)
+
+    @hprm.reaction(into, effects=[out]){mark}
+    def forward(self):
+        self.out.set(self.into.value)
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.a, self.b, self.c = Part(), Part(), Part()
+        {text}
+""",
+    )
+    assert f"error[{code}]" in str(found)
+
+
+def test_several_programs_in_one_file(tmp_path: Path) -> None:
+    path = tmp_path / "several.py"
+    path.write_text("import hprm\nclass A(hprm.Reactor): pass\nclass B(hprm.Reactor): pass\n")
+    with pytest.raises(hprm.ProgramError, match="defines several reactors: A, B"):
+        load(str(path), [])
+    assert type(load(f"{path}:B", []).main).__name__ == "B"
+    with pytest.raises(hprm.ProgramError, match="has no C"):
+        load(f"{path}:C", [])
+
+
+def test_parameters_are_read_by_their_types(tmp_path: Path) -> None:
+    path = tmp_path / "parameters.py"
+    path.write_text(
+        "import hprm\n"
+        "class Main(hprm.Reactor):\n"
+        "    def __init__(self, rate: int, gain: float = 1.0, on=False, name: str = 'a'):\n"
+        "        self.all = rate, gain, on, name\n"
+    )
+    stated = ["main.rate=3", "main.gain=2", "main.on=true", 'main.name="b"', "timeout=1 s"]
+    main = load(str(path), stated).main
+    assert vars(main)["all"] == (3, 2.0, True, "b")
+    with pytest.raises(hprm.ProgramError, match="--rate fast: the parameter is a int"):
+        load(str(path), ["main.rate=fast"])
+    with pytest.raises(hprm.ProgramError, match="no such parameter"):
+        load(str(path), ["main.speed=3"])

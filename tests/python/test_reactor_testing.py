@@ -1,0 +1,157 @@
+"""``hprm.testing``: reactors in virtual time, their inputs and outputs as lists."""
+
+from __future__ import annotations
+
+import doctest
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hprm
+import hprm.testing
+
+
+class Average(hprm.Reactor):
+    """The mean of the last values, ten times a second."""
+
+    sample = hprm.Input(float)
+    mean = hprm.Output(float)
+    tick = hprm.Timer("100 ms", offset="100 ms")
+
+    def __init__(self, size: int = 3) -> None:
+        self.size = size
+        self.samples: list[float] = []
+
+    @hprm.reaction(sample)
+    def keep(self) -> None:
+        self.samples = [*self.samples, self.sample.value][-self.size :]
+
+    @hprm.reaction(tick, effects=[mean])
+    def tell(self) -> None:
+        if self.samples:
+            self.mean.set(sum(self.samples) / len(self.samples))
+
+
+def test_inputs_at_tags_and_outputs_with_times() -> None:
+    samples = [("0 ms", 1.0), ("50 ms", 2.0), ("150 ms", 6.0), ("160 ms", 10.0)]
+    result = hprm.testing.run(Average(), inputs={"sample": samples}, timeout="250 ms")
+    assert result.outputs == {"mean": [(100_000_000, 1.5), (200_000_000, 6.0)]}
+    assert len([line for line in result.trace if "Bench.reactor.1" in line]) == 4
+
+
+def test_no_time_is_waited_for() -> None:
+    begin = time.monotonic()
+    result = hprm.testing.run(Average(), inputs={"sample": [("1 h", 1.0)]}, timeout="2 h")
+    assert len(result.outputs["mean"]) == 36_001
+    assert time.monotonic() - begin < 600
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=10), st.integers(1, 5))
+def test_the_mean_is_within_the_last_values(values: list[float], size: int) -> None:
+    samples = [(number * 10_000_000, value) for number, value in enumerate(values)]
+    result = hprm.testing.run(Average(size), inputs={"sample": samples}, timeout="100 ms")
+    [(_, mean)] = result.outputs["mean"]
+    last = values[-size:]
+    assert min(last) - 1e-6 <= mean <= max(last) + 1e-6
+
+
+class Split(hprm.Reactor):
+    """A multiport in, a multiport out."""
+
+    into = hprm.Input(int, width=2)
+    out = hprm.Output(int, width=2)
+
+    @hprm.reaction(into, effects=[out])
+    def swap(self) -> None:
+        for left, right in zip(self.into, reversed(list(self.out)), strict=True):
+            if left.is_present:
+                right.set(left.value)
+
+
+def test_values_of_multiports_are_lists() -> None:
+    inputs = {"into": [(0, [1, 2]), ("1 ms", [3, None])]}
+    result = hprm.testing.run(Split(), inputs=inputs, timeout="2 ms")
+    assert result.outputs["out"] == [(0, [2, 1]), (1_000_000, [None, 3])]
+
+
+def test_a_failing_reaction_is_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
+    class Fails(hprm.Reactor):
+        @hprm.reaction(hprm.startup)
+        def fail(self) -> None:
+            raise ValueError("no device")
+
+    with pytest.raises(hprm.ProgramFailed) as raised:
+        hprm.testing.run(Fails())
+    assert raised.value.code == 1
+    assert "raised ValueError: no device" in capfd.readouterr().err
+
+
+def test_wrong_inputs_are_refused() -> None:
+    with pytest.raises(ValueError, match="Average has no input simple; it has: sample"):
+        hprm.testing.run(Average(), inputs={"simple": []})
+    with pytest.raises(ValueError, match="the input sample has two values at 0 ms"):
+        hprm.testing.run(Average(), inputs={"sample": [(0, 1.0), ("0 ms", 2.0)]})
+
+
+def test_the_example_in_the_documentation() -> None:
+    assert doctest.testmod(hprm.testing).failed == 0
+
+
+class Asks(hprm.Reactor):
+    """A body that awaits, and one that starts what outlives its tag."""
+
+    ask = hprm.Input(int)
+    told = hprm.Output(str)
+    answer = hprm.PhysicalAction(int)
+
+    @hprm.reaction(ask, effects=[told, answer])
+    async def begin(self) -> None:
+        import asyncio
+
+        await asyncio.sleep(0)
+        self.told.set(f"asked {self.ask.value}")
+        hprm.background(self.think(self.ask.value), self.answer)
+
+    async def think(self, number: int) -> int:
+        return number + 1
+
+    @hprm.reaction(answer, effects=[told])
+    def end(self) -> None:
+        self.told.set(f"answer {self.answer.value}")
+        self.request_stop()
+
+
+def test_a_body_may_await_and_start_what_outlives_its_tag() -> None:
+    # Its program runs with the clock, since a physical action comes from outside.
+    class Main(hprm.Reactor, timeout="10 s"):
+        def __init__(self) -> None:
+            self.asks = Asks()
+            self.told: list[str] = []
+
+        @hprm.reaction(hprm.startup, effects=[lambda self: self.asks.ask])
+        def start(self) -> None:
+            self.asks.ask.set(1)
+
+        @hprm.reaction(lambda self: self.asks.told)
+        def note(self) -> None:
+            self.told.append(self.asks.told.value)
+
+    main = Main()
+    hprm.run(main)
+    assert main.told == ["asked 1", "answer 2"]
+
+
+def test_a_task_that_is_left_behind_is_an_error(capfd: pytest.CaptureFixture[str]) -> None:
+    class Leaves(hprm.Reactor):
+        @hprm.reaction(hprm.startup)
+        async def leave_it(self) -> None:
+            import asyncio
+
+            self.task = asyncio.create_task(asyncio.sleep(60))
+
+    with pytest.raises(hprm.ProgramFailed):
+        hprm.testing.run(Leaves())
+    assert "sleep was not done at the end of the reaction" in capfd.readouterr().err

@@ -1,0 +1,126 @@
+"""``hprm.run`` from scripts and notebooks: one process, federations, what has to be importable."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import nbclient
+import nbformat
+import pytest
+
+VISION = """
+import sys
+import hprm
+
+class Camera(hprm.Reactor):
+    image = hprm.Output(int)
+    tick = hprm.Timer("10 ms")
+
+    def __init__(self, first: int) -> None:
+        self.count = first
+
+    @hprm.reaction(tick, effects=[image])
+    def capture(self) -> None:
+        self.image.set(self.count)
+        self.count += 1
+
+class Detector(hprm.Reactor):
+    image = hprm.Input(int)
+
+    @hprm.reaction(image)
+    def detect(self) -> None:
+        print("saw", self.image.value, flush=True)
+
+class Vision(hprm.{kind}, timeout="20 ms"):
+    def __init__(self, first: int = 0) -> None:
+        self.camera, self.detector = Camera(first), Detector()
+        hprm.connect(self.camera.image, self.detector.image)
+"""
+FEDERATION = VISION.format(kind="Federation")
+WHOLE = VISION.format(kind="Reactor")
+
+
+def script(tmp_path: Path, text: str, *, code: int = 0) -> tuple[list[str], str]:
+    """Run a script. Return the lines of its output, and its errors."""
+    path = tmp_path / "vision.py"
+    path.write_text(text)
+    done = subprocess.run(
+        [sys.executable, path.name], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout.splitlines(), done.stderr
+
+
+def test_a_program_runs_in_the_process_of_its_script(tmp_path: Path) -> None:
+    text = WHOLE + "print('before', flush=True)\nhprm.run(Vision(7))\nprint('after')\n"
+    out, err = script(tmp_path, text)
+    assert out == ["before", "saw 7", "saw 8", "saw 9", "after"]
+    assert not err
+
+
+def test_it_runs_twice(tmp_path: Path) -> None:
+    out, _ = script(tmp_path, WHOLE + "for first in (1, 5):\n    hprm.run(Vision(first))\n")
+    assert out == ["saw 1", "saw 2", "saw 3", "saw 5", "saw 6", "saw 7"]
+
+
+def test_the_federates_of_a_script_are_processes(tmp_path: Path) -> None:
+    text = FEDERATION + (
+        "if __name__ == '__main__':\n"
+        "    print('main', flush=True)\n"
+        "    hprm.run(Vision(first=4))\n"
+        "    print('after')\n"
+    )
+    out, err = script(tmp_path, text)
+    assert out == ["main", *(f"[detector] saw {n}" for n in (4, 5, 6)), "after"], err
+
+
+def test_without_a_guard_the_script_is_told_to_have_one(tmp_path: Path) -> None:
+    out, err = script(tmp_path, FEDERATION + "hprm.run(Vision())\n", code=1)
+    assert not out
+    assert "hprm.run was called while" in err and "if __name__" in err
+
+
+def test_a_federation_in_one_process(tmp_path: Path) -> None:
+    text = FEDERATION + "hprm.run(Vision(), processes=False)\n"
+    assert script(tmp_path, text)[0] == ["saw 0", "saw 1", "saw 2"]
+
+
+def test_a_federation_in_a_function_cannot_be_imported(tmp_path: Path) -> None:
+    inside = textwrap.indent(FEDERATION, "    ")
+    text = f"def make():{inside}\n    return Vision\nimport hprm\nhprm.run(make()())\n"
+    _, err = script(tmp_path, text, code=1)
+    assert "processes that import it, and it is defined in a function" in err
+    assert "processes=False" in err
+
+
+def test_a_failure_ends_the_script_with_the_exit_code(tmp_path: Path) -> None:
+    text = WHOLE.replace('print("saw"', 'raise ValueError("saw"') + "hprm.run(Vision())\n"
+    out, err = script(tmp_path, text.replace(", flush=True", ""), code=1)
+    assert not out
+    assert "raised ValueError: ('saw', 0)" in err
+    assert "vision.py:22" in err
+    assert "_launching" not in err and "SystemExit" not in err
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_cells_of_a_notebook_define_and_run_programs(tmp_path: Path) -> None:
+    cells = [WHOLE, "hprm.run(Vision(first=3))", "hprm.run(Vision(first=6))"]
+    cells.append(FEDERATION + "hprm.run(Vision(1), processes=False)")
+    cells.append(
+        "try:\n    hprm.run(Vision())\nexcept hprm.ProgramError as error:\n    print(error.message)"
+    )
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(it) for it in cells])
+    nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute(cwd=str(tmp_path))
+    printed = [
+        "".join(it["text"] for it in cell["outputs"] if it["output_type"] == "stream")
+        for cell in notebook.cells
+    ]
+    assert printed[1:4] == [
+        "saw 3\nsaw 4\nsaw 5\n",
+        "saw 6\nsaw 7\nsaw 8\n",
+        "saw 1\nsaw 2\nsaw 3\n",
+    ]
+    assert "it is in no file" in printed[4]
