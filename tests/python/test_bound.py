@@ -1,18 +1,74 @@
-"""Programs whose bodies are Python functions: ports, actions and modes as attributes."""
+"""Programs whose bodies are Python functions: ports as attributes, and running in this process."""
 
 from __future__ import annotations
 
 import json
 import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from declaring import Script, line_of, ok, runner
+from conftest import Outcome
+from processes import until
+
+HERE = str(Path(__file__).parent)
+
+PREAMBLE = """\
+import sys
+from datetime import timedelta
+from hprm import _hprm
+from stand_in import Declared, Reactor
+
+MS = 1_000_000
+
+def go(main, *arguments, **properties):
+    "Run a program, and end with its exit code."
+    sys.exit(_hprm.run_declared(Declared(main, **properties), *arguments))
+"""
+
+Script = Callable[..., Outcome]
+
+
+def environment() -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": HERE}
 
 
 @pytest.fixture
 def script(tmp_path: Path) -> Script:
-    return runner(tmp_path)
+    """Runs a Python program that declares its reactors."""
+
+    def run(text: str, *arguments: str, **files: str) -> Outcome:
+        path = tmp_path / "app.py"
+        path.write_text(PREAMBLE + textwrap.dedent(text))
+        for name, content in files.items():
+            (tmp_path / f"{name}.py").write_text(textwrap.dedent(content))
+        done = subprocess.run(
+            [sys.executable, path.name, *arguments],
+            cwd=tmp_path,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return run
+
+
+def ok(outcome: Outcome) -> str:
+    assert outcome.code == 0, outcome.err
+    return outcome.out
+
+
+def line_of(marker: str, text: str) -> int:
+    """The line with a marker, in a script of that text."""
+    lines = (PREAMBLE + textwrap.dedent(text)).splitlines()
+    return next(number for number, line in enumerate(lines, 1) if marker in line)
 
 
 def test_ports_are_attributes_of_their_reactors(script: Script) -> None:
@@ -442,6 +498,275 @@ def test_a_failure_without_a_frame_is_about_its_reaction(script: Script) -> None
     outcome = script(text)
     report = json.loads(outcome.err.splitlines()[-1])
     assert (outcome.code, report["line"]) == (1, line_of("# here", text))
+
+
+def test_mistakes_are_told_before_anything_runs(script: Script) -> None:
+    outcome = script(
+        """
+        class Main(Reactor):
+            ports = ("output x",)
+            reactions = ({"name": "begin", "triggers": ["x"]},)
+            def begin(self):
+                print("never")
+
+        can_run, text = _hprm.check_declared(Declared(Main()))
+        print(can_run, text.splitlines()[0])
+        print(*_hprm.check_declared(Declared(Reactor()), ["timeout=x"])[1].splitlines()[:1])
+        try:
+            _hprm.check_declared(type("Other", (), {"text": '{"main": 0}'}))
+        except RuntimeError as error:
+            print(error)
+        go(Main())
+        """
+    )
+    assert outcome.code == 1
+    lines = outcome.out.splitlines()
+    assert lines[0].startswith("False error[LF")
+    assert lines[1].startswith("error[LF")
+    assert lines[2].startswith("the declaration of the program cannot be read: missing field")
+    assert outcome.err.startswith(lines[0].removeprefix("False "))
+    assert "app.py:" in outcome.err
+
+
+CHANGES = """
+import json, os, pathlib, signal, threading
+held = os.pipe()
+for descriptor in held:
+    os.set_blocking(descriptor, False)
+signal.set_wakeup_fd(held[1], warn_on_full_buffer=False)
+
+def state():
+    names = sorted(it.name for it in threading.enumerate())
+    wakeup = signal.set_wakeup_fd(-1)
+    signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    hooks = threading.excepthook, sys.excepthook, sys.stdout, sys.stderr, sys.breakpointhook
+    modules = {name for name in sys.modules if name.partition(".")[0] == "__main__"}
+    return names, wakeup, [signal.getsignal(it) for it in numbers], hooks, modules, sys.path[:]
+
+class Main(Reactor):
+    actions = ({"name": "forever", "physical": True},)
+    reactions = ({"name": "begin", "triggers": ["startup"]},
+                 {"name": "end", "triggers": ["shutdown", "forever"]})
+    def __init__(self, code):
+        self.code = code
+    def begin(self):
+        pathlib.Path("ready").touch()
+        if self.code is not None:
+            sys.exit(self.code)
+    def end(self):
+        print("end", flush=True)
+"""
+
+
+def test_a_process_is_as_it_was_after_a_run(script: Script) -> None:
+    out = ok(
+        script(
+            CHANGES
+            + """
+before = state()
+declared = Declared(Main(3), timeout={"time": 0})
+print(_hprm.run_declared(declared), _hprm.run_declared(declared))
+assert state() == before
+print(_hprm.run_declared(Declared(Main(None)), ["timeout=1 ms"]))
+assert state() == before
+
+codes = []
+def run(declared):
+    codes.append(_hprm.run_declared(declared, ["timeout=2 ms"]))
+threads = [threading.Thread(target=run, args=(Declared(Main(code)),)) for code in (None, 4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(sorted(codes))
+assert state() == before
+"""
+        )
+    )
+    assert out.splitlines() == ["3 3", "end", "0", "end", "[0, 4]"]
+
+
+def test_signals_stop_a_run_and_not_the_process(tmp_path: Path) -> None:
+    path = tmp_path / "app.py"
+    path.write_text(
+        PREAMBLE
+        + CHANGES
+        + """
+before = state()
+for _ in range(3):
+    print(_hprm.run_declared(Declared(Main(None))), flush=True)
+    assert state() == before
+"""
+    )
+    with subprocess.Popen(
+        [sys.executable, path.name],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+                until((tmp_path / "ready").exists, "the program runs")
+                (tmp_path / "ready").unlink()
+                process.send_signal(number)
+            out, err = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert (out.splitlines(), err) == (["end", "130", "end", "143", "end", "130"], "")
+
+
+def test_a_second_signal_interrupts_a_body(tmp_path: Path) -> None:
+    path = tmp_path / "app.py"
+    path.write_text(
+        PREAMBLE
+        + """
+import pathlib, time
+class Main(Reactor):
+    reactions = ({"name": "begin", "triggers": ["startup"]},)
+    def begin(self):
+        pathlib.Path("ready").touch()
+        while True:
+            time.sleep(0.01)
+print(_hprm.run_declared(Declared(Main())), flush=True)
+"""
+    )
+    with subprocess.Popen(
+        [sys.executable, path.name],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            until((tmp_path / "ready").exists, "the program runs")
+
+            def interrupted() -> bool:
+                process.send_signal(signal.SIGINT)
+                return process.poll() is not None
+
+            until(interrupted, "it has ended")
+            out, err = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert out == "130\n"
+    assert "reaction Main.1" in err
+
+
+def test_a_thread_that_dies_ends_the_program(script: Script) -> None:
+    outcome = script(
+        """
+        import threading
+        class Main(Reactor):
+            actions = ({"name": "act", "physical": True},)
+            reactions = ({"name": "begin", "triggers": ["startup"], "effects": ["act"]},
+                         {"name": "later", "triggers": ["act"]})
+            def begin(self):
+                def work():
+                    self.act.schedule("0 s", "from a thread")
+                    try:
+                        self.act.value
+                    except RuntimeError as error:
+                        print(error)
+                    1 / 0
+                self.thread = threading.Thread(target=work)
+                self.thread.start()
+                self.thread.join()
+            def later(self):
+                print(self.act.value)
+        go(Main())
+        """
+    )
+    assert outcome.code == 1
+    assert "ZeroDivisionError" in outcome.err
+    assert outcome.out.startswith("act can be used only inside a reaction")
+
+
+FEDERATION = """
+import threading
+from stand_in import Declared, Reactor
+import shared
+
+seen = []
+
+class Source(Reactor):
+    ports = ("output x",)
+    reactions = ({"name": "begin", "triggers": ["startup"], "effects": ["x"]},)
+    def begin(self):
+        seen.append("source")
+        shared.passed.wait(60)
+        self.x.set([1])
+
+class Sink(Reactor):
+    ports = ("input x",)
+    timers = (("tick", 10_000_000, None),)
+    reactions = (
+        {"name": "tick_tock", "triggers": ["tick"]},
+        {"name": "take", "triggers": ["x"]},
+    )
+    def tick_tock(self):
+        shared.passed.set()
+    def take(self):
+        print("in time", self.x.value, seen)
+    def take_tardy(self):
+        print("tardy", self.x.value, seen, self.x.intended_tag.time == self.api.start())
+
+class Main(Reactor):
+    federated = True
+    file = __file__
+    options = {"source": {"maxwait": 0}, "sink": {"maxwait": 0}}
+    connections = (("source.x", "sink.x"),)
+    def __init__(self):
+        self.source, self.sink = Source(), Sink()
+
+DECLARED = Declared(Main(), coordination={"word": "decentralized"}, timeout={"time": 10**8})
+"""
+
+LOADING = """
+import importlib.util, types
+def load(path, properties):
+    spec = importlib.util.spec_from_file_location("federation", path.partition(":")[0])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.DECLARED
+stand_in = sys.modules["hprm._declared"] = types.ModuleType("hprm._declared")
+stand_in.load = load
+"""
+
+
+def test_federates_as_threads_have_modules_of_their_own(script: Script) -> None:
+    out = ok(
+        script(
+            LOADING + "sys.exit(_hprm.run_in_process('federation.py:Main'))",
+            federation=FEDERATION,
+            shared="import threading\npassed = threading.Event()\n",
+        )
+    )
+    assert out == "[sink] tardy [1] [] True\n"
+
+
+def test_every_federate_must_declare_the_same(script: Script) -> None:
+    outcome = script(
+        LOADING + "sys.exit(_hprm.run_in_process('federation.py'))",
+        federation=FEDERATION
+        + "shared.loaded += 1\nDECLARED.text = DECLARED.text + ' ' * shared.loaded\n",
+        shared="import threading\npassed = threading.Event()\nloaded = 0\n",
+    )
+    assert outcome.code == 1
+    assert "federation.py declares another program each time it is loaded" in outcome.err
+
+
+def test_a_file_that_cannot_be_loaded_is_told_of(script: Script) -> None:
+    outcome = script(
+        LOADING + "sys.exit(_hprm.run_program('federation.py'))",
+        federation="from stand_in import *\nimport nothing_of_that_name\n",
+    )
+    assert outcome.code == 1
+    assert "loading federation.py raised ModuleNotFoundError" in outcome.err
+    assert "federation.py:2" in outcome.err
 
 
 def test_equal_runs_have_equal_traces(script: Script, tmp_path: Path) -> None:

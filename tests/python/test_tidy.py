@@ -165,6 +165,13 @@ def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -
     assert (run.stdout, run.returncode) == (fenced("README.md", "text"), 0), run.stderr
 
 
+def test_the_python_program_of_the_readme_prints_the_same(tmp_path: Path) -> None:
+    (tmp_path / "camera.py").write_text(fenced("README.md", "python"))
+    argv = [sys.executable, "camera.py"]
+    run = subprocess.run(argv, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (run.stdout, run.returncode) == (fenced("README.md", "text"), 0), run.stderr
+
+
 def test_nothing_is_left_unfinished() -> None:
     unfinished = [
         f"{path}:{number}"
