@@ -249,7 +249,7 @@ pub(crate) struct Run {
 impl Run {
     /// The program that is meant.
     pub(crate) fn program(&self) -> Program<'_> {
-        program(&self.file, &self.properties, &self.interpreter, &self.arguments)
+        program(&self.file, &self.properties, &self.interpreter, self.arguments.all())
     }
 }
 
@@ -349,7 +349,7 @@ pub(crate) struct Verify {
 impl Verify {
     /// The program that is meant.
     pub(crate) fn program(&self) -> Program<'_> {
-        program(&self.file, &self.properties, &self.interpreter, &self.arguments)
+        program(&self.file, &self.properties, &self.interpreter, self.arguments.all())
     }
 }
 
@@ -464,8 +464,9 @@ pub(crate) struct RtiArguments {
     pub(crate) tls: Tls,
     #[command(flatten)]
     pub(crate) interpreter: Interpreter,
-    #[command(flatten)]
-    pub(crate) arguments: ProgramArguments,
+    /// What a program in Python finds in sys.argv, as its federates do. Behind --.
+    #[arg(last = true, value_name = "ARGUMENTS")]
+    pub(crate) arguments: Vec<OsString>,
 }
 
 impl RtiArguments {
@@ -561,9 +562,9 @@ fn program<'a>(
     path: &'a Path,
     properties: &Properties,
     interpreter: &'a Interpreter,
-    arguments: &'a ProgramArguments,
+    arguments: impl IntoIterator<Item = &'a OsString>,
 ) -> Program<'a> {
-    let (properties, arguments) = (properties.stated(), arguments.all().collect());
+    let (properties, arguments) = (properties.stated(), arguments.into_iter().collect());
     Program { path, properties, arguments, interpreter }
 }
 

@@ -267,4 +267,14 @@ mod tests {
         fs::write(place.path().join("file"), "").unwrap();
         assert!(private(place.path().join("file")).is_err());
     }
+
+    #[test]
+    fn a_program_in_python_keeps_the_name_of_its_reactor() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().canonicalize().unwrap();
+        fs::write(folder.join("app.py"), "").unwrap();
+        symlink(folder.join("app.py"), folder.join("link.py")).unwrap();
+        assert_eq!(real(&folder.join("link.py:Vision")), folder.join("app.py:Vision"));
+        assert_eq!(real(&folder.join("link.py")), folder.join("app.py"));
+    }
 }

@@ -1,8 +1,10 @@
 //! Whatever the JSON is, there is an answer: a program, at least one error, or that it is no declaration.
 
+#[path = "common/answers.rs"]
+mod answers;
 mod common;
 
-use hprm_model::{Compiled, Purpose};
+use answers::answers;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -58,25 +60,6 @@ fn piece<'v>(value: &'v mut Value, number: &mut usize) -> Option<&'v mut Value> 
     }
 }
 
-/// Compiles it, and reads what comes out of it.
-fn answered(document: &str) -> Option<Compiled> {
-    match hprm_declared::compile(document, &[], Purpose::Run) {
-        Err(malformed) => {
-            assert!(!malformed.to_string().is_empty());
-            None
-        }
-        Ok(Err(failure)) => {
-            assert!(!failure.diagnostics.is_empty(), "no error: {document}");
-            assert!(!failure.to_string().is_empty());
-            None
-        }
-        Ok(Ok(compiled)) => {
-            assert!(!compiled.fingerprint().report().is_empty());
-            Some(compiled)
-        }
-    }
-}
-
 proptest! {
     #[test]
     fn any_declaration_has_an_answer(changes in vec((any::<usize>(), any::<usize>(), any::<usize>()), 1..6)) {
@@ -95,7 +78,7 @@ proptest! {
                 *piece = replacement;
             }
         }
-        answered(&document.to_string());
+        answers(&document.to_string());
     }
 
     #[test]
@@ -106,7 +89,7 @@ proptest! {
         if document.is_char_boundary(range.start) && document.is_char_boundary(range.end) {
             document.replace_range(range, &text);
         }
-        answered(&document);
+        answers(&document);
     }
 }
 

@@ -311,7 +311,9 @@ fn what_is_no_declaration_is_one_error() {
     let mut main = vision();
     main["main"] = json!(3);
     let texts = [cyclic, elsewhere, unknown, no_bank, mode, name, main].map(|it| it.to_string());
-    let all = texts.iter().map(String::as_str).chain(["", "[]", "{\"files\": []}"]);
+    let deep = r#"{"properties": [{"name": "x", "at": [0, 1, 0, 0], "value": "#.to_owned()
+        + &r#"{"list": ["#.repeat(100_000);
+    let all = texts.iter().map(String::as_str).chain(["", "[]", "{\"files\": []}", &deep]);
     let wrong = |text| hprm_declared::compile(text, &[], Purpose::Run).unwrap_err().to_string();
     let found: Vec<_> = all.map(wrong).collect();
     assert_snapshot!(found.join("\n"), @r#"
@@ -325,6 +327,7 @@ fn what_is_no_declaration_is_one_error() {
     the declaration of the program cannot be read: EOF while parsing a value at line 1 column 0
     the declaration of the program cannot be read: invalid length 0, expected struct Document with 5 elements at line 1 column 2
     the declaration of the program cannot be read: missing field `main` at line 1 column 13
+    the declaration of the program cannot be read: recursion limit exceeded at line 1 column 680
     "#);
 }
 

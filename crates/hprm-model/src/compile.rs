@@ -168,6 +168,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     Compiled {
         program,
         federated,
+        syntax: report.syntax(),
         sources: library.sources,
         classes,
         instances,

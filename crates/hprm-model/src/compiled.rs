@@ -12,6 +12,7 @@ use crate::diagnostic::Diagnostic;
 use crate::properties::Settings;
 use crate::render::render_all;
 use crate::source::{FileId, Sources, Span};
+use crate::syntax::Syntax;
 use crate::value::Value;
 
 /// A compiled program.
@@ -21,6 +22,8 @@ pub struct Compiled {
     pub program: Arc<Program>,
     /// Whether the main reactor is a federated one.
     pub federated: bool,
+    /// What it is written in, for what is said about it when it runs.
+    pub syntax: Syntax,
     /// All files that were read, for tracebacks.
     pub sources: Sources,
     /// The reactors that have instances; for [`Purpose::Check`](crate::Purpose::Check), also others.

@@ -89,7 +89,8 @@ pub(crate) fn nothing(properties: Properties) -> Lowered {
 
 /// Adds the classes that have no instances.
 pub(crate) fn add_classes(library: &Library, models: &Models<'_>, lowered: &mut Lowered) {
-    let idle = library.classes().filter(|id| !lowered.used.contains(id));
+    let used: BTreeSet<ClassId> = lowered.used.iter().copied().collect();
+    let idle = library.classes().filter(|id| !used.contains(id));
     lowered.classes.extend(idle.filter_map(|id| emit(library, models, id, "")));
 }
 

@@ -20,16 +20,18 @@ impl Syntax {
         }
     }
 
-    /// An option of an instance or a connection, by its name.
-    pub(crate) fn option(self, name: &str) -> String {
+    /// An option of an instance or a connection, by its name, between backquotes.
+    #[must_use]
+    pub fn option(self, name: &str) -> String {
         match self {
             Self::Lf => format!("`@{name}`"),
             Self::Python => format!("`{name}=`"),
         }
     }
 
-    /// An option with a value that shows what is expected.
-    pub(crate) fn option_with(self, name: &str, value: &str) -> String {
+    /// An option with a value that shows what is expected, between backquotes.
+    #[must_use]
+    pub fn option_with(self, name: &str, value: &str) -> String {
         match self {
             Self::Lf => format!("`@{name}({value})`"),
             Self::Python if value.contains(',') => format!("`{name}=({value})`"),

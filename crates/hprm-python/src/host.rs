@@ -10,6 +10,7 @@ use hprm_core::{
     Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
     Scheduler, Table, Turn,
 };
+use hprm_model::Syntax;
 use hprm_store::{Object, Store, StoreAllocator};
 use pyo3::prelude::*;
 
@@ -222,6 +223,10 @@ impl Host for PyHost {
 
     fn describe(&mut self, value: &Value) -> Described {
         Python::attach(|py| value.described(py))
+    }
+
+    fn syntax(&self) -> Syntax {
+        self.places.syntax
     }
 
     fn source_location(&self, reaction: ReactionId) -> Option<String> {

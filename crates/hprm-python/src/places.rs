@@ -1,13 +1,15 @@
 //! Where reactions are written, for messages about them.
 
 use hprm_core::{ReactionId, Table};
-use hprm_model::{Compiled, Runs};
+use hprm_model::{Compiled, Runs, Syntax};
 
 /// By reaction: its file and line.
 pub(crate) struct Places {
     files: Vec<String>,
     /// The position of the file, and the line; none of a reaction that is not in the program text.
     lines: Table<ReactionId, Option<(usize, u32)>>,
+    /// What the program is written in.
+    pub(crate) syntax: Syntax,
 }
 
 impl Places {
@@ -28,7 +30,7 @@ impl Places {
             });
             lines.push(Some((file, body.line)));
         }
-        Self { files, lines }
+        Self { files, lines, syntax: compiled.syntax }
     }
 
     /// `FILE:LINE` of the word `reaction`.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use hprm_core::{
     Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ReactionId, Scheduler, Turn,
 };
+use hprm_model::Syntax;
 use hprm_store::{Object, Store, StoreAllocator};
 
 use crate::supervisor::Signal;
@@ -104,6 +105,11 @@ pub trait Host {
     fn describe(&mut self, value: &Self::Value) -> Described {
         let _ = value;
         Described::opaque("value")
+    }
+
+    /// What the program is written in, for hints on how to change it.
+    fn syntax(&self) -> Syntax {
+        Syntax::default()
     }
 
     /// Where the source code of a reaction is, as `FILE:LINE`, for reports about the reaction.

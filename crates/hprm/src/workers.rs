@@ -124,9 +124,10 @@ impl<V: Clone> Workers<V> {
             let bound = program.connections[connection].bound;
             let messages = bound.map_or(0, |bound| bound.messages);
             let were = if dropped == 1 { "message was" } else { "messages were" };
+            let bound = host.syntax().option("bound");
             host.warn(&format!(
                 "{dropped} {were} dropped on the connection {from} ~> {to}: {messages} may wait \
-                 (`@bound`)"
+                 ({bound})"
             ));
         }
     }
@@ -397,10 +398,11 @@ fn warn_of_overload<H: Host>(program: &Program, scope: Scope, host: &mut H, over
 #[cold]
 fn warn_of_backlog<H: Host>(program: &Program, host: &mut H, connection: ConnectionId) {
     let [from, to] = ends(program, connection);
+    let [newest, all] =
+        ["1, \"replace\"", "n, \"block\""].map(|value| host.syntax().option_with("bound", value));
     host.warn(&format!(
         "{LARGE_BACKLOG} messages wait on the connection {from} ~> {to}, because its receiver is too slow\n  \
-         hint: `@bound(1, \"replace\")` before the connection keeps only the newest message, and \
-         `@bound(n, \"block\")` makes the sender wait"
+         hint: {newest} at the connection keeps only the newest message, and {all} makes the sender wait"
     ));
 }
 
