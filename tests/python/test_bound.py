@@ -587,6 +587,31 @@ assert state() == before
     assert out.splitlines() == ["3 3", "end", "0", "end", "[0, 4]"]
 
 
+def test_a_forked_process_runs_programs_of_its_own(script: Script) -> None:
+    out = ok(
+        script(
+            CHANGES
+            + """
+_hprm.run_declared(Declared(Main(1)))
+for code in (5, 6):
+    child = os.fork()
+    if child == 0:
+        os._exit(_hprm.run_declared(Declared(Main(code))))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+
+class Forks(Reactor):
+    reactions = ({"name": "begin", "triggers": ["startup"]},)
+    def begin(self):
+        self.child = os.fork()
+forks = Forks()
+_hprm.run_declared(Declared(forks))
+print("once", os.waitstatus_to_exitcode(os.waitpid(forks.child, 0)[1]))
+"""
+        )
+    )
+    assert out.splitlines() == ["5", "6", "once 0"]
+
+
 def test_signals_stop_a_run_and_not_the_process(tmp_path: Path) -> None:
     path = tmp_path / "app.py"
     path.write_text(
@@ -746,6 +771,54 @@ def test_federates_as_threads_have_modules_of_their_own(script: Script) -> None:
         )
     )
     assert out == "[sink] tardy [1] [] True\n"
+
+
+INTERPRETER = """#!{python}
+import os, runpy, sys
+arguments = sys.argv[1:]
+if arguments[:2] != ["-m", "hprm"]:
+    os.execv({python!r}, [{python!r}, *arguments])
+{loading}
+sys.argv = arguments[1:]
+if "declare" not in arguments:
+    runpy.run_module("hprm", run_name="__main__", alter_sys=True)
+out = arguments[arguments.index("--out") + 1]
+with open(out, "w") as file:
+    file.write(load(arguments[-1], []).text)
+"""
+
+
+def test_federates_as_processes(tmp_path: Path) -> None:
+    interpreter = tmp_path / "interpreter"
+    interpreter.write_text(INTERPRETER.format(python=sys.executable, loading=LOADING))
+    interpreter.chmod(0o755)
+    (tmp_path / "federation.py").write_text(FEDERATION)
+    (tmp_path / "shared.py").write_text(
+        """
+import os, pathlib, time
+class passed:
+    def set():
+        pathlib.Path("passed").touch()
+    def wait(limit):
+        while not os.path.exists("passed"):
+            time.sleep(0.01)
+"""
+    )
+    done = subprocess.run(
+        [
+            Path(sys.executable).with_name("hprm"),
+            *("run", "--python", interpreter, "federation.py:Main", "--logical-trace", "trace"),
+        ],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "[sink] tardy [1] [] True\n"
+    assert (tmp_path / "trace").exists()
 
 
 def test_every_federate_must_declare_the_same(script: Script) -> None:

@@ -99,13 +99,11 @@ impl Declared {
 
 /// Whether a program of that path is a Python file, perhaps with the name of a reactor behind it.
 fn is_python(path: &str) -> bool {
-    let is_name = |text: &str| {
-        !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '.')
+    let file = match path.rsplit_once(':') {
+        Some((file, name)) if !name.contains('/') => file,
+        _ => path,
     };
-    match path.rsplit_once(':') {
-        Some((file, name)) if file.ends_with(".py") && is_name(name) => true,
-        _ => path.ends_with(".py"),
-    }
+    file.ends_with(".py") || path.ends_with(".py")
 }
 
 fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Py<PyAny>, Failure> {

@@ -6,6 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use pyo3::intern;
 use pyo3::prelude::*;
 
+use crate::fork;
 use crate::thread;
 
 /// The runs that are not over, in several threads perhaps.
@@ -21,6 +22,9 @@ static RUNS: Mutex<Runs> = Mutex::new(Runs { count: 0, hook: None });
 pub(crate) fn run<R>(py: Python<'_>, run: impl FnOnce() -> R) -> R {
     begin(py);
     let ran_bodies = thread::runs_bodies();
+    if !ran_bodies {
+        fork::begin_program();
+    }
     let outcome = run();
     if !ran_bodies {
         thread::run_no_bodies();

@@ -1,21 +1,37 @@
-//! Processes that a body forks: no part of the program, and end when they come back from the body.
+//! Processes that a body forks: no part of the program, and end when they come back from the body. One that was
+//! forked elsewhere may run programs of its own.
 //!
 //! What such a process gets of the store's memory is decided there (`hprm_store`). What the program does
 //! in it afterwards is not known here.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use hprm::{Kind, Report};
 use hprm_store::StoreAllocator;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
+use crate::stalls;
+
 /// What of itself a forked process calls.
 const WHAT: &str = "a process that a body has forked";
 
+/// The forked process that runs a program of its own, by its id; or zero.
+static RUNS_ITS_OWN: AtomicU32 = AtomicU32::new(0);
+
 /// Whether this is a process that a body has forked.
 pub(crate) fn is_child() -> bool {
-    hprm_store::is_forked()
+    hprm_store::is_forked() && RUNS_ITS_OWN.load(Ordering::Relaxed) != std::process::id()
+}
+
+/// Notes that this thread, which runs no bodies, begins to run a program. If the process was forked, then not by a body
+/// that must not come back.
+pub(crate) fn begin_program() {
+    if is_child() {
+        RUNS_ITS_OWN.store(std::process::id(), Ordering::Relaxed);
+        stalls::start_again();
+    }
 }
 
 /// Has processes that are forked from now on get copies of what is in the store.

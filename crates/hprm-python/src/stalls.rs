@@ -51,13 +51,16 @@ struct Monitor {
     programs: Vec<Watched>,
     /// The descriptor to which `faulthandler` writes stacks, if it can.
     dump: Option<i32>,
+    /// Whether the interpreter has the hooks that this needs.
+    has_hooks: bool,
     /// Whether the monitor's thread has been started.
     is_started: bool,
 }
 
 static MONITOR: LazyLock<Mutex<Monitor>> = LazyLock::new(|| {
     let watch = StallWatch::new(LongReaction::DEFAULT.0);
-    Mutex::new(Monitor { watch, programs: Vec::new(), dump: None, is_started: false })
+    let programs = Vec::new();
+    Mutex::new(Monitor { watch, programs, dump: None, has_hooks: false, is_started: false })
 });
 /// Whether a signal has asked the program to stop.
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
@@ -93,7 +96,7 @@ pub(crate) fn watch(
 ) -> Result<(), Failure> {
     let LongReaction(limit) = LongReaction::from_environment()?;
     let (runtime, places) = (Arc::downgrade(runtime), Arc::clone(places));
-    let is_first = {
+    let (has_hooks, is_started) = {
         let mut monitor = monitor();
         if monitor.programs.iter().all(|watched| watched.runtime.strong_count() == 0) {
             // Nothing is left of programs that this process has run before.
@@ -102,13 +105,15 @@ pub(crate) fn watch(
             STOP_REQUESTED.store(false, Ordering::Relaxed);
         }
         monitor.programs.push(Watched { runtime, places, is_thread });
-        !mem::replace(&mut monitor.is_started, true)
+        (mem::replace(&mut monitor.has_hooks, true), mem::replace(&mut monitor.is_started, true))
     };
-    if is_first {
+    if !has_hooks {
         // If `faulthandler` cannot be armed, reports lack the stack of native code.
         let dump = arm(py).ok().flatten();
         pause_for_forks(py).map_err(|error| Failure::option(error.to_string()))?;
         monitor().dump = dump;
+    }
+    if !is_started {
         let period = limit.map_or(PERIOD, |limit| (limit / 4).clamp(PERIOD / 25, PERIOD));
         let builder = thread::Builder::new().name("stalls".to_owned());
         // If the thread cannot be started, long reactions are not reported, and nothing else is lost.
@@ -133,6 +138,14 @@ pub(crate) fn unwatch(runtime: &Arc<Runtime>) {
             watched.runtime = Weak::new();
         }
     }
+}
+
+/// In a forked process that runs a program of its own: it has no monitor's thread yet.
+pub(crate) fn start_again() {
+    FORKING.store(false, Ordering::SeqCst);
+    let mut monitor = monitor();
+    monitor.is_started = false;
+    monitor.programs.clear();
 }
 
 /// Notes that a signal has asked the program to stop.
