@@ -130,6 +130,7 @@ def test_misuse_is_explained(run: Any, statement: str, message: str) -> None:
     ("statement", "result"),
     [
         ("print(m.width, len(m), a.width)", "3 3 -2"),
+        ("print(m[0].get(), m[0].get(7), a.get(7), act.get(7), m[0].value)", "None 7 1 7 None"),
         ("print([p.is_present for p in m], m.is_present, bool(m))", "[False] * 3 False True"),
         ("print(len(m[1:]), repr(m[-1]), a[0].value)", "2 <port m[2]> 1"),
         (

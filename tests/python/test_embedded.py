@@ -74,6 +74,39 @@ def test_a_thread_that_dies_ends_the_program(script: Script) -> None:
     assert outcome.out.startswith("act can be used only inside a reaction")
 
 
+def test_what_replaces_the_standard_error_is_told(script: Script) -> None:
+    out = ok(
+        script(
+            """
+            import contextlib, io
+            class Main(Reactor):
+                reactions = ({"name": "begin", "triggers": ["startup"]},)
+                def begin(self):
+                    1 / 0
+            class Wrong(Reactor):
+                ports = ("output x",)
+            class Warned(Reactor):
+                def __init__(self):
+                    self.child = Child()
+            class Child(Reactor):
+                ports = ("input unused",)
+                reactions = ({"name": "take", "triggers": ["unused"]},)
+                def take(self):
+                    pass
+            for main in (Main(), Wrong(), Warned()):
+                with contextlib.redirect_stderr(io.StringIO()) as told:
+                    code = _hprm.run_declared(Declared(main))
+                print(code, *told.getvalue().splitlines()[:1])
+            """
+        )
+    )
+    assert out.splitlines() == [
+        "1 error: reaction Main.1 raised ZeroDivisionError: division by zero",
+        "1 error[LF0207]: the main reactor cannot have ports: nothing contains it",
+        "0 warning[LF0505]: nothing is connected to `child.unused`",
+    ]
+
+
 CHANGES = """
 import json, os, pathlib, signal, threading
 held = os.pipe()

@@ -8,7 +8,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
 use pyo3::prelude::*;
 
-use crate::console::say;
+use crate::console::{replaced_stderr, say_to_caller};
 use crate::failure::failure_at;
 
 /// A checked program.
@@ -47,7 +47,7 @@ impl Checked {
             return Self::declared(object.bind(py), properties, file, warn);
         }
         let compiled = hprm_lf::compile_with(path, properties, &mut Disk::from_environment());
-        Ok(Self { compiled: accept(compiled, warn)?, declared: None })
+        Ok(Self { compiled: accept(py, compiled, warn)?, declared: None })
     }
 
     /// Checks the program that `object` declares, which exists already.
@@ -68,9 +68,8 @@ impl Checked {
         let text = text_of(object)?;
         let compiled = hprm_declared::compile(&text, properties, Purpose::Run);
         let compiled = compiled.map_err(|error| Failure::option(error.to_string()))?;
-        let object = object.clone().unbind();
-        let declared = Some(Declared { object, text, file });
-        Ok(Self { compiled: accept(compiled, warn)?, declared })
+        let declared = Some(Declared { object: object.clone().unbind(), text, file });
+        Ok(Self { compiled: accept(object.py(), compiled, warn)?, declared })
     }
 }
 
@@ -122,12 +121,16 @@ fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {
 }
 
 /// The program, unless there is something wrong with it.
-fn accept(compiled: Result<Compiled, CompileFailure>, warn: bool) -> Result<Compiled, Failure> {
-    let color = in_color();
+fn accept(
+    py: Python<'_>,
+    compiled: Result<Compiled, CompileFailure>,
+    warn: bool,
+) -> Result<Compiled, Failure> {
+    let color = in_color(py);
     match compiled {
         Ok(compiled) => {
             if warn && !compiled.warnings.is_empty() {
-                say(&render_all(&compiled.warnings, &compiled.sources, color));
+                say_to_caller(py, &render_all(&compiled.warnings, &compiled.sources, color));
             }
             Ok(compiled)
         }
@@ -135,8 +138,9 @@ fn accept(compiled: Result<Compiled, CompileFailure>, warn: bool) -> Result<Comp
     }
 }
 
-fn in_color() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+fn in_color(py: Python<'_>) -> bool {
+    let is_terminal = std::io::stderr().is_terminal() && replaced_stderr(py).is_none();
+    is_terminal && std::env::var_os("NO_COLOR").is_none()
 }
 
 /// Whether the program that an object declares can run, and its diagnostics as text, in colour if the standard
@@ -151,11 +155,12 @@ pub(crate) fn check_declared(
     declared: &Bound<'_, PyAny>,
     properties: Vec<String>,
 ) -> PyResult<(bool, String)> {
-    let text: String = declared.getattr(intern!(declared.py(), "text"))?.extract()?;
+    let py = declared.py();
+    let text: String = declared.getattr(intern!(py, "text"))?.extract()?;
     let compiled = hprm_declared::compile(&text, &properties, Purpose::Run);
     let compiled = compiled.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(match compiled {
-        Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color())),
-        Err(found) => (false, render_all(&found.diagnostics, &found.sources, in_color())),
+        Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color(py))),
+        Err(found) => (false, render_all(&found.diagnostics, &found.sources, in_color(py))),
     })
 }

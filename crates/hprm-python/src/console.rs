@@ -32,6 +32,38 @@ pub(crate) fn say(text: &str) {
     let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
 }
 
+/// Writes a line, or several, to what the process takes for its standard error: in a notebook, for example, that is
+/// `sys.stderr` only. Errors are ignored.
+pub(crate) fn say_to_caller(py: Python<'_>, text: &str) {
+    match replaced_stderr(py) {
+        None => say(text),
+        Some(stream) => {
+            // Whatever is wrong with the stream, the program has ended as it has.
+            let _ = stream.call_method1("write", (format!("{text}\n"),));
+            let _ = stream.call_method0("flush");
+        }
+    }
+}
+
+/// What the program, or what it runs in, has put in place of the standard error.
+pub(crate) fn replaced_stderr(py: Python<'_>) -> Option<Bound<'_, PyAny>> {
+    let sys = py.import("sys").ok()?;
+    let [stream, original] = ["stderr", "__stderr__"].map(|name| sys.getattr(name).ok());
+    stream.filter(|it| !it.is_none() && !original.is_some_and(|original| original.is(it)))
+}
+
+/// Tells the code that has called HPRM of a failure, unless there is nothing to tell.
+pub(crate) fn tell_caller(py: Python<'_>, failure: &Failure) {
+    if replaced_stderr(py).is_none() || JSON.load(Ordering::Relaxed) {
+        return tell(failure);
+    }
+    let reports = failure.reports();
+    let texts: Vec<_> = reports.iter().map(|it| it.text(Label::Error, false)).collect();
+    if !texts.is_empty() {
+        say_to_caller(py, &texts.join("\n\n"));
+    }
+}
+
 /// Tells of a failure, unless there is nothing to tell.
 pub(crate) fn tell(failure: &Failure) {
     let reports = failure.reports();

@@ -27,6 +27,10 @@ pub(crate) struct Parts<'a> {
     mutable: BTreeSet<PortId>,
     /// The ports of each reactor.
     named: BTreeMap<ReactorId, Vec<NamedPort<'a>>>,
+    /// The actions of each reactor.
+    actions_of: BTreeMap<ReactorId, Vec<ActionId>>,
+    /// The modes of each reactor.
+    modes_of: BTreeMap<ReactorId, Vec<ModeId>>,
 }
 
 /// A port with all its channels.
@@ -60,11 +64,15 @@ impl<'a> Parts<'a> {
     pub(crate) fn of(compiled: &'a Compiled, runtime: &'a Arc<Runtime>) -> Self {
         let (ports, actions, modes) =
             (Declared(BTreeMap::new()), Declared(BTreeMap::new()), Declared(BTreeMap::new()));
-        let (mutable, named) = (BTreeSet::new(), named(&compiled.program));
-        let mut parts = Self { runtime, ports, actions, modes, mutable, named };
-        for id in compiled.program.reactions.ids() {
-            parts.add_effects(&compiled.program, id);
-            parts.add_reads(&compiled.program, id);
+        let program = &compiled.program;
+        let actions_of = by_reactor(program.actions.iter().map(|(id, it)| (it.reactor, id)));
+        let modes_of = by_reactor(program.modes.iter().map(|(id, it)| (it.reactor, id)));
+        let (mutable, named) = (BTreeSet::new(), named(program));
+        let mut parts =
+            Self { runtime, ports, actions, modes, mutable, named, actions_of, modes_of };
+        for id in program.reactions.ids() {
+            parts.add_effects(program, id);
+            parts.add_reads(program, id);
             for argument in &compiled.bodies[id].arguments {
                 match argument {
                     Argument::Port { ports, mutable: true, .. } => {
@@ -133,18 +141,27 @@ impl<'a> Parts<'a> {
             let channels = (*first, *width);
             made.set_item(name, Port::build(py, self.runtime, name, channels, users, attribute)?)?;
         }
-        for (id, action) in program.actions.iter().filter(|(_, it)| it.reactor == reactor) {
-            let accepts = accepts(&action.name)?;
-            let action_users = self.actions.users(&id);
-            let attribute = Action::attribute(self.runtime, id, action_users, accepts);
-            made.set_item(&action.name, Bound::new(py, attribute)?)?;
+        for id in self.actions_of.get(&reactor).into_iter().flatten() {
+            let name = &program.actions[*id].name;
+            let users = self.actions.users(id);
+            let attribute = Action::attribute(self.runtime, *id, users, accepts(name)?);
+            made.set_item(name, Bound::new(py, attribute)?)?;
         }
-        for (id, mode) in program.modes.iter().filter(|(_, it)| it.reactor == reactor) {
-            let attribute = Mode::new(self.runtime, id, self.modes.users(&id));
-            made.set_item(&mode.name, Bound::new(py, attribute)?)?;
+        for id in self.modes_of.get(&reactor).into_iter().flatten() {
+            let attribute = Mode::new(self.runtime, *id, self.modes.users(id));
+            made.set_item(&program.modes[*id].name, Bound::new(py, attribute)?)?;
         }
         Ok(made)
     }
+}
+
+/// What belongs to each reactor, in its order.
+fn by_reactor<T>(parts: impl Iterator<Item = (ReactorId, T)>) -> BTreeMap<ReactorId, Vec<T>> {
+    let mut found: BTreeMap<ReactorId, Vec<T>> = BTreeMap::new();
+    for (reactor, part) in parts {
+        found.entry(reactor).or_default().push(part);
+    }
+    found
 }
 
 /// The ports of all reactors, whose channels follow one another.

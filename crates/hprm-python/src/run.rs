@@ -16,7 +16,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::checked::Checked;
-use crate::console::{say, tell};
+use crate::console::{say, tell, tell_caller};
 use crate::embedded;
 use crate::failure::failure_at;
 use crate::interrupt::Interrupt;
@@ -54,9 +54,13 @@ pub(crate) fn run_declared(
     logical_trace: Option<PathBuf>,
 ) -> i32 {
     let py = declared.py();
-    exit_code(&Checked::of(declared, &properties).and_then(|checked| {
+    let outcome = Checked::of(declared, &properties).and_then(|checked| {
         embedded::run(py, || run_whole(py, &checked, Care::Caller, logical_trace))
-    }))
+    });
+    outcome.err().map_or(0, |failure| {
+        tell_caller(py, &failure);
+        failure.exit_code()
+    })
 }
 
 fn run_whole(
