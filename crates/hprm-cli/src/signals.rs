@@ -4,14 +4,14 @@
 
 use std::io;
 use std::os::unix::process::CommandExt;
-use std::process::{Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use hprm::supervisor;
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
+use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
@@ -75,39 +75,44 @@ pub(crate) fn survive_long_files() -> io::Result<()> {
 /// Runs a process to its end. Meanwhile the signals that ask this process to stop go to that one, and a second
 /// one kills it.
 ///
+/// Nothing is left of that afterwards: the signals do what they did before.
+///
 /// # Errors
 ///
 /// If it cannot be started, or the system refuses.
 pub(crate) fn run_to_end(mut command: Command) -> io::Result<ExitStatus> {
-    let is_over = Arc::new(AtomicBool::new(false));
-    let came = Arc::new(AtomicUsize::new(0));
-    let mut registered = Vec::new();
+    let mut asking = SigSet::empty();
     for signal in ASKING.into_iter().filter(|signal| !is_ignored(*signal)) {
-        // In this order: what the signal does otherwise, it does again when all is over.
-        registered.push(flag::register_conditional_default(signal, Arc::clone(&is_over))?);
-        let number = usize::try_from(signal).unwrap_or_default();
-        registered.push(flag::register_usize(signal, Arc::clone(&came), number)?);
+        asking.add(Signal::try_from(signal)?);
     }
     // A group of its own, so that a Ctrl-C at the terminal does not reach it twice.
     let command = command.process_group(0);
     let mut process = without_ctrl_c(|| command.spawn())?;
+    // Only now, because a process inherits what is blocked. The command has no other threads yet.
+    let before = asking.thread_swap_mask(SigmaskHow::SIG_BLOCK)?;
+    let status = forward(&asking, &mut process);
+    before.thread_set_mask()?;
+    status
+}
+
+/// Forwards these signals, which are blocked, to a process until it ends.
+fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
+    let signals = SignalFd::with_flags(asking, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC)?;
     let mut is_asked = false;
-    let status = loop {
+    loop {
         if let Some(status) = process.try_wait()? {
-            break status;
+            return Ok(status);
         }
-        let signal = i32::try_from(came.swap(0, Ordering::Relaxed)).unwrap_or_default();
-        if signal != 0 {
+        if let Some(came) = signals.read_signal()? {
             let pid = Pid::from_raw(i32::try_from(process.id()).unwrap_or_default());
-            let signal = if is_asked { Signal::SIGKILL } else { Signal::try_from(signal)? };
+            let number = i32::try_from(came.ssi_signo).unwrap_or_default();
+            let signal = if is_asked { Signal::SIGKILL } else { Signal::try_from(number)? };
             // It is this one's child, and has not been waited for, so the number is its own.
             let _ = kill(pid, signal);
             is_asked = true;
         }
         thread::sleep(PATIENCE);
-    };
-    is_over.store(true, Ordering::Relaxed);
-    Ok(status)
+    }
 }
 
 /// Whether a signal asks a process to stop.
