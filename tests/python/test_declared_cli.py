@@ -219,7 +219,7 @@ def test_check_shows_what_it_finds_and_asks_no_more(stage: Stage) -> None:
     code, out, err = stage.hprm("check", "app.py")
     assert (code, out) == (0, "1 program checked: no errors, 1 warning\n")
     assert "warning[LF0505]: nothing is connected to `sink.inp`" in err
-    assert "connect an output to `sink.inp`" in err
+    assert "connect an output to it: `hprm.connect(..., self.sink.inp)`" in err
     code, out, _ = stage.hprm("check", "--json", "app.py:Vision")
     assert (code, json.loads(out)["code"]) == (0, "LF0505")
     assert [call[2:] for call in stage.calls] == [
@@ -270,12 +270,13 @@ def test_federates_get_the_path_as_it_was_typed(stage: Stage) -> None:
         "federate", "app.py:Vision", "sink", "--rti", "unix:@x", "-i", "0" * 31 + "1"
     )
     assert (code, err) == (0, "")
-    assert [call[2] for call in stage.calls] == ["declare", "federate"]
-    assert stage.calls[1][-3:] == ["--", "app.py:Vision", "sink"]
-    code, _, err = stage.hprm(
-        "federate", "app.py", "nobody", "--rti", "unix:@x", "-i", "0" * 31 + "1"
-    )
-    assert code != 0
+    # Which checks the program itself, so nothing is declared before.
+    assert [call[2] for call in stage.calls] == ["federate"]
+    assert stage.calls[0][-3:] == ["--", "app.py:Vision", "sink"]
+    code, _, err = stage.hprm("federate", "a.py", "sink", "--rti", "unix:@x", "-i", "0" * 31 + "1")
+    assert (code, len(stage.calls)) == (1, 1)
+    assert err.startswith("error: cannot read a.py: No such file or directory\n")
+    code, _, err = stage.hprm("run", "--debug", "nobody", "app.py")
     assert err == "error: app.py has no federate nobody\n  hint: its federates: source, sink\n"
 
 

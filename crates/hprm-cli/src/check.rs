@@ -69,7 +69,8 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
                 count.errors += 1;
                 if arguments.json {
                     let what = format!("{} does not declare a program", path.display());
-                    output.error(&Error::new(what), Some(path));
+                    let error = Error::new(what).hint("the standard error says why");
+                    output.error(&error, Some(declare::file_of(path)));
                 }
                 continue;
             }

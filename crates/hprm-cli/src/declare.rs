@@ -83,7 +83,12 @@ fn exit_code(status: ExitStatus, path: &Path) -> ExitCode {
     u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from)
 }
 
-fn is_readable(file: &Path) -> Result<(), Error> {
+/// Sees to it that a file can be read, so that a wrong path is one plain error.
+///
+/// # Errors
+///
+/// If it cannot.
+pub(crate) fn is_readable(file: &Path) -> Result<(), Error> {
     let opened = File::open(file).and_then(|opened| opened.metadata());
     let reason = match opened {
         Ok(found) if found.is_dir() => "it is a folder".to_owned(),

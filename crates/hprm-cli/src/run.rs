@@ -10,12 +10,12 @@ use std::time::Duration;
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
 
-use crate::args::{FederateArguments, Run};
+use crate::args::{FederateArguments, Interpreter, Properties, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::source::Program as Wanted;
-use crate::{check, hosts, join, python, rti, secret, signals, threads};
+use crate::{check, declare, hosts, join, python, rti, secret, signals, threads};
 
 /// Runs a program to its end.
 ///
@@ -100,19 +100,11 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     if let Some(running) = &running {
         interpreter.python.get_or_insert_with(|| running.python.clone());
     }
-    let program = Wanted {
-        path: &arguments.file,
-        properties: properties.stated(),
-        arguments: arguments.arguments.all().collect(),
-        interpreter: &interpreter,
-    };
-    let compiled = match check::checked(&program)? {
-        Ok(compiled) => compiled,
-        Err(code) => return Ok(code),
-    };
-    rti::require_federation(&compiled.program, &arguments.file)?;
-    if compiled.program.federate_named(&arguments.name).is_none() {
-        return Err(no_federate(&compiled.program, &arguments.file, &arguments.name));
+    if declare::is_python(&arguments.file) {
+        // The one process that runs it makes its reactors, and says what is wrong.
+        declare::is_readable(declare::file_of(&arguments.file))?;
+    } else if let Err(code) = has_federate(arguments, &properties, &interpreter)? {
+        return Ok(code);
     }
     let rti = join::address(arguments, running.as_ref())?;
     let (secret, connect_timeout) = match running.as_ref().and_then(Record::federation) {
@@ -135,6 +127,29 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(arguments.arguments.all());
     command.env(FEDERATION_ID, secret.to_string());
     Err(replace(command))
+}
+
+/// Whether an `.lf` program has the federate; what the command ends with if it has mistakes, which have been shown.
+fn has_federate(
+    arguments: &FederateArguments,
+    properties: &Properties,
+    interpreter: &Interpreter,
+) -> Result<Result<(), ExitCode>, Error> {
+    let program = Wanted {
+        path: &arguments.file,
+        properties: properties.stated(),
+        arguments: arguments.arguments.all().collect(),
+        interpreter,
+    };
+    let compiled = match check::checked(&program)? {
+        Ok(compiled) => compiled,
+        Err(code) => return Ok(Err(code)),
+    };
+    rti::require_federation(&compiled.program, &arguments.file)?;
+    match compiled.program.federate_named(&arguments.name) {
+        Some(_) => Ok(Ok(())),
+        None => Err(no_federate(&compiled.program, &arguments.file, &arguments.name)),
+    }
 }
 
 /// Becomes another program. Returns only if that fails.

@@ -177,7 +177,7 @@ fn an_input_without_a_connection() {
     23 |         self.detector = Detector()
        |         ^^^^^^^^^^^^^
        |
-       = help: connect an output to `detector.image`
+       = help: connect an output to it: `hprm.connect(..., self.detector.image)`
     ");
 }
 
@@ -207,7 +207,7 @@ fn a_federation_has_federates_and_facts() {
     28 |     def plan(self): ...
        |     ^^^^^^^^
        |
-       = help: move it into a reactor that the federated reactor instantiates
+       = help: move it into a reactor that the federation contains
     ");
     vision["reactors"][2]["reactions"] = json!([]);
     let cameras = &mut vision["reactors"][2]["children"][0];
@@ -374,7 +374,7 @@ fn hints_have_the_words_of_python() {
     let hints: Vec<_> = all.iter().map(|changes| hint(changes)).collect();
     assert_snapshot!(hints.join("\n"), @r#"
     LF0305 this connection is the wrong way round
-      connect `cameras[1].image` to `detector.image`
+      write `hprm.connect(self.cameras[1].image, self.detector.image)`
     LF0501 this connection joins 1 channel to 2 channels
       the rest on the right stays absent; `repeated=True` repeats the left side
     LF0212 `bound=` does not belong here
@@ -384,21 +384,21 @@ fn hints_have_the_words_of_python() {
     LF0212 `bound=` has no policy `drip`
       did you mean `drop`?
     LF0212 `absent_after=` does not belong here
-      it belongs to a connection of a federated reactor
+      it belongs to a connection of a federation
     LF0212 `maxwait=` does not belong here
-      it belongs to an instance of a federated reactor
+      it belongs to a reactor that a federation contains
     LF0212 `transient=` does not belong here
-      it belongs to an instance of a federated reactor
+      it belongs to a reactor that a federation contains
     LF0802 only an instance in a federated reactor has a host
-      make the main reactor a federated one, or remove `host=`
-    LF0307 `Detector` is federated: only the main reactor of a program can be
+      extend `hprm.Federation`, or remove `host=`
+    LF0307 `Detector` is a federation: no other reactor can contain it
       -
     LF0901 none of the modes is the initial one
-      write `initial=True` for the one where the reactor starts
+      write `hprm.Mode(initial=True)` for the one where the reactor starts
     LF0506 nothing sets the output `boxes`
       name it in `effects=[...]` of a reaction that calls `self.boxes.set(value)`, or connect an output of a contained reactor to it
     LF0214 this reaction has no trigger, so it never runs
-      name a trigger: an input, an action, a timer, `startup`
+      name a trigger: an input, an action, a timer, `hprm.startup`
     "#);
 }
 

@@ -184,8 +184,7 @@ impl Origins {
             ProgramError::OutsideFederates { reactor, name } => {
                 let span = self.reactors.get(reactor.index()).copied().unwrap_or(main);
                 let message = format!("`{name}` belongs to no federate");
-                Diagnostic::error("LF0801", span, message)
-                    .hint("move it into a reactor that the federated reactor instantiates")
+                Diagnostic::error("LF0801", span, message).hint(syntax.move_into_federate())
             }
             other => Diagnostic::error("LF0504", main, other.to_string()),
         }

@@ -138,7 +138,7 @@ impl<'a> Resolver<'_, 'a> {
                 let message = "this reaction has no trigger, so it never runs";
                 report.add(
                     Diagnostic::warning("LF0214", decl.header, message)
-                        .hint("name a trigger: an input, an action, a timer, `startup`"),
+                        .hint(report.syntax().triggers()),
                 );
             }
         }

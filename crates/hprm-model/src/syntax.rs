@@ -44,8 +44,13 @@ impl Syntax {
     pub(crate) fn property(self, name: &str, value: &str) -> String {
         match self {
             Self::Lf => format!("`{name}: {value}`"),
-            Self::Python if value == "true" => format!("`{}=True`", name.replace('-', "_")),
-            Self::Python => format!("`{}={value}`", name.replace('-', "_")),
+            Self::Python => {
+                let value = if value == "true" { "True" } else { value };
+                match name.contains('-') {
+                    true => format!("`\"{name}\": {value}`"),
+                    false => format!("`{name}={value}`"),
+                }
+            }
         }
     }
 
@@ -53,7 +58,7 @@ impl Syntax {
     pub(crate) fn connection(self, from: &str, to: &str) -> String {
         match self {
             Self::Lf => format!("write `{from} -> {to}`"),
-            Self::Python => format!("connect `{from}` to `{to}`"),
+            Self::Python => format!("write `hprm.connect(self.{from}, self.{to})`"),
         }
     }
 
@@ -61,7 +66,7 @@ impl Syntax {
     pub(crate) fn connection_to(self, input: &str) -> String {
         match self {
             Self::Lf => format!("connect an output to it: `... -> {input}`"),
-            Self::Python => format!("connect an output to `{input}`"),
+            Self::Python => format!("connect an output to it: `hprm.connect(..., self.{input})`"),
         }
     }
 
@@ -98,7 +103,7 @@ impl Syntax {
     pub(crate) fn federated_or_no_host(self) -> &'static str {
         self.either(
             "write `federated reactor`, or remove `at`",
-            "make the main reactor a federated one, or remove `host=`",
+            "extend `hprm.Federation`, or remove `host=`",
         )
     }
 
@@ -107,16 +112,42 @@ impl Syntax {
         match self {
             Self::Lf => format!("`{reactor}` is a main reactor: it cannot be instantiated"),
             Self::Python => {
-                format!("`{reactor}` is federated: only the main reactor of a program can be")
+                format!("`{reactor}` is a federation: no other reactor can contain it")
             }
         }
+    }
+
+    /// What to do about what is in no federate.
+    pub(crate) fn move_into_federate(self) -> &'static str {
+        self.either(
+            "move it into a reactor that the federated reactor instantiates",
+            "move it into a reactor that the federation contains",
+        )
+    }
+
+    /// Where an option of a federation belongs.
+    pub(crate) fn home(self, on_connection: bool) -> &'static str {
+        match (self, on_connection) {
+            (Self::Lf, true) => "it belongs to a connection of a federated reactor",
+            (Self::Lf, false) => "it belongs to an instance of a federated reactor",
+            (Self::Python, true) => "it belongs to a connection of a federation",
+            (Self::Python, false) => "it belongs to a reactor that a federation contains",
+        }
+    }
+
+    /// What can trigger a reaction.
+    pub(crate) fn triggers(self) -> &'static str {
+        self.either(
+            "name a trigger: an input, an action, a timer, `startup`",
+            "name a trigger: an input, an action, a timer, `hprm.startup`",
+        )
     }
 
     /// What makes a mode the initial one.
     pub(crate) fn initial_mode(self) -> &'static str {
         self.either(
             "write `initial mode` where the reactor starts",
-            "write `initial=True` for the one where the reactor starts",
+            "write `hprm.Mode(initial=True)` for the one where the reactor starts",
         )
     }
 }

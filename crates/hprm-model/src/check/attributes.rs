@@ -114,7 +114,7 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
         "maxwait" | "absent_after" => wait(attribute, &name, place, federated, report),
         "bound" => bounded(attribute, place, report),
         "transient" if place != Place::Instance || !federated => {
-            report.add(misplaced(attribute, &name, "an instance", report.syntax()));
+            report.add(misplaced(attribute, &name, false, report.syntax()));
         }
         "transient" => flag(attribute, &name, report),
         name if UNSUPPORTED.contains(&name) => {
@@ -163,10 +163,9 @@ fn value_of<'a>(attribute: &'a Attribute, argument: &str) -> Option<&'a Expressi
     attribute.arguments.iter().enumerate().find_map(of)
 }
 
-fn misplaced(attribute: &Attribute, name: &str, home: &str, syntax: Syntax) -> Diagnostic {
+fn misplaced(attribute: &Attribute, name: &str, on_connection: bool, syntax: Syntax) -> Diagnostic {
     let message = format!("{} does not belong here", syntax.option(name));
-    Diagnostic::error("LF0212", attribute.span, message)
-        .hint(format!("it belongs to {home} of a federated reactor"))
+    Diagnostic::error("LF0212", attribute.span, message).hint(syntax.home(on_connection))
 }
 
 fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
@@ -184,17 +183,15 @@ fn unknown(attribute: &Attribute, name: &str, report: &mut Report) {
 /// How long to wait for inputs: of a federate, or of one connection between two.
 fn wait(attribute: &Attribute, name: &str, place: Place, federated: bool, report: &mut Report) {
     let on_connection = matches!(place, Place::Connection { .. });
-    let (is_home, description) = match name {
-        "maxwait" => (place == Place::Instance, "an instance"),
-        _ => (on_connection, "a connection"),
-    };
+    let is_of_instance = name == "maxwait";
+    let is_home = if is_of_instance { place == Place::Instance } else { on_connection };
     if federated && on_connection && name == "maxwait" {
         report.add(
             Diagnostic::warning("LF0220", attribute.span, "`@maxwait` has no effect here")
                 .hint("write it at the instance, or `@absent_after` at the connection"),
         );
     } else if !federated || !is_home {
-        report.add(misplaced(attribute, name, description, report.syntax()));
+        report.add(misplaced(attribute, name, !is_of_instance, report.syntax()));
     }
     if attribute.arguments.len() != 1 {
         let message = format!("`@{name}` takes one time");

@@ -24,7 +24,7 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     for span in reactions.chain(actions).chain(timers) {
         report.add(
             Diagnostic::error("LF0801", span, "this belongs to no federate")
-                .hint("move it into a reactor that the federated reactor instantiates"),
+                .hint(report.syntax().move_into_federate()),
         );
     }
 }
