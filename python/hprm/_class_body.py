@@ -57,7 +57,7 @@ def reactions_of(cls: type) -> list[Reaction]:
 
 def check(cls: type[Reactor]) -> None:
     """Raise ``ProgramError`` if something is wrong with the reactions of a class."""
-    for reaction in cls._reactions:
+    for reaction in cls._hprm_reactions_:
         _check_function(reaction)
         for part in (*reaction.triggers, *reaction.sources, *reaction.effects):
             _check_part(cls, reaction, part)
@@ -109,7 +109,7 @@ def _check_part(cls: type[Reactor], reaction: Reaction, named: Any) -> None:
     """Refuse what is no part of the class, where the reaction names it."""
     part = named.mode if isinstance(named, History) else named
     if isinstance(part, Part):
-        if part.name in cls._parts and type(cls._parts[part.name]) is type(part):
+        if part.name in cls._hprm_parts_ and type(cls._hprm_parts_[part.name]) is type(part):
             return
         raise ProgramError(
             f"the {part.kind} {part.name or '?'} that reaction {reaction.name} names is not of"
@@ -143,7 +143,7 @@ def _check_uses(cls: type[Reactor], reaction: Reaction, body: FunctionType) -> N
     effects = [it.mode if isinstance(it, History) else it for it in reaction.effects]
     written = {part.name for part in effects if _is_part(part)}
     for use in _uses(cls, body, set()):
-        part = cls._parts.get(use.name)
+        part = cls._hprm_parts_.get(use.name)
         if part is None or part.kind == "timer":
             continue
         if use.assigns:

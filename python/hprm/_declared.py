@@ -47,7 +47,7 @@ class Declared:
         """Return a reactor, and the body of one of its reactions with its handlers."""
         instance = self._by_name[reactor]
         cls = type(instance)
-        declared = cls._reactions[reaction]
+        declared = cls._hprm_reactions_[reaction]
 
         def body(function: Any) -> Any:
             return None if function is None else _coroutines.called(function)
@@ -57,7 +57,7 @@ class Declared:
 
     def types(self, reactor: str) -> dict[str, Any]:
         """Return what ``isinstance`` accepts, for outputs and actions of a reactor with a type."""
-        parts = type(self._by_name[reactor])._parts
+        parts = type(self._by_name[reactor])._hprm_parts_
         typed = {
             name: accepted(part.type)
             for name, part in parts.items()

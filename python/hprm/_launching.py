@@ -172,14 +172,14 @@ def _importable(main: Federation) -> str:
     if not isinstance(path, str) or not path.endswith(".py"):
         raise ProgramError(
             f"the federates of {cls.__name__} are processes that import it, and it is in no file",
-            cls._place,
+            cls._hprm_place_,
             hint,
         )
     if "<locals>" in cls.__qualname__:
         raise ProgramError(
             f"the federates of {cls.__name__} are processes that import it, and it is defined in a"
             " function",
-            cls._place,
+            cls._hprm_place_,
             hint,
         )
     return f"{shown(path)}:{cls.__qualname__}"

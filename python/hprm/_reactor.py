@@ -60,10 +60,10 @@ class Reactor(Running, metaclass=_Constructed):
     ``class Vision(hprm.Federation, coordination="decentralized", timeout="10 s")``.
     """
 
-    _parts: ClassVar[dict[str, Part]] = {}
-    _reactions: ClassVar[list[Reaction]] = []
-    _properties: ClassVar[dict[str, tuple[Any, Place]]] = {}
-    _place: ClassVar[Place] = Place("<hprm>", 1)
+    _hprm_parts_: ClassVar[dict[str, Part]] = {}
+    _hprm_reactions_: ClassVar[list[Reaction]] = []
+    _hprm_properties_: ClassVar[dict[str, tuple[Any, Place]]] = {}
+    _hprm_place_: ClassVar[Place] = Place("<hprm>", 1)
 
     def __init__(self) -> None:
         """Make a reactor without parameters."""
@@ -81,7 +81,7 @@ class Reactor(Running, metaclass=_Constructed):
     ) -> None:
         """Take what the class body declares."""
         super().__init_subclass__()
-        place = cls._place = _places.here()
+        place = cls._hprm_place_ = _places.here()
         if others:
             name = next(iter(others))
             raise ProgramError(
@@ -98,10 +98,10 @@ class Reactor(Running, metaclass=_Constructed):
             **(properties or {}),
         }
         given = {name: (value, place) for name, value in stated.items() if value is not None}
-        cls._properties = cls._properties | given
-        cls._parts = _class_body.parts_of(cls)
-        cls._reactions = _class_body.reactions_of(cls)
-        for name, part in cls._parts.items():
+        cls._hprm_properties_ = cls._hprm_properties_ | given
+        cls._hprm_parts_ = _class_body.parts_of(cls)
+        cls._hprm_reactions_ = _class_body.reactions_of(cls)
+        for name, part in cls._hprm_parts_.items():
             if hasattr(Reactor, name) or name == "_hprm_":
                 raise ProgramError(
                     f"every reactor has an attribute `{name}` already",
@@ -161,8 +161,8 @@ def federate(
 def _adopt(reactor: Reactor, construction: Construction) -> None:
     """Find what a reactor contains: the reactors that are its attributes."""
     for name, value in vars(reactor).items():
-        if name in type(reactor)._parts:
-            part = type(reactor)._parts[name]
+        if name in type(reactor)._hprm_parts_:
+            part = type(reactor)._hprm_parts_[name]
             raise ProgramError(
                 f"the constructor of {type(reactor).__name__} assigns to the {part.kind} `{name}`",
                 construction.place,

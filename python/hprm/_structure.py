@@ -38,7 +38,7 @@ class _Structure:
         self._reactors: list[Data] = []
         place = _place_of_class(type(main))
         self._at(place)
-        stated = type(main)._properties
+        stated = type(main)._hprm_properties_
         properties = [
             {"name": name, "at": self._at(place), "value": _value(name, value, place)}
             for name, (value, place) in stated.items()
@@ -65,7 +65,7 @@ class _Structure:
             self._child(reactor, name, child) for name, child in construction.children.items()
         ]
         cls = type(reactor)
-        declared = cls._parts.values()
+        declared = cls._hprm_parts_.values()
         modes = [part for part in declared if isinstance(part, Mode)]
 
         def number(mode: Mode | None) -> int | None:
@@ -89,7 +89,7 @@ class _Structure:
             "connections": [
                 self._connection(reactor, it, number) for it in construction.connections
             ],
-            "reactions": [self._reaction(reactor, it, number) for it in cls._reactions],
+            "reactions": [self._reaction(reactor, it, number) for it in cls._hprm_reactions_],
             "facts": of_parameters(construction.arguments),
         }
         self._reactors.append(data)
@@ -239,7 +239,7 @@ def _whole_banks(reactor: Reactor, references: list[Data]) -> list[Data]:
 
 def _place_of_class(cls: type) -> Place:
     """Return the line of the class statement, as far as it is known."""
-    place: Place = cls._place  # type: ignore[attr-defined]
+    place: Place = cls._hprm_place_  # type: ignore[attr-defined]
     return place
 
 

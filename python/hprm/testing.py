@@ -75,7 +75,7 @@ def run(
     """
     events = _events(reactor, inputs or {})
     outputs: dict[str, list[tuple[int, Any]]] = {
-        name: [] for name, part in type(reactor)._parts.items() if isinstance(part, Output)
+        name: [] for name, part in type(reactor)._hprm_parts_.items() if isinstance(part, Output)
     }
     bench = _bench(reactor, events, outputs)
     properties = ["fast=true", f"timeout={nanoseconds(timeout)} ns"]
@@ -97,9 +97,9 @@ def _events(
     """Sort the values of all inputs by their times."""
     events: dict[int, dict[str, Any]] = {}
     for name, values in inputs.items():
-        part = type(reactor)._parts.get(name)
+        part = type(reactor)._hprm_parts_.get(name)
         if not isinstance(part, Input):
-            known = [it.name for it in type(reactor)._parts.values() if isinstance(it, Input)]
+            known = [it.name for it in type(reactor)._hprm_parts_.values() if isinstance(it, Input)]
             raise ValueError(
                 f"{type(reactor).__name__} has no input {name}; it has: {', '.join(known)}"
             )
@@ -118,7 +118,7 @@ def _bench(
 ) -> Reactor:
     """Make a program that feeds a reactor and notes what it sets."""
     fed = sorted({name for values in events.values() for name in values})
-    parts = type(reactor)._parts
+    parts = type(reactor)._hprm_parts_
 
     def width(name: str) -> Any:
         return None if (known := parts[name].width_of(reactor)) is None else known

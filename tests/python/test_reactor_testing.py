@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import doctest
+import subprocess
+import sys
+import textwrap
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -155,3 +159,32 @@ def test_a_task_that_is_left_behind_is_an_error(capfd: pytest.CaptureFixture[str
     with pytest.raises(hprm.ProgramFailed):
         hprm.testing.run(Leaves())
     assert "sleep was not done at the end of the reaction" in capfd.readouterr().err
+
+
+def test_a_failed_test_shows_the_logical_trace(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(
+        textwrap.dedent(
+            """
+            import hprm
+
+            class Hello(hprm.Reactor):
+                word = hprm.Output(str)
+
+                @hprm.reaction(hprm.startup, effects=[word])
+                def greet(self) -> None:
+                    self.word.set("hello")
+
+            def test_right(run_reactor):
+                assert run_reactor(Hello()).outputs["word"] == [(0, "hello")]
+
+            def test_wrong(run_reactor):
+                assert run_reactor(Hello(), timeout="1 s").outputs["word"] == []
+            """
+        )
+    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_it.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "1 failed, 1 passed" in done.stdout
+    assert done.stdout.count("logical trace of Hello") == 1
+    assert '"reaction":"Bench.reactor.1"' in done.stdout

@@ -1,0 +1,38 @@
+"""For pytest: the fixture ``run_reactor``, and the logical trace of what a failed test has run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any
+
+import pytest
+
+_RUNS = pytest.StashKey[list[tuple[str, list[str]]]]()
+
+
+@pytest.fixture
+def run_reactor(request: pytest.FixtureRequest) -> Callable[..., Any]:
+    """Run a reactor in virtual time, as ``hprm.testing.run`` does.
+
+    If the test fails, its report has the logical traces of the runs.
+    """
+    from hprm import testing
+
+    runs = request.node.stash.setdefault(_RUNS, [])
+
+    def run(reactor: Any, **options: Any) -> testing.Result:
+        result = testing.run(reactor, **options)
+        runs.append((type(reactor).__name__, result.trace))
+        return result
+
+    return run
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
+    """Add the logical traces to the report of a failed test."""
+    outcome = yield
+    report = outcome.get_result()
+    if report.when == "call" and report.failed:
+        for name, trace in item.stash.get(_RUNS, []):
+            report.sections.append((f"logical trace of {name}", "\n".join(trace)))
