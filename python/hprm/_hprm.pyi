@@ -153,6 +153,7 @@ def run_declared(
 ) -> int:
     """Run a declared program in this process, which goes on. Return the exit code.
 
+    What is wrong is told on the standard error, but no warnings: ``check_declared`` returns them.
     Signals that ask for the end stop the program, if this is the main thread and the process does
     not handle them itself.
     """

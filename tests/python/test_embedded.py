@@ -97,14 +97,41 @@ def test_what_replaces_the_standard_error_is_told(script: Script) -> None:
                 with contextlib.redirect_stderr(io.StringIO()) as told:
                     code = _hprm.run_declared(Declared(main))
                 print(code, *told.getvalue().splitlines()[:1])
+            can_run, text = _hprm.check_declared(Declared(Warned()))
+            print(can_run, text.splitlines()[0])
             """
         )
     )
     assert out.splitlines() == [
         "1 error: reaction Main.1 raised ZeroDivisionError: division by zero",
         "1 error[LF0207]: the main reactor cannot have ports: nothing contains it",
-        "0 warning[LF0505]: nothing is connected to `child.unused`",
+        "0",
+        "True warning[LF0505]: nothing is connected to `child.unused`",
     ]
+
+
+def test_bodies_have_event_loops_where_another_one_runs(script: Script) -> None:
+    out = ok(
+        script(
+            """
+            import asyncio
+            class Main(Reactor):
+                reactions = ({"name": "begin", "triggers": ["startup"]},)
+                def begin(self):
+                    asyncio.run(self.wait())
+                async def wait(self):
+                    await asyncio.sleep(0)
+                    print("in a body", asyncio.current_task() is not None)
+            async def main():
+                task, loop = asyncio.current_task(), asyncio.get_running_loop()
+                print(_hprm.run_declared(Declared(Main())))
+                await asyncio.sleep(0)
+                print(asyncio.current_task() is task, asyncio.get_running_loop() is loop)
+            asyncio.run(main())
+            """
+        )
+    )
+    assert out == "in a body True\n0\nTrue True\n"
 
 
 CHANGES = """

@@ -50,13 +50,14 @@ impl Checked {
         Ok(Self { compiled: accept(py, compiled, warn)?, declared: None })
     }
 
-    /// Checks the program that `object` declares, which exists already.
+    /// Checks the program that `object` declares, which exists already. The caller has its warnings of
+    /// [`check_declared`].
     ///
     /// # Errors
     ///
     /// What is wrong with it.
     pub(crate) fn of(object: &Bound<'_, PyAny>, properties: &[String]) -> Result<Self, Failure> {
-        Self::declared(object, properties, None, true)
+        Self::declared(object, properties, None, false)
     }
 
     fn declared(

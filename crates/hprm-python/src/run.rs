@@ -42,7 +42,8 @@ pub(crate) fn run_program(
 }
 
 /// Runs the program that `declared` declares, to its end. Returns the exit code: the process goes on, and is as it
-/// was. Each of the `properties` is a target property, as for [`run_program`].
+/// was. Each of the `properties` is a target property, as for [`run_program`]. Warnings are not shown:
+/// [`check_declared`](crate::checked::check_declared) returns them.
 ///
 /// Signals that ask for the end stop the program in order, if this is the main thread and the process has no
 /// handlers for them.
