@@ -24,18 +24,22 @@ Body = Callable[..., Any]
 class Declared:
     """A program: its main reactor, and what that contains."""
 
-    def __init__(self, main: Reactor) -> None:
-        """Declare the program whose main reactor is ``main``."""
+    def __init__(self, main: Reactor, *, federated: bool = True) -> None:
+        """Declare the program whose main reactor is ``main``.
+
+        Federations in a program that is not ``federated`` are ordinary reactors.
+        """
         if _construction.of(main).container is not None:
             raise ValueError(f"this {type(main).__name__} is contained in another reactor")
         self.main = main
+        self._federated = federated
         self._by_name: dict[str, Reactor] = {}
         self._note(main, type(main).__name__)
 
     @cached_property
     def text(self) -> str:
         """The structure of the program, as JSON."""
-        structure = _structure.of(self.main)
+        structure = _structure.of(self.main, self._federated)
         structure["modules"] = _facts.of_code(self.main)
         return json.dumps(structure)
 

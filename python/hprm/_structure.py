@@ -27,13 +27,17 @@ Data = dict[str, Any]
 TIMES = frozenset(("timeout", "start-time-multiple", "spin", "period", "test-offset"))
 
 
-def of(main: Reactor) -> Data:
-    """Return the structure of a program: its files, its properties, and its reactors."""
-    return _Structure(main).data
+def of(main: Reactor, federated: bool) -> Data:
+    """Return the structure of a program: its files, its properties, and its reactors.
+
+    A federation that is not to run as one, but to be tested, is an ordinary reactor.
+    """
+    return _Structure(main, federated).data
 
 
 class _Structure:
-    def __init__(self, main: Reactor) -> None:
+    def __init__(self, main: Reactor, federated: bool) -> None:
+        self._federated = federated
         self._files: dict[str, int] = {}
         self._reactors: list[Data] = []
         place = _place_of_class(type(main))
@@ -74,7 +78,7 @@ class _Structure:
         data = {
             "name": cls.__name__,
             "at": self._at(_place_of_class(cls)),
-            "federated": isinstance(reactor, Federation),
+            "federated": self._federated and isinstance(reactor, Federation),
             "ports": [self._port(reactor, it) for it in declared if it.kind in ("input", "output")],
             "timers": [
                 self._timer(reactor, it, number) for it in declared if isinstance(it, Timer)
@@ -98,7 +102,9 @@ class _Structure:
     def _child(self, container: Reactor, name: str, child: Reactor | list[Reactor]) -> Data:
         members = child if isinstance(child, list) else [child]
         first = _construction.of(members[0])
-        stated = {"host": None, "maxwait": None, "transient": False} | first.federate
+        stated = {"host": None, "maxwait": None, "transient": False}
+        if self._federated:
+            stated |= first.federate
         return {
             "name": name,
             "at": self._at(first.place),

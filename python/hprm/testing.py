@@ -58,7 +58,7 @@ def run(
     Parameters
     ----------
     reactor
-        The reactor, or a whole program.
+        The reactor, or a whole program, also a federation.
     inputs
         By input: the values that it gets, each with its time after the start. Two values at one
         time are an error.
@@ -79,7 +79,7 @@ def run(
     }
     bench = _bench(reactor, events, outputs)
     properties = ["fast=true", f"timeout={nanoseconds(timeout)} ns"]
-    declared = Declared(bench)
+    declared = Declared(bench, federated=False)
     check(declared, properties)
     with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
         path = os.path.join(folder, "trace")

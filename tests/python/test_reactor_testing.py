@@ -81,6 +81,37 @@ def test_values_of_multiports_are_lists() -> None:
     assert result.outputs["out"] == [(0, [2, 1]), (1_000_000, [None, 3])]
 
 
+class Federated(hprm.Federation, coordination="decentralized"):
+    """A federation, whose federates run in one scheduler here."""
+
+    def __init__(self, means: list[tuple[int, float]]) -> None:
+        class Samples(hprm.Reactor):
+            sample = hprm.Output(float)
+
+            @hprm.reaction(hprm.startup, effects=[sample])
+            def begin(self) -> None:
+                self.sample.set(2.5)
+
+        class Means(hprm.Reactor):
+            mean = hprm.Input(float)
+
+            @hprm.reaction(mean)
+            def note(self) -> None:
+                means.append((self.elapsed(), self.mean.value))
+
+        self.samples = hprm.federate(Samples(), maxwait="1 s", host="robot")
+        self.average = Average()
+        self.means = Means()
+        hprm.connect(self.samples.sample, self.average.sample)
+        hprm.connect(self.average.mean, self.means.mean)
+
+
+def test_a_federation_is_tested_in_one_process() -> None:
+    means: list[tuple[int, float]] = []
+    hprm.testing.run(Federated(means), timeout="200 ms")
+    assert means == [(100_000_000, 2.5), (200_000_000, 2.5)]
+
+
 def test_a_failing_reaction_is_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
     class Fails(hprm.Reactor):
         @hprm.reaction(hprm.startup)
