@@ -91,12 +91,14 @@ def handler_of(cls: type[Reactor], reaction: Reaction, handler: Any) -> Function
 
 def _check_function(reaction: Reaction) -> None:
     function = reaction.function
-    if function.__code__.co_argcount != 1 or function.__code__.co_kwonlyargcount:
+    try:
+        inspect.signature(function).bind(None)
+    except TypeError:
         raise ProgramError(
             f"reaction {reaction.name} must have one parameter, `self`",
             reaction.place,
             "it reads and sets ports as attributes: self.image.value, self.boxes.set(...)",
-        )
+        ) from None
     if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
         raise ProgramError(
             "`yield` makes a generator of this body, which then never runs",
@@ -202,12 +204,14 @@ def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> It
     if body in seen:
         return
     seen.add(body)
+    body = cast(FunctionType, inspect.unwrap(body))
     tree = _tree_of(body)
     if tree is None or not tree.args.args:
         return
     me = tree.args.args[0].arg
-    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
-    for node in ast.walk(tree):
+    nodes = list(_nodes(tree, me))
+    parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
+    for node in nodes:
         match node:
             case ast.Attribute(value=ast.Name(id=name), attr=attribute) if name == me:
                 method = inspect.getattr_static(cls, attribute, None)
@@ -217,6 +221,23 @@ def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> It
                 of_it = above.attr if isinstance(above, ast.Attribute) else ""
                 assigns = isinstance(node.ctx, ast.Store | ast.Del)
                 yield _Use(attribute, of_it, assigns, node, body.__code__.co_filename)
+
+
+def _nodes(tree: ast.AST, me: str) -> Iterator[ast.AST]:
+    """Find all nodes of a function, but those of functions inside that have another ``self``."""
+    pending = list(ast.iter_child_nodes(tree))
+    while pending:
+        node = pending.pop()
+        match node:
+            case (
+                ast.FunctionDef(args=inner)
+                | ast.AsyncFunctionDef(args=inner)
+                | ast.Lambda(args=inner)
+            ):
+                if any(argument.arg == me for argument in inner.args):
+                    continue
+        yield node
+        pending.extend(ast.iter_child_nodes(node))
 
 
 def _tree_of(function: FunctionType) -> ast.FunctionDef | ast.AsyncFunctionDef | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import linecache
+import sys
 import textwrap
 from itertools import count
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import hprm
+import hprm.testing
 from hprm._declared import load
 
 _numbers = count()
@@ -277,3 +279,48 @@ def test_parameters_are_read_by_their_types(tmp_path: Path) -> None:
         load(str(path), ["main.rate=fast"])
     with pytest.raises(hprm.ProgramError, match="no such parameter"):
         load(str(path), ["main.speed=3"])
+
+
+def test_decorators_and_functions_with_a_self_of_their_own_are_understood(tmp_path: Path) -> None:
+    path = tmp_path / "decorated.py"
+    path.write_text(
+        textwrap.dedent(
+            """
+            import functools
+            import hprm
+
+            def logged(function):
+                @functools.wraps(function)
+                def wrapper(*arguments):
+                    print("before")
+                    return function(*arguments)
+                return wrapper
+
+            class Main(hprm.Reactor):
+                number = hprm.Output(int)
+
+                @hprm.reaction(hprm.startup, effects=[number])
+                @logged
+                def begin(self):
+                    class Other:
+                        def number_of(self):
+                            return self.other
+                    self.number.set(1)
+
+                @hprm.reaction(hprm.startup)
+                def more(self):
+                    class Other:
+                        number = 3
+                        def get(self):
+                            return self.number
+                    print(Other().get())
+            """
+        )
+    )
+    main = load(str(path), []).main
+    assert hprm.testing.run(main).outputs["number"] == [(0, 1)]
+    path.write_text(path.read_text().replace("startup, effects=[number]", "startup"))
+    del sys.modules["decorated"]
+    linecache.checkcache()
+    with pytest.raises(hprm.ProgramError, match="reaction begin uses the output `number`"):
+        load(str(path), [])
