@@ -13,7 +13,7 @@ import os
 import pickle
 import sys
 from types import ModuleType
-from typing import Any
+from typing import Any, BinaryIO
 
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
@@ -139,12 +139,27 @@ def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:
     keywords: dict[str, Any] = {}
     if CALL in os.environ:
         with open(os.environ[CALL], "rb") as call:
-            arguments, keywords = pickle.load(call)
+            arguments, keywords = _Call(call, found).load()
     keywords |= _parameters(found, file, stated)
     made = found(*arguments, **keywords)
     if not isinstance(made, Reactor):
         raise ProgramError(f"{file}: {found!r} gives a {type(made).__name__}, not a reactor")
     return made
+
+
+class _Call(pickle.Unpickler):
+    """Reads the arguments of a constructor, which a script has written.
+
+    What is of the script itself is of the module that has been loaded from it here.
+    """
+
+    def __init__(self, file: BinaryIO, found: Any) -> None:
+        super().__init__(file)
+        self._module = found.__module__
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Find a class by its name."""
+        return super().find_class(self._module if module == "__main__" else module, name)
 
 
 def _parameters(found: Any, file: str, stated: dict[str, str]) -> dict[str, Any]:

@@ -77,6 +77,14 @@ def test_the_federates_of_a_script_are_processes(tmp_path: Path) -> None:
     assert out == ["main", *(f"[detector] saw {n}" for n in (4, 5, 6)), "after"], err
 
 
+def test_arguments_may_be_of_classes_of_the_script(tmp_path: Path) -> None:
+    settings = "from dataclasses import dataclass\n\n@dataclass\nclass Settings:\n    first: int\n"
+    text = settings + FEDERATION.replace("first: int = 0", "settings: Settings")
+    text = text.replace("Camera(first), Detector()", "Camera(settings.first), Detector()")
+    text += "if __name__ == '__main__':\n    hprm.run(Vision(Settings(5)))\n"
+    assert script(tmp_path, text)[0] == [f"[detector] saw {n}" for n in (5, 6, 7)]
+
+
 def test_without_a_guard_the_script_is_told_to_have_one(tmp_path: Path) -> None:
     out, err = script(tmp_path, FEDERATION + "hprm.run(Vision())\n", code=1)
     assert not out
