@@ -139,6 +139,14 @@ def test_federates_are_started_by_hand(program: Bench) -> None:
     assert got == ["got 1", "got 2"]
 
 
+def test_the_help_of_a_program_shows_its_parameters(program: Bench) -> None:
+    outcome = call(program, "run", "app.py:Whole", "--help")
+    assert outcome.code == 0
+    assert (
+        "Parameters of the program:\n      --rate <VALUE>\n          [default: 100]" in outcome.out
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -355,8 +355,8 @@ impl Verify {
 
 /// Say what is wrong with programs, and run nothing.
 ///
-/// Files that others import can be checked too. The Python in them is compiled, by one interpreter for
-/// all files, and not run.
+/// `.lf` files that others import can be checked too. The Python in them is compiled, by one interpreter for
+/// all files, and not run. A program in Python is imported and makes its reactors; none of its reactions runs.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

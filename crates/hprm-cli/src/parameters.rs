@@ -2,11 +2,11 @@
 //!
 //! Only the program tells which they are, so an `.lf` file is compiled when the words of a command line do
 //! not suffice without it: because of an unknown option, or to show all options there are. A program in Python
-//! is not run for that: each option that the command does not know is a parameter of it, and it says itself if
-//! there is no such one.
+//! is not loaded because of an unknown option: each one is a parameter of it, and it says itself if there is no
+//! such one.
 
 use std::ffi::{OsStr, OsString};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::{Arg, ArgMatches, Command, FromArgMatches};
 use hprm_model::{ParameterDecl, Value};
@@ -32,6 +32,16 @@ pub(crate) fn parse(
     let before_rest = words.iter().take_while(|word| *word != "--");
     let file = before_rest.skip(2).find(|word| is_program(word))?;
     if declare::is_python(Path::new(file)) {
+        let mut options = words.iter().take_while(|word| *word != "--");
+        if options.any(|word| word == "--help" || word == "-h") {
+            let known = of_python(Path::new(file), words)?;
+            let known = known.iter().filter(|(parameter, _)| !is_option(subcommand, parameter));
+            let command = command.clone().mut_subcommand(name, |subcommand| {
+                subcommand.args(known.map(|(name, value)| shown(name, "VALUE", Some(value))))
+            });
+            let parsed = command.try_get_matches_from(words);
+            return Some(parsed.and_then(|matches| Arguments::from_arg_matches(&matches)));
+        }
         let words = as_properties(subcommand, words)?;
         let parsed = command.clone().try_get_matches_from(words);
         return Some(parsed.and_then(|matches| Arguments::from_arg_matches(&matches)));
@@ -57,6 +67,21 @@ pub(crate) fn parse(
         }
         Ok(arguments)
     }))
+}
+
+/// The parameters of a program in Python, with their values if nothing is stated. If its Python fails, the
+/// interpreter has said so.
+fn of_python(path: &Path, words: &[OsString]) -> Option<Vec<(String, String)>> {
+    let stated = words.iter().enumerate().find_map(|(at, word)| {
+        match word.to_str()?.strip_prefix("--python")? {
+            "" => words.get(at + 1).map(PathBuf::from),
+            path => path.strip_prefix('=').map(PathBuf::from),
+        }
+    });
+    let inherited = || std::env::var_os(args::PYTHON).filter(|path| !path.is_empty());
+    let interpreter = Interpreter { python: stated.or_else(|| inherited().map(PathBuf::from)) };
+    let text = declare::declare(path, &[], [], &interpreter).ok()?.ok()?;
+    hprm_declared::parameters(&text).ok()
 }
 
 /// Whether a command runs a program, and so has target properties and arguments of the program.
@@ -148,19 +173,24 @@ fn long(name: &str) -> String {
 
 fn option(parameter: &ParameterDecl) -> Arg {
     let (kind, default) = described(&parameter.default);
+    shown(&parameter.name, kind, default.as_deref())
+}
+
+/// The option for a parameter, with what stands for its value in the help.
+fn shown(name: &str, kind: &'static str, default: Option<&str>) -> Arg {
     let help = match default {
         Some(default) => format!("[default: {default}]"),
         None => "[default: computed in Python]".to_owned(),
     };
-    let long = long(&parameter.name);
-    let arg = Arg::new(id(&parameter.name))
+    let long = long(name);
+    let arg = Arg::new(id(name))
         .value_name(kind)
         .help(help)
         .help_heading(HEADING)
         .allow_hyphen_values(true);
-    match long == parameter.name {
+    match long == name {
         true => arg.long(long),
-        false => arg.long(long).alias(parameter.name.clone()),
+        false => arg.long(long).alias(name.to_owned()),
     }
 }
 
@@ -248,7 +278,7 @@ mod tests {
     }
 
     /// Parses words in which `app.py` is a program in Python, which is not run.
-    fn of_python(words: &[&str]) -> Option<Result<Arguments, clap::Error>> {
+    fn parsed_of_python(words: &[&str]) -> Option<Result<Arguments, clap::Error>> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("app.py");
         std::fs::write(&path, "raise SystemExit\n").unwrap();
@@ -263,15 +293,15 @@ mod tests {
     fn options_of_a_program_in_python_are_its_parameters() {
         let words =
             ["hprm", "run", "--rate", "-3", "app.py:Vision", "--frame-size=full", "-w", "1"];
-        let parsed = of_python(&words).unwrap().unwrap();
+        let parsed = parsed_of_python(&words).unwrap().unwrap();
         assert_eq!(properties(parsed), ["main.rate=-3", "main.frame_size=full", "workers=1"]);
         let words = ["hprm", "run", "app.py", "--period", "20", "ms", "x", "--", "--rounds", "3"];
-        let parsed = of_python(&words).unwrap().unwrap();
+        let parsed = parsed_of_python(&words).unwrap().unwrap();
         let Parsed::Run(run) = &parsed.command else { panic!() };
         assert_eq!(run.arguments.all().collect::<Vec<_>>(), ["x", "--rounds", "3"]);
         assert_eq!(properties(parsed), ["main.period=20 ms"]);
         let words = ["hprm", "federate", "app.py", "a", "--rti", "unix:@x", "--federation-id=1"];
-        assert!(of_python(&words).is_none(), "all are known");
+        assert!(parsed_of_python(&words).is_none(), "all are known");
     }
 
     #[test]
@@ -281,7 +311,7 @@ mod tests {
             &["hprm", "run", "app.py", "--in-proces"],
             &["hprm", "run", "app.py", "--in-proces", "--workers", "2"],
         ] {
-            assert!(of_python(words).is_none(), "{words:?}");
+            assert!(parsed_of_python(words).is_none(), "{words:?}");
         }
     }
 

@@ -39,6 +39,25 @@ impl Malformed {
     }
 }
 
+/// The parameters of the main reactor that `text` declares, each with its value as text.
+///
+/// # Errors
+///
+/// [`Malformed`] if the text is no declaration.
+pub fn parameters(text: &str) -> Result<Vec<(String, String)>, Malformed> {
+    let document = read(text)?;
+    let main = document.reactors.get(document.main);
+    let facts = main.into_iter().flat_map(|main| &main.facts);
+    let parameter = |(subject, value): &(String, String)| {
+        Some((subject.strip_prefix("parameter ")?.to_owned(), value.clone()))
+    };
+    Ok(facts.filter_map(parameter).collect())
+}
+
+fn read(text: &str) -> Result<Document, Malformed> {
+    serde_json::from_str(text).map_err(|error| Malformed::new(error.to_string()))
+}
+
 /// Compiles the program that `text` declares, with target properties as `KEY=VALUE`, which override those of
 /// the program. Values of parameters, `main.NAME=VALUE`, are left out: the program has used them when it made
 /// its main reactor.
@@ -67,8 +86,7 @@ pub fn compile(
     properties: &[String],
     purpose: Purpose,
 ) -> Result<Result<Compiled, CompileFailure>, Malformed> {
-    let document: Document =
-        serde_json::from_str(text).map_err(|error| Malformed::new(error.to_string()))?;
+    let document = read(text)?;
     let mut report = Report::new(Syntax::Python);
     let mut library = Reactors::new(&document, &mut report)?.into_library()?;
     let is_property = |stated: &&String| !stated.starts_with(hprm_lf::PARAMETER);

@@ -44,6 +44,8 @@ fn options_override_what_the_program_states_and_leave_its_parameters() {
     let text = vision().to_string();
     let compiled = hprm_declared::compile(&text, &stated, Purpose::Run).unwrap().unwrap();
     assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
+    let parameters = hprm_declared::parameters(&text).unwrap();
+    assert_eq!(parameters, [("rate".to_owned(), "10".to_owned())]);
     let wrong = ["timeout=soon".to_owned()];
     let failure = hprm_declared::compile(&text, &wrong, Purpose::Run).unwrap().unwrap_err();
     assert_snapshot!(failure, @r"
