@@ -140,9 +140,18 @@ def _place(
         frames = _own(trace.stack)
     frames = frames or ([] if place else list(trace.stack))
     if frames:
-        return frames[-1].filename, frames[-1].lineno
+        return _as_in_diagnostics(frames[-1].filename), frames[-1].lineno
     file, _, line = place.rpartition(":")
     return (file, int(line)) if file else (None, None)
+
+
+def _as_in_diagnostics(path: str) -> str:
+    """Return a path as diagnostics show it; Python has whole paths of the modules it imports."""
+    try:
+        return path if path.endswith(".lf") else shown(path)
+    except OSError:
+        # The current folder is gone.
+        return path
 
 
 def _own(stack: traceback.StackSummary) -> list[traceback.FrameSummary]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -418,7 +417,7 @@ def test_a_failure_names_the_users_own_line(
     report = json.loads(outcome.err.splitlines()[-1])
     assert report["message"].startswith(f"reaction Main.1 {message}")
     file, _, line = place.partition(":")
-    assert os.path.basename(report["file"]) == file
+    assert report["file"] == file
     assert report["line"] == (int(line) if line else line_of("# here", text))
 
 
