@@ -15,6 +15,7 @@ import sys
 from types import ModuleType
 from typing import Any, BinaryIO
 
+from hprm import _hprm, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
@@ -62,19 +63,25 @@ def _import(file: str) -> ModuleType:
     folder = os.path.dirname(os.path.abspath(file))
     if sys.path[:1] != [folder]:
         sys.path.insert(0, folder)
-    known = sys.modules.get(name)
+    # Federates that share a process have each a module of their own, as processes have.
+    shared = _hprm.current_federate() is not None
+    known = None if shared else sys.modules.get(name)
     if known is not None and getattr(known, "__file__", None) == os.path.abspath(file):
         return known
     spec = importlib.util.spec_from_file_location(name, os.path.abspath(file))
     if spec is None or spec.loader is None:
         raise ProgramError(f"{file} is no Python program")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+    if shared:
+        _threads.publish(name, module)
+    else:
+        sys.modules[name] = module
     _loading.append(file)
     try:
         spec.loader.exec_module(module)
     except BaseException:
-        del sys.modules[name]
+        if not shared:
+            del sys.modules[name]
         raise
     finally:
         _loading.pop()

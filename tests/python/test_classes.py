@@ -142,7 +142,7 @@ class Main(hprm.Reactor):
     def run(self): pass
 """,
     )
-    assert "a time is" in found.message and "'10 msec.'" in found.message
+    assert "a time is" in found.message and '"10 msec."' in found.message
 
 
 def test_a_port_of_a_reactor_that_is_no_attribute(tmp_path: Path) -> None:

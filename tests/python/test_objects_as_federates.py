@@ -213,3 +213,30 @@ def test_the_rti_says_what_it_waits_for_until_ctrl_c(bench: Bench) -> None:
     assert "camera, planner" in hear(rti.stdout, "planner\n")
     rti.send_signal(signal.SIGINT)
     assert finish(rti).code == 130
+
+
+def test_federates_that_are_threads_have_modules_of_their_own(bench: Bench) -> None:
+    (bench.folder / "app.py").write_text(
+        """
+import hprm
+
+seen = []
+
+class Member(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    def begin(self) -> None:
+        seen.append(self.bank_index)
+
+    @hprm.reaction(hprm.shutdown)
+    def end(self) -> None:
+        print(seen)
+
+class Main(hprm.Federation, timeout="10 ms"):
+    def __init__(self) -> None:
+        self.members = [Member() for _ in range(3)]
+"""
+    )
+    for options in ([], ["--in-process"]):
+        outcome = finish(bench.call("run", *options, "app.py"))
+        assert outcome.code == 0, outcome.err
+        assert sorted(outcome.out.splitlines()) == [f"[members__{n}] [{n}]" for n in range(3)]
