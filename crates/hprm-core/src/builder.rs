@@ -145,6 +145,17 @@ impl ProgramBuilder {
         }
     }
 
+    /// Replaces the target properties.
+    pub fn set_properties(&mut self, properties: Properties) {
+        self.program.properties = properties;
+    }
+
+    /// The full name of a port.
+    #[must_use]
+    pub fn port_name(&self, port: PortId) -> String {
+        self.program.port_name(port)
+    }
+
     /// The main reactor.
     #[must_use]
     pub fn main(&self) -> ReactorId {

@@ -20,7 +20,8 @@ pub(crate) enum QueuedEvent<V> {
     /// A message at the end of a connection. `intended` is its own tag, if it came too late for it.
     Message {
         connection: ConnectionId,
-        value: V,
+        /// None once it has been taken.
+        value: Option<V>,
         intended: Option<Tag>,
         /// Whether it stems from the physical world, as far as that is recorded.
         physical: bool,
@@ -57,15 +58,30 @@ impl<V> EventQueue<V> {
         self.events.first()
     }
 
+    #[inline(always)]
     pub(crate) fn insert(&mut self, tag: Tag, event: QueuedEvent<V>) {
         self.events.push(tag, event);
     }
 
-    /// Inserts at `tag`, or at the first later microstep at which the same trigger has no event yet:
+    /// Inserts an event of an action at `tag`, or at the first later microstep at which the action has no event yet:
     /// events are never merged, but follow one another in superdense time. Returns the tag.
     #[inline(always)]
+    pub(crate) fn insert_action(
+        &mut self,
+        tag: Tag,
+        action: ActionId,
+        value: Option<V>,
+        physical: bool,
+    ) -> Tag {
+        let event = || QueuedEvent::Action { action, value, physical };
+        self.events.push_at_free_microstep(tag, |other| other.is_of(action), event)
+    }
+
+    /// The same for any event.
     pub(crate) fn insert_at_free_microstep(&mut self, tag: Tag, event: QueuedEvent<V>) -> Tag {
-        self.events.push_at_free_microstep(tag, event, QueuedEvent::is_same_trigger)
+        let tag = self.events.free_microstep(tag, |other| event.is_same_trigger(other));
+        self.insert(tag, event);
+        tag
     }
 
     /// Whether an event of the action waits at `tag`.

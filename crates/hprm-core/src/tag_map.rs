@@ -79,30 +79,38 @@ impl<T> TagMap<T> {
     }
 
     /// Appends an entry at `tag`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn push(&mut self, tag: Tag, entry: T) {
         self.list(tag).push(entry);
     }
 
-    /// Appends an entry at `tag`, or at the first later microstep where it clashes with no entry. Returns
-    /// the tag.
-    // Always inline, so that an entry is made in its place, and not copied.
+    /// Appends an entry at `tag`, or at the first later microstep where no other clashes. Returns the tag.
+    // Always inline, and the entry is made last, so that it is made in its place, and not copied.
     #[inline(always)]
     pub(crate) fn push_at_free_microstep(
         &mut self,
         mut tag: Tag,
-        entry: T,
-        clash: impl Fn(&T, &T) -> bool,
+        clashes: impl Fn(&T) -> bool,
+        entry: impl FnOnce() -> T,
     ) -> Tag {
         loop {
             let list = self.list(tag);
             // A new list is empty, so it gets the entry, and no list stays empty.
-            if !list.iter().any(|other| clash(other, &entry)) {
-                list.push(entry);
+            if !list.iter().any(&clashes) {
+                list.reserve(1);
+                list.push(entry());
                 return tag;
             }
             tag = tag.succ();
         }
+    }
+
+    /// `tag`, or the first later microstep where no entry clashes.
+    pub(crate) fn free_microstep(&self, mut tag: Tag, clashes: impl Fn(&T) -> bool) -> Tag {
+        while self.at(tag).iter().any(&clashes) {
+            tag = tag.succ();
+        }
+        tag
     }
 
     /// The list of `tag`, to which an entry is to be added.

@@ -3,6 +3,7 @@
 //! A [`Failure`] says why a loop ends before its program does, in fields. How that is shown is up to its
 //! [`Report`], and what the process ends with is decided here, by [`Failure::exit_code`].
 
+mod reaction;
 mod report;
 
 use std::fmt::{self, Display};
@@ -16,13 +17,16 @@ use hprm_model::{Severity, render};
 use crate::Address;
 use crate::link::descriptors::advice;
 use crate::supervisor::Signal;
+pub use reaction::ReactionFailure;
 pub use report::{Kind, Label, Report};
 
 /// Why a program ends before its last tag.
 ///
 /// A new kind of failure is a new variant, with its kind in [`Self::kind`] and, if people can do
 /// something about it, its hint in [`Self::hint`].
-#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+///
+/// Its `Debug` text is that for people, because that is what a `main` that returns it prints.
+#[derive(Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// This federate has left the federation by itself, for example by `sys.exit(0)`. That is no error.
     #[error("the program has left")]
@@ -48,6 +52,9 @@ pub enum Failure {
     /// Code of the program has failed: a reaction has raised an exception, for example.
     #[error("{}", .0.report.message)]
     Raised(Box<Raised>),
+    /// A reaction of a program in Rust has returned an error, which is the source of this one.
+    #[error(transparent)]
+    Reaction(Box<ReactionFailure>),
     /// The parts of the program do not fit together.
     #[error(transparent)]
     Program(#[from] ProgramError),
@@ -195,6 +202,18 @@ impl Display for Source {
     }
 }
 
+impl fmt::Debug for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let reports = match self {
+            Self::Mistakes(reports) => reports.clone(),
+            failure => vec![failure.report()],
+        };
+        let texts: Vec<_> = reports.iter().map(|report| report.text(Label::Error, false)).collect();
+        let text = texts.join("\n");
+        f.write_str(text.strip_prefix("error: ").unwrap_or(&text))
+    }
+}
+
 impl Failure {
     /// Ctrl-C has stopped the program.
     #[must_use]
@@ -324,6 +343,7 @@ impl Failure {
                 Source::Connection { .. } => Kind::Connection,
                 Source::Other(_) => Kind::Code,
             },
+            Self::Reaction(_) => Kind::Reaction,
             Self::Program(_) => Kind::Program,
             Self::Mistakes(reports) => reports.first().map_or(Kind::Program, |report| report.kind),
             Self::Option { .. } => Kind::Option,
@@ -371,6 +391,7 @@ impl Failure {
         let plain = Report { code: self.exit_code(), ..Report::new(self.kind(), self.to_string()) };
         match self {
             Self::Raised(raised) => raised.report(plain),
+            Self::Reaction(failure) => failure.report(plain),
             Self::OtherFederateFailed(report) | Self::FederateFailed(report) => {
                 Report { code: plain.code, ..(**report).clone() }
             }

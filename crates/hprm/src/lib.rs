@@ -4,9 +4,8 @@
 //! one process, [`run_federate`] one federate of it, [`Rti`] coordinates a federation. What a value
 //! is, and how a reaction's body runs, is up to a [`Host`].
 //!
-//! A program written in Rust starts at [`App`]: its bodies are closures.
+//! A program written in Rust starts at [`Program`], and with `use hprm::prelude::*`.
 
-mod app;
 mod clock;
 mod disk;
 mod failure;
@@ -21,6 +20,8 @@ mod notifier;
 mod pickling;
 mod pipe_notifier;
 mod poller;
+pub mod prelude;
+mod program;
 mod realtime;
 mod rti_loop;
 mod spin;
@@ -35,13 +36,9 @@ mod variables;
 mod wait;
 mod workers;
 
-pub use app::{
-    App, Context, InputPort, LogicalAction, NewReaction, Outcome, OutputPort, PhysicalAction,
-    Reactor, Readable, Runnable, Sender, Timer,
-};
 pub use clock::{Clock, nanoseconds};
 pub use disk::{Disk, Unreadable};
-pub use failure::{Failure, Kind, Label, Raised, Report, Source, exit_code};
+pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
 pub use host::{Host, SharedBodies};
 pub use inbox::Inbox;
@@ -49,6 +46,11 @@ pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
 pub use log::log_to_stderr;
 pub use pickling::Pickling;
+pub use program::{
+    Action, Connections, Context, Entry, InputPort, LogicalAction, Message, Mode, Outcome,
+    OutputPort, PhysicalAction, Port, Ports, Program, ReactionBuilder, Reactor, ReactorBuilder,
+    Readable, Reset, Runnable, ScheduleError, Sender, Shutdown, Startup, Timer, Triggers, WhenFull,
+};
 pub use realtime::enter_realtime;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};
@@ -58,5 +60,5 @@ pub use store_limits::{container_memory, store_limits};
 pub use value_exchange::ValueExchange;
 pub use variables::{EventLimit, LongReaction, check_variables};
 
-pub use hprm_core::{Policy, ProgramError, Properties, Spacing, Tag, Trigger};
+pub use hprm_core::{Overflow, Policy, ProgramError, Properties, Spacing, Tag};
 pub use hprm_federated::{BadFederationId, FederationId, HangTimeout, Refusal};

@@ -2,18 +2,20 @@
 //! allocations as a shorter one.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use allocation_counter::measure;
-use hprm::{Failure, Host, Inbox, run_whole};
+use hprm::prelude::*;
+use hprm::{Host, Inbox, run_whole};
 use hprm_core::{
     ActionId, Body, ChannelId, Delay, Direction, Effect, Nanos, Origin, Payload, PhysicalTime,
-    PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler, Trigger,
+    PortId, ProgramBuilder, ReactionId, ReactionSpec, Scheduler, Trigger,
 };
 use hprm_store::{Object, Store};
 
 /// Sets the ports and schedules the actions that each reaction declares.
 struct Everything {
-    program: Arc<Program>,
+    program: Arc<hprm_core::Program>,
     runs: u64,
 }
 
@@ -67,7 +69,7 @@ impl Host for Everything {
 }
 
 /// Three timers of different periods, an action, and a pipe with and without a delay.
-fn program(timeout: Nanos, fast: bool) -> Arc<Program> {
+fn program(timeout: Nanos, fast: bool) -> Arc<hprm_core::Program> {
     let properties = Properties { timeout: Some(timeout), fast, ..Properties::default() };
     let mut b = ProgramBuilder::new("Main", properties);
     let [source, sink] = ["source", "sink"].map(|name| b.reactor(b.main(), name));
@@ -116,4 +118,52 @@ fn waiting_for_physical_time_allocates_nothing() {
     let (long, many) = allocations(100_000, false);
     assert!(many > 90 * few);
     assert_eq!(short, long, "allocations of {few} and of {many} reactions");
+}
+
+/// A value of three words, and one that is larger.
+type Small = (u64, f64, u64);
+type Large = [u64; 20];
+
+/// How many allocations a program in Rust makes: a timer and an action, a direct and a delayed connection, with values
+/// of this type.
+fn allocations_with<T: Message + Copy>(value: T, timeout: Duration) -> u64 {
+    let mut program = Program::new("Main").fast().timeout(timeout);
+    let outs = program.reactor("source", (), |source| {
+        let tick = source.timer("tick", Duration::ZERO, Duration::from_nanos(10));
+        let outs = source.outputs::<T>("out", 2);
+        let action = source.logical_action::<T>("act", Duration::from_nanos(3));
+        let all = [outs[0], outs[1]];
+        source.reaction().on(tick).sets(&outs).schedules(action).run(move |(), ctx| {
+            all.iter().for_each(|out| ctx.set(*out, value));
+            ctx.schedule(action, Duration::ZERO, value);
+        });
+        source.reaction().on(action).run(move |(), ctx| assert!(ctx.get(action).is_some()));
+        outs
+    });
+    let inputs = program.reactor("sink", (), |sink| {
+        let inputs = sink.inputs::<T>("inp", 2);
+        let all = [inputs[0], inputs[1]];
+        sink.reaction().on(&inputs).run(move |(), ctx| assert!(ctx.present(&all).count() > 0));
+        inputs
+    });
+    program.connect(outs[0], inputs[0]);
+    program.connect(outs[1], inputs[1]).after(Duration::from_nanos(15));
+    let program = program.build().unwrap();
+    measure(|| program.run().unwrap()).count_total
+}
+
+#[test]
+fn small_values_of_any_type_need_no_allocation() {
+    // The first run leaves the thread boxes for the others.
+    let [_, short, long] = [1, 1, 100]
+        .map(|times| allocations_with::<Small>((1, 2.0, 3), times * Duration::from_micros(1)));
+    assert_eq!(short, long);
+}
+
+#[test]
+fn a_large_value_is_allocated_once_for_all_its_readers() {
+    let [_, short, long] = [1, 1, 101]
+        .map(|times| allocations_with::<Large>([7; 20], times * Duration::from_micros(1)));
+    // 100 further microseconds have 10,000 ticks, each with two ports and an action.
+    assert_eq!(long - short, 100 * 100 * 3);
 }

@@ -1,10 +1,10 @@
 //! Several workers: what they run at the same time, and that nothing of it shows.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{self, Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hprm::{App, Context, InputPort, OutputPort, Policy, Properties, Reactor, Spacing, Trigger};
+use hprm::prelude::*;
 use proptest::prelude::*;
 
 /// Far longer than anything here takes.
@@ -58,11 +58,11 @@ impl State {
 }
 
 fn assemble(
-    reactor: &mut Reactor<'_, State, u64>,
+    reactor: &mut ReactorBuilder<'_, State>,
     node: &Node,
     inputs: usize,
-) -> (Vec<InputPort>, OutputPort) {
-    let inputs: Vec<_> = (0..inputs).map(|i| reactor.input(&format!("inp[{i}]"))).collect();
+) -> (Vec<InputPort<u64>>, OutputPort<u64>) {
+    let inputs = reactor.inputs("inp", inputs);
     let out = reactor.output("out");
     let ns = Duration::from_nanos;
     let tick = reactor.timer("tick", ns(node.period), ns(node.period));
@@ -81,12 +81,9 @@ fn assemble(
             ctx.request_stop();
         }
     });
-    let mut reaction = reactor.reaction().on(action).schedules(action).sets(out);
-    for input in &inputs {
-        reaction = reaction.on(*input);
-    }
+    let reaction = reactor.reaction().on(action).on(&inputs).schedules(action).sets(out);
     let read = inputs.clone();
-    reaction.run(move |state: &mut State, ctx: &mut Context<'_, u64>| {
+    reaction.run(move |state, ctx| {
         let values: Vec<_> = read.iter().map(|input| ctx.get(*input).copied()).collect();
         let (before, scheduled) = (ctx.get(out).copied(), ctx.get(action).copied());
         let text = format!("{} {values:?} {before:?} {scheduled:?}", ctx.tag());
@@ -112,9 +109,9 @@ fn assemble(
 
 /// What all reactors saw.
 fn run(nodes: &[Node], workers: u32) -> Vec<Vec<String>> {
-    let mut app = App::new("Main", properties(workers));
+    let mut program = Program::new("Main").properties(properties(workers));
     let logs: Vec<_> = nodes.iter().map(|_| Log::default()).collect();
-    let mut ends: Vec<(Vec<InputPort>, OutputPort)> = Vec::new();
+    let mut ends: Vec<(Vec<InputPort<u64>>, OutputPort<u64>)> = Vec::new();
     let mut connections = Vec::new();
     for (i, node) in nodes.iter().enumerate() {
         let state = State { seen: i as u64, log: Arc::clone(&logs[i]) };
@@ -124,17 +121,19 @@ fn run(nodes: &[Node], workers: u32) -> Vec<Vec<String>> {
             .map(|(from, delay)| (from % nodes.len(), *delay))
             .filter(|(from, delay)| delay.is_some() || *from < i)
             .collect();
-        ends.push(app.reactor(&format!("node[{i}]"), state, |r| assemble(r, node, reads.len())));
+        ends.push(
+            program.reactor(&format!("node[{i}]"), state, |r| assemble(r, node, reads.len())),
+        );
         connections.extend(reads.into_iter().zip(0..).map(|(read, input)| (i, input, read)));
     }
     for (to, input, (from, delay)) in connections {
-        let (out, inp): (OutputPort, InputPort) = (ends[from].1, ends[to].0[input]);
+        let (out, inp) = (ends[from].1, ends[to].0[input]);
         match delay {
-            Some(nanos) => app.connect_after(out, inp, Duration::from_nanos(nanos)),
-            None => app.connect(out, inp),
+            Some(nanos) => _ = program.connect(out, inp).after(Duration::from_nanos(nanos)),
+            None => _ = program.connect(out, inp),
         }
     }
-    app.run().unwrap();
+    program.run().unwrap();
     logs.iter().map(|log| log.lock().unwrap().clone()).collect()
 }
 
@@ -153,18 +152,18 @@ proptest! {
 fn side_by_side(
     workers: u32,
     bodies: Vec<Box<dyn FnMut() -> Result<(), String> + Send>>,
-) -> App<()> {
-    let mut app = App::new("Main", properties(workers));
+) -> Program {
+    let mut program = Program::new("Main").properties(properties(workers));
     for (i, mut body) in bodies.into_iter().enumerate() {
-        app.reactor(&format!("r[{i}]"), (), |reactor| {
-            reactor.reaction().on(Trigger::Startup).run(move |(), _| body());
+        program.reactor(&format!("r[{i}]"), (), |reactor| {
+            reactor.reaction().on(Startup).run(move |(), _| body());
         });
     }
-    app
+    program
 }
 
 /// Signals the other reaction, then waits for the signal of that one.
-fn meet(sender: &Sender<()>, receiver: &Receiver<()>) {
+fn meet(sender: &mpsc::Sender<()>, receiver: &Receiver<()>) {
     sender.send(()).unwrap();
     receiver.recv_timeout(PATIENCE).unwrap();
 }
@@ -196,7 +195,7 @@ fn of_two_failures_the_first_in_the_program_counts() {
         }),
     ];
     let failure = side_by_side(2, bodies).run().unwrap_err();
-    assert_eq!(failure.to_string(), "reaction Main.r[0].1 failed: first");
+    assert_eq!(failure.to_string(), "reaction Main.r[0].1 failed at (0 ns, 0): first");
 }
 
 #[test]
@@ -213,9 +212,9 @@ fn of_two_panics_the_first_in_the_program_counts() {
 
 #[test]
 fn a_deadline_that_a_reaction_changes_is_in_force_at_once() {
-    let mut app = App::<()>::new("Main", properties(2));
+    let mut program = Program::new("Main").properties(properties(2));
     for name in ["a", "b"] {
-        app.reactor(name, 0, |reactor| {
+        program.reactor(name, 0, |reactor| {
             let tick = reactor.timer("tick", Duration::ZERO, Duration::from_nanos(30));
             reactor
                 .reaction()
@@ -229,14 +228,14 @@ fn a_deadline_that_a_reaction_changes_is_in_force_at_once() {
                     ctx.set_deadline(Duration::ZERO);
                     assert!(ctx.misses_deadline());
                 });
-            reactor.reaction().on(Trigger::Shutdown).run(|late, _| assert_eq!(*late, 1));
+            reactor.reaction().on(Shutdown).run(|late, _| assert_eq!(*late, 1));
         });
     }
-    app.run().unwrap();
+    program.run().unwrap();
 }
 
 #[test]
 fn as_many_workers_as_processors() {
-    let app = side_by_side(0, vec![Box::new(|| Ok(())), Box::new(|| Ok(()))]);
-    app.run().unwrap();
+    let program = side_by_side(0, vec![Box::new(|| Ok(())), Box::new(|| Ok(()))]);
+    program.run().unwrap();
 }

@@ -195,6 +195,7 @@ impl<V: Clone> Scheduler<V> {
         if at <= self.stop {
             self.last_assigned[connection] = at;
         }
+        let value = Some(value);
         self.queue.insert(at, QueuedEvent::Message { connection, value, intended, physical });
         Some(at)
     }

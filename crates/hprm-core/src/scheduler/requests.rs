@@ -67,9 +67,7 @@ impl<V: Clone> Scheduler<V> {
         if tag > last || tag.time == Nanos::MAX {
             return Scheduled::AfterStop;
         }
-        let at = self
-            .queue
-            .insert_at_free_microstep(tag, QueuedEvent::Action { action, value, physical });
+        let at = self.queue.insert_action(tag, action, value, physical);
         if at > self.timeout {
             self.queue.truncate(self.timeout);
             return Scheduled::AfterStop;

@@ -9,7 +9,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use hprm::{App, Properties, Runnable};
+use hprm::prelude::*;
 
 mod workloads;
 
@@ -39,10 +39,10 @@ fn main() {
 const COMPUTING: Workload =
     Workload { name: "computing", units: 10_000, build: computing, unit: "reactions" };
 
-fn computing(reactions: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("Computing", properties);
+fn computing(reactions: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("Computing").properties(properties);
     for i in 0..WIDTH {
-        app.reactor(&format!("r[{i}]"), (0, i + 1), |reactor| {
+        program.reactor(&format!("r[{i}]"), (0, i + 1), |reactor| {
             let tick = reactor.timer("tick", Duration::ZERO, Duration::from_nanos(1));
             reactor.reaction().on(tick).run(move |(count, random), ctx| {
                 for _ in 0..10_000 {
@@ -58,7 +58,7 @@ fn computing(reactions: u64, properties: Properties) -> Runnable<u64> {
             });
         });
     }
-    app.build().expect("the program is fixed")
+    program.build().expect("the program is fixed")
 }
 
 /// The rate in millions a second: minimum, median, maximum.

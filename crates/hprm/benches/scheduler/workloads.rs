@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use hprm::{App, Context, InputPort, OutputPort, Properties, Reactor, Runnable, Trigger};
+use hprm::prelude::*;
 
 /// How many reactors a chain has, how many readers a fan-out, how many timers a storm.
 pub(crate) const WIDTH: u64 = 100;
@@ -18,7 +18,7 @@ pub(crate) struct Workload {
     /// How many units of work it does in the time of a short measurement.
     pub(crate) units: u64,
     /// Makes the program that does so many.
-    pub(crate) build: fn(u64, Properties) -> Runnable<u64>,
+    pub(crate) build: fn(u64, Properties) -> Runnable,
     /// What is counted.
     pub(crate) unit: &'static str,
 }
@@ -39,13 +39,13 @@ pub(crate) fn properties() -> Properties {
 
 /// Two reactors that answer each other. A round is one logical action, two port writes, three
 /// reactions.
-fn ping_pong(rounds: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("PingPong", properties);
-    let (ping, pong) = app.reactor("ping", rounds, |reactor| {
+fn ping_pong(rounds: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("PingPong").properties(properties);
+    let (ping, pong) = program.reactor("ping", rounds, |reactor| {
         let serve = reactor.logical_action("serve", Duration::ZERO);
         let (ping, pong) = (reactor.output("ping"), reactor.input("pong"));
-        reactor.reaction().on(Trigger::Startup).schedules(serve).run(move |_, ctx| {
-            ctx.schedule(serve, Duration::ZERO, None);
+        reactor.reaction().on(Startup).schedules(serve).run(move |_, ctx| {
+            ctx.schedule(serve, Duration::ZERO, ());
         });
         reactor.reaction().on(serve).sets(ping).run(move |left, ctx| {
             *left -= 1;
@@ -55,21 +55,21 @@ fn ping_pong(rounds: u64, properties: Properties) -> Runnable<u64> {
             if *left == 0 {
                 ctx.request_stop();
             } else {
-                ctx.schedule(serve, Duration::ZERO, None);
+                ctx.schedule(serve, Duration::ZERO, ());
             }
         });
         (ping, pong)
     });
-    let (inp, out) = app.reactor("pong", 0, relay);
-    app.connect(ping, inp);
-    app.connect(out, pong);
-    app.build().expect("the program is fixed")
+    let (inp, out) = program.reactor("pong", 0, relay);
+    program.connect(ping, inp);
+    program.connect(out, pong);
+    program.build().expect("the program is fixed")
 }
 
 /// Sends what it receives, and adds it up.
-fn relay(reactor: &mut Reactor<'_, u64, u64>) -> (InputPort, OutputPort) {
+fn relay(reactor: &mut ReactorBuilder<'_, u64>) -> (InputPort<u64>, OutputPort<u64>) {
     let (inp, out) = (reactor.input("inp"), reactor.output("out"));
-    reactor.reaction().on(inp).sets(out).run(move |sum: &mut u64, ctx: &mut Context<'_, u64>| {
+    reactor.reaction().on(inp).sets(out).run(move |sum, ctx| {
         let value = ctx.get(inp).copied().unwrap_or_default();
         *sum = sum.wrapping_add(value);
         ctx.set(out, value);
@@ -78,9 +78,9 @@ fn relay(reactor: &mut Reactor<'_, u64, u64>) -> (InputPort, OutputPort) {
 }
 
 /// Counts timer events; stops the program after `limit`.
-fn ticker(reactor: &mut Reactor<'_, u64, u64>, period: u64, limit: u64) {
+fn ticker(reactor: &mut ReactorBuilder<'_, u64>, period: u64, limit: u64) {
     let tick = reactor.timer("tick", Duration::ZERO, Duration::from_nanos(period));
-    reactor.reaction().on(tick).run(move |count: &mut u64, ctx: &mut Context<'_, u64>| {
+    reactor.reaction().on(tick).run(move |count, ctx| {
         *count += 1;
         if *count == limit {
             ctx.request_stop();
@@ -89,21 +89,21 @@ fn ticker(reactor: &mut Reactor<'_, u64, u64>, period: u64, limit: u64) {
 }
 
 /// One timer.
-fn timer(events: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("Timer", properties);
-    app.reactor("ticker", 0, |reactor| ticker(reactor, 1, events));
-    app.build().expect("the program is fixed")
+fn timer(events: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("Timer").properties(properties);
+    program.reactor("ticker", 0, |reactor| ticker(reactor, 1, events));
+    program.build().expect("the program is fixed")
 }
 
 /// A hundred timers of different periods.
-fn timer_storm(events: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("TimerStorm", properties);
+fn timer_storm(events: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("TimerStorm").properties(properties);
     for (i, period) in (0..WIDTH).zip(PERIODS.into_iter().cycle()) {
         // The first one has the shortest period; it stops the program.
         let limit = if i == 0 { storm_limit(events) } else { u64::MAX };
-        app.reactor(&format!("ticker[{i}]"), 0, |reactor| ticker(reactor, period, limit));
+        program.reactor(&format!("ticker[{i}]"), 0, |reactor| ticker(reactor, period, limit));
     }
-    app.build().expect("the program is fixed")
+    program.build().expect("the program is fixed")
 }
 
 /// How many events of its first timer a storm has in all of so many.
@@ -113,31 +113,31 @@ pub(crate) fn storm_limit(events: u64) -> u64 {
 }
 
 /// A timer, then a hundred reactors of which each sets the next one's input.
-fn chain(reactions: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("Chain", properties);
-    let mut last = source(&mut app, reactions / WIDTH);
+fn chain(reactions: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("Chain").properties(properties);
+    let mut last = source(&mut program, reactions / WIDTH);
     for i in 0..WIDTH {
-        let (inp, out) = app.reactor(&format!("relay[{i}]"), 0, relay);
-        app.connect(last, inp);
+        let (inp, out) = program.reactor(&format!("relay[{i}]"), 0, relay);
+        program.connect(last, inp);
         last = out;
     }
-    app.build().expect("the program is fixed")
+    program.build().expect("the program is fixed")
 }
 
 /// A timer, then a hundred reactors that read the same output.
-fn fan_out(reactions: u64, properties: Properties) -> Runnable<u64> {
-    let mut app = App::new("FanOut", properties);
-    let out = source(&mut app, reactions / WIDTH);
+fn fan_out(reactions: u64, properties: Properties) -> Runnable {
+    let mut program = Program::new("FanOut").properties(properties);
+    let out = source(&mut program, reactions / WIDTH);
     for i in 0..WIDTH {
-        let (inp, _) = app.reactor(&format!("relay[{i}]"), 0, relay);
-        app.connect(out, inp);
+        let (inp, _) = program.reactor(&format!("relay[{i}]"), 0, relay);
+        program.connect(out, inp);
     }
-    app.build().expect("the program is fixed")
+    program.build().expect("the program is fixed")
 }
 
 /// Sets an output `limit` times, then stops the program.
-fn source(app: &mut App<u64>, limit: u64) -> OutputPort {
-    app.reactor("source", 0, |reactor| {
+fn source(program: &mut Program, limit: u64) -> OutputPort<u64> {
+    program.reactor("source", 0, |reactor| {
         let tick = reactor.timer("tick", Duration::ZERO, Duration::from_nanos(1));
         let out = reactor.output("out");
         reactor.reaction().on(tick).sets(out).run(move |count, ctx| {

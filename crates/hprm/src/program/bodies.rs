@@ -1,7 +1,7 @@
-//! The bodies of an app, with the states that they work on: the host of its program.
+//! The bodies of a program, with the states that they work on: the host of its program.
 
 use std::any::Any;
-use std::fmt::Display;
+use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::{
@@ -11,47 +11,27 @@ use hprm_core::{
 use hprm_store::{Object, Store};
 
 use super::context::{Access, Context};
-use super::handle::{Key, Readable};
-use crate::{Failure, Host, SharedBodies, Source};
-
-/// What a body returns: nothing, or a result whose error ends the program.
-pub trait Outcome {
-    /// The error's text.
-    ///
-    /// # Errors
-    ///
-    /// If the body failed.
-    fn outcome(self) -> Result<(), String>;
-}
-
-impl Outcome for () {
-    fn outcome(self) -> Result<(), String> {
-        Ok(())
-    }
-}
-
-impl<E: Display> Outcome for Result<(), E> {
-    fn outcome(self) -> Result<(), String> {
-        self.map_err(|error| error.to_string())
-    }
-}
-
-/// Why a body failed, in words. A boxed text fits into registers, together with there being none.
-pub(super) type Words = Box<str>;
+use super::handle::{Entry, Key, Slot};
+use super::sender::running_reactions;
+use super::value::Value;
+use crate::failure::ReactionFailure;
+use crate::{Failure, Host, SharedBodies};
 
 /// A closure, of any type, for a reactor whose state has any type. It is given the state of its own
 /// reactor.
-pub(super) type BodyFn<V> =
-    Box<dyn FnMut(&mut dyn Any, &mut Context<'_, V>) -> Result<(), Words> + Send>;
+pub(super) type BodyFn = Box<dyn FnMut(&mut dyn Any, &mut Context<'_>) -> Result<(), Cause> + Send>;
+
+/// Why a body failed.
+type Cause = Box<dyn Error + Send + Sync>;
 
 /// What a reaction runs.
-pub(super) struct Code<V> {
-    pub(super) main: BodyFn<V>,
-    pub(super) deadline: Option<BodyFn<V>>,
+pub(super) struct Code {
+    pub(super) main: BodyFn,
+    pub(super) deadline: Option<BodyFn>,
 }
 
-impl<V> Code<V> {
-    fn body(&mut self, body: Body) -> &mut BodyFn<V> {
+impl Code {
+    fn body(&mut self, body: Body) -> &mut BodyFn {
         match (body, &mut self.deadline) {
             (Body::Deadline, Some(handler)) => handler,
             _ => &mut self.main,
@@ -68,19 +48,19 @@ pub(super) struct Site {
     effects: Box<[Key]>,
 }
 
-/// All bodies of an app, and the states that they work on.
+/// All bodies of a program, and the states that they work on.
 ///
 /// Only workers lock anything, and no worker waits for a lock: two reactions of one reactor never run
 /// at the same time.
-pub(super) struct Bodies<V> {
+pub(super) struct Bodies {
     /// Nothing for the main reactor, which has no body.
     states: Table<ReactorId, Mutex<Box<dyn Any + Send>>>,
-    codes: Table<ReactionId, Mutex<Code<V>>>,
+    codes: Table<ReactionId, Mutex<Code>>,
     /// Empty while reactors are assembled.
     sites: Table<ReactionId, Site>,
 }
 
-impl<V> Bodies<V> {
+impl Bodies {
     pub(super) fn new() -> Self {
         Self { states: Table::new(), codes: Table::new(), sites: Table::new() }
     }
@@ -94,13 +74,16 @@ impl<V> Bodies<V> {
     }
 
     /// Adds the code of the next reaction of the program.
-    pub(super) fn push(&mut self, code: Code<V>) {
+    pub(super) fn push(&mut self, code: Code) {
         self.codes.push(Mutex::new(code));
     }
 
     /// The same, with what the reactions of `program` declare.
     pub(super) fn of(mut self, program: &Program) -> Self {
         self.sites = program.reactions.values().map(Site::of).collect();
+        while self.states.len() < program.reactors.len() {
+            self.states.push(Mutex::new(Box::new(())));
+        }
         self
     }
 }
@@ -108,36 +91,36 @@ impl<V> Bodies<V> {
 impl Site {
     fn of(reaction: &Reaction) -> Self {
         let triggers = reaction.triggers.iter().filter_map(|trigger| match *trigger {
-            Trigger::Port(port) => Some(Readable::Port(port)),
-            Trigger::Action(action) => Some(Readable::Action(action)),
+            Trigger::Port(port) => Some(Slot::Port(port).key()),
+            Trigger::Action(action) => Some(Slot::Action(action).key()),
             _ => None,
         });
-        let sources = reaction.sources.iter().map(|port| Readable::Port(*port));
-        let written = reaction.effects.iter().filter_map(|effect| match *effect {
-            Effect::Port(port) => Some(Readable::Port(port)),
-            Effect::Action(action) => Some(Readable::Action(action)),
-            Effect::Mode(..) => None,
+        let sources = reaction.sources.iter().map(|port| Slot::Port(*port).key());
+        let effects = reaction.effects.iter().map(|effect| match *effect {
+            Effect::Port(port) => Slot::Port(port).key(),
+            Effect::Action(action) => Slot::Action(action).key(),
+            Effect::Mode(mode, transition) => Entry(mode, transition).key(),
         });
-        let sorted = |readables: &mut dyn Iterator<Item = Readable>| {
-            let mut keys: Vec<_> = readables.map(Readable::key).collect();
+        let sorted = |keys: &mut dyn Iterator<Item = Key>| {
+            let mut keys: Vec<_> = keys.collect();
             keys.sort_unstable();
             keys.into()
         };
         Self {
             reactor: reaction.reactor,
-            effects: sorted(&mut written.clone()),
-            reads: sorted(&mut triggers.chain(sources).chain(written)),
+            effects: sorted(&mut effects.clone()),
+            reads: sorted(&mut triggers.chain(sources).chain(effects)),
         }
     }
 
     #[inline]
-    pub(super) fn reads(&self, readable: Readable) -> bool {
-        contains(&self.reads, readable.key())
+    pub(super) fn reads(&self, key: Key) -> bool {
+        contains(&self.reads, key)
     }
 
     #[inline]
-    pub(super) fn affects(&self, effect: Readable) -> bool {
-        contains(&self.effects, effect.key())
+    pub(super) fn affects(&self, key: Key) -> bool {
+        contains(&self.effects, key)
     }
 }
 
@@ -147,13 +130,13 @@ fn contains(sorted: &[Key], item: Key) -> bool {
     if sorted.len() <= 8 { sorted.contains(&item) } else { sorted.binary_search(&item).is_ok() }
 }
 
-impl<V: Clone + Send + Sync> Host for Bodies<V> {
-    type Value = V;
+impl Host for Bodies {
+    type Value = Value;
 
     #[inline]
     fn react(
         &mut self,
-        scheduler: &mut Scheduler<V>,
+        scheduler: &mut Scheduler<Value>,
         reaction: ReactionId,
         body: Body,
     ) -> Result<(), Failure> {
@@ -163,20 +146,33 @@ impl<V: Clone + Send + Sync> Host for Bodies<V> {
         let mut context = Context { access: Access::Alone(scheduler), reaction, site };
         match code.body(body)(&mut **state, &mut context) {
             Ok(()) => Ok(()),
-            Err(error) => Err(failed(scheduler, reaction, &error)),
+            Err(error) => Err(failed(scheduler, reaction, error)),
         }
     }
 
-    fn shared_bodies(&self) -> Option<&dyn SharedBodies<V>> {
+    fn shared_bodies(&self) -> Option<&dyn SharedBodies<Value>> {
         Some(self)
     }
 
-    fn encode(&mut self, _: &mut Store, _: ChannelId, _: &V, _: bool) -> Result<Payload, Failure> {
-        unreachable!("an app has no federates")
+    fn encode(
+        &mut self,
+        _: &mut Store,
+        _: ChannelId,
+        _: &Value,
+        _: bool,
+    ) -> Result<Payload, Failure> {
+        unreachable!("a program in one process has no federates")
     }
 
-    fn receive(&mut self, _: ChannelId, _: Payload, _: Vec<Object>, _: PhysicalTime, _: bool) -> V {
-        unreachable!("an app has no federates")
+    fn receive(
+        &mut self,
+        _: ChannelId,
+        _: Payload,
+        _: Vec<Object>,
+        _: PhysicalTime,
+        _: bool,
+    ) -> Value {
+        unreachable!("a program in one process has no federates")
     }
 
     #[allow(clippy::print_stderr, reason = "a warning has no other place to go")]
@@ -185,26 +181,25 @@ impl<V: Clone + Send + Sync> Host for Bodies<V> {
     }
 }
 
-impl<V: Clone + Send + Sync> SharedBodies<V> for Bodies<V> {
+impl SharedBodies<Value> for Bodies {
     fn react(
         &self,
-        scheduler: &Arc<Scheduler<V>>,
+        scheduler: &Arc<Scheduler<Value>>,
         turn: &Turn,
-        effects: &mut Effects<V>,
+        effects: &mut Effects<Value>,
     ) -> Result<(), Failure> {
         let Turn { reaction, body, .. } = *turn;
         let site = &self.sites[reaction];
         let mut state = self.states[site.reactor].lock().unwrap_or_else(PoisonError::into_inner);
         let mut code = self.codes[reaction].lock().unwrap_or_else(PoisonError::into_inner);
         let mut context = Context { access: Access::Shared(scheduler, effects), reaction, site };
-        let outcome = code.body(body)(&mut **state, &mut context);
-        outcome.map_err(|error| failed(scheduler, reaction, &error))
+        let outcome = running_reactions(|| code.body(body)(&mut **state, &mut context));
+        outcome.map_err(|error| failed(scheduler, reaction, error))
     }
 }
 
 #[cold]
-fn failed<V: Clone>(scheduler: &Scheduler<V>, reaction: ReactionId, error: &str) -> Failure {
+fn failed(scheduler: &Scheduler<Value>, reaction: ReactionId, error: Cause) -> Failure {
     let name = scheduler.program().reaction_name(reaction);
-    let message = format!("reaction {name} failed: {error}");
-    Failure::raised(Source::Reaction { name, tag: scheduler.tag() }, message)
+    Failure::Reaction(Box::new(ReactionFailure::new(name, scheduler.tag(), error)))
 }

@@ -1,0 +1,288 @@
+//! Assembling a reactor: its ports, timers, actions, modes and reactions, and the reactors inside it.
+
+use std::marker::PhantomData;
+use std::time::Duration;
+
+use hprm_core::{Direction, ModalElement, Origin, PortId, ReactorId, Spacing};
+
+use super::connection::Connections;
+use super::graph::Graph;
+use super::handle::{
+    Action, InputPort, LogicalAction, Mode, OutputPort, PhysicalAction, Port, Slot, Timer,
+};
+use super::reaction::ReactionBuilder;
+use super::sender::{Sender, WhenFull};
+use super::value::Message;
+use crate::nanoseconds;
+
+/// A reactor that is a type: its fields are its state and its parameters.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// /// Sends every value on, times a factor.
+/// struct Gain<T> {
+///     factor: T,
+/// }
+///
+/// #[derive(Clone, Copy)]
+/// struct GainPorts<T> {
+///     inp: InputPort<T>,
+///     out: OutputPort<T>,
+/// }
+///
+/// impl<T: Message + Copy + std::ops::Mul<Output = T>> Reactor for Gain<T> {
+///     type Ports = GainPorts<T>;
+///
+///     fn assemble(&mut self, gain: &mut ReactorBuilder<'_, Self>) -> GainPorts<T> {
+///         let ports = GainPorts { inp: gain.input("inp"), out: gain.output("out") };
+///         gain.reaction().on(ports.inp).sets(ports.out).run(move |gain, ctx| gain.scale(ports, ctx));
+///         ports
+///     }
+/// }
+///
+/// impl<T: Message + Copy + std::ops::Mul<Output = T>> Gain<T> {
+///     fn scale(&mut self, ports: GainPorts<T>, ctx: &mut Context<'_>) {
+///         if let Some(value) = ctx.get(ports.inp) {
+///             ctx.set(ports.out, *value * self.factor);
+///         }
+///     }
+/// }
+///
+/// let mut program = Program::new("Gains").fast();
+/// let [first, second] = [2.0, 0.25].map(|factor| program.add("gain", Gain { factor }));
+/// program.connect(first.out, second.inp);
+/// let mut main = program.main();
+/// main.reaction().on(Startup).sets(first.inp).run(move |(), ctx| ctx.set(first.inp, 10.0));
+/// main.reaction().on(second.out).run(move |(), ctx| assert_eq!(ctx.get(second.out), Some(&5.0)));
+/// program.run()?;
+/// # Ok::<(), Failure>(())
+/// ```
+pub trait Reactor: Sized + Send + 'static {
+    /// What other parts of the program need of it: usually its ports.
+    type Ports;
+
+    /// Gives it its ports, timers, actions and reactions. After that, it is the state that its reactions share.
+    fn assemble(&mut self, builder: &mut ReactorBuilder<'_, Self>) -> Self::Ports;
+}
+
+/// A reactor that is being assembled. `S` is its state, which its reactions share.
+pub struct ReactorBuilder<'a, S> {
+    pub(super) graph: &'a mut Graph,
+    pub(super) id: ReactorId,
+    /// The mode that contains what is declared now.
+    pub(super) mode: Option<Mode>,
+    state: PhantomData<fn(S)>,
+}
+
+impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
+    pub(super) fn new(graph: &'a mut Graph, id: ReactorId) -> Self {
+        Self { graph, id, mode: None, state: PhantomData }
+    }
+
+    // What a reactor has.
+
+    /// Adds an input port for values of the type `T`.
+    pub fn input<T: Message>(&mut self, name: &str) -> InputPort<T> {
+        InputPort::new(self.port(name, Direction::Input))
+    }
+
+    /// Adds an output port for values of the type `T`.
+    pub fn output<T: Message>(&mut self, name: &str) -> OutputPort<T> {
+        OutputPort::new(self.port(name, Direction::Output))
+    }
+
+    /// Adds a multiport: so many input ports, which are `name[0]` and so on.
+    pub fn inputs<T: Message>(&mut self, name: &str, width: usize) -> Vec<InputPort<T>> {
+        (0..width).map(|index| self.input(&format!("{name}[{index}]"))).collect()
+    }
+
+    /// Adds a multiport: so many output ports, which are `name[0]` and so on.
+    pub fn outputs<T: Message>(&mut self, name: &str, width: usize) -> Vec<OutputPort<T>> {
+        (0..width).map(|index| self.output(&format!("{name}[{index}]"))).collect()
+    }
+
+    /// Adds a timer: its first event is at `offset`, the others at each `period` after that. There are no others if that
+    /// is zero.
+    pub fn timer(&mut self, name: &str, offset: Duration, period: Duration) -> Timer {
+        let (offset, period) = (nanoseconds(offset), nanoseconds(period));
+        let timer = self.graph.builder.timer(self.id, name, offset, period);
+        self.put_in_mode(ModalElement::Timer(timer));
+        Timer(timer)
+    }
+
+    /// Adds an action that is scheduled relative to the current tag; `min_delay` is added to each delay.
+    pub fn logical_action<T: Message>(
+        &mut self,
+        name: &str,
+        min_delay: Duration,
+    ) -> LogicalAction<T> {
+        LogicalAction::new(self.action(name, Origin::Logical, min_delay))
+    }
+
+    /// Adds an action that is scheduled by the clock; `min_delay` is added to each delay. Other threads schedule it with
+    /// a [`Sender`].
+    pub fn physical_action<T: Message>(
+        &mut self,
+        name: &str,
+        min_delay: Duration,
+    ) -> PhysicalAction<T> {
+        let action = self.action(name, Origin::Physical, min_delay);
+        self.graph.entrances.add(action, self.graph.full_name(self.id, name));
+        PhysicalAction::new(action)
+    }
+
+    /// Gives an action a minimum spacing.
+    pub fn space(&mut self, action: impl Action, spacing: Spacing) {
+        if let Slot::Action(action) = action.slot() {
+            self.graph.builder.space(action, spacing);
+        }
+    }
+
+    /// States how many events of an action that other threads have scheduled may wait, 100,000 if this is not called,
+    /// and what [`Sender::schedule`] does about one more. At least one may wait.
+    pub fn bound<T>(&mut self, action: PhysicalAction<T>, events: usize, when_full: WhenFull) {
+        self.graph.entrances.bound(action.0, events, when_full);
+    }
+
+    /// Reaches an action from other threads.
+    pub fn sender<T>(&mut self, action: PhysicalAction<T>) -> Sender<T> {
+        self.graph.entrances.sender(action)
+    }
+
+    /// The next reaction. It runs after those before it, if they run at the same tag. Nothing is added before
+    /// [`ReactionBuilder::run`].
+    pub fn reaction(&mut self) -> ReactionBuilder<'_, 'a, S> {
+        ReactionBuilder::new(self)
+    }
+
+    // Modes.
+
+    /// Adds the mode in which the reactor starts.
+    pub fn initial_mode(&mut self, name: &str) -> Mode {
+        Mode(self.graph.builder.mode(self.id, name, true))
+    }
+
+    /// Adds a mode in which the reactor does not start.
+    pub fn mode(&mut self, name: &str) -> Mode {
+        Mode(self.graph.builder.mode(self.id, name, false))
+    }
+
+    /// Puts timers, actions, reactions, reactors and connections into a mode: those that `assemble` adds.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    ///
+    /// use hprm::prelude::*;
+    ///
+    /// let mut program = Program::new("Modes").fast().timeout(Duration::from_millis(50));
+    /// program.reactor("heater", Vec::new(), |heater| {
+    ///     let off = heater.initial_mode("off");
+    ///     let on = heater.mode("on");
+    ///     for (here, there, name) in [(off, on, "off"), (on, off, "on")] {
+    ///         heater.in_mode(here, |heater| {
+    ///             let wait = heater.timer("wait", Duration::from_millis(20), Duration::ZERO);
+    ///             heater.reaction().on(wait).enters(there.reset()).run(move |log: &mut Vec<_>, ctx| {
+    ///                 log.push((ctx.elapsed().as_millis(), name));
+    ///                 ctx.enter(there.reset());
+    ///             });
+    ///         });
+    ///     }
+    ///     heater.reaction().on(Shutdown).run(|log, _| assert_eq!(*log, [(20, "off"), (40, "on")]));
+    /// });
+    /// program.run()?;
+    /// # Ok::<(), Failure>(())
+    /// ```
+    pub fn in_mode<R>(&mut self, mode: Mode, assemble: impl FnOnce(&mut Self) -> R) -> R {
+        let outer = self.mode.replace(mode);
+        let result = assemble(self);
+        self.mode = outer;
+        result
+    }
+
+    // Reactors inside, and connections.
+
+    /// Adds a reactor inside this one. `name` is for people.
+    pub fn add<T: Reactor>(&mut self, name: &str, mut reactor: T) -> T::Ports {
+        let id = self.child(name);
+        let ports = reactor.assemble(&mut ReactorBuilder::new(self.graph, id));
+        self.graph.bodies.insert(id, Box::new(reactor));
+        ports
+    }
+
+    /// Adds a bank: a reactor inside this one for each item, which are `name[0]` and so on.
+    pub fn bank<T: Reactor>(
+        &mut self,
+        name: &str,
+        reactors: impl IntoIterator<Item = T>,
+    ) -> Vec<T::Ports> {
+        let reactors = reactors.into_iter().enumerate();
+        reactors.map(|(index, reactor)| self.add(&format!("{name}[{index}]"), reactor)).collect()
+    }
+
+    /// Adds a reactor inside this one that is not worth a type: its state, and a closure that assembles it.
+    pub fn reactor<T: Send + 'static, R>(
+        &mut self,
+        name: &str,
+        state: T,
+        assemble: impl FnOnce(&mut ReactorBuilder<'_, T>) -> R,
+    ) -> R {
+        let id = self.child(name);
+        self.graph.bodies.insert(id, Box::new(state));
+        assemble(&mut ReactorBuilder::new(self.graph, id))
+    }
+
+    /// Connects two ports of this reactor, or of those inside it: a value appears at both ends at the same tag. The type
+    /// of their values is the same, or the program does not compile:
+    ///
+    /// ```compile_fail,E0271
+    /// # use hprm::prelude::*;
+    /// fn mix(reactor: &mut ReactorBuilder<'_, ()>, from: OutputPort<u32>, to: InputPort<f64>) {
+    ///     reactor.connect(from, to);
+    /// }
+    /// ```
+    pub fn connect<F: Port>(
+        &mut self,
+        from: F,
+        to: impl Port<Value = F::Value>,
+    ) -> Connections<'_> {
+        self.connect_each([from], [to])
+    }
+
+    /// Connects the ports of two multiports or banks, one by one. There must be as many on both sides.
+    pub fn connect_each<F: Port, T: Port<Value = F::Value>>(
+        &mut self,
+        from: impl IntoIterator<Item = F>,
+        to: impl IntoIterator<Item = T>,
+    ) -> Connections<'_> {
+        let from: Vec<PortId> = from.into_iter().filter_map(|port| port.slot().port()).collect();
+        let to: Vec<PortId> = to.into_iter().filter_map(|port| port.slot().port()).collect();
+        self.graph.connect(from, to, self.mode.map(|mode| mode.0))
+    }
+
+    // Internals.
+
+    fn child(&mut self, name: &str) -> ReactorId {
+        let id = self.graph.reactor(self.id, name);
+        self.put_in_mode(ModalElement::Reactor(id));
+        id
+    }
+
+    fn port(&mut self, name: &str, direction: Direction) -> PortId {
+        self.graph.builder.port(self.id, name, direction)
+    }
+
+    fn action(&mut self, name: &str, origin: Origin, min_delay: Duration) -> hprm_core::ActionId {
+        let action = self.graph.builder.action(self.id, name, origin, nanoseconds(min_delay));
+        self.put_in_mode(ModalElement::Action(action));
+        action
+    }
+
+    pub(super) fn put_in_mode(&mut self, element: ModalElement) {
+        if let Some(mode) = self.mode {
+            self.graph.builder.put_in_mode(element, mode.0);
+        }
+    }
+}

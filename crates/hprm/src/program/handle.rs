@@ -1,0 +1,286 @@
+//! Handles: what names a port, an action, a timer or a mode. They are small and are copied into the reactions that use
+//! them.
+//!
+//! A handle knows the type of its values, so the compiler refuses a connection between different types and a value of
+//! the wrong type. Names are for people and are nowhere looked up.
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use hprm_core::{ActionId, ModeId, PortId, TimerId, Transition, Trigger};
+
+use super::sender::Sent;
+use super::value::{Message, Value};
+
+/// An input port of a reactor, for values of the type `T`.
+pub struct InputPort<T>(pub(super) PortId, PhantomData<fn() -> T>);
+
+/// An output port of a reactor, for values of the type `T`.
+pub struct OutputPort<T>(pub(super) PortId, PhantomData<fn() -> T>);
+
+/// An action that is scheduled relative to the current tag, with values of the type `T`.
+pub struct LogicalAction<T>(pub(super) ActionId, PhantomData<fn() -> T>);
+
+/// An action that is scheduled by the clock, also from other threads, with values of the type `T`.
+pub struct PhysicalAction<T>(pub(super) ActionId, PhantomData<fn() -> T>);
+
+/// A timer of a reactor.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Timer(pub(super) TimerId);
+
+/// A mode of a reactor: a part of it that is active only while the reactor is in this mode.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Mode(pub(super) ModeId);
+
+/// A way to enter a mode; see [`Mode::reset`] and [`Mode::history`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Entry(pub(super) ModeId, pub(super) Transition);
+
+/// Triggers a reaction when the program starts, or the mode of the reaction is entered for the first time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Startup;
+
+/// Triggers a reaction at the last tag of the program.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Shutdown;
+
+/// Triggers a reaction when its mode is entered by [`Mode::reset`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Reset;
+
+impl Mode {
+    /// To enter the mode as if for the first time: its timers start again, and its suspended events are removed.
+    #[must_use]
+    pub fn reset(self) -> Entry {
+        Entry(self.0, Transition::Reset)
+    }
+
+    /// To enter the mode as it was left: its suspended events wait for the rest of their time.
+    #[must_use]
+    pub fn history(self) -> Entry {
+        Entry(self.0, Transition::History)
+    }
+}
+
+/// What holds values: a port or an action.
+pub trait Readable: Copy + Slotted {
+    /// The type of its values.
+    type Value: Message;
+
+    #[doc(hidden)]
+    fn read(value: &Value) -> Option<&Self::Value>;
+}
+
+/// An input or an output port.
+pub trait Port: Readable {}
+
+/// A logical or a physical action.
+pub trait Action: Readable {
+    #[doc(hidden)]
+    fn wrap(value: Self::Value) -> Value;
+}
+
+/// What can trigger a reaction: a timer, a port, an action, [`Startup`], [`Shutdown`], [`Reset`]; or an array, a slice
+/// or a vector of those, of which any one triggers it.
+pub trait Triggers {
+    #[doc(hidden)]
+    fn each(&self, add: &mut dyn FnMut(Trigger));
+}
+
+/// A port, or an array, a slice or a vector of ports.
+pub trait Ports {
+    #[doc(hidden)]
+    fn each_port(&self, add: &mut dyn FnMut(PortId));
+}
+
+/// A port or an action, without the type of its values.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[doc(hidden)]
+pub enum Slot {
+    Port(PortId),
+    Action(ActionId),
+}
+
+mod sealed {
+    /// What only handles have.
+    pub trait Slotted {
+        fn slot(self) -> super::Slot;
+    }
+}
+
+pub(super) use sealed::Slotted;
+
+/// A slot, or an entry of a mode, that can be compared at once.
+pub(super) type Key = u64;
+
+impl Slot {
+    #[inline]
+    pub(super) fn key(self) -> Key {
+        match self {
+            Self::Port(port) => Key::from(port.0) << 2,
+            Self::Action(action) => Key::from(action.0) << 2 | 1,
+        }
+    }
+
+    pub(super) fn port(self) -> Option<PortId> {
+        match self {
+            Self::Port(port) => Some(port),
+            Self::Action(_) => None,
+        }
+    }
+}
+
+impl Entry {
+    pub(super) fn key(self) -> Key {
+        let Self(mode, transition) = self;
+        let way = match transition {
+            Transition::Reset => 2,
+            Transition::History => 3,
+        };
+        Key::from(mode.0) << 2 | way
+    }
+}
+
+macro_rules! slots {
+    ($($name:ident($id:ident) = $kind:ident;)*) => {$(
+        impl<T> $name<T> {
+            pub(super) fn new(id: $id) -> Self {
+                Self(id, PhantomData)
+            }
+        }
+
+        impl<T> Clone for $name<T> {
+            fn clone(&self) -> Self {
+                *self
+            }
+        }
+
+        impl<T> Copy for $name<T> {}
+
+        impl<T> PartialEq for $name<T> {
+            fn eq(&self, other: &Self) -> bool {
+                self.0 == other.0
+            }
+        }
+
+        impl<T> Eq for $name<T> {}
+
+        impl<T> fmt::Debug for $name<T> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, concat!(stringify!($name), "({})"), self.0.0)
+            }
+        }
+
+        impl<T: Message> Slotted for $name<T> {
+            #[inline]
+            fn slot(self) -> Slot {
+                Slot::$kind(self.0)
+            }
+        }
+
+        impl<T: Message> Triggers for $name<T> {
+            fn each(&self, add: &mut dyn FnMut(Trigger)) {
+                add(Trigger::$kind(self.0));
+            }
+        }
+    )*};
+}
+
+slots! {
+    InputPort(PortId) = Port;
+    OutputPort(PortId) = Port;
+    LogicalAction(ActionId) = Action;
+    PhysicalAction(ActionId) = Action;
+}
+
+macro_rules! plain_values {
+    ($($name:ident)*) => {$(
+        impl<T: Message> Readable for $name<T> {
+            type Value = T;
+
+            #[inline]
+            fn read(value: &Value) -> Option<&T> {
+                value.get()
+            }
+        }
+    )*};
+}
+
+plain_values! { InputPort OutputPort LogicalAction }
+
+impl<T: Message> Readable for PhysicalAction<T> {
+    type Value = T;
+
+    fn read(value: &Value) -> Option<&T> {
+        value.get::<Sent<T>>().map(Sent::value)
+    }
+}
+
+impl<T: Message> Action for LogicalAction<T> {
+    #[inline]
+    fn wrap(value: T) -> Value {
+        Value::new(value)
+    }
+}
+
+impl<T: Message> Action for PhysicalAction<T> {
+    fn wrap(value: T) -> Value {
+        Value::new(Sent::by_reaction(value))
+    }
+}
+
+macro_rules! ports {
+    ($($name:ident)*) => {$(
+        impl<T: Message> Port for $name<T> {}
+
+        impl<T: Message> Ports for $name<T> {
+            fn each_port(&self, add: &mut dyn FnMut(PortId)) {
+                add(self.0);
+            }
+        }
+    )*};
+}
+
+ports! { InputPort OutputPort }
+
+macro_rules! triggers {
+    ($($name:ident: $of:expr;)*) => {$(
+        impl Triggers for $name {
+            fn each(&self, add: &mut dyn FnMut(Trigger)) {
+                let of: fn(&Self) -> Trigger = $of;
+                add(of(self));
+            }
+        }
+    )*};
+}
+
+triggers! {
+    Timer: |timer| Trigger::Timer(timer.0);
+    Startup: |_| Trigger::Startup;
+    Shutdown: |_| Trigger::Shutdown;
+    Reset: |_| Trigger::Reset;
+}
+
+macro_rules! several {
+    ($([$($generics:tt)*] $several:ty;)*) => {$(
+        impl<H: Triggers, $($generics)*> Triggers for $several {
+            fn each(&self, add: &mut dyn FnMut(Trigger)) {
+                self.iter().for_each(|one| one.each(add));
+            }
+        }
+
+        impl<H: Ports, $($generics)*> Ports for $several {
+            fn each_port(&self, add: &mut dyn FnMut(PortId)) {
+                self.iter().for_each(|one| one.each_port(add));
+            }
+        }
+    )*};
+}
+
+several! {
+    [] &[H];
+    [] Vec<H>;
+    [] &Vec<H>;
+    [const N: usize] [H; N];
+    [const N: usize] &[H; N];
+}
