@@ -15,8 +15,8 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from hprm import _findings, _places
-from hprm._mistakes import ProgramError
-from hprm._parts import History, Part
+from hprm._mistakes import ProgramError, one
+from hprm._parts import History, Mode, Part
 from hprm._places import Place
 from hprm._reactions import MARK, Event, Reaction
 
@@ -44,12 +44,21 @@ def reactions_of(cls: type) -> list[Reaction]:
     found: dict[str, Reaction] = {}
     for base in reversed(cls.__mro__):
         for name, value in vars(base).items():
-            reaction: Reaction | None = getattr(value, MARK, None)
+            # Of a static method or a class method, the function is inside.
+            marked = getattr(value, "__func__", value)
+            reaction: Reaction | None = getattr(marked, MARK, None)
             if isinstance(value, FunctionType) and reaction is not None:
-                found[name] = reaction
+                # Another decorator may have wrapped the function above `@hprm.reaction`.
+                found[name] = reaction._replace(name=name, function=value)
             elif isinstance(value, FunctionType) and name in found:
                 place = _places.of_function(value)
                 found[name] = found[name]._replace(function=value, place=place)
+            elif reaction is not None:
+                raise ProgramError(
+                    f"reaction {name} is {one(type(value).__name__)}, not a method",
+                    reaction.place,
+                    "a decorator above @hprm.reaction(...) has to make a function",
+                )
             else:
                 found.pop(name, None)
     return list(found.values())
@@ -57,12 +66,44 @@ def reactions_of(cls: type) -> list[Reaction]:
 
 def check(cls: type[Reactor]) -> None:
     """Raise ``ProgramError`` if something is wrong with the reactions of a class."""
+    _check_names(cls)
     for reaction in cls._hprm_reactions_:
         _check_function(reaction)
+        _check_mode(cls, reaction.mode, reaction.place)
         for part in (*reaction.triggers, *reaction.sources, *reaction.effects):
             _check_part(cls, reaction, part)
         for body in bodies(cls, reaction):
             _check_uses(cls, reaction, body)
+
+
+def _check_names(cls: type[Reactor]) -> None:
+    """Refuse parts with two names, or with none because they are in a list."""
+    for name, value in vars(cls).items():
+        if isinstance(value, Part) and value.name != name:
+            raise ProgramError(
+                f"this {value.kind} has two names, {value.name} and {name}",
+                value.place,
+                "declare another one",
+            )
+        for it in value if isinstance(value, list | tuple) else ():
+            if isinstance(it, Part) and not it.name:
+                raise ProgramError(
+                    f"this {it.kind} is in the list `{name}`, and has no name of its own",
+                    it.place,
+                    "assign it to a name in the class; several ports of one name are a multiport:"
+                    " hprm.Input(int, width=2)",
+                )
+    for part in cls._hprm_parts_.values():
+        _check_mode(cls, getattr(part, "mode", None), part.place)
+
+
+def _check_mode(cls: type[Reactor], mode: Mode | None, place: Place) -> None:
+    if mode is not None and not isinstance(cls._hprm_parts_.get(mode.name), Mode):
+        raise ProgramError(
+            f"the mode {mode.name or '?'} that `mode` names is not of {cls.__name__}",
+            place,
+            "declare it in this class, or in one that it extends",
+        )
 
 
 def bodies(cls: type[Reactor], reaction: Reaction) -> Iterator[FunctionType]:
@@ -135,6 +176,8 @@ class _Use(NamedTuple):
     #: The attribute that is used of it in turn, or an empty text.
     of_it: str
     assigns: bool
+    #: Whether that attribute is assigned.
+    assigns_of_it: bool
     node: ast.Attribute
     path: str
 
@@ -148,7 +191,7 @@ def _check_uses(cls: type[Reactor], reaction: Reaction, body: FunctionType) -> N
         part = cls._hprm_parts_.get(use.name)
         if part is None or part.kind == "timer":
             continue
-        if use.assigns:
+        if use.assigns or (use.assigns_of_it and use.of_it == "value"):
             _refuse_assignment(use, part)
         missing = _missing(part, use, read, written)
         if missing is not None:
@@ -201,14 +244,14 @@ def _place(use: _Use) -> Place:
 
 def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> Iterator[_Use]:
     """Find the attributes of ``self`` that a body uses, and the methods that it calls in turn."""
+    body = cast(FunctionType, inspect.unwrap(body))
     if body in seen:
         return
     seen.add(body)
-    body = cast(FunctionType, inspect.unwrap(body))
     tree = _tree_of(body)
     if tree is None or not tree.args.args:
         return
-    me = tree.args.args[0].arg
+    me, path = tree.args.args[0].arg, body.__code__.co_filename
     nodes = list(_nodes(tree, me))
     parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
     for node in nodes:
@@ -220,7 +263,8 @@ def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> It
                 above = parents.get(node)
                 of_it = above.attr if isinstance(above, ast.Attribute) else ""
                 assigns = isinstance(node.ctx, ast.Store | ast.Del)
-                yield _Use(attribute, of_it, assigns, node, body.__code__.co_filename)
+                inner = isinstance(above, ast.Attribute) and not isinstance(above.ctx, ast.Load)
+                yield _Use(attribute, of_it, assigns, inner, node, path)
 
 
 def _nodes(tree: ast.AST, me: str) -> Iterator[ast.AST]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_origin
 from hprm import _construction, _places
 from hprm._duration import Time, nanoseconds
 from hprm._handles import Handle, parts
-from hprm._mistakes import ProgramError
-from hprm._parts import Mode
+from hprm._mistakes import ProgramError, one
+from hprm._parts import Mode, Part
 from hprm._places import Place
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def connect(
             place,
             "move it into `__init__` of a hprm.Reactor or a hprm.Federation",
         )
+    _check_keywords(bound, serializer, place)
     sources = _handles(source, "source", place)
     destinations = _handles(destination, "destination", place)
     for left in sources:
@@ -86,8 +87,8 @@ def connect(
             sources,
             destinations,
             _time("after", after, place),
-            physical,
-            repeated,
+            bool(physical),
+            bool(repeated),
             _time("absent_after", absent_after, place),
             bound,
             serializer,
@@ -103,13 +104,43 @@ def _handles(given: Any, side: str, place: Place) -> list[Handle]:
     found = list(given) if isinstance(given, Iterable) else [given]
     for handle in found:
         if not isinstance(handle, Handle):
-            what = f"a {type(handle).__name__}"
+            hint = "name a port of a contained reactor, such as self.camera.image, or an own one"
+            if isinstance(handle, Part):
+                hint = "make a reactor of that class, with parentheses: self.camera = Camera()"
             raise ProgramError(
-                f"the {side} of this connection is {what}, not a port",
+                f"the {side} of this connection is {_what(handle)}, not a port of a reactor",
                 place,
-                "name a port of a contained reactor, such as self.camera.image, or an own one",
+                hint,
             )
     return found
+
+
+def _what(thing: object) -> str:
+    if isinstance(thing, Part):
+        return f"the {thing.kind} `{thing.name}` of a class"
+    if isinstance(thing, type):
+        return f"the class {thing.__name__}"
+    return one(type(thing).__name__)
+
+
+def _check_keywords(bound: Any, serializer: Any, place: Place) -> None:
+    match bound:
+        case None | (int(), "block" | "drop" | "replace"):
+            is_bound = True
+        case _:
+            is_bound = False
+    if not is_bound:
+        raise ProgramError(
+            f"`bound` is how many messages may wait, and what happens to the next, not {bound!r}",
+            place,
+            'write bound=(3, "drop"), or "block" or "replace" instead of "drop"',
+        )
+    if serializer is not None and not isinstance(serializer, str):
+        raise ProgramError(
+            f"`serializer` is the name of a module, not {serializer!r}",
+            place,
+            'write serializer="MODULE": the module has a class `Serializer`',
+        )
 
 
 def _time(name: str, given: Time | None, place: Place) -> int | None:

@@ -36,6 +36,8 @@ class Construction:
         self.mode_of_container: Mode | None = None
         #: What is stated about it as a federate.
         self.federate: dict[str, Any] = {}
+        #: What its constructor has made, whether it contains it or not.
+        self.made: list[Reactor] = []
         #: What it contains: by name, a reactor, or the members of a bank.
         self.children: dict[str, Reactor | list[Reactor]] = {}
 

@@ -27,7 +27,8 @@ def nanoseconds(time: Time) -> int:
         case str():
             number = _hprm.nanoseconds(time)
         case float():
-            raise TypeError(f'{_EXPECTED}, and this is the float {time}: write f"{{{time}}} s"')
+            seconds = f"{time:.9f}".rstrip("0").rstrip(".")
+            raise TypeError(f'{_EXPECTED}, and this is the float {time}: write "{seconds} s"')
         case _:
             raise TypeError(f"{_EXPECTED}, and this is a {type(time).__name__}")
     if number < 0:

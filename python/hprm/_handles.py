@@ -36,6 +36,13 @@ class Handle:
         connect(self, other)  # type: ignore[arg-type]
         return other
 
+    def __rrshift__(self, other: object) -> object:
+        """Connect several ports to this one: ``[left.image, right.image] >> detector.image``."""
+        from hprm._connect import connect
+
+        connect(other, self)  # type: ignore[arg-type]
+        return self
+
     def __getitem__(self, index: int) -> Handle:
         """Return the handle of one channel of a multiport."""
         width = self._width()

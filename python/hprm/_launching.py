@@ -19,7 +19,7 @@ from typing import Any
 from hprm import _construction, _hprm, _loading, _structure
 from hprm._declared import Declared
 from hprm._duration import Time, nanoseconds
-from hprm._mistakes import ProgramError, ProgramFailed
+from hprm._mistakes import ProgramError, ProgramFailed, one
 from hprm._places import here, shown
 from hprm._reactor import Federation, Reactor
 
@@ -68,11 +68,15 @@ def run(
         )
     main = program() if isinstance(program, type) else program
     if not isinstance(main, Reactor):
-        raise TypeError(f"a program is a hprm.Reactor, not a {type(main).__name__}")
+        raise TypeError(f"a program is a hprm.Reactor, not {one(type(main).__name__)}")
     stated: dict[str, Any] = {"timeout": timeout, "fast": fast, **(properties or {})}
     options = [_property(name, value) for name, value in stated.items() if value is not None]
-    declared = Declared(main)
-    check(declared, options)
+    try:
+        declared = Declared(main)
+        check(declared, options)
+    except ProgramError as error:
+        # How it was found is of no help to the user.
+        raise error.with_traceback(None) from error.__cause__
     trace = None if logical_trace is None else os.fspath(logical_trace)
     if isinstance(main, Federation) and processes:
         code = _launch(main, options, trace)
@@ -105,7 +109,10 @@ def _property(name: str, value: Any) -> str:
     """Return a target property as the command line states it."""
     name = name.replace("_", "-")
     if name in _structure.TIMES and value not in ("auto", "off"):
-        return f"{name}={nanoseconds(value)} ns"
+        try:
+            return f"{name}={nanoseconds(value)} ns"
+        except (TypeError, ValueError) as error:
+            raise ProgramError(f"`{name}`: {error}", here()) from None
     if isinstance(value, bool):
         return f"{name}={str(value).lower()}"
     if isinstance(value, list | tuple):

@@ -5,6 +5,11 @@ from __future__ import annotations
 from hprm._places import Place
 
 
+def one(name: str) -> str:
+    """Return a name with its article: ``an Output``."""
+    return f"{'an' if name[:1] in tuple('aeioAEIO') else 'a'} {name}"
+
+
 class ProgramError(Exception):
     """Something is wrong with a program; the text says what, where, and what to do about it.
 

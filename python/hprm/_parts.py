@@ -14,6 +14,7 @@ from hprm import _places
 from hprm._duration import Time, nanoseconds
 from hprm._handles import Handle
 from hprm._mistakes import ProgramError
+from hprm._places import Place
 
 if TYPE_CHECKING:
     from hprm._reactor import Reactor
@@ -40,16 +41,19 @@ class Part:
 
     def __set_name__(self, owner: type, name: str) -> None:
         """Take the name of the attribute."""
-        if self.name and self.name != name:
-            raise TypeError(
-                f"{self.place}: this {self.kind} has two names, {self.name} and {name};"
-                " declare another one"
-            )
-        self.name = name
+        # A second name is refused where the class is checked: errors of this method are wrapped.
+        self.name = self.name or name
 
     def __get__(self, reactor: Any, owner: type) -> Any:
         """Return the part itself for a class, and for a reactor the handle of it."""
         return self if reactor is None else Handle(reactor, self)
+
+    def __rshift__(self, other: object) -> object:
+        """Refuse to connect what a class declares: only reactors have ports to connect."""
+        from hprm._connect import connect
+
+        connect(self, other)  # type: ignore[arg-type]
+        return other
 
     def width_of(self, reactor: Reactor) -> int | None:
         """Return the number of channels; none if the part is not a multiport."""
@@ -72,7 +76,7 @@ class Part:
 class _Port(Part):
     def __init__(self, type_: Any, width: Late[int] | None) -> None:
         super().__init__()
-        self.type = type_
+        self.type = _type(type_, self)
         self._width = width
 
     def width_of(self, reactor: Reactor) -> int | None:
@@ -81,8 +85,19 @@ class _Port(Part):
         if width is None:
             return None
         if isinstance(width, bool) or not isinstance(width, int):
-            raise TypeError(f"{self.place}: the width of {self.name} is {width!r}, not an integer")
+            raise ProgramError(f"the width of {self.name} is {width!r}, not an integer", self.place)
         return width
+
+
+def _type(stated: Any, part: Part) -> Any:
+    """Return the type of a part, unless it is a value."""
+    if isinstance(stated, int | float | list | dict | Part):
+        raise ProgramError(
+            f"the type of this {part.kind} is {stated!r}, which is a value",
+            part.place,
+            "name a type, such as int or np.ndarray; a multiport has a width: width=4",
+        )
+    return stated
 
 
 class Input(_Port, Generic[T]):
@@ -185,6 +200,17 @@ class Mode(Part):
         def __get__(self, reactor: Any, owner: type) -> Any: ...
 
 
+def mode_of(stated: Any, place: Place) -> Mode | None:
+    """Return the mode that a keyword ``mode`` states."""
+    if stated is None or isinstance(stated, Mode):
+        return stated
+    raise ProgramError(
+        f"`mode` is a mode of the class, not {stated!r}",
+        place,
+        "declare idle = hprm.Mode(initial=True), and write mode=idle",
+    )
+
+
 class History:
     """A mode that a reaction enters as it was left."""
 
@@ -223,7 +249,7 @@ class Timer(Part):
         super().__init__()
         self.period = self._time("period", period)
         self.offset = self._time("offset", offset)
-        self.mode = mode
+        self.mode = mode_of(mode, self.place)
 
     if TYPE_CHECKING:
 
@@ -244,11 +270,11 @@ class _Action(Part):
         mode: Mode | None,
     ) -> None:
         super().__init__()
-        self.type = type_
+        self.type = _type(type_, self)
         min_delay, spacing, self.policy = timing
         self.min_delay = self._time("min_delay", min_delay)
         self.spacing = self._time("spacing", spacing)
-        self.mode = mode
+        self.mode = mode_of(mode, self.place)
 
 
 class Action(_Action, Generic[T]):

@@ -32,11 +32,17 @@ def shown(path: str) -> str:
 def here() -> Place:
     """Return the expression of the user that is being evaluated: the nearest frame of no ours."""
     frame: FrameType | None = sys._getframe(1)
-    while frame is not None and frame.f_code.co_filename.startswith(_OWN):
+    while frame is not None and _is_between(frame):
         frame = frame.f_back
     if frame is None:
         return Place("<unknown>", 1)
     return _of_frame(frame)
+
+
+def _is_between(frame: FrameType) -> bool:
+    """Return whether a frame lies between the user's code and ours: classes are made by `abc`."""
+    is_own = frame.f_code.co_filename.startswith(_OWN)
+    return is_own or frame.f_globals.get("__name__") == "abc"
 
 
 def _of_frame(frame: FrameType) -> Place:

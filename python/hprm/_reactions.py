@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
@@ -9,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 from hprm import _places
 from hprm._duration import Time
 from hprm._handles import Handle
-from hprm._mistakes import ProgramError
-from hprm._parts import Action, History, Input, Mode, Output, Part, Timer
+from hprm._mistakes import ProgramError, one
+from hprm._parts import Action, History, Input, Mode, Output, Part, Timer, mode_of
 from hprm._places import Place
 
 if TYPE_CHECKING:
@@ -112,8 +113,8 @@ def reaction(
                 deadline,
                 _handler("late", late, place),
                 _handler("tardy", tardy, place),
-                mode,
-                _places.of_function(body),
+                mode_of(mode, place),
+                _places.of_function(inspect.unwrap(body)),
             )
             if (deadline is None) != (late is None):
                 given, missing = ("late", "deadline") if deadline is None else ("deadline", "late")
@@ -124,7 +125,17 @@ def reaction(
                 )
             setattr(body, MARK, made)
             return body
-        raise ProgramError("@hprm.reaction(...) makes a method a reaction, once", place)
+        if hasattr(body, MARK):
+            raise ProgramError(
+                "this method is a reaction already",
+                place,
+                "name all triggers in one @hprm.reaction(...)",
+            )
+        raise ProgramError(
+            f"@hprm.reaction(...) is above {one(type(body).__name__)}, not above a method",
+            place,
+            "write `def NAME(self) -> None:` below it",
+        )
 
     if len(triggers) == 1 and isinstance(triggers[0], FunctionType):
         _require_call(triggers[0], place)

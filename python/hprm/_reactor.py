@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import inspect
+from abc import ABCMeta
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from hprm import _class_body, _construction, _places
 from hprm._construction import Construction
 from hprm._duration import Time, nanoseconds
-from hprm._mistakes import ProgramError
+from hprm._mistakes import ProgramError, one
+from hprm._namespace import Namespace
 from hprm._parts import Part
 from hprm._places import Place
 from hprm._reactions import Reaction
@@ -17,11 +19,26 @@ from hprm._running import Running
 
 R = TypeVar("R", bound="Reactor")
 
+#: The deepest nesting of reactors, as in the runtime.
+_DEEPEST = 200
 
-class _Constructed(type):
-    """Constructors of reactors note what they make."""
+
+if TYPE_CHECKING:
+    # Below ABCMeta, type checkers would not check the keywords of class statements.
+    _Metaclass = type
+else:
+    _Metaclass = ABCMeta
+
+
+class _Constructed(_Metaclass):
+    """Constructors of reactors note what they make; reactors may be abstract."""
 
     if not TYPE_CHECKING:
+
+        @classmethod
+        def __prepare__(cls, name, bases, **keywords):
+            """Return what takes the names of a class body."""
+            return Namespace()
 
         def __call__(cls, *arguments, **keywords):
             """Make a reactor, with the structure that its constructor gives it."""
@@ -39,6 +56,13 @@ class _Constructed(type):
                 construction.mode_of_container = outer.mode
             vars(made)["_hprm_"] = construction
             stack = _construction.stack()
+            if len(stack) >= _DEEPEST:
+                raise ProgramError(
+                    f"reactors are nested more than {_DEEPEST} deep",
+                    place,
+                    f"if {cls.__name__} contains one of its own class, then not always: the"
+                    " constructor needs a condition",
+                )
             stack.append(construction)
             try:
                 made.__init__(*arguments, **keywords)
@@ -46,6 +70,8 @@ class _Constructed(type):
             finally:
                 stack.pop()
             construction.is_done = True
+            if outer is not None:
+                outer.made.append(made)
             return made
 
 
@@ -83,12 +109,7 @@ class Reactor(Running, metaclass=_Constructed):
         super().__init_subclass__()
         place = cls._hprm_place_ = _places.here()
         if others:
-            name = next(iter(others))
-            raise ProgramError(
-                f"a reactor class has no keyword `{name}`",
-                place,
-                f'write properties={{"{name.replace("_", "-")}": ...}} if it is a target property',
-            )
+            _refuse_keyword(next(iter(others)), place)
         stated = {
             "coordination": coordination,
             "timeout": timeout,
@@ -113,6 +134,17 @@ class Reactor(Running, metaclass=_Constructed):
         signature = inspect.signature(cls.__init__)
         parameters = list(signature.parameters.values())[1:]
         cls.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+
+
+def _refuse_keyword(name: str, place: Place) -> None:
+    # Only a program with this mistake needs the module.
+    from difflib import get_close_matches
+
+    known = ("coordination", "timeout", "fast", "keepalive", "workers", "properties")
+    hint = f'write properties={{"{name.replace("_", "-")}": ...}} if it is a target property'
+    for near in get_close_matches(name, known, 1):
+        hint = f"did you mean `{near}`?"
+    raise ProgramError(f"a reactor class has no keyword `{name}`", place, hint)
 
 
 class Federation(Reactor):
@@ -148,12 +180,14 @@ def federate(
     """
     place = _places.here()
     if not isinstance(reactor, Reactor):
-        raise ProgramError(f"a federate is a reactor, not a {type(reactor).__name__}", place)
+        raise ProgramError(f"a federate is a reactor, not {one(type(reactor).__name__)}", place)
+    if host is not None and not isinstance(host, str):
+        raise ProgramError(f"`host` is the name of a host, not {host!r}", place)
     try:
         wait = None if maxwait is None else nanoseconds(maxwait)
     except (TypeError, ValueError) as error:
         raise ProgramError(f"`maxwait`: {error}", place) from None
-    stated = {"host": host, "maxwait": wait, "transient": transient}
+    stated = {"host": host, "maxwait": wait, "transient": bool(transient)}
     _construction.of(reactor).federate = stated
     return reactor
 
@@ -169,6 +203,12 @@ def _adopt(reactor: Reactor, construction: Construction) -> None:
                 "a part is declared by the class and cannot be assigned; give one of them another"
                 " name",
                 "LF1007",
+            )
+        if isinstance(value, Part):
+            raise ProgramError(
+                f"the constructor of {type(reactor).__name__} declares the {value.kind} `{name}`",
+                value.place,
+                f"declare it in the class body: {name} = hprm.{type(value).__name__}(...)",
             )
         if isinstance(value, Reactor):
             _adopt_one(reactor, value, (name, None))
@@ -190,6 +230,16 @@ def _adopt(reactor: Reactor, construction: Construction) -> None:
                 f"{type(reactor).__name__}.{name} is a dictionary of reactors",
                 construction.place,
                 "a reactor contains those that are attributes, or members of a list",
+            )
+    for child in construction.made:
+        inner = _construction.of(child)
+        if inner.container is None:
+            raise ProgramError(
+                f"{type(reactor).__name__} makes this {type(child).__name__} and does not contain"
+                " it",
+                inner.place,
+                "assign it to an attribute of self, or to a list of reactors of its class: it"
+                " would never run",
             )
 
 

@@ -197,7 +197,10 @@ class _Structure:
                 "it gives a port of a contained reactor: lambda self: self.camera.image",
             )
         found = [self._handle(reactor, handle, reaction.place) for handle in handles]
-        return _whole_banks(reactor, found)
+        whole = _whole_banks(reactor, found)
+        for it in whole:
+            _refuse_a_share(it, reaction.place)
+        return whole
 
     def _handle(self, reactor: Reactor, handle: Handle, place: Place) -> Data:
         """Return the reference for a port of ``reactor``, or of what it contains."""
@@ -241,6 +244,19 @@ def _whole_banks(reactor: Reactor, references: list[Data]) -> list[Data]:
         if isinstance(bank, list) and named == list(range(len(bank))):
             it["member"] = None
     return found
+
+
+def _refuse_a_share(named: Data, place: Place) -> None:
+    """Refuse one member or one channel: the rule is the language's, what to write is Python's."""
+    name, child = named["name"], named["child"]
+    if named["channel"] is not None:
+        hint = f"name the multiport: lambda self: self.{child + '.' if child else ''}{name}"
+    elif named["member"] is not None:
+        hint = f"name the port of all members: lambda self: [it.{name} for it in self.{child}]"
+    else:
+        return
+    message = "a reaction cannot name one member of a bank, or one channel"
+    raise ProgramError(message, place, hint, "LF0312")
 
 
 def _place_of_class(cls: type) -> Place:

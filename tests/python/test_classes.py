@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import linecache
 import sys
 import textwrap
@@ -145,7 +146,31 @@ class Main(hprm.Reactor):
     assert "a time is" in found.message and '"10 msec."' in found.message
 
 
-def test_a_port_of_a_reactor_that_is_no_attribute(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "made",
+    [
+        "source = Source()  # here",
+        "self.many = [[Source()]]  # here",
+        "self.source = Source()  # here\n        self.source = Source()",
+    ],
+)
+def test_a_reactor_that_is_in_no_attribute_would_never_run(tmp_path: Path, made: str) -> None:
+    found = error(
+        tmp_path,
+        f"""
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        {made}
+""",
+    )
+    assert found.message == "Main makes this Source and does not contain it"
+    assert found.hint is not None and "assign it to an attribute of self" in found.hint
+
+
+def test_a_port_of_a_reactor_that_is_elsewhere(tmp_path: Path) -> None:
     found = error(
         tmp_path,
         """
@@ -155,15 +180,187 @@ class Source(hprm.Reactor):
 class Sink(hprm.Reactor):
     into = hprm.Input(int)
 
+class Inner(hprm.Reactor):
+    def __init__(self):
+        self.source = Source()
+
 class Main(hprm.Reactor):
     def __init__(self):
-        source = Source()
+        self.inner = Inner()
         self.sink = Sink()
-        hprm.connect(source.out, self.sink.into)  # here
+        hprm.connect(self.inner.source.out, self.sink.into)  # here
 """,
     )
     assert "output Source.out is not of Main" in found.message
     assert found.hint is not None and "assign the Source to an attribute" in found.hint
+
+
+def test_reactors_without_end(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.inner = Main()  # here
+""",
+    )
+    assert found.message == "reactors are nested more than 200 deep"
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("number = hprm.Input(int)\n    number = hprm.Output(int)  # here", "the input `number`"),
+        ("number = hprm.Input(int)\n    def number(self): pass  # here", "the input `number`"),
+        (
+            "@hprm.reaction(hprm.startup)\n    def go(self): pass\n    def go(self): pass  # here",
+            "the reaction `go`",
+        ),
+    ],
+)
+def test_a_name_that_would_be_lost(tmp_path: Path, body: str, message: str) -> None:
+    found = error(tmp_path, f"class Main(hprm.Reactor):\n    {body}\n")
+    assert found.message.startswith(f"this replaces {message}, which line ")
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("tick = hprm.Timer  # here", "`tick` is the class hprm.Timer, not one of its objects"),
+        (
+            "ticks = [hprm.Timer()]  # here",
+            "this timer is in the list `ticks`, and has no name of its own",
+        ),
+        (
+            "tick = hprm.Timer()  # here\n    tock = tick",
+            "this timer has two names, tick and tock",
+        ),
+        (
+            'tick = hprm.Timer(mode="idle")  # here',
+            "`mode` is a mode of the class, not 'idle'",
+        ),
+        (
+            "tick = hprm.Timer(mode=hprm.Mode())  # here",
+            "the mode ? that `mode` names is not of Main",
+        ),
+        (
+            "image = hprm.Input(3)  # here",
+            "the type of this input is 3, which is a value",
+        ),
+        (
+            "@hprm.reaction(hprm.startup)  # here\n    @classmethod\n    def go(cls): pass",
+            "@hprm.reaction(...) is above a classmethod, not above a method",
+        ),
+        (
+            "@staticmethod  # here\n    @hprm.reaction(hprm.startup)\n    def go(self): pass",
+            "reaction go is a staticmethod, not a method",
+        ),
+        (
+            "@hprm.reaction(hprm.startup)  # here\n    @hprm.reaction(hprm.shutdown)\n"
+            "    def go(self): pass",
+            "this method is a reaction already",
+        ),
+        (
+            "def __init__(self):\n        self.image = hprm.Input()  # here",
+            "the constructor of Main declares the input `image`",
+        ),
+    ],
+)
+def test_slips_in_a_class_body(tmp_path: Path, body: str, message: str) -> None:
+    assert error(tmp_path, f"class Main(hprm.Reactor):\n    {body}\n").message == message
+
+
+@pytest.mark.parametrize(
+    ("keyword", "message"),
+    [
+        ("bound=3", "`bound` is how many messages may wait, and what happens to the next, not 3"),
+        ("serializer=3", "`serializer` is the name of a module, not 3"),
+        (
+            'after="3"',
+            "`after`: a time is a number with a unit (ns, us, ms, s, min, h, d or week), such as"
+            ' "10 ms", and "3" is not',
+        ),
+    ],
+)
+def test_slips_in_a_connection(tmp_path: Path, keyword: str, message: str) -> None:
+    found = error(
+        tmp_path,
+        f"""{PORTS}
+    def __init__(self):
+        hprm.connect(self.number, self.doubled, {keyword})  # here
+""",
+    )
+    assert found.message == message
+
+
+def test_parentheses_forgotten_where_a_reactor_is_made(tmp_path: Path) -> None:
+    found = error(
+        tmp_path,
+        """
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+
+class Main(hprm.Reactor):
+    out = hprm.Output(int)
+    def __init__(self):
+        self.source = Source
+        self.source.out >> self.out  # here
+""",
+    )
+    assert found.message.startswith("the source of this connection is the output `out` of a class")
+    assert found.hint is not None and "with parentheses" in found.hint
+
+
+def test_decorators_above_and_below_a_reaction_run_and_its_body_is_still_checked(
+    tmp_path: Path,
+) -> None:
+    decorated = """
+import functools
+
+said = []
+
+def noted(function):
+    @functools.wraps(function)
+    def wrapper(*arguments):
+        said.append(function.__name__)
+        return function(*arguments)
+    return wrapper
+
+class Main(hprm.Reactor):
+    out = hprm.Output(int)
+
+    @noted
+    @hprm.reaction(hprm.startup)
+    def above(self): pass
+
+    @hprm.reaction(hprm.startup)
+    @noted
+    def below(self): BODY
+
+    other = hprm.reaction(hprm.startup)(lambda self: said.append("other"))
+"""
+    names: dict[str, object] = {"hprm": hprm}
+    path = tmp_path / "right.py"
+    path.write_text(decorated.replace("BODY", "pass"))
+    exec(compile(path.read_text(), str(path), "exec"), names)
+    hprm.testing.run(names["Main"]())  # type: ignore[operator]
+    assert names["said"] == ["above", "below", "other"]
+    found = error(tmp_path, decorated.replace("BODY", "self.out.set(1)  # here"))
+    assert found.message == "reaction below uses the output `out`, which it does not declare"
+
+
+def test_reactors_may_be_abstract() -> None:
+    class Base(hprm.Reactor):
+        @abc.abstractmethod
+        def gain(self) -> int: ...
+
+    class Whole(Base, abc.ABC):
+        def gain(self) -> int:
+            return 2
+
+    assert Whole().gain() == 2
+    with pytest.raises(TypeError, match="abstract"):
+        Base()
 
 
 def test_a_reactor_in_two_places(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Mistakes that are typical of new users of the language, each with its messages.
+"""Mistakes that are typical of new users, in both languages, each with its messages.
 
 ``tests/newcomers`` has a program for each mistake, and beside it what ``hprm check`` says, and
 ``hprm run`` if the check finds no error. With ``HPRM_WRITE_SNAPSHOTS=1`` the answers are written
@@ -16,12 +16,12 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parent.parent / "newcomers"
-PROGRAMS = sorted(path.stem for path in FOLDER.glob("*.lf"))
+PROGRAMS = sorted(path.name for kind in ("lf", "py") for path in FOLDER.glob(f"*.{kind}"))
 
 
 def answer(verb: str, name: str) -> tuple[int, str]:
     done = subprocess.run(
-        [str(Path(sys.executable).with_name("hprm")), verb, f"{name}.lf"],
+        [str(Path(sys.executable).with_name("hprm")), verb, name],
         cwd=FOLDER,
         env=os.environ | {"TERM": "dumb"},
         stdout=subprocess.PIPE,
@@ -34,22 +34,24 @@ def answer(verb: str, name: str) -> tuple[int, str]:
 
 
 def neutral(text: str) -> str:
-    """Without what depends on the version of Python: markers below lines of tracebacks."""
+    """Without what depends on the machine or on Python's version: folders and markers."""
+    text = text.replace(f"{FOLDER}/", "")
     return re.sub(r"(?m)^ +[~^]+\n", "", text) if "Traceback" in text else text
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_answer_to_a_mistake(name: str) -> None:
     code, said = answer("check", name)
-    text = f"$ hprm check {name}.lf\n{said}"
+    text = f"$ hprm check {name}\n{neutral(said)}"
     if code == 0:
         code, said = answer("run", name)
-        text += f"\n$ hprm run {name}.lf\n{neutral(said)}[exit code {code}]\n"
-    snapshot = FOLDER / f"{name}.txt"
+        text += f"\n$ hprm run {name}\n{neutral(said)}[exit code {code}]\n"
+    snapshot = (FOLDER / name).with_suffix(".txt")
     if os.environ.get("HPRM_WRITE_SNAPSHOTS"):
         snapshot.write_text(text)
     assert text == snapshot.read_text()
 
 
 def test_no_answer_is_left_of_a_program_that_is_gone() -> None:
-    assert {path.stem for path in FOLDER.glob("*.txt")} == set(PROGRAMS)
+    assert {path.stem for path in FOLDER.glob("*.txt")} == {Path(name).stem for name in PROGRAMS}
+    assert len({Path(name).stem for name in PROGRAMS}) == len(PROGRAMS)

@@ -1,0 +1,35 @@
+"""A reaction names one member of a bank."""
+
+import hprm
+
+
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+    tick = hprm.Timer("10 ms")
+
+    @hprm.reaction(tick, effects=[out])
+    def send(self) -> None:
+        self.out.set(1)
+
+
+class Sink(hprm.Reactor):
+    number = hprm.Input(int)
+
+    @hprm.reaction(number)
+    def show(self) -> None:
+        print("got", self.number.value)
+
+
+class Main(hprm.Reactor, timeout="20 ms"):
+    def __init__(self) -> None:
+        self.source = Source()
+        self.sinks = [Sink() for _ in range(3)]
+        hprm.connect(self.source.out, self.sinks[0].number)
+
+    @hprm.reaction(hprm.startup, effects=[lambda self: self.sinks[1].number])
+    def begin(self) -> None:
+        self.sinks[1].number.set(2)
+
+
+if __name__ == "__main__":
+    hprm.run(Main())

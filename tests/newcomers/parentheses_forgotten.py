@@ -1,0 +1,31 @@
+"""The parentheses of a timer are forgotten."""
+
+import hprm
+
+
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+    tick = hprm.Timer
+
+    @hprm.reaction(tick, effects=[out])
+    def send(self) -> None:
+        self.out.set(1)
+
+
+class Sink(hprm.Reactor):
+    number = hprm.Input(int)
+
+    @hprm.reaction(number)
+    def show(self) -> None:
+        print("got", self.number.value)
+
+
+class Main(hprm.Reactor, timeout="20 ms"):
+    def __init__(self) -> None:
+        self.source = Source()
+        self.sink = Sink()
+        hprm.connect(self.source.out, self.sink.number)
+
+
+if __name__ == "__main__":
+    hprm.run(Main())
