@@ -58,7 +58,12 @@ impl<V> EventQueue<V> {
         self.events.first()
     }
 
+    /// Inserts an event of a timer.
     #[inline(always)]
+    pub(crate) fn insert_timer(&mut self, tag: Tag, timer: TimerId) {
+        self.events.push_made(tag, || QueuedEvent::Timer(timer));
+    }
+
     pub(crate) fn insert(&mut self, tag: Tag, event: QueuedEvent<V>) {
         self.events.push(tag, event);
     }

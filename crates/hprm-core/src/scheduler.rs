@@ -303,8 +303,10 @@ impl<V: Clone> Scheduler<V> {
         for event in &mut events {
             self.process_event(event);
         }
-        events.clear();
-        self.taken_events = events;
+        // Nothing is left in them to be dropped.
+        events.drain(..).for_each(mem::forget);
+        mem::swap(&mut self.taken_events, &mut events);
+        mem::forget(events);
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
             self.queue_shutdown(|_| true);
@@ -445,7 +447,7 @@ impl<V: Clone> Scheduler<V> {
                 if let Some(time) = self.tag.time.checked_add(period).filter(|_| period > 0) {
                     let next = Tag::new(time, 0);
                     if next <= self.timeout {
-                        self.queue.insert(next, QueuedEvent::Timer(timer));
+                        self.queue.insert_timer(next, timer);
                     }
                 }
                 self.queue_all(|wiring| &wiring.triggered_by_timer[timer]);

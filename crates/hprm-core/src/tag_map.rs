@@ -6,6 +6,7 @@
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 use core::hash::{Hash, Hasher};
+use core::iter;
 use core::mem;
 
 use crate::Tag;
@@ -79,13 +80,20 @@ impl<T> TagMap<T> {
     }
 
     /// Appends an entry at `tag`.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn push(&mut self, tag: Tag, entry: T) {
         self.list(tag).push(entry);
     }
 
+    /// The same for an entry that is made in its place, and not copied: a processor waits before it copies in large
+    /// pieces what it has just written in small ones.
+    #[inline(always)]
+    pub(crate) fn push_made(&mut self, tag: Tag, entry: impl FnOnce() -> T) {
+        self.list(tag).extend(iter::once_with(entry));
+    }
+
     /// Appends an entry at `tag`, or at the first later microstep where no other clashes. Returns the tag.
-    // Always inline, and the entry is made last, so that it is made in its place, and not copied.
+    /// The entry is made in its place, as in [`Self::push_made`].
     #[inline(always)]
     pub(crate) fn push_at_free_microstep(
         &mut self,
@@ -97,8 +105,7 @@ impl<T> TagMap<T> {
             let list = self.list(tag);
             // A new list is empty, so it gets the entry, and no list stays empty.
             if !list.iter().any(&clashes) {
-                list.reserve(1);
-                list.push(entry());
+                list.extend(iter::once_with(entry));
                 return tag;
             }
             tag = tag.succ();
