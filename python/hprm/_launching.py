@@ -141,20 +141,49 @@ def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
             ) from None
         environment = os.environ | {_loading.CALL: call}
         started = [command, "run", "--python", sys.executable, *options, program]
-        return _wait(subprocess.Popen(started, env=environment))
+        parent = os.getpid()
+        return _wait(
+            subprocess.Popen(
+                started,
+                env=environment,
+                # However this process ends, none is left behind.
+                preexec_fn=lambda: _hprm.die_with_parent(parent),
+            )
+        )
 
 
 def _wait(process: subprocess.Popen[bytes]) -> int:
-    """Wait for the command, which handles Ctrl-C itself."""
+    """Wait for the command, which gets the signals of this process, and stops in order then."""
+
+    def forward(number: int, _: object) -> None:
+        # Ctrl-C in a terminal is for all processes there.
+        if number != signal.SIGINT or not _has_terminal():
+            process.send_signal(number)
+
     try:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        before = {it: signal.signal(it, forward) for it in (signal.SIGINT, signal.SIGTERM)}
     except ValueError:
-        # Only the main thread can; in another one, no Ctrl-C comes.
+        # Only the main thread can; in another one, no signal comes.
         return process.wait()
     try:
         return process.wait()
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _has_terminal() -> bool:
+    """Return whether this process is in the foreground of a terminal."""
+    try:
+        terminal = os.open("/dev/tty", os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return False
+    finally:
+        os.close(terminal)
 
 
 def _command() -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import nbclient
@@ -132,3 +134,52 @@ def test_cells_of_a_notebook_define_and_run_programs(tmp_path: Path) -> None:
         "saw 1\nsaw 2\nsaw 3\n",
     ]
     assert "it is in no file" in printed[4]
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a process has ended; its parent may not have waited for it yet."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return True
+    return stat.rpartition(")")[2].split()[0] in "ZX"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_to_the_script_alone_ends_its_federates(tmp_path: Path, number: int) -> None:
+    program = tmp_path / "program.py"
+    program.write_text("""
+import os
+import hprm
+
+class Endless(hprm.Reactor):
+    tick = hprm.Timer("10 ms")
+
+    @hprm.reaction(hprm.startup)
+    def begin(self):
+        print(os.getpid(), os.getppid(), flush=True)
+
+    @hprm.reaction(tick)
+    def go_on(self):
+        pass
+
+class Main(hprm.Federation):
+    def __init__(self):
+        self.endless = Endless()
+
+if __name__ == "__main__":
+    hprm.run(Main())
+""")
+    script = subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert script.stdout is not None
+    line = script.stdout.readline()
+    pids = [int(it) for it in line.removeprefix("[endless] ").split()]
+    script.send_signal(number)
+    script.communicate(timeout=60)
+    assert len(pids) == 2
+    deadline = time.monotonic() + 60
+    while not all(map(has_ended, pids)):
+        assert time.monotonic() < deadline, "processes are left behind"
+        time.sleep(0.01)
