@@ -39,20 +39,28 @@ def of_code(main: Reactor) -> list[tuple[str, str]]:
     every: set[type] = set()
     _classes(main, True, (lasting, every))
     paths = {_path(cls) for cls in every} - {None}
-    folder = os.path.dirname(os.path.abspath(next(iter(paths)) or "")) if paths else ""
     main_path = _path(type(main))
-    if main_path is not None:
-        folder = os.path.dirname(os.path.abspath(main_path))
+    folder = "" if main_path is None else _home(main_path)
     modules = {path for path in paths if path is not None} | set(_beside(folder))
     facts = []
     names = {cls.__qualname__: cls in lasting for cls in every}
     for path in sorted(modules):
         rest, classes = _pieces(path, frozenset(names))
-        facts.append((f"module {os.path.basename(path)}", _digest(rest)))
+        inside = bool(folder) and os.path.abspath(path).startswith(folder + os.sep)
+        name = os.path.relpath(path, folder) if inside else os.path.basename(path)
+        facts.append((f"module {name}", _digest(rest)))
         for name in sorted(classes):
             if names[name]:
                 facts.append((f"class {name}", _digest(classes[name])))
     return facts
+
+
+def _home(path: str) -> str:
+    """Return the folder of a program: that of its file or, in a package, that of the outermost."""
+    home = folder = os.path.dirname(os.path.abspath(path))
+    while os.path.isfile(os.path.join(folder, "__init__.py")):
+        home, folder = folder, os.path.dirname(folder)
+    return home
 
 
 def _classes(reactor: Reactor, lasts: bool, found: tuple[set[type], set[type]]) -> None:

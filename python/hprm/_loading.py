@@ -7,6 +7,7 @@ federation or reactor class that the file defines.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import inspect
 import os
@@ -59,10 +60,13 @@ def loading() -> str | None:
 
 
 def _import(file: str) -> ModuleType:
-    name = os.path.basename(file).removesuffix(".py")
-    folder = os.path.dirname(os.path.abspath(file))
+    folder, name = _module_of(file)
     if sys.path[:1] != [folder]:
         sys.path.insert(0, folder)
+    package = name.rpartition(".")[0]
+    if package:
+        # For imports that are relative to it.
+        importlib.import_module(package)
     # Federates that share a process have each a module of their own, as processes have.
     shared = _hprm.current_federate() is not None
     known = None if shared else sys.modules.get(name)
@@ -86,6 +90,19 @@ def _import(file: str) -> ModuleType:
     finally:
         _loading.pop()
     return module
+
+
+def _module_of(file: str) -> tuple[str, str]:
+    """Return the folder from which a file is imported, and the name of its module there.
+
+    A file in a package is a module of it.
+    """
+    folder, base = os.path.split(os.path.abspath(file))
+    name = base.removesuffix(".py")
+    while os.path.isfile(os.path.join(folder, "__init__.py")):
+        folder, package = os.path.split(folder)
+        name = f"{package}.{name}"
+    return folder, name
 
 
 def _named(module: ModuleType, file: str, name: str) -> Any:
@@ -113,9 +130,11 @@ def _programs(module: ModuleType) -> dict[str, type[Reactor]]:
 def _only(module: ModuleType, file: str) -> Any:
     """Return what a file defines as its program, if that is clear."""
     programs = _programs(module)
-    stem = module.__name__.replace("_", "").lower()
+    stem = module.__name__.rpartition(".")[2].replace("_", "").lower()
     federations = {name: it for name, it in programs.items() if issubclass(it, Federation)}
-    for candidates in (federations, programs):
+    # A main reactor has no ports.
+    whole = {name: it for name, it in programs.items() if not _has_ports(it)}
+    for candidates in (federations, programs, whole):
         called = {name: it for name, it in candidates.items() if name.lower() in ("main", stem)}
         for some in (candidates, called):
             if len(some) == 1:
@@ -128,8 +147,12 @@ def _only(module: ModuleType, file: str) -> Any:
     names = ", ".join(programs)
     raise ProgramError(
         f"{file} defines several reactors: {names}",
-        hint=f"name the program: {file}:{next(iter(programs))}",
+        hint=f"name the program: {file}:{list(whole or programs)[-1]}",
     )
+
+
+def _has_ports(cls: type[Reactor]) -> bool:
+    return any(part.kind in ("input", "output") for part in cls._hprm_parts_.values())
 
 
 def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:

@@ -461,6 +461,31 @@ def test_several_programs_in_one_file(tmp_path: Path) -> None:
         load(f"{path}:C", [])
 
 
+def test_the_program_of_a_file_is_the_only_class_without_ports(tmp_path: Path) -> None:
+    path = tmp_path / "wholes.py"
+    port = "    x = hprm.Input(int)\n"
+    path.write_text(
+        f"import hprm\nclass A(hprm.Reactor):\n{port}class B(hprm.Reactor): pass\n"
+        f"class C(hprm.Reactor):\n{port}"
+    )
+    assert type(load(str(path), []).main).__name__ == "B"
+
+
+def test_a_program_may_be_in_a_package(tmp_path: Path) -> None:
+    package = tmp_path / "robot" / "parts"
+    package.mkdir(parents=True)
+    (tmp_path / "robot" / "__init__.py").touch()
+    (package / "__init__.py").touch()
+    (package / "arm.py").write_text("import hprm\nclass Arm(hprm.Reactor): pass\n")
+    (tmp_path / "robot" / "program.py").write_text(
+        "import hprm\nfrom .parts.arm import Arm\n"
+        "class Robot(hprm.Federation):\n    def __init__(self):\n        self.arm = Arm()\n"
+    )
+    main = load(str(tmp_path / "robot" / "program.py"), []).main
+    assert type(main).__module__ == "robot.program"
+    hprm.check(main)
+
+
 def test_parameters_are_read_by_their_types(tmp_path: Path) -> None:
     path = tmp_path / "parameters.py"
     path.write_text(

@@ -87,6 +87,30 @@ def test_arguments_may_be_of_classes_of_the_script(tmp_path: Path) -> None:
     assert script(tmp_path, text)[0] == [f"[detector] saw {n}" for n in (5, 6, 7)]
 
 
+def test_a_federation_in_a_package_runs(tmp_path: Path) -> None:
+    package = tmp_path / "robot"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "reactors.py").write_text(FEDERATION)
+    (package / "program.py").write_text(
+        "import hprm\nfrom .reactors import Camera, Detector\n\n"
+        "class Robot(hprm.Federation, timeout='20 ms'):\n"
+        "    def __init__(self) -> None:\n"
+        "        self.camera, self.detector = Camera(2), Detector()\n"
+        "        hprm.connect(self.camera.image, self.detector.image)\n\n"
+        "if __name__ == '__main__':\n    hprm.run(Robot())\n"
+    )
+    hprm = str(Path(sys.executable).with_name("hprm"))
+    for command in (
+        [sys.executable, "-m", "robot.program"],
+        [hprm, "run", "robot/program.py"],
+        [hprm, "run", "--in-process", "robot/program.py"],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == [f"[detector] saw {n}" for n in (2, 3, 4)]
+
+
 def test_without_a_guard_the_script_is_told_to_have_one(tmp_path: Path) -> None:
     out, err = script(tmp_path, FEDERATION + "hprm.run(Vision())\n", code=1)
     assert not out
