@@ -12,7 +12,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from typing import Any
 
@@ -128,24 +127,25 @@ def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
     options = [option for it in properties for option in ("--property", it)]
     if trace is not None:
         options += ["--logical-trace", trace]
-    with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
-        call = os.path.join(folder, "call")
+    # A file without a name, of which nothing is left however the processes end.
+    with os.fdopen(os.memfd_create("hprm-call"), "wb") as file:
         try:
-            with open(call, "wb") as file:
-                pickle.dump(_construction.of(main).call, file)
+            pickle.dump(_construction.of(main).call, file)
+            file.flush()
         except Exception as error:
             raise ProgramError(
                 f"the arguments of {type(main).__name__} cannot be passed to federates: {error}",
                 _construction.of(main).place,
                 "federates are processes: pass what can be pickled",
             ) from None
-        environment = os.environ | {_loading.CALL: call}
+        environment = os.environ | {_loading.CALL: f"/proc/self/fd/{file.fileno()}"}
         started = [command, "run", "--python", sys.executable, *options, program]
         parent = os.getpid()
         return _wait(
             subprocess.Popen(
                 started,
                 env=environment,
+                pass_fds=(file.fileno(),),
                 # However this process ends, none is left behind.
                 preexec_fn=lambda: _hprm.die_with_parent(parent),
             )

@@ -10,9 +10,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import io
 import os
 import pickle
 import sys
+from functools import cache
 from types import ModuleType
 from typing import Any, BinaryIO
 
@@ -167,14 +169,27 @@ def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:
         raise ProgramError(f"{file}: {found!r} is no reactor, and makes none")
     arguments: tuple[Any, ...] = ()
     keywords: dict[str, Any] = {}
-    if CALL in os.environ:
-        with open(os.environ[CALL], "rb") as call:
-            arguments, keywords = _Call(call, found).load()
+    call = _call()
+    if call is not None:
+        arguments, keywords = _Call(io.BytesIO(call), found).load()
     keywords |= _parameters(found, file, stated)
     made = found(*arguments, **keywords)
     if not isinstance(made, Reactor):
         raise ProgramError(f"{file}: {found!r} gives a {type(made).__name__}, not a reactor")
     return made
+
+
+@cache
+def _call() -> bytes | None:
+    """Return the pickled arguments of the constructor, if a script has started this process.
+
+    Programs that this process starts in turn do not get them.
+    """
+    path = os.environ.pop(CALL, None)
+    if path is None:
+        return None
+    with open(path, "rb") as file:
+        return file.read()
 
 
 class _Call(pickle.Unpickler):

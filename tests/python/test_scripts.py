@@ -111,6 +111,17 @@ def test_a_federation_in_a_package_runs(tmp_path: Path) -> None:
         assert done.stdout.splitlines() == [f"[detector] saw {n}" for n in (2, 3, 4)]
 
 
+def test_programs_that_bodies_start_do_not_get_the_arguments(tmp_path: Path) -> None:
+    (tmp_path / "other.py").write_text(
+        "import hprm\nclass Other(hprm.Reactor):\n    @hprm.reaction(hprm.startup)\n"
+        "    def begin(self):\n        print('other', flush=True)\n"
+    )
+    start = "import subprocess; subprocess.run([sys.executable, '-m', 'hprm', 'run', 'other.py'])"
+    text = FEDERATION.replace('print("saw"', f'{start}; print("saw"')
+    text += "if __name__ == '__main__':\n    hprm.run(Vision(4), timeout='0 s')\n"
+    assert script(tmp_path, text)[0] == ["[detector] other", "[detector] saw 4"]
+
+
 def test_without_a_guard_the_script_is_told_to_have_one(tmp_path: Path) -> None:
     out, err = script(tmp_path, FEDERATION + "hprm.run(Vision())\n", code=1)
     assert not out
