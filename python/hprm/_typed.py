@@ -14,6 +14,7 @@ from hprm._hprm import Tag
 
 T = TypeVar("T")
 D = TypeVar("D")
+P = TypeVar("P", bound="_PortOf[Any]")
 
 
 class _PortOf(Generic[T]):
@@ -49,6 +50,14 @@ class _PortOf(Generic[T]):
         """Return the number of channels of a multiport."""
         raise NotImplementedError
 
+    def __getitem__(self: P, index: int) -> P:
+        """Return a channel of a multiport."""
+        raise NotImplementedError
+
+    def __iter__(self: P) -> Iterator[P]:
+        """Return the channels of a multiport."""
+        raise NotImplementedError
+
     def __rshift__(self, other: InputOf[T] | OutputOf[T]) -> object:
         """Connect this port to another one."""
         raise NotImplementedError
@@ -61,28 +70,12 @@ class InputOf(_PortOf[T]):
         """Set it: a reaction of the container can, or give a source a value to remember."""
         raise NotImplementedError
 
-    def __getitem__(self, index: int) -> InputOf[T]:
-        """Return a channel of a multiport."""
-        raise NotImplementedError
-
-    def __iter__(self) -> Iterator[InputOf[T]]:
-        """Return the channels of a multiport."""
-        raise NotImplementedError
-
 
 class OutputOf(_PortOf[T]):
     """An output of a reactor."""
 
     def set(self, value: T, /) -> None:
         """Set it at this tag; the last value that is set wins."""
-        raise NotImplementedError
-
-    def __getitem__(self, index: int) -> OutputOf[T]:
-        """Return a channel of a multiport."""
-        raise NotImplementedError
-
-    def __iter__(self) -> Iterator[OutputOf[T]]:
-        """Return the channels of a multiport."""
         raise NotImplementedError
 
 
