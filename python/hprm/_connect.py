@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_origin
 
-from hprm import _construction, _places
-from hprm._duration import Time, nanoseconds
+from hprm import _construction, _duration, _places
+from hprm._duration import Time
 from hprm._handles import Handle, parts
 from hprm._mistakes import ProgramError, one
 from hprm._parts import Mode, Part
@@ -86,10 +86,10 @@ def connect(
         Connection(
             sources,
             destinations,
-            _time("after", after, place),
+            _duration.stated("after", after, place),
             bool(physical),
             bool(repeated),
-            _time("absent_after", absent_after, place),
+            _duration.stated("absent_after", absent_after, place),
             bound,
             serializer,
             container.mode,
@@ -141,13 +141,6 @@ def _check_keywords(bound: Any, serializer: Any, place: Place) -> None:
             place,
             'write serializer="MODULE": the module has a class `Serializer`',
         )
-
-
-def _time(name: str, given: Time | None, place: Place) -> int | None:
-    try:
-        return None if given is None else nanoseconds(given)
-    except (TypeError, ValueError) as error:
-        raise ProgramError(f"`{name}`: {error}", place) from None
 
 
 def _check_types(left: Handle, right: Handle, place: Place) -> None:

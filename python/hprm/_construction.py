@@ -27,7 +27,6 @@ class Construction:
         self.place = place
         self.connections: list[Connection] = []
         self.mode: Mode | None = None
-        self.is_done = False
         #: The reactor that contains it, with its name and its place in a bank there.
         self.container: Reactor | None = None
         self.name = ""

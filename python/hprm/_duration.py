@@ -4,6 +4,8 @@ from datetime import timedelta
 from typing import TypeAlias
 
 from hprm import _hprm
+from hprm._mistakes import ProgramError
+from hprm._places import Place
 
 #: A time: text with a unit, a ``timedelta``, or a whole number of nanoseconds.
 Time: TypeAlias = str | timedelta | int
@@ -36,3 +38,14 @@ def nanoseconds(time: Time) -> int:
     if number > _LONGEST:
         raise ValueError(f"a time has at most {_LONGEST} nanoseconds, which is 292 years")
     return number
+
+
+def stated(name: str, time: Time | None, place: Place) -> int | None:
+    """Return the time that a program states as ``name`` at a place, if it states one.
+
+    Raises ``ProgramError`` if it is none.
+    """
+    try:
+        return None if time is None else nanoseconds(time)
+    except (TypeError, ValueError) as error:
+        raise ProgramError(f"`{name}`: {error}", place) from None

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, overload
 
-from hprm import _places
-from hprm._duration import Time, nanoseconds
+from hprm import _duration, _places
+from hprm._duration import Time
 from hprm._handles import Handle
 from hprm._mistakes import ProgramError
 from hprm._places import Place
@@ -61,12 +61,7 @@ class Part:
 
     def _time(self, name: str, stated: Late[Time] | None) -> Callable[[Any], Time] | int | None:
         """Return a time in nanoseconds, or the function of the reactor that gives it."""
-        if stated is None or callable(stated):
-            return stated
-        try:
-            return nanoseconds(stated)
-        except (TypeError, ValueError) as error:
-            raise ProgramError(f"`{name}`: {error}", self.place) from None
+        return stated if callable(stated) else _duration.stated(name, stated, self.place)
 
     def __repr__(self) -> str:
         """Return the kind and the name."""

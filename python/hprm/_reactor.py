@@ -7,9 +7,9 @@ from abc import ABCMeta
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from hprm import _class_body, _construction, _places
+from hprm import _class_body, _construction, _duration, _places
 from hprm._construction import Construction
-from hprm._duration import Time, nanoseconds
+from hprm._duration import Time
 from hprm._mistakes import ProgramError, one
 from hprm._namespace import Namespace
 from hprm._parts import Part
@@ -69,7 +69,6 @@ class _Constructed(_Metaclass):
                 _adopt(made, construction)
             finally:
                 stack.pop()
-            construction.is_done = True
             if outer is not None:
                 outer.made.append(made)
             return made
@@ -183,12 +182,9 @@ def federate(
         raise ProgramError(f"a federate is a reactor, not {one(type(reactor).__name__)}", place)
     if host is not None and not isinstance(host, str):
         raise ProgramError(f"`host` is the name of a host, not {host!r}", place)
-    try:
-        wait = None if maxwait is None else nanoseconds(maxwait)
-    except (TypeError, ValueError) as error:
-        raise ProgramError(f"`maxwait`: {error}", place) from None
-    stated = {"host": host, "maxwait": wait, "transient": bool(transient)}
-    _construction.of(reactor).federate = stated
+    wait = _duration.stated("maxwait", maxwait, place)
+    facts = {"host": host, "maxwait": wait, "transient": bool(transient)}
+    _construction.of(reactor).federate = facts
     return reactor
 
 

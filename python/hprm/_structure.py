@@ -10,9 +10,8 @@ import linecache
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hprm import _construction, _places
+from hprm import _construction, _duration, _places
 from hprm._connect import Connection
-from hprm._duration import nanoseconds
 from hprm._facts import of_parameters
 from hprm._handles import Handle, parts
 from hprm._mistakes import ProgramError
@@ -171,7 +170,7 @@ class _Structure:
             "triggers": all_of(reaction.triggers),
             "sources": all_of(reaction.sources),
             "effects": all_of(reaction.effects),
-            "deadline": None if deadline is None else _nanos("deadline", deadline, reaction.place),
+            "deadline": _duration.stated("deadline", deadline, reaction.place),
             "tardy": reaction.tardy is not None,
             "mode": number(reaction.mode),
         }
@@ -279,20 +278,13 @@ def _time(reactor: Reactor, part: Part, name: str) -> int | None:
     stated = getattr(part, name)
     if callable(stated):
         stated = _late(reactor, part.place, f"the {name} of {part.name}", stated)
-    return None if stated is None else _nanos(name, stated, part.place)
+    return _duration.stated(name, stated, part.place)
 
 
-def _nanos(name: str, stated: Any, place: Place) -> int:
-    try:
-        return nanoseconds(stated)
-    except (TypeError, ValueError) as error:
-        raise ProgramError(f"`{name}`: {error}", place) from None
-
-
-def _value(name: str, stated: object, place: Place) -> Any:
+def _value(name: str, stated: Any, place: Place) -> Any:
     """Return the value of a target property."""
     if name in TIMES and stated not in ("auto", "off"):
-        return {"time": _nanos(name, stated, place)}
+        return {"time": _duration.stated(name, stated, place)}
     match stated:
         case bool() | int():
             return stated
