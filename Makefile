@@ -92,7 +92,7 @@ lint: $(VENV)/.requirements ## check the format and the lints; nothing is change
 	$(BIN)/ruff check $(PYTHON_CODE)
 	$(BIN)/ruff format --check $(PYTHON_CODE)
 	$(BIN)/mypy
-	$(BIN)/mypy --strict --config-file= tests/twins
+	MYPYPATH=python $(BIN)/mypy --strict --config-file= tests/twins
 	$(BIN)/pyright
 
 clean: ## remove everything that the other targets made
