@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_origin
 
 from hprm import _construction, _duration, _places
@@ -77,15 +78,10 @@ def connect(
             "move it into `__init__` of a hprm.Reactor or a hprm.Federation",
         )
     _check_keywords(bound, serializer, place)
-    sources = _handles(source, "source", place)
-    destinations = _handles(destination, "destination", place)
-    for left in sources:
-        for right in destinations:
-            _check_types(left, right, place)
     container.connections.append(
         Connection(
-            sources,
-            destinations,
+            _handles(source, "source", place),
+            _handles(destination, "destination", place),
             _duration.stated("after", after, place),
             bool(physical),
             bool(repeated),
@@ -143,8 +139,32 @@ def _check_keywords(bound: Any, serializer: Any, place: Place) -> None:
         )
 
 
-def _check_types(left: Handle, right: Handle, place: Place) -> None:
-    """Refuse to connect an output to an input of another type."""
+def check_types(connection: Connection, width: Callable[[Handle], int]) -> None:
+    """Refuse to connect an output to an input of another type.
+
+    Channels are joined in order, so each port meets those whose channels lie beside its own. The
+    width of a port may depend on its reactor, so it is known when all constructors are done.
+    """
+    sources = ((handle, width(handle)) for handle in connection.sources)
+    if connection.repeated:
+        # Without a channel, they would be repeated for ever.
+        several = [(handle, channels) for handle, channels in sources if channels > 0]
+        sources = itertools.cycle(several)  # type: ignore[assignment]
+    left, beside = None, 0
+    for right in connection.destinations:
+        channels = width(right)
+        while channels > 0:
+            while beside <= 0:
+                left, beside = next(sources, (None, 1))
+            if left is None:
+                # The model says which channels are left over.
+                return
+            _check_pair(left, right, connection.place)
+            joined = min(beside, channels)
+            beside, channels = beside - joined, channels - joined
+
+
+def _check_pair(left: Handle, right: Handle, place: Place) -> None:
     declared = [getattr(parts(handle)[1], "type", Any) for handle in (left, right)]
     # From Python 3.11 on, it is a class.
     if Any in declared:

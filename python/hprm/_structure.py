@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hprm import _construction, _duration, _places
-from hprm._connect import Connection
+from hprm._connect import Connection, check_types
 from hprm._facts import of_parameters
 from hprm._handles import Handle, parts
 from hprm._mistakes import ProgramError
@@ -115,7 +115,7 @@ class _Structure:
 
     def _port(self, reactor: Reactor, part: Part) -> Data:
         kind = "mutable" if isinstance(part, Input) and part.mutable else part.kind
-        width = _late(reactor, part.place, f"the width of {part.name}", part.width_of)
+        width = _width(reactor, part)
         return {"name": part.name, "at": self._at(part.place), "kind": kind, "width": width}
 
     def _timer(self, reactor: Reactor, part: Timer, number: Callable[..., Any]) -> Data:
@@ -144,6 +144,7 @@ class _Structure:
         def row(handles: list[Handle]) -> list[Data]:
             return [self._handle(reactor, handle, connection.place) for handle in handles]
 
+        check_types(connection, _channels)
         return {
             "at": self._at(connection.place),
             "from": row(connection.sources),
@@ -256,6 +257,18 @@ def _refuse_a_share(named: Data, place: Place) -> None:
         return
     message = "a reaction cannot name one member of a bank, or one channel"
     raise ProgramError(message, place, hint, "LF0312")
+
+
+def _channels(handle: Handle) -> int:
+    """Return how many channels a connection joins at a port."""
+    owner, part, channel = parts(handle)
+    width = None if channel is not None else _width(owner, part)
+    return 1 if width is None else width
+
+
+def _width(reactor: Reactor, part: Part) -> int | None:
+    width: int | None = _late(reactor, part.place, f"the width of {part.name}", part.width_of)
+    return width
 
 
 def _place_of_class(cls: type) -> Place:

@@ -13,6 +13,7 @@ import pytest
 
 import hprm
 import hprm.testing
+from hprm import _connect
 from hprm._declared import load
 
 _numbers = count()
@@ -398,6 +399,102 @@ class Main(hprm.Reactor):
     assert (
         found.message == "output Source.out has values of type str, and input Sink.into takes int"
     )
+
+
+TYPED = """
+class Source(hprm.Reactor):
+    number = hprm.Output(int)
+    numbers = hprm.Output(int, width=lambda self: self.width)
+    text = hprm.Output(str)
+
+    def __init__(self, width=2):
+        self.width = width
+
+class Sink(hprm.Reactor):
+    number = hprm.Input(int)
+    numbers = hprm.Input(int, width=3)
+    text = hprm.Input(str)
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.source, self.sink = Source(), Sink()
+        self.sources = [Source(1), Source(2)]
+        self.sinks = [Sink(), Sink()]
+"""
+
+
+@pytest.mark.parametrize(
+    "connection",
+    [
+        "[self.source.number, self.source.text], [self.sink.number, self.sink.text]",
+        "[self.source.numbers, self.source.number, self.source.text],"
+        " [self.sink.numbers, self.sink.text]",
+        "[*(it.numbers for it in self.sources), self.source.text],"
+        " [self.sink.numbers, self.sink.text]",
+        "[self.source.text, self.source.numbers[1], self.source.numbers[0]],"
+        " [self.sink.text, self.sink.numbers[2], self.sink.number]",
+        "[self.source.number, self.source.text],"
+        " [self.sinks[0].number, self.sinks[0].text, self.sinks[1].number, self.sinks[1].text],"
+        " repeated=True",
+        "self.source.text, [it.text for it in self.sinks], repeated=True",
+    ],
+)
+def test_types_are_compared_in_the_order_of_the_channels(tmp_path: Path, connection: str) -> None:
+    path = tmp_path / f"typed_{next(_numbers)}.py"
+    path.write_text(f"import hprm\n{TYPED}        hprm.connect({connection})\n")
+    hprm.check(load(f"{path}:Main", []))
+
+
+@pytest.mark.parametrize(
+    ("connection", "message"),
+    [
+        (
+            "[self.source.text, self.source.number], [self.sink.number, self.sink.text]",
+            "output Source.text has values of type str, and input Sink.number takes int",
+        ),
+        (
+            "[self.source.numbers, self.source.text], [self.sink.numbers, self.sink.text]",
+            "output Source.text has values of type str, and input Sink.numbers takes int",
+        ),
+        (
+            "[self.source.number, self.source.text],"
+            " [it.number for it in self.sinks], repeated=True",
+            "output Source.text has values of type str, and input Sink.number takes int",
+        ),
+    ],
+)
+def test_channels_of_different_types(tmp_path: Path, connection: str, message: str) -> None:
+    path = tmp_path / f"typed_{next(_numbers)}.py"
+    path.write_text(f"import hprm\n{TYPED}        hprm.connect({connection})\n")
+    with pytest.raises(hprm.ProgramError) as raised:
+        hprm.check(load(f"{path}:Main", []))
+    assert raised.value.message == message
+
+
+def test_each_channel_is_compared_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Source(hprm.Reactor):
+        out = hprm.Output(int)
+
+        @hprm.reaction(hprm.startup, effects=[out])
+        def begin(self) -> None:
+            self.out.set(1)
+
+    class Sink(hprm.Reactor):
+        into = hprm.Input(int)
+
+    class Main(hprm.Reactor):
+        def __init__(self) -> None:
+            self.sources = [Source() for _ in range(50)]
+            self.sinks = [Sink() for _ in range(50)]
+            hprm.connect([it.out for it in self.sources], [it.into for it in self.sinks])
+
+    compared = []
+    check_pair = _connect._check_pair
+    monkeypatch.setattr(
+        _connect, "_check_pair", lambda *pair: (compared.append(pair), check_pair(*pair))
+    )
+    hprm.check(Main())
+    assert len(compared) == 50
 
 
 def test_a_connection_outside_of_a_constructor(tmp_path: Path) -> None:
