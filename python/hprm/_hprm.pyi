@@ -162,7 +162,14 @@ def check_declared(declared: Declared, properties: list[str] = ...) -> tuple[boo
     """Return whether a declared program can run, and its diagnostics as text."""
 
 def nanoseconds(time: _Time, /) -> int:
-    """Return the nanoseconds of a number of them, a text such as "10 ms", or a timedelta."""
+    """Return the nanoseconds of a whole number of them, a text such as "10 ms", or a timedelta.
+
+    Raises ``TypeError`` if it is nothing of that, and ``ValueError`` if it is negative, or longer
+    than 292 years.
+    """
+
+def named_program(path: str) -> tuple[str, str | None] | None:
+    """Return the file of a program in Python, and what is behind the colon in ``app.py:NAME``."""
 
 def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
     """Run a program in this process, federated or not, to its end. Return the exit code.

@@ -17,7 +17,8 @@ from typing import Any
 
 from hprm import _construction, _hprm, _loading, _structure
 from hprm._declared import Declared
-from hprm._duration import Time, nanoseconds
+from hprm._duration import Time
+from hprm._hprm import nanoseconds
 from hprm._mistakes import ProgramError, ProgramFailed, one
 from hprm._places import here, shown
 from hprm._reactor import Federation, Reactor

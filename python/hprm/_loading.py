@@ -43,17 +43,19 @@ def load(path: str, properties: list[str]) -> Declared:
         ``KEY=VALUE``; those that begin with ``main.`` are arguments of the constructor.
 
     """
-    file, name = split(path)
+    named = _hprm.named_program(path)
+    if named is None:
+        raise ProgramError(f"{path} is no program in Python")
+    file, name = named
+    if name == "":
+        raise ProgramError(
+            f"{path} ends with a colon, and names no reactor",
+            hint=f"write {file}:NAME, or {file} alone",
+        )
     module = _import(file)
-    found = _named(module, file, name) if name else _only(module, file)
+    found = _only(module, file) if name is None else _named(module, file, name)
     stated = [it.removeprefix(_PARAMETER) for it in properties if it.startswith(_PARAMETER)]
     return Declared(_made(found, file, dict(it.split("=", 1) for it in stated)))
-
-
-def split(path: str) -> tuple[str, str]:
-    """Return the file and the name in it, which may be empty."""
-    file, separator, name = path.rpartition(".py:")
-    return (f"{file}.py", name) if separator else (path, "")
 
 
 def loading() -> str | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hprm import _construction
-from hprm._duration import Time, nanoseconds
-from hprm._hprm import Api, Tag
+from hprm._duration import Time
+from hprm._hprm import Api, Tag, nanoseconds
 
 
 class Running:

@@ -26,7 +26,8 @@ from typing import Any
 from hprm import _hprm
 from hprm._connect import connect
 from hprm._declared import Declared
-from hprm._duration import Time, nanoseconds
+from hprm._duration import Time
+from hprm._hprm import nanoseconds
 from hprm._launching import check
 from hprm._mistakes import ProgramFailed
 from hprm._parts import Action, Input, Output, Part

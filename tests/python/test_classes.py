@@ -568,6 +568,19 @@ def test_the_program_of_a_file_is_the_only_class_without_ports(tmp_path: Path) -
     assert type(load(str(path), []).main).__name__ == "B"
 
 
+def test_a_program_is_named_by_its_file_and_a_class(tmp_path: Path) -> None:
+    folder = tmp_path / "old.py:new"
+    folder.mkdir()
+    text = "import hprm\n\nclass Main(hprm.Reactor):\n    pass\n\nclass Other(Main):\n    pass\n"
+    (folder / "named.py").write_text(text)
+    assert type(load(f"{folder}/named.py", []).main).__name__ == "Main"
+    assert type(load(f"{folder}/named.py:Other", []).main).__name__ == "Other"
+    with pytest.raises(hprm.ProgramError) as raised:
+        load(f"{folder}/named.py:", [])
+    assert raised.value.message == f"{folder}/named.py: ends with a colon, and names no reactor"
+    assert raised.value.hint == f"write {folder}/named.py:NAME, or {folder}/named.py alone"
+
+
 def test_a_program_may_be_in_a_package(tmp_path: Path) -> None:
     package = tmp_path / "robot" / "parts"
     package.mkdir(parents=True)

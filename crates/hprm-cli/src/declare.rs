@@ -12,24 +12,24 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{ExitCode, ExitStatus, Stdio};
 
+use hprm_declared::NamedProgram;
+
 use crate::args::Interpreter;
 use crate::message::{self, Error};
 use crate::{python, secret, signals};
 
-/// How the name of a file ends that is a program in Python.
-const ENDING: &str = ".py";
-
 /// The file of a program: without the name of a reactor, as in `app.py:Vision`.
 pub(crate) fn file_of(path: &Path) -> &Path {
-    match path.to_str().and_then(|path| path.rsplit_once(':')) {
-        Some((file, name)) if file.ends_with(ENDING) && !name.contains('/') => Path::new(file),
-        _ => path,
-    }
+    named(path).map_or(path, |named| Path::new(named.file))
 }
 
 /// Whether a program is in Python, by its path.
 pub(crate) fn is_python(path: &Path) -> bool {
-    file_of(path).extension().is_some_and(|extension| extension == &ENDING[1..])
+    named(path).is_some()
+}
+
+fn named(path: &Path) -> Option<NamedProgram<'_>> {
+    NamedProgram::parse(path.to_str()?)
 }
 
 /// Has an interpreter declare the program at `path`. Returns the declaration, or what the interpreter has
@@ -128,25 +128,5 @@ impl Drop for Folder {
     fn drop(&mut self) {
         // If it fails, only a temporary file is left.
         let _ = fs::remove_dir_all(&self.path);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_program_in_python_may_have_the_name_of_its_main_reactor() {
-        let file = |text: &'static str| file_of(Path::new(text)).to_str().unwrap();
-        assert_eq!(file("a/app.py:Vision"), "a/app.py");
-        assert_eq!(file("a/app.py"), "a/app.py");
-        assert_eq!(file("app.py:"), "app.py");
-        assert_eq!(file("app.py:a/b.lf"), "app.py:a/b.lf");
-        assert_eq!(file("Main.lf:Main"), "Main.lf:Main");
-        for (text, expected) in
-            [("app.py", true), ("app.py:Vision", true), ("Main.lf", false), ("py", false)]
-        {
-            assert_eq!(is_python(Path::new(text)), expected, "{text}");
-        }
     }
 }

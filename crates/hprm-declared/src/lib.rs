@@ -7,7 +7,7 @@
 //!
 //! `document` is the form of the JSON, `places` finds places in the texts, `reactors` makes a library of the
 //! declarations, with `members` and `references`; `properties` has the target properties, and `facts` what
-//! federates compare beyond what the model knows.
+//! federates compare beyond what the model knows. `named` reads how users name such a program.
 //!
 //! This crate is pure: text goes in, data comes out. It opens no file and runs nothing.
 
@@ -17,6 +17,7 @@
 mod document;
 mod facts;
 mod members;
+mod named;
 mod places;
 mod properties;
 mod reactors;
@@ -26,6 +27,8 @@ use hprm_model::{CompileFailure, Compiled, Purpose, Report, Syntax, TargetProper
 
 use crate::document::Document;
 use crate::reactors::Reactors;
+
+pub use crate::named::NamedProgram;
 
 /// The text is no declaration of a program: the Python package that wrote it has another version than this
 /// crate, or a bug.

@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 
 use hprm::{Disk, Failure, Source};
+use hprm_declared::NamedProgram;
 use hprm_model::{CompileFailure, Compiled, Purpose, render_all};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
@@ -41,7 +42,7 @@ impl Checked {
         properties: &[String],
         warn: bool,
     ) -> Result<Self, Failure> {
-        if is_python(path) {
+        if NamedProgram::parse(path).is_some() {
             let object = load(py, path, properties)?;
             let file = Some((path.to_owned(), properties.to_owned()));
             return Self::declared(object.bind(py), properties, file, warn);
@@ -97,13 +98,10 @@ impl Declared {
     }
 }
 
-/// Whether a program of that path is a Python file, perhaps with the name of a reactor behind it.
-fn is_python(path: &str) -> bool {
-    let file = match path.rsplit_once(':') {
-        Some((file, name)) if !name.contains('/') => file,
-        _ => path,
-    };
-    file.ends_with(".py") || path.ends_with(".py")
+/// The file of a program in Python, and what stands behind the colon in `app.py:Vision`; none of other programs.
+#[pyfunction]
+pub(crate) fn named_program(path: &str) -> Option<(&str, Option<&str>)> {
+    NamedProgram::parse(path).map(|named| (named.file, named.reactor))
 }
 
 fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Py<PyAny>, Failure> {

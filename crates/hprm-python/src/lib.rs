@@ -62,7 +62,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::buffer::{Frozen, Memory, shaped};
     #[pymodule_export]
-    use crate::checked::check_declared;
+    use crate::checked::{check_declared, named_program};
     #[pymodule_export]
     use crate::console::{output_failed, tell_programs};
     #[pymodule_export]
@@ -92,5 +92,5 @@ mod _hprm {
     #[pymodule_export]
     use crate::threads::run_in_process;
     #[pymodule_export]
-    use crate::time::nanos;
+    use crate::time::stated_nanos;
 }

@@ -4,7 +4,7 @@ use hprm_core::Nanos;
 use hprm_lf::{WrongTime, parse_time};
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDelta, PyDeltaAccess, PyFloat, PyString};
+use pyo3::types::{PyBool, PyDelta, PyDeltaAccess, PyFloat, PyString};
 
 /// Nanoseconds of a day, a second and a microsecond: what a `timedelta` counts.
 const UNITS: [i128; 3] = [86_400_000_000_000, 1_000_000_000, 1_000];
@@ -20,8 +20,6 @@ pub(crate) fn kind(object: &Bound<'_, PyAny>) -> String {
 /// # Errors
 ///
 /// `TypeError` if it is nothing of that, `ValueError` or `OverflowError` if it is no time.
-#[pyfunction]
-#[pyo3(name = "nanoseconds", signature = (time, /))]
 pub(crate) fn nanos(time: &Bound<'_, PyAny>) -> PyResult<Nanos> {
     if let Ok(number) = time.cast::<PyFloat>() {
         return of_float(number.value());
@@ -43,6 +41,45 @@ pub(crate) fn nanos(time: &Bound<'_, PyAny>) -> PyResult<Nanos> {
             Err(error)
         }
     })
+}
+
+/// The nanoseconds of a time that a program states. The unit is in doubt of a float, and a time that is stated
+/// counts forward.
+///
+/// # Errors
+///
+/// `TypeError` if it is nothing that states a time, `ValueError` if it is no such time.
+#[pyfunction]
+#[pyo3(name = "nanoseconds", signature = (time, /))]
+pub(crate) fn stated_nanos(time: &Bound<'_, PyAny>) -> PyResult<Nanos> {
+    let refuse = |what: String| {
+        let expected = "a time is \"10 ms\", a timedelta, or a whole number of nanoseconds";
+        PyTypeError::new_err(format!("{expected}, and this is {what}"))
+    };
+    if time.is_instance_of::<PyBool>() {
+        return Err(refuse(time.to_string()));
+    }
+    if let Ok(number) = time.cast::<PyFloat>() {
+        let number = number.value();
+        let fixed = format!("{number:.9}");
+        let seconds = fixed.trim_end_matches('0').trim_end_matches('.');
+        return Err(refuse(match number.is_finite() {
+            true => format!("the float {time}: write \"{seconds} s\""),
+            false => format!("the float {time}"),
+        }));
+    }
+    match nanos(time) {
+        Ok(nanos) if nanos < 0 => {
+            Err(PyValueError::new_err(format!("a time counts forward, and {time} is negative")))
+        }
+        Err(error) if error.is_instance_of::<PyTypeError>(time.py()) => {
+            Err(refuse(format!("a {}", kind(time))))
+        }
+        Err(error) if error.is_instance_of::<PyOverflowError>(time.py()) => {
+            Err(PyValueError::new_err(error.value(time.py()).to_string()))
+        }
+        read => read,
+    }
 }
 
 fn of_float(number: f64) -> PyResult<Nanos> {
