@@ -46,8 +46,9 @@ def main() -> NoReturn:
             hang_timeout=options.hang_timeout,
         )
     elif options.command == "run":
+        launch = None if options.launcher is None else lambda: _launch(options, arguments)
         code = _hprm.run_program(
-            options.file, options.property, logical_trace=options.logical_trace
+            options.file, options.property, logical_trace=options.logical_trace, launch=launch
         )
     else:
         if not options.federation:
@@ -75,6 +76,18 @@ def main() -> NoReturn:
     # A federate that has failed does not delay the end of its federation.
     alone = options.command == "run" and not options.in_process
     leave(code, patience=None if alone or code == 0 else AFTER_FAILURE)
+
+
+def _launch(options: argparse.Namespace, arguments: list[str]) -> int:
+    """Have the command run the program, which is a federation. Return the exit code."""
+    from hprm import _launching
+
+    words = [f"--property={it}" for it in options.property]
+    if options.logical_trace is not None:
+        words += ["--logical-trace", options.logical_trace]
+    if options.json:
+        words.append("--json")
+    return _launching.launch(options.launcher, [*words, options.file, "--", *arguments])
 
 
 def _declare(options: argparse.Namespace) -> int:
@@ -120,6 +133,9 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         metavar="SECONDS",
         help="with --in-process: fail if a federate does not answer for so long",
+    )
+    run.add_argument(
+        "--launcher", metavar="PATH", help="the command that runs the program if it is a federation"
     )
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")

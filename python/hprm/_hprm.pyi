@@ -171,8 +171,16 @@ def nanoseconds(time: _Time, /) -> int:
 def named_program(path: str) -> tuple[str, str | None] | None:
     """Return the file of a program in Python, and what is behind the colon in ``app.py:NAME``."""
 
-def run_program(path: str, properties: list[str] = ..., *, logical_trace: str | None = None) -> int:
-    """Run a program in this process, federated or not, to its end. Return the exit code.
+def run_program(
+    path: str,
+    properties: list[str] = ...,
+    *,
+    logical_trace: str | None = None,
+    launch: Callable[[], int] | None = None,
+) -> int:
+    """Run a program in this process, to its end. Return the exit code.
+
+    If it is a federation, ``launch`` may run it instead.
 
     It is an ``.lf`` file, or a Python file, perhaps with the name of a reactor: ``app.py:NAME``.
     Target properties, each as ``KEY=VALUE``, override those of the program.

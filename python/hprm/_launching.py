@@ -139,18 +139,24 @@ def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
                 _construction.of(main).place,
                 "federates are processes: pass what can be pickled",
             ) from None
-        environment = os.environ | {_loading.CALL: f"/proc/self/fd/{file.fileno()}"}
-        started = [command, "run", "--python", sys.executable, *options, program]
-        parent = os.getpid()
-        return _wait(
-            subprocess.Popen(
-                started,
-                env=environment,
-                pass_fds=(file.fileno(),),
-                # However this process ends, none is left behind.
-                preexec_fn=lambda: _hprm.die_with_parent(parent),
-            )
+        return launch(command, [*options, program], file.fileno())
+
+
+def launch(command: str, words: list[str], call: int | None = None) -> int:
+    """Have the command run a federation, whose arguments a file may have. Return its exit code."""
+    environment = dict(os.environ)
+    if call is not None:
+        environment[_loading.CALL] = f"/proc/self/fd/{call}"
+    parent = os.getpid()
+    return _wait(
+        subprocess.Popen(
+            [command, "run", "--python", sys.executable, "--federation-known", *words],
+            env=environment,
+            pass_fds=() if call is None else (call,),
+            # However this process ends, none is left behind.
+            preexec_fn=lambda: _hprm.die_with_parent(parent),
         )
+    )
 
 
 def _wait(process: subprocess.Popen[bytes]) -> int:

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
 import io
 import os
 import pickle
 import sys
+import traceback
 from functools import cache
 from types import ModuleType
 from typing import Any, BinaryIO
 
-from hprm import _hprm, _threads
+from hprm import _hprm, _parameters, _places, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
@@ -43,6 +43,13 @@ def load(path: str, properties: list[str]) -> Declared:
         ``KEY=VALUE``; those that begin with ``main.`` are arguments of the constructor.
 
     """
+    try:
+        return _load(path, properties)
+    except SystemExit as error:
+        raise _ended(path, error) from None
+
+
+def _load(path: str, properties: list[str]) -> Declared:
     named = _hprm.named_program(path)
     if named is None:
         raise ProgramError(f"{path} is no program in Python")
@@ -56,6 +63,21 @@ def load(path: str, properties: list[str]) -> Declared:
     found = _only(module, file) if name is None else _named(module, file, name)
     stated = [it.removeprefix(_PARAMETER) for it in properties if it.startswith(_PARAMETER)]
     return Declared(_made(found, file, dict(it.split("=", 1) for it in stated)))
+
+
+def _ended(path: str, error: SystemExit) -> ProgramError:
+    """Say where the program has ended the interpreter, instead of declaring itself."""
+    place, code = None, "" if error.code is None else repr(error.code)
+    file = os.path.abspath((_hprm.named_program(path) or (path,))[0])
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if os.path.abspath(frame.f_code.co_filename) == file:
+            place = _places.of_line(frame.f_code.co_filename, line)
+    return ProgramError(
+        f"{path} ends the interpreter while it is loaded: sys.exit({code})",
+        place,
+        'put what only a script does below `if __name__ == "__main__":`; a reaction may end the'
+        " program",
+    )
 
 
 def loading() -> str | None:
@@ -174,7 +196,7 @@ def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:
     call = _call()
     if call is not None:
         arguments, keywords = _Call(io.BytesIO(call), found).load()
-    keywords |= _parameters(found, file, stated)
+    keywords |= _parameters.read(found, stated)
     made = found(*arguments, **keywords)
     if not isinstance(made, Reactor):
         raise ProgramError(f"{file}: {found!r} gives a {type(made).__name__}, not a reactor")
@@ -207,41 +229,3 @@ class _Call(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """Find a class by its name."""
         return super().find_class(self._module if module == "__main__" else module, name)
-
-
-def _parameters(found: Any, file: str, stated: dict[str, str]) -> dict[str, Any]:
-    """Read the parameters that the command line states, each by the type that it has."""
-    known = inspect.signature(found).parameters
-    read = {}
-    for name, text in stated.items():
-        option = f"--{name.replace('_', '-')} {text}"
-        parameter = known.get(name)
-        if parameter is None:
-            names = ", ".join(f"--{it}" for it in known) or "none"
-            raise ProgramError(
-                f"{option}: the program has no such parameter", hint=f"it has: {names}"
-            )
-        read[name] = _read(parameter, text, option)
-    return read
-
-
-def _read(parameter: inspect.Parameter, text: str, option: str) -> Any:
-    expected = parameter.annotation
-    if expected is inspect.Parameter.empty and parameter.default is not inspect.Parameter.empty:
-        expected = type(parameter.default)
-    name = expected if isinstance(expected, str) else getattr(expected, "__name__", "")
-    if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
-        text = text[1:-1]
-    try:
-        match name:
-            case "int":
-                return int(text)
-            case "float":
-                return float(text)
-            case "bool" if text.lower() in ("true", "false"):
-                return text.lower() == "true"
-            case "bool":
-                raise ValueError("it is true or false")
-    except ValueError:
-        raise ProgramError(f"{option}: the parameter is a {name}") from None
-    return text

@@ -49,19 +49,19 @@ def _of_frame(frame: FrameType) -> Place:
     path, line = frame.f_code.co_filename, frame.f_lineno
     positions = getattr(frame.f_code, "co_positions", None)
     if positions is None or frame.f_lasti < 0:
-        return _whole(path, line)
+        return of_line(path, line)
     first, last, column, end = next(islice(positions(), frame.f_lasti // 2, None), (None,) * 4)
     if first is None or column is None:
-        return _whole(path, line)
+        return of_line(path, line)
     return Place(path, first, column, end if first == last and end is not None else -1)
 
 
 def of_function(function: FunctionType) -> Place:
     """Return the first line of a function: that of its first decorator, if it has one."""
-    return _whole(function.__code__.co_filename, function.__code__.co_firstlineno)
+    return of_line(function.__code__.co_filename, function.__code__.co_firstlineno)
 
 
-def _whole(path: str, line: int) -> Place:
-    """A line without the white space before it."""
+def of_line(path: str, line: int) -> Place:
+    """Return a line without the white space before it."""
     text = linecache.getline(path, line)
     return Place(path, line, len(text) - len(text.lstrip()))

@@ -112,7 +112,8 @@ class passed:
     done = subprocess.run(
         [
             Path(sys.executable).with_name("hprm"),
-            *("run", "--python", interpreter, "federation.py:Main", "--logical-trace", "trace"),
+            *("run", "--federation-known", "--python", interpreter, "federation.py:Main"),
+            *("--logical-trace", "trace"),
         ],
         cwd=tmp_path,
         env=environment(),

@@ -607,9 +607,9 @@ def test_parameters_are_read_by_their_types(tmp_path: Path) -> None:
     stated = ["main.rate=3", "main.gain=2", "main.on=true", 'main.name="b"', "timeout=1 s"]
     main = load(str(path), stated).main
     assert vars(main)["all"] == (3, 2.0, True, "b")
-    with pytest.raises(hprm.ProgramError, match="--rate fast: the parameter is a int"):
+    with pytest.raises(hprm.ProgramError, match="--rate fast: the parameter is an int"):
         load(str(path), ["main.rate=fast"])
-    with pytest.raises(hprm.ProgramError, match="no such parameter"):
+    with pytest.raises(hprm.ProgramError, match="--speed 3 is neither an option"):
         load(str(path), ["main.speed=3"])
 
 

@@ -52,7 +52,7 @@ class Sink(hprm.Reactor):
     inp = hprm.Input()
     def take(self): ...
 
-class Vision(hprm.Reactor):
+class Vision(hprm.Federation):
     source, sink = Source(), Sink()
 """
 
@@ -181,6 +181,21 @@ def test_a_program_is_declared_and_then_run(stage: Stage) -> None:
         ["-m", "hprm", "declare", "--", "app.py", "x", "-y"],
         ["-m", "hprm", "run", "--", "app.py", "x", "-y"],
     ]
+
+
+def test_a_program_without_federates_is_run_at_once(stage: Stage) -> None:
+    text = TEXT.replace("Federation", "Reactor")
+    (stage.folder / "app.py").write_text(text)
+    words = ["run", "app.py", "--rate", "3", "--logical-trace", "a", "--json", "x"]
+    assert stage.hprm(*words) == (0, "", "")
+    stated = ["--launcher", COMMAND, "--property=main.rate=3", "--", "app.py", "x"]
+    assert stage.calls == [["-m", "hprm", "run", "--json", "--logical-trace", "a", *stated]]
+    # What only federations need is stated, or it is known that it is one.
+    for option in ("--in-process", "--join-timeout=9", "--hang-timeout=9", "--federation-known"):
+        (stage.folder / "calls").unlink()
+        assert stage.hprm("run", option, "app.py") == (0, "", "")
+        assert [call[2] for call in stage.calls] == ["declare", "run"]
+        assert "--launcher" not in stage.calls[1]
 
 
 def test_parameters_and_properties_reach_the_declaration(stage: Stage) -> None:

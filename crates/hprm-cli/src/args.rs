@@ -40,6 +40,9 @@ impl Arguments {
 /// The option for target properties, which those commands have that run a program.
 pub(crate) const PROPERTY: &str = "property";
 
+/// What --join-timeout is for `hprm run` if it is not stated.
+const JOIN_TIMEOUT: Duration = Duration::from_secs(30);
+
 const EXAMPLES: &str = "\
 Examples:
   hprm run Main.lf            run a program, in one process or as a federation
@@ -219,6 +222,9 @@ pub(crate) struct Run {
     /// The program: FILE.lf, FILE.py, or FILE.py:NAME for one of several main reactors.
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
+    /// The program is a federation for sure.
+    #[arg(long, hide = true)]
+    pub(crate) federation_known: bool,
     /// Run the federates as threads of one process. Arrays go from one to the other without a copy,
     /// and are read-only from then on.
     #[arg(long)]
@@ -247,6 +253,15 @@ pub(crate) struct Run {
 }
 
 impl Run {
+    /// Whether it states something that only federations need.
+    pub(crate) fn is_for_federation(&self) -> bool {
+        self.federation_known
+            || self.in_process
+            || self.debug.is_some()
+            || self.hang.limit.is_some()
+            || self.join_timeout != JOIN_TIMEOUT
+    }
+
     /// The program that is meant.
     pub(crate) fn program(&self) -> Program<'_> {
         program(&self.file, &self.properties, &self.interpreter, self.arguments.all())
@@ -661,7 +676,7 @@ mod tests {
         assert_eq!(run.file, PathBuf::from("A.lf"));
         assert!(run.in_process);
         assert!(run.arguments.all().eq(["x", "-1", "y", "--rounds", "-3"]));
-        assert_eq!(run.join_timeout, Duration::from_secs(30));
+        assert_eq!(run.join_timeout, JOIN_TIMEOUT);
         let words =
             ["hprm", "federate", "--rti", "unix:@x", "A.lf", "--workers=2", "a", "--", "-v"];
         let Command::Federate(one) = parsed(&words).unwrap() else { panic!("not a federate") };

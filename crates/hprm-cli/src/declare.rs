@@ -18,6 +18,9 @@ use crate::args::Interpreter;
 use crate::message::{self, Error};
 use crate::{python, secret, signals};
 
+/// The class that a federation extends, itself or by another file.
+const FEDERATION: &[u8] = b"Federation";
+
 /// The file of a program: without the name of a reactor, as in `app.py:Vision`.
 pub(crate) fn file_of(path: &Path) -> &Path {
     named(path).map_or(path, |named| Path::new(named.file))
@@ -30,6 +33,20 @@ pub(crate) fn is_python(path: &Path) -> bool {
 
 fn named(path: &Path) -> Option<NamedProgram<'_>> {
     NamedProgram::parse(path.to_str()?)
+}
+
+/// Whether a program is in Python and, as far as its text shows, has no federates: then the interpreter that runs
+/// it finds out what is wrong with it, and nothing needs to be declared before.
+///
+/// # Errors
+///
+/// If the file cannot be read.
+pub(crate) fn is_alone(path: &Path) -> Result<bool, Error> {
+    let Some(NamedProgram { file, .. }) = named(path) else { return Ok(false) };
+    is_readable(Path::new(file))?;
+    let text = fs::read(file).unwrap_or_default();
+    let is_named = text.windows(FEDERATION.len()).any(|word| word == FEDERATION);
+    Ok(!is_named)
 }
 
 /// Has an interpreter declare the program at `path`. Returns the declaration, or what the interpreter has

@@ -23,6 +23,13 @@ use crate::{check, declare, hosts, join, python, rti, secret, signals, threads};
 ///
 /// If it cannot be started.
 pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
+    if !arguments.is_for_federation() && declare::is_alone(&arguments.file)? {
+        let this = std::env::current_exe();
+        let this =
+            this.map_err(|error| Error::new(format!("cannot find this command: {error}")))?;
+        let python = python::find(&arguments.interpreter)?;
+        return Err(replace(alone(&python, arguments, Some(&this))));
+    }
     let compiled = match check::checked(&arguments.program())? {
         Ok(compiled) => compiled,
         Err(code) => return Ok(code),
@@ -30,15 +37,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     let debugged = debugged(&compiled.program, arguments)?;
     let python = python::find(&arguments.interpreter)?;
     if !compiled.program.is_federated() {
-        // The one process that runs it shows the warnings.
-        let mut command = python::module(&python, "run");
-        command.args(message::json_option());
-        if let Some(path) = &arguments.logical_trace {
-            command.arg("--logical-trace").arg(path);
-        }
-        command.args(arguments.properties.options());
-        command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
-        return Err(replace(command));
+        return Err(replace(alone(&python, arguments, None)));
     }
     check::show(&hosts::elsewhere(&compiled), &compiled.sources);
     if arguments.in_process {
@@ -63,6 +62,22 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     };
     let code = launch::launch(&compiled, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// The one process that runs a program without federates. It shows the warnings, and has the `launcher` run the
+/// program if that turns out to have federates.
+fn alone(python: &Path, arguments: &Run, launcher: Option<&Path>) -> Command {
+    let mut command = python::module(python, "run");
+    command.args(message::json_option());
+    if let Some(path) = &arguments.logical_trace {
+        command.arg("--logical-trace").arg(path);
+    }
+    if let Some(launcher) = launcher {
+        command.arg("--launcher").arg(launcher);
+    }
+    command.args(arguments.properties.options());
+    command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
+    command
 }
 
 /// The federate that gets the terminal.

@@ -31,24 +31,27 @@ pub(crate) struct Declared {
 
 impl Checked {
     /// Checks the program at `path`: an `.lf` file, or a Python file, perhaps with the name of a reactor behind it
-    /// (`app.py:Vision`). Writes its warnings to the standard error, if asked to `warn`.
+    /// (`app.py:Vision`).
     ///
     /// # Errors
     ///
     /// What is wrong with it, or what it raises.
-    pub(crate) fn load(
-        py: Python<'_>,
-        path: &str,
-        properties: &[String],
-        warn: bool,
-    ) -> Result<Self, Failure> {
+    pub(crate) fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Self, Failure> {
         if NamedProgram::parse(path).is_some() {
             let object = load(py, path, properties)?;
             let file = Some((path.to_owned(), properties.to_owned()));
-            return Self::declared(object.bind(py), properties, file, warn);
+            return Self::declared(object.bind(py), properties, file);
         }
         let compiled = hprm_lf::compile_with(path, properties, &mut Disk::from_environment());
-        Ok(Self { compiled: accept(py, compiled, warn)?, declared: None })
+        Ok(Self { compiled: accept(py, compiled)?, declared: None })
+    }
+
+    /// Writes its warnings to the standard error.
+    pub(crate) fn show_warnings(&self, py: Python<'_>) {
+        let Compiled { warnings, sources, .. } = &self.compiled;
+        if !warnings.is_empty() {
+            say_to_caller(py, &render_all(warnings, sources, in_color(py)));
+        }
     }
 
     /// Checks the program that `object` declares, which exists already. The caller has its warnings of
@@ -58,20 +61,19 @@ impl Checked {
     ///
     /// What is wrong with it.
     pub(crate) fn of(object: &Bound<'_, PyAny>, properties: &[String]) -> Result<Self, Failure> {
-        Self::declared(object, properties, None, false)
+        Self::declared(object, properties, None)
     }
 
     fn declared(
         object: &Bound<'_, PyAny>,
         properties: &[String],
         file: Option<(String, Vec<String>)>,
-        warn: bool,
     ) -> Result<Self, Failure> {
         let text = text_of(object)?;
         let compiled = hprm_declared::compile(&text, properties, Purpose::Run);
         let compiled = compiled.map_err(|error| Failure::option(error.to_string()))?;
         let declared = Some(Declared { object: object.clone().unbind(), text, file });
-        Ok(Self { compiled: accept(object.py(), compiled, warn)?, declared })
+        Ok(Self { compiled: accept(object.py(), compiled)?, declared })
     }
 }
 
@@ -120,21 +122,8 @@ fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {
 }
 
 /// The program, unless there is something wrong with it.
-fn accept(
-    py: Python<'_>,
-    compiled: Result<Compiled, CompileFailure>,
-    warn: bool,
-) -> Result<Compiled, Failure> {
-    let color = in_color(py);
-    match compiled {
-        Ok(compiled) => {
-            if warn && !compiled.warnings.is_empty() {
-                say_to_caller(py, &render_all(&compiled.warnings, &compiled.sources, color));
-            }
-            Ok(compiled)
-        }
-        Err(failure) => Err(Failure::mistakes(&failure, color)),
-    }
+fn accept(py: Python<'_>, compiled: Result<Compiled, CompileFailure>) -> Result<Compiled, Failure> {
+    compiled.map_err(|failure| Failure::mistakes(&failure, in_color(py)))
 }
 
 fn in_color(py: Python<'_>) -> bool {

@@ -24,21 +24,30 @@ use crate::load::{Care, load};
 use crate::program;
 use crate::value::Value;
 
-/// Runs a program in this process, federated or not, to its end. Returns the exit code.
+/// Runs a program in this process, to its end. Returns the exit code. If it is a federation, `launch` may run it
+/// instead: it returns the exit code then.
 ///
 /// Each of the `properties` is a target property, `KEY=VALUE`, that overrides the program's.
 #[pyfunction]
-#[pyo3(signature = (path, properties = vec![], *, logical_trace = None))]
+#[pyo3(signature = (path, properties = vec![], *, logical_trace = None, launch = None))]
 pub(crate) fn run_program(
     py: Python<'_>,
     path: &str,
     properties: Vec<String>,
     logical_trace: Option<PathBuf>,
-) -> i32 {
-    exit_code(&Checked::load(py, path, &properties, true).and_then(|checked| {
+    launch: Option<Bound<'_, PyAny>>,
+) -> PyResult<i32> {
+    let checked = Checked::load(py, path, &properties);
+    if let (Ok(checked), Some(launch)) = (&checked, launch)
+        && checked.compiled.federated
+    {
+        return launch.call0()?.extract();
+    }
+    Ok(exit_code(&checked.and_then(|checked| {
+        checked.show_warnings(py);
         let care = Care::Own("the program".to_owned());
         run_whole(py, &checked, care, logical_trace)
-    }))
+    })))
 }
 
 /// Runs the program that `declared` declares, to its end. Returns the exit code: the process goes on, and is as it
@@ -139,8 +148,12 @@ pub(crate) fn run_federate(
 ) -> i32 {
     let launched = membership.launched;
     let mut joined = false;
-    let checked = Checked::load(py, path, &membership.properties, !launched);
-    let outcome = checked.and_then(|Checked { compiled, declared }| {
+    let checked = Checked::load(py, path, &membership.properties);
+    let outcome = checked.and_then(|checked| {
+        if !launched {
+            checked.show_warnings(py);
+        }
+        let Checked { compiled, declared } = checked;
         hprm::log_to_stderr(false)?;
         let options = options(&compiled, federate, membership)?;
         let inbox = inbox()?;

@@ -61,7 +61,8 @@ pub(crate) fn run_in_process(
     join_timeout: Option<f64>,
     hang_timeout: Option<f64>,
 ) -> i32 {
-    let outcome = Checked::load(py, path, &properties, true).and_then(|checked| {
+    let outcome = Checked::load(py, path, &properties).and_then(|checked| {
+        checked.show_warnings(py);
         hprm::log_to_stderr(true)?;
         let join_timeout = limit("--join-timeout", join_timeout)?.unwrap_or(Duration::MAX);
         let silence = limit("--hang-timeout", hang_timeout)?.map(nanoseconds);
