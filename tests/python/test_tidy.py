@@ -33,6 +33,7 @@ CLEANED_UP = (
     "CONTRIBUTING.md",
     "README.md",
     "crates/hprm-cli/",
+    "crates/hprm-codec/",
     "crates/hprm-core/",
     "crates/hprm-declared/",
     "crates/hprm-federated/",

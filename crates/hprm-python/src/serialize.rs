@@ -8,13 +8,13 @@
 pub(crate) mod array;
 mod decode;
 mod encode;
-mod format;
 mod kinds;
 mod pickle_only;
 mod place;
 mod sole;
 mod trust;
 
+use hprm_codec::format;
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{FederateId, Payload, copy_of};
 use hprm_store::{Object, Store};

@@ -5,23 +5,42 @@ use std::collections::{BTreeMap, BTreeSet};
 use cargo_metadata::{DependencyKind, MetadataCommand};
 
 /// Each of our crates, and those of ours that it may name.
-const ARROWS: [(&str, &[&str]); 10] = [
+const ARROWS: [(&str, &[&str]); 11] = [
     ("hprm-core", &[]),
+    ("hprm-codec", &["hprm-core"]),
     ("hprm-federated", &["hprm-core"]),
     ("hprm-store", &["hprm-core"]),
     ("hprm-model", &["hprm-core"]),
     ("hprm-lf", &["hprm-core", "hprm-model"]),
     ("hprm-declared", &["hprm-core", "hprm-lf", "hprm-model"]),
-    ("hprm", &["hprm-core", "hprm-federated", "hprm-store", "hprm-model", "hprm-lf"]),
+    ("hprm", &["hprm-codec", "hprm-core", "hprm-federated", "hprm-store", "hprm-model", "hprm-lf"]),
     ("hprm-sim", &["hprm-core", "hprm-federated", "hprm-store"]),
-    ("hprm-python", &["hprm", "hprm-core", "hprm-declared", "hprm-lf", "hprm-model", "hprm-store"]),
+    (
+        "hprm-python",
+        &[
+            "hprm",
+            "hprm-codec",
+            "hprm-core",
+            "hprm-declared",
+            "hprm-lf",
+            "hprm-model",
+            "hprm-store",
+        ],
+    ),
     ("hprm-cli", &["hprm", "hprm-core", "hprm-declared", "hprm-lf", "hprm-model", "hprm-sim"]),
 ];
 
 /// What a pure crate must not name: whatever touches the world.
 const WORLDLY: [&str; 5] = ["rustix", "socket2", "libc", "tokio", "mio"];
-const PURE: [&str; 6] =
-    ["hprm-core", "hprm-declared", "hprm-federated", "hprm-lf", "hprm-model", "hprm-sim"];
+const PURE: [&str; 7] = [
+    "hprm-codec",
+    "hprm-core",
+    "hprm-declared",
+    "hprm-federated",
+    "hprm-lf",
+    "hprm-model",
+    "hprm-sim",
+];
 
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata");

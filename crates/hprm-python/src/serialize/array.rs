@@ -3,6 +3,7 @@
 //! NumPy is reached through its Python names, and only if the program has imported it or a payload
 //! holds an array. Which bytes go where is decided elsewhere.
 
+use hprm_codec::format::{FIELDS, Order, SIMPLE};
 use hprm_store::Object;
 use pyo3::exceptions::PyValueError;
 use pyo3::intern;
@@ -83,7 +84,7 @@ impl Numpy {
     ) -> PyResult<Bound<'py, PyBytes>> {
         let py = array.py();
         let elements = layout.elements(array)?;
-        let bytes = elements.call_method1(intern!(py, "tobytes"), (layout.order.name(),))?;
+        let bytes = elements.call_method1(intern!(py, "tobytes"), (name_of(layout.order),))?;
         Ok(bytes.cast_into::<PyBytes>()?)
     }
 
@@ -115,7 +116,7 @@ impl Numpy {
             Order::C => self.ndarray.bind(py).call1((shape, dtype, buffer)),
             Order::Fortran => {
                 let strides = py.None();
-                self.ndarray.bind(py).call1((shape, dtype, buffer, 0, strides, order.name()))
+                self.ndarray.bind(py).call1((shape, dtype, buffer, 0, strides, name_of(order)))
             }
         }
     }
@@ -268,27 +269,13 @@ pub(crate) fn own<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>>
     array.call_method(intern!(py, "copy"), (), Some(&keep_order))
 }
 
-/// Which index varies fastest.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Order {
-    /// The last one.
-    C,
-    /// The first one.
-    Fortran,
-}
-
-impl Order {
-    /// As NumPy calls it.
-    fn name(self) -> &'static str {
-        match self {
-            Self::C => "C",
-            Self::Fortran => "F",
-        }
+/// As NumPy calls it.
+fn name_of(order: Order) -> &'static str {
+    match order {
+        Order::C => "C",
+        Order::Fortran => "F",
     }
 }
-
-const SIMPLE: u8 = 0;
-const FIELDS: u8 = 2;
 
 fn is_plain(dtype: &Bound<'_, PyAny>) -> PyResult<bool> {
     let py = dtype.py();

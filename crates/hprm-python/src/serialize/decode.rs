@@ -6,6 +6,8 @@
 
 use std::slice;
 
+use hprm_codec::cursor::{self, Cursor};
+use hprm_codec::format::{self, DEPTH_LIMIT, Malformed, NodeKind};
 use pyo3::exceptions::{PyPermissionError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -14,8 +16,7 @@ use pyo3::types::{
     PySet, PyString, PyTuple,
 };
 
-use super::array::{Numpy, Order};
-use super::format::{self, DEPTH_LIMIT, NodeKind};
+use super::array::Numpy;
 use super::kinds::Kinds;
 use super::trust::Trust;
 use crate::buffer::{Memory, ReceivedPart};
@@ -36,41 +37,32 @@ pub(super) fn decode<'py>(
     parts: &[ReceivedPart],
     trust: Trust,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let Some((head, parts)) = node_of(head, parts) else {
-        return Err(malformed("an unknown format"));
-    };
+    let (head, parts) = node_of(head, parts)?;
     let (parts, seen) = (parts.iter(), Vec::new());
     let mut walk = Walk { py, head, parts, seen, depth: 0, weight: 0, trust, dtype: None };
-    let value = if is_pickle(head) { walk.root_pickle()? } else { walk.node()? };
-    if walk.head.is_empty() && walk.parts.as_slice().is_empty() {
+    let value = if is_pickle(&head) { walk.root_pickle()? } else { walk.node()? };
+    if walk.head.rest().is_empty() && walk.parts.as_slice().is_empty() {
         Ok(value)
     } else {
-        Err(malformed("bytes after its end"))
+        Err(malformed(Malformed("bytes after its end")))
     }
 }
 
 /// Whether a payload of this head and these parts is a pickle.
 pub(super) fn is_pickled(head: &[u8], parts: &[ReceivedPart]) -> bool {
-    node_of(head, parts).is_some_and(|(node, _)| is_pickle(node))
+    node_of(head, parts).is_ok_and(|(node, _)| is_pickle(&node))
 }
 
-fn is_pickle(node: &[u8]) -> bool {
-    node.first() == Some(&(NodeKind::Pickle as u8))
+fn is_pickle(node: &Cursor<'_>) -> bool {
+    node.peek() == Ok(NodeKind::Pickle)
 }
 
 /// The bytes of the outermost node, and the parts that belong to it.
 fn node_of<'a>(
     head: &'a [u8],
     parts: &'a [ReceivedPart],
-) -> Option<(&'a [u8], &'a [ReceivedPart])> {
-    match (head, parts) {
-        ([format::DIRECT, node @ ..], parts) => Some((node, parts)),
-        ([format::INDIRECT], [parts @ .., head]) => match head.as_bytes() {
-            [format::DIRECT, node @ ..] => Some((node, parts)),
-            _ => None,
-        },
-        _ => None,
-    }
+) -> PyResult<(Cursor<'a>, &'a [ReceivedPart])> {
+    format::root(head, parts, ReceivedPart::as_bytes).map_err(malformed)
 }
 
 /// A blob: where its bytes are.
@@ -110,7 +102,7 @@ impl<'a> Blob<'a> {
 struct Walk<'a, 'py> {
     py: Python<'py>,
     /// What has not been read.
-    head: &'a [u8],
+    head: Cursor<'a>,
     parts: slice::Iter<'a, ReceivedPart>,
     /// The values that may occur again, and their weights; none for one that is not complete.
     seen: Vec<Option<(Bound<'py, PyAny>, u64)>>,
@@ -126,11 +118,10 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn node(&mut self) -> PyResult<Bound<'py, PyAny>> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT + 1 {
-            return Err(malformed("values nested too deeply"));
+            return Err(malformed(Malformed("values nested too deeply")));
         }
         self.weight = self.weight.saturating_add(1);
-        let [byte] = self.take()?;
-        let kind = NodeKind::of(byte).ok_or_else(|| malformed("an unknown kind of value"))?;
+        let kind = self.head.kind().map_err(malformed)?;
         let py = self.py;
         let value = match kind {
             NodeKind::None => py.None().into_bound(py),
@@ -157,7 +148,9 @@ impl<'a, 'py> Walk<'a, 'py> {
             NodeKind::Dict => self.dict()?,
             NodeKind::BackReference => self.back_reference()?,
             NodeKind::Array => self.array()?,
-            NodeKind::Pickle => return Err(malformed("a pickle inside of another value")),
+            NodeKind::Pickle => {
+                return Err(malformed(Malformed("a pickle inside of another value")));
+            }
             NodeKind::Complex => {
                 let [real, imag] = [self.take()?, self.take()?].map(f64::from_le_bytes);
                 PyComplex::from_doubles(py, real, imag).into_any()
@@ -179,7 +172,7 @@ impl<'a, 'py> Walk<'a, 'py> {
         let before = self.weight;
         let key = self.node()?;
         if self.weight - before > KEY_LIMIT {
-            return Err(malformed("a key of too many parts"));
+            return Err(malformed(Malformed("a key of too many parts")));
         }
         Ok(key)
     }
@@ -254,31 +247,22 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn back_reference(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let number = usize::try_from(self.number()?).ok();
         let seen = number.and_then(|number| self.seen.get(number)).cloned().flatten();
-        let (value, weight) = seen.ok_or_else(|| malformed("a reference to nothing"))?;
+        let (value, weight) = seen.ok_or_else(|| malformed(Malformed("a reference to nothing")))?;
         self.weight = self.weight.saturating_add(weight);
         Ok(value)
     }
 
     fn array(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let numpy = Numpy::imported(self.py)?;
-        let len = self.count()?;
-        let description = self.bytes(len)?;
-        let order = match self.take()? {
-            [0] => Order::C,
-            [1] => Order::Fortran,
-            _ => return Err(malformed("an unknown order of an array")),
-        };
-        let shape = match self.count()? {
+        let header = self.head.array_header().map_err(malformed)?;
+        let shape = match header.shape[..] {
             // NumPy takes this too, and most arrays have one.
-            1 => self.number()?.into_pyobject(self.py)?.into_any(),
-            dimensions => {
-                let shape = (0..dimensions).map(|_| self.number()).collect::<PyResult<Vec<_>>>()?;
-                PyTuple::new(self.py, shape)?.into_any()
-            }
+            [length] => length.into_pyobject(self.py)?.into_any(),
+            ref shape => PyTuple::new(self.py, shape)?.into_any(),
         };
         let buffer = self.blob()?.into_buffer(self.py)?;
-        let dtype = self.dtype(numpy, description)?;
-        let array = numpy.over(&shape, &dtype, &buffer, order)?;
+        let dtype = self.dtype(numpy, header.description)?;
+        let array = numpy.over(&shape, &dtype, &buffer, header.order)?;
         Ok(self.number_value(array))
     }
 
@@ -322,7 +306,7 @@ impl<'a, 'py> Walk<'a, 'py> {
     fn text(&mut self) -> PyResult<Bound<'py, PyAny>> {
         let blob = self.blob()?;
         let text = std::str::from_utf8(blob.as_bytes())
-            .map_err(|_| malformed("a string that is not UTF-8"))?;
+            .map_err(|_| malformed(Malformed("a string that is not UTF-8")))?;
         Ok(match blob {
             Blob::Inline(_) => PyString::new(self.py, text),
             Blob::Part(_) => {
@@ -340,49 +324,30 @@ impl<'a, 'py> Walk<'a, 'py> {
     }
 
     fn blob(&mut self) -> PyResult<Blob<'a>> {
-        let header = self.number()?;
-        let len = usize::try_from(header >> 1).map_err(|_| malformed("a buffer too long"))?;
-        if header & 1 == 0 {
-            return Ok(Blob::Inline(self.bytes(len)?));
-        }
+        let len = match self.head.blob().map_err(malformed)? {
+            cursor::Blob::Inline(bytes) => return Ok(Blob::Inline(bytes)),
+            cursor::Blob::Part(len) => len,
+        };
         match self.parts.next() {
             Some(part) if part.as_bytes().len() == len => Ok(Blob::Part(part)),
-            Some(_) => Err(malformed("a buffer of another length than announced")),
-            None => Err(malformed("a buffer is missing")),
+            Some(_) => Err(malformed(Malformed("a buffer of another length than announced"))),
+            None => Err(malformed(Malformed("a buffer is missing"))),
         }
     }
 
-    /// How many entries follow. An entry has at least one byte, so there are no more of them than bytes.
     fn count(&mut self) -> PyResult<usize> {
-        let count = self.number()?;
-        match usize::try_from(count) {
-            Ok(count) if count <= self.head.len() => Ok(count),
-            _ => Err(malformed("more entries than bytes")),
-        }
+        self.head.count().map_err(malformed)
     }
 
     fn number(&mut self) -> PyResult<u64> {
-        let (number, len) =
-            format::number(self.head).ok_or_else(|| malformed("it ends within a number"))?;
-        self.head = &self.head[len..];
-        Ok(number)
+        self.head.number().map_err(malformed)
     }
 
     fn take<const N: usize>(&mut self) -> PyResult<[u8; N]> {
-        let (taken, rest) =
-            self.head.split_first_chunk().ok_or_else(|| malformed("it ends too early"))?;
-        self.head = rest;
-        Ok(*taken)
-    }
-
-    fn bytes(&mut self, len: usize) -> PyResult<&'a [u8]> {
-        let (taken, rest) =
-            self.head.split_at_checked(len).ok_or_else(|| malformed("it ends too early"))?;
-        self.head = rest;
-        Ok(taken)
+        self.head.take().map_err(malformed)
     }
 }
 
-fn malformed(what: &str) -> PyErr {
-    PyValueError::new_err(format!("malformed payload: {what}"))
+fn malformed(what: Malformed) -> PyErr {
+    PyValueError::new_err(what.to_string())
 }

@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use hprm_codec::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use hprm_core::copy_of;
 use hprm_core::limits::INLINE_LIMIT;
 use pyo3::buffer::PyBuffer;
@@ -19,7 +20,6 @@ use pyo3::types::{
 };
 
 use super::array::{Layout, Numpy};
-use super::format::{self, DEPTH_LIMIT, Head, NodeKind, put_number};
 use super::kinds::{Kinds, Parts};
 use super::pickle_only::PickleOnly;
 use crate::failure::no_memory;

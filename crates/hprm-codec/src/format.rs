@@ -4,25 +4,38 @@
 //! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
 //! are the payload's next part rather than here. Containers, byte strings, arrays and what is made of
 //! parts are counted as they begin, and [`NodeKind::BackReference`] refers to them by that number. A pickle is
-//! a whole value, never inside of one, so that one byte tells whether there is any.
+//! a whole value, never inside of one, so that one byte tells whether there is any. `docs/codec.md` specifies it
+//! byte by byte.
 
 use hprm_core::NoMemory;
 
+use crate::cursor::Cursor;
+
+/// The bytes are no encoded value; the text says why.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
+#[error("malformed payload: {0}")]
+pub struct Malformed(pub &'static str);
+
 /// The head is right here.
-pub(super) const DIRECT: u8 = 1;
+pub const DIRECT: u8 = 1;
 /// The head is the payload's last part, because it is too large to travel inside a message.
-pub(super) const INDIRECT: u8 = 2;
+pub const INDIRECT: u8 = 2;
 
 /// Values nested deeper than this are left to pickle, which has its own limit.
-pub(super) const DEPTH_LIMIT: u32 = 100;
+pub const DEPTH_LIMIT: u32 = 100;
 
 /// How long most heads are, at most.
 const USUAL_HEAD: usize = 128;
 
+/// How the description of a dtype begins that is NumPy's short name of it, as `<f4`.
+pub const SIMPLE: u8 = 0;
+/// How the description of any other dtype begins, as one with fields: JSON that only NumPy understands.
+pub const FIELDS: u8 = 2;
+
 /// What a node is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
-pub(super) enum NodeKind {
+pub enum NodeKind {
     /// `None`.
     None = 0,
     /// `False`.
@@ -49,7 +62,8 @@ pub(super) enum NodeKind {
     Dict = 11,
     /// A value that occurred before: its number.
     BackReference = 12,
-    /// A NumPy array: see `array`.
+    /// A NumPy array: a number and as many bytes, which describe the dtype; a byte of [`Order`]; a number and as
+    /// many numbers, the lengths of the dimensions; a blob.
     Array = 13,
     /// A pickle: a blob, then a number and as many blobs, the buffers that are out of band.
     Pickle = 14,
@@ -67,7 +81,8 @@ pub(super) enum NodeKind {
 
 impl NodeKind {
     /// The kind of that byte.
-    pub(super) fn of(byte: u8) -> Option<Self> {
+    #[must_use]
+    pub fn of(byte: u8) -> Option<Self> {
         const KINDS: [NodeKind; 20] = [
             NodeKind::None,
             NodeKind::False,
@@ -94,23 +109,36 @@ impl NodeKind {
     }
 }
 
+/// Which index of an array varies fastest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u8)]
+pub enum Order {
+    /// The last one.
+    C = 0,
+    /// The first one.
+    Fortran = 1,
+}
+
 /// The head of a value that is being written. Where there is no memory for it, it says so later, and what
 /// is appended is lost.
-#[derive(Debug)]
-pub(super) struct Head {
+#[derive(Debug, Default)]
+pub struct Head {
     bytes: Vec<u8>,
     /// How long it would have had to be.
     lacks: Option<NoMemory>,
 }
 
 impl Head {
-    pub(super) fn new() -> Self {
-        let mut head = Self { bytes: Vec::new(), lacks: None };
+    /// An empty one, with room for what most values need.
+    #[must_use]
+    pub fn new() -> Self {
+        let mut head = Self::default();
         head.reserve(USUAL_HEAD);
         head
     }
 
-    pub(super) fn push(&mut self, byte: u8) {
+    /// Appends a byte.
+    pub fn push(&mut self, byte: u8) {
         if self.bytes.len() < self.bytes.capacity() {
             self.bytes.push(byte);
         } else {
@@ -118,7 +146,8 @@ impl Head {
         }
     }
 
-    pub(super) fn extend_from_slice(&mut self, bytes: &[u8]) {
+    /// Appends bytes.
+    pub fn extend_from_slice(&mut self, bytes: &[u8]) {
         if self.reserve(bytes.len()) {
             self.bytes.extend_from_slice(bytes);
         }
@@ -135,24 +164,36 @@ impl Head {
     }
 
     /// Looks whether there is memory for so many bytes beside it.
-    pub(super) fn probe(&mut self, len: usize) {
+    pub fn probe(&mut self, len: usize) {
         if Vec::<u8>::new().try_reserve_exact(len).is_err() {
             self.lacks = Some(NoMemory(self.bytes.len() + len));
         }
     }
 
+    /// What has been written so far.
+    #[must_use]
+    pub fn written(&self) -> &[u8] {
+        &self.bytes
+    }
+
     /// Whether all of it is there.
-    pub(super) fn check(&self) -> Result<(), NoMemory> {
+    ///
+    /// # Errors
+    ///
+    /// If there was no memory for it.
+    pub fn check(&self) -> Result<(), NoMemory> {
         self.lacks.map_or(Ok(()), Err)
     }
 
-    pub(super) fn into_bytes(self) -> Vec<u8> {
+    /// The bytes.
+    #[must_use]
+    pub fn into_bytes(self) -> Vec<u8> {
         self.bytes
     }
 }
 
 /// Appends `number`.
-pub(super) fn put_number(head: &mut Head, mut number: u64) {
+pub fn put_number(head: &mut Head, mut number: u64) {
     while number >= 0x80 {
         head.push(number as u8 | 0x80);
         number >>= 7;
@@ -160,8 +201,39 @@ pub(super) fn put_number(head: &mut Head, mut number: u64) {
     head.push(number as u8);
 }
 
+/// Inserts `number` at byte `at`: how many entries there are, once they are written.
+pub(crate) fn insert_number(head: &mut Head, at: usize, number: u64) {
+    let end = head.bytes.len();
+    put_number(head, number);
+    if let Some(tail) = head.bytes.get_mut(at..).filter(|_| head.lacks.is_none()) {
+        tail.rotate_right(tail.len() - (end - at));
+    }
+}
+
+/// The outermost node of a payload, and the parts that belong to it. `bytes` reads a part.
+///
+/// # Errors
+///
+/// If the format is unknown.
+pub fn root<'a, P>(
+    head: &'a [u8],
+    parts: &'a [P],
+    bytes: impl FnOnce(&'a P) -> &'a [u8],
+) -> Result<(Cursor<'a>, &'a [P]), Malformed> {
+    let (node, parts) = match (head, parts) {
+        ([DIRECT, node @ ..], parts) => (node, parts),
+        ([INDIRECT], [parts @ .., head]) => match bytes(head) {
+            [DIRECT, node @ ..] => (node, parts),
+            _ => return Err(Malformed("an unknown format")),
+        },
+        _ => return Err(Malformed("an unknown format")),
+    };
+    Ok((Cursor::new(node), parts))
+}
+
 /// The number at the start of `bytes` and its length, if there is a whole one.
-pub(super) fn number(bytes: &[u8]) -> Option<(u64, usize)> {
+#[must_use]
+pub fn number(bytes: &[u8]) -> Option<(u64, usize)> {
     let mut number = 0;
     for (at, byte) in bytes.iter().take(10).enumerate() {
         let digits = u64::from(byte & 0x7f);
@@ -177,11 +249,13 @@ pub(super) fn number(bytes: &[u8]) -> Option<(u64, usize)> {
 }
 
 /// A signed number as one that is small if it is near zero.
-pub(super) fn zigzag(number: i64) -> u64 {
+#[must_use]
+pub fn zigzag(number: i64) -> u64 {
     ((number << 1) ^ (number >> 63)) as u64
 }
 
 /// The inverse of [`zigzag`].
-pub(super) fn unzigzag(number: u64) -> i64 {
+#[must_use]
+pub fn unzigzag(number: u64) -> i64 {
     (number >> 1) as i64 ^ -((number & 1) as i64)
 }

@@ -1,0 +1,304 @@
+//! Decodes a value: nodes of a head, and the parts beside it, as serde's data model.
+//!
+//! The bytes may be anything: whatever is wrong with them becomes an error, no length is believed before the bytes are
+//! there, and what is repeated by reference is bounded. `decode/nodes.rs` says which node serves where which type is
+//! expected, `members.rs` reads containers, `objects.rs` what Python's classes were made of, `variants.rs`
+//! enumerations, `arrays.rs` arrays and `skip.rs` what the receiver has no use for.
+
+mod arrays;
+mod members;
+mod nodes;
+mod objects;
+mod skip;
+mod variants;
+
+use std::sync::Arc;
+
+use serde::de::{DeserializeOwned, Deserializer, Visitor};
+use smallvec::SmallVec;
+
+use self::nodes::Want;
+use crate::cursor::{Blob, Cursor};
+use crate::error::DecodeError;
+use crate::format::{self, DEPTH_LIMIT, Malformed, NodeKind};
+use crate::memory::Memory;
+use crate::slot::{ARRAY, DYNAMIC};
+
+/// How many bytes of a value may be read again by reference, however small it is.
+const REPEATED: usize = 1 << 20;
+/// And how many times the length of all that has come.
+const REPEATED_TIMES: usize = 16;
+
+/// Decodes a value from the head of a payload and its parts. Large arrays are not copied: they keep the part in which
+/// they are.
+///
+/// # Errors
+///
+/// If the bytes are no value, or one of another type.
+pub fn decode<T: DeserializeOwned>(
+    head: &[u8],
+    parts: &[Arc<dyn Memory>],
+) -> Result<T, DecodeError> {
+    let (head, parts) = format::root(head, parts, |part| part.bytes())?;
+    if head.peek()? == NodeKind::Pickle {
+        return Err(DecodeError::pickle());
+    }
+    let mut walk = Walk::new(head, parts);
+    let value = T::deserialize(&mut walk)?;
+    if walk.head.rest().is_empty() && walk.part == parts.len() {
+        Ok(value)
+    } else {
+        Err(Malformed("bytes after its end").into())
+    }
+}
+
+/// A value that is being decoded.
+struct Walk<'a> {
+    /// What has not been read.
+    head: Cursor<'a>,
+    parts: &'a [Arc<dyn Memory>],
+    /// Which part is the next one.
+    part: usize,
+    /// The values to which the head may refer.
+    seen: SmallVec<[Seen<'a>; 4]>,
+    depth: u32,
+    /// Whether this is a value that has been read before.
+    repeating: bool,
+    /// How much more may be read again; none if nothing has been read again yet.
+    repeatable: Option<usize>,
+}
+
+/// A value to which the head may refer: where it begins.
+struct Seen<'a> {
+    head: Cursor<'a>,
+    part: usize,
+    /// Whether it is being read just now.
+    is_open: bool,
+}
+
+/// Bytes, and the part in which they are, if they are not in the head.
+type Placed<'a> = (&'a [u8], Option<&'a Arc<dyn Memory>>);
+
+/// The number of a value that is being read; none if it has been read before.
+type Number = Option<usize>;
+
+impl<'a> Walk<'a> {
+    fn new(head: Cursor<'a>, parts: &'a [Arc<dyn Memory>]) -> Self {
+        let seen = SmallVec::new();
+        Self { head, parts, part: 0, seen, depth: 0, repeating: false, repeatable: None }
+    }
+
+    /// Numbers a value that begins at `start` and has no members.
+    fn number(&mut self, start: Cursor<'a>) {
+        if !self.repeating {
+            self.seen.push(Seen { head: start, part: self.part, is_open: false });
+        }
+    }
+
+    /// Numbers a value that begins at `start`, and reads it.
+    fn enter<R>(
+        &mut self,
+        start: Cursor<'a>,
+        read: impl FnOnce(&mut Self) -> Result<R, DecodeError>,
+    ) -> Result<R, DecodeError> {
+        let number = self.open(start)?;
+        let value = read(self)?;
+        self.close(number);
+        Ok(value)
+    }
+
+    fn open(&mut self, start: Cursor<'a>) -> Result<Number, DecodeError> {
+        self.depth += 1;
+        if self.depth > DEPTH_LIMIT {
+            return Err(Malformed("values nested too deeply").into());
+        }
+        if self.repeating {
+            return Ok(None);
+        }
+        self.seen.push(Seen { head: start, part: self.part, is_open: true });
+        Ok(Some(self.seen.len() - 1))
+    }
+
+    fn close(&mut self, number: Number) {
+        self.depth -= 1;
+        if let Some(number) = number {
+            self.seen[number].is_open = false;
+        }
+    }
+
+    /// Reads the value again whose number comes in the head.
+    fn repeat<R>(
+        &mut self,
+        read: impl FnOnce(&mut Self) -> Result<R, DecodeError>,
+    ) -> Result<R, DecodeError> {
+        let number = usize::try_from(self.head.number()?).unwrap_or(usize::MAX);
+        let seen = self.seen.get_mut(number).ok_or(Malformed("a reference to nothing"))?;
+        if seen.is_open {
+            return Err(DecodeError::new(
+                "the value contains itself, which only Python can receive (hint: send a tree, or a list of nodes \
+                 that refer to one another by index)",
+            ));
+        }
+        seen.is_open = true;
+        let resume = (self.head, self.part, self.repeating);
+        (self.head, self.part, self.repeating) = (seen.head, seen.part, true);
+        let value = read(self)?;
+        (self.head, self.part, self.repeating) = resume;
+        self.seen[number].is_open = false;
+        Ok(value)
+    }
+
+    /// Counts what is read again, so that a few bytes cannot ask for much memory or time.
+    fn charge(&mut self, amount: usize) -> Result<(), DecodeError> {
+        if !self.repeating {
+            return Ok(());
+        }
+        let left = self.repeatable.unwrap_or_else(|| {
+            let seen = self.seen.first().map_or(0, |first| first.head.rest().len());
+            let parts: usize = self.parts.iter().map(|part| part.bytes().len()).sum();
+            REPEATED + REPEATED_TIMES * (seen + parts)
+        });
+        let left = left.checked_sub(amount).ok_or_else(|| {
+            DecodeError::new(
+                "it refers to parts of itself so often that it would become very large",
+            )
+        })?;
+        self.repeatable = Some(left);
+        Ok(())
+    }
+
+    /// A blob, and the part that it is.
+    fn blob(&mut self) -> Result<Placed<'a>, Malformed> {
+        let len = match self.head.blob()? {
+            Blob::Inline(bytes) => return Ok((bytes, None)),
+            Blob::Part(len) => len,
+        };
+        let part = self.parts.get(self.part).ok_or(Malformed("a buffer is missing"))?;
+        self.part += 1;
+        if part.bytes().len() != len {
+            return Err(Malformed("a buffer of another length than announced"));
+        }
+        Ok((part.bytes(), Some(part)))
+    }
+
+    /// The bytes of a blob that the receiver copies.
+    fn bytes(&mut self) -> Result<&'a [u8], DecodeError> {
+        let (bytes, _) = self.blob()?;
+        self.charge(bytes.len())?;
+        Ok(bytes)
+    }
+
+    fn text(&mut self) -> Result<&'a str, DecodeError> {
+        let bytes = self.bytes()?;
+        Ok(std::str::from_utf8(bytes).map_err(|_| Malformed("a string that is not UTF-8"))?)
+    }
+}
+
+/// Methods that differ only in what they want.
+macro_rules! wanting {
+    ($($method:ident => $want:ident),* $(,)?) => {
+        $(
+            fn $method<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+                self.node(visitor, Want::$want)
+            }
+        )*
+    };
+}
+
+impl<'a> Deserializer<'a> for &mut Walk<'a> {
+    type Error = DecodeError;
+
+    wanting! {
+        deserialize_any => Any,
+        deserialize_bool => Scalar,
+        deserialize_i8 => Int,
+        deserialize_i16 => Int,
+        deserialize_i32 => Int,
+        deserialize_i64 => Int,
+        deserialize_i128 => Wide,
+        deserialize_u8 => Int,
+        deserialize_u16 => Int,
+        deserialize_u32 => Int,
+        deserialize_u64 => Int,
+        deserialize_u128 => UnsignedWide,
+        deserialize_f32 => Float,
+        deserialize_f64 => Float,
+        deserialize_char => Scalar,
+        deserialize_str => Scalar,
+        deserialize_string => Scalar,
+        deserialize_bytes => Bytes,
+        deserialize_byte_buf => Bytes,
+        deserialize_unit => Scalar,
+        deserialize_seq => Seq,
+        deserialize_map => Fields,
+        deserialize_identifier => Scalar,
+    }
+
+    fn deserialize_option<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        if self.head.peek()? == NodeKind::None {
+            self.head.kind()?;
+            self.charge(1)?;
+            return visitor.visit_none();
+        }
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_unit_struct<V: Visitor<'a>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.node(visitor, Want::Scalar)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'a>>(
+        self,
+        name: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        if name == ARRAY || name == DYNAMIC {
+            return self.announced(visitor);
+        }
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_tuple<V: Visitor<'a>>(
+        self,
+        len: usize,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.node(visitor, Want::Tuple(len))
+    }
+
+    fn deserialize_tuple_struct<V: Visitor<'a>>(
+        self,
+        _: &'static str,
+        len: usize,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.node(visitor, Want::Tuple(len))
+    }
+
+    fn deserialize_struct<V: Visitor<'a>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.node(visitor, Want::Fields)
+    }
+
+    fn deserialize_enum<V: Visitor<'a>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.variant(visitor)
+    }
+
+    fn deserialize_ignored_any<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.skip()?;
+        visitor.visit_unit()
+    }
+}

@@ -1,0 +1,20 @@
+//! Which types can travel from one federate to another.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A value that can travel to another process.
+///
+/// Every type is one that can be cloned, borrows nothing, and derives `serde::Serialize` and
+/// `serde::Deserialize`.
+#[diagnostic::on_unimplemented(
+    message = "values of the type `{Self}` cannot travel to another federate",
+    label = "this type cannot be encoded and decoded",
+    note = "put `#[derive(Clone, serde::Serialize, serde::Deserialize)]` above `{Self}`, and give it no reference \
+            and nothing that belongs to one thread, such as `Rc`",
+    note = "large data is best an `hprm::Array`, which is not copied"
+)]
+pub trait Transfer: Clone + Send + Sync + 'static + Serialize + DeserializeOwned {}
+
+#[diagnostic::do_not_recommend]
+impl<T: Clone + Send + Sync + 'static + Serialize + DeserializeOwned> Transfer for T {}
