@@ -16,7 +16,7 @@ use hprm_declared::NamedProgram;
 
 use crate::args::Interpreter;
 use crate::message::{self, Error};
-use crate::{python, secret, signals};
+use crate::{python, signals};
 
 /// The class that a federation extends, itself or by another file.
 const FEDERATION: &[u8] = b"Federation";
@@ -129,7 +129,7 @@ struct Folder {
 
 impl Folder {
     fn new() -> Result<Self, Error> {
-        let name = u64::from_ne_bytes(secret::random_bytes()?);
+        let name = u64::from_ne_bytes(hprm::random_bytes()?);
         let path = std::env::temp_dir().join(format!("hprm-declared-{name:016x}"));
         match DirBuilder::new().mode(0o700).create(&path) {
             Ok(()) => Ok(Self { path }),

@@ -2,12 +2,12 @@
 
 use std::process::ExitCode;
 
-use hprm::trace::Digest;
+use hprm::trace::{Digest, Reader};
 use serde_json::{Value, json};
 
 use crate::args;
 use crate::message::{self, Error, print_line};
-use crate::trace::{Comparison, Judge, Reader, digest, hint, moment, sentence, share};
+use crate::trace::{Comparison, Judge, digest, hint, moment, sentence, share};
 
 /// The exit code for traces that differ.
 pub(crate) const DIVERGENCE: u8 = 3;

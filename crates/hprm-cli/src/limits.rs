@@ -1,9 +1,7 @@
-//! The limits of this process, which the federates inherit: whether a program can run within them, and
-//! what to do about an error that one of them has caused.
+//! The limits of this process, which those that it starts inherit: whether a program can run within them. Those of
+//! a federation of processes are the launcher's business.
 
-use std::io;
-
-use rustix::io::Errno;
+use hprm::launch::need_files;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::message::Error;
@@ -13,12 +11,8 @@ const AMPLE_STACK: u64 = 1 << 20;
 /// Below this, neither the command nor Python gets far.
 const LEAST_STACK: u64 = 128 << 10;
 
-/// The descriptors that the command needs itself, and for a federate: two pipes, a socket, memory, a
-/// notifier, and descriptors that are being sent.
-const FILES: u64 = 14;
-const FILES_EACH: u64 = 6;
-/// The same for a process whose federates are threads: modules that are being read, the pipe for signals, and
-/// notifiers.
+/// The descriptors that a process needs whose federates are threads: for modules that are being read, for the
+/// pipe for signals, and for notifiers; and those for each federate.
 const FILES_IN_PROCESS: u64 = 18;
 const FILES_OF_THREAD: u64 = 4;
 
@@ -41,38 +35,11 @@ pub(crate) fn check_stack() -> Result<(), Error> {
     Err(Error::new(error).hint("raise the limit: ulimit -s 8192"))
 }
 
-/// Raises the limit of open files, if the command, or the process that has the federates as threads, needs more
-/// for so many federates.
+/// Raises the limit of open files, if a process that has so many federates as threads needs more.
 ///
 /// # Errors
 ///
-/// If it cannot be raised: some federate would find the RTI closed, without a reason.
-pub(crate) fn check_files(federates: usize, in_process: bool) -> Result<(), Error> {
-    let (own, each) = match in_process {
-        true => (FILES_IN_PROCESS, FILES_OF_THREAD),
-        false => (FILES, FILES_EACH),
-    };
-    let needed = own + each * federates as u64;
-    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let Some(now) = current.filter(|now| *now < needed) else { return Ok(()) };
-    if maximum.is_none_or(|maximum| maximum >= needed)
-        && setrlimit(Resource::Nofile, Rlimit { current: Some(needed), maximum }).is_ok()
-    {
-        return Ok(());
-    }
-    let error = format!(
-        "too many open files: this process may have {now}, and needs {needed} for {federates} federates"
-    );
-    Err(Error::new(error).hint(format!("raise the limit: ulimit -n {}", needed.max(1024))))
-}
-
-/// The error that a process cannot be started, with what to do about it if a limit is the cause.
-pub(crate) fn unstarted(what: &str, cause: &io::Error) -> Error {
-    let error = Error::new(format!("{what}: {cause}"));
-    match Errno::from_io_error(cause) {
-        Some(Errno::MFILE) => error.hint("let a process open more files: ulimit -n 1024"),
-        Some(Errno::AGAIN) => error.hint("let the user have more processes: ulimit -u"),
-        Some(Errno::NOMEM) => error.hint("free memory on this machine, or raise ulimit -v"),
-        _ => error,
-    }
+/// If it cannot be raised.
+pub(crate) fn check_files(federates: usize) -> Result<(), Error> {
+    Ok(need_files(FILES_IN_PROCESS + FILES_OF_THREAD * federates as u64, federates)?)
 }

@@ -3,10 +3,12 @@
 //!
 //! Diagnostics of programs look different; they come from the renderer of the front end.
 
-use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::io::{self, ErrorKind};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use hprm::console::{self, show};
+pub(crate) use hprm::console::{color, print, print_error};
 use hprm::{Failure, Kind, Label, Report};
 use serde_json::{Value, json};
 
@@ -48,17 +50,15 @@ impl Error {
 
     /// Writes it to the standard error, in one piece.
     pub(crate) fn show(&self) {
-        let text = match TO_PROGRAMS.load(Ordering::Relaxed) {
-            true => self.0.json(),
-            false => self.0.text(Label::Error, color(&io::stderr())),
-        };
-        print_error(format!("{text}\n").as_bytes());
+        match speaks_json() {
+            true => print_error(format!("{}\n", self.0.json()).as_bytes()),
+            false => show(Label::Error, &self.0),
+        }
     }
 
     /// Writes it to the standard error as a warning, after which the command goes on.
     pub(crate) fn show_as_warning(&self) {
-        let text = self.0.text(Label::Warning, color(&io::stderr()));
-        print_error(format!("{text}\n").as_bytes());
+        show(Label::Warning, &self.0);
     }
 
     /// For programs.
@@ -82,6 +82,21 @@ impl From<Error> for Report {
 impl From<&Failure> for Error {
     fn from(failure: &Failure) -> Self {
         Self::from(failure.report())
+    }
+}
+
+impl From<Failure> for Error {
+    fn from(failure: Failure) -> Self {
+        Self::from(&failure)
+    }
+}
+
+/// Shows what the launcher tells.
+pub(crate) fn tell(label: Label, report: Report) {
+    let error = Error::from(report);
+    match label {
+        Label::Error => error.show(),
+        Label::Warning => error.show_as_warning(),
     }
 }
 
@@ -118,24 +133,6 @@ pub(crate) fn or_json(json: bool, outcome: Result<ExitCode, Error>) -> Result<Ex
     }
 }
 
-/// Whether a stream is for eyes that want colour (<https://no-color.org>).
-pub(crate) fn color(stream: &impl IsTerminal) -> bool {
-    let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let unable = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
-    stream.is_terminal() && !unwanted && !unable
-}
-
-/// Writes to the standard output.
-///
-/// # Errors
-///
-/// If the reader has closed it.
-pub(crate) fn print(bytes: &[u8]) -> io::Result<()> {
-    let mut out = io::stdout().lock();
-    out.write_all(bytes)?;
-    out.flush()
-}
-
 /// Whether a result could not be written.
 static UNWRITTEN: AtomicBool = AtomicBool::new(false);
 
@@ -156,12 +153,5 @@ pub(crate) fn is_unwritten() -> bool {
 
 /// The error that the standard output cannot be written.
 pub(crate) fn unwritable(error: &io::Error) -> Error {
-    let reason = error.to_string();
-    let reason = reason.split(" (os error").next().unwrap_or_default();
-    Error::new(format!("cannot write to the standard output: {reason}"))
-}
-
-/// Writes to the standard error; a failure of that cannot be reported.
-pub(crate) fn print_error(bytes: &[u8]) {
-    let _ = io::stderr().lock().write_all(bytes);
+    console::unwritable(error).into()
 }

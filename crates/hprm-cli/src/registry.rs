@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::declare;
 use crate::message::Error;
-use crate::secret;
 
 /// How the names of the files end.
 const ENDING: &str = "federation";
@@ -92,7 +91,7 @@ pub(crate) fn enter(record: &Record) -> Result<Entry, Error> {
 }
 
 fn enter_in(folder: &Path, record: &Record) -> Result<Entry, Error> {
-    let name = u64::from_ne_bytes(secret::random_bytes()?);
+    let name = u64::from_ne_bytes(hprm::random_bytes()?);
     let path = folder.join(format!("{name:016x}.{ENDING}"));
     let draft = path.with_extension("draft");
     let text = serde_json::to_vec(record).expect("a record is plain data");

@@ -40,7 +40,7 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
     if secret.is_none() {
         arguments.listen.iter().try_for_each(refuse_without_secret)?;
     }
-    let federation = secret.map_or_else(secret::random, Ok)?;
+    let federation = secret.map_or_else(hprm::random_federation, Ok)?;
     let mut listen = arguments.listen.into_iter();
     let rti = hprm::Rti::bind(&RtiOptions {
         program: Arc::clone(&compiled.program),

@@ -9,7 +9,7 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use hprm::FederationId;
+use hprm::{FederationId, random_federation};
 
 use crate::args::Secret;
 use crate::message::{self, Error};
@@ -55,28 +55,6 @@ pub(crate) fn of_federate(
             .hint("name the file with it, --federation-file FILE, or set HPRM_FEDERATION_ID")
     })?;
     Ok((secret, left()))
-}
-
-/// A random secret.
-///
-/// # Errors
-///
-/// If the system has no randomness.
-pub(crate) fn random() -> Result<FederationId, Error> {
-    random_bytes().map(|bytes| FederationId(u128::from_ne_bytes(bytes)))
-}
-
-/// Random bytes.
-///
-/// # Errors
-///
-/// If the system has no randomness.
-pub(crate) fn random_bytes<const N: usize>() -> Result<[u8; N], Error> {
-    let mut bytes = [0; N];
-    std::fs::File::open("/dev/urandom")
-        .and_then(|mut source| source.read_exact(&mut bytes))
-        .map_err(|error| Error::new(format!("cannot read /dev/urandom: {error}")))?;
-    Ok(bytes)
 }
 
 /// Reads the file once it is there, or once `pause` says that it has been waited for long enough.
@@ -130,7 +108,7 @@ fn make(path: &Path) -> Result<FederationId, Error> {
 
 /// Makes the file, which is whole as soon as it is there.
 fn write(path: &Path) -> Result<FederationId, Error> {
-    let secret = random()?;
+    let secret = random_federation()?;
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".{}", std::process::id()));
     let draft = Path::new(&name);

@@ -1,21 +1,23 @@
-//! The signals by which a person or a system asks the command to stop.
-//!
-//! They become events like all others. What they lead to is the supervisor's business.
+//! Signals: how the command watches those that ask it to stop, and what becomes of them while it starts an
+//! interpreter, or waits for one.
 
 use std::io;
+use std::mem;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
+use hprm::launch::is_ignored;
 use hprm::supervisor;
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
-use signal_hook::iterator::Signals;
+
+use crate::message::Error;
 
 /// The signals that ask a process to stop.
 const ASKING: [i32; 3] = [SIGHUP, SIGINT, SIGTERM];
@@ -37,7 +39,7 @@ pub(crate) fn without_ctrl_c<T>(start: impl FnOnce() -> T) -> T {
     started
 }
 
-/// From now on, Ctrl-C, SIGTERM and the end of the terminal do not end this process but call
+/// For as long as this process lives, Ctrl-C, SIGTERM and the end of the terminal do not end it but call
 /// `report`, until it returns false.
 ///
 /// # Errors
@@ -46,19 +48,18 @@ pub(crate) fn without_ctrl_c<T>(start: impl FnOnce() -> T) -> T {
 pub(crate) fn watch(
     report: impl Fn(supervisor::Signal) -> bool + Send + 'static,
 ) -> io::Result<()> {
-    let mut signals = Signals::new([SIGINT, SIGTERM])?;
-    // Started with `nohup`, it is meant to stay.
-    if !is_ignored(SIGHUP) {
-        signals.add_signal(SIGHUP)?;
-    }
-    thread::Builder::new().name("signals".to_owned()).spawn(move || {
-        for signal in signals.forever() {
-            if !report(supervisor::Signal(signal)) {
-                return;
-            }
-        }
-    })?;
-    Ok(())
+    // When the work is done, nothing must disturb what tidies up.
+    hprm::launch::watch(report).map(mem::forget)
+}
+
+/// For as long as this process lives, the signals that a launcher watches do not end it, also when the launcher
+/// is done.
+///
+/// # Errors
+///
+/// If the system refuses.
+pub(crate) fn outlive() -> Result<(), Error> {
+    watch(|_| true).map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))
 }
 
 /// From now on, a file that grows beyond its limit (`ulimit -f`) is an error of the write, and does not
@@ -118,29 +119,4 @@ fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
 /// Whether a signal asks a process to stop.
 pub(crate) fn asks_to_stop(signal: i32) -> bool {
     ASKING.contains(&signal)
-}
-
-fn is_ignored(signal: i32) -> bool {
-    ignores(&std::fs::read_to_string("/proc/self/status").unwrap_or_default(), signal)
-}
-
-/// Whether a process of that status, as the kernel writes it, ignores a signal.
-fn ignores(status: &str, signal: i32) -> bool {
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
-}
-
-#[cfg(test)]
-mod tests {
-    use signal_hook::consts::SIGPIPE;
-
-    use super::*;
-
-    #[test]
-    fn what_is_ignored_stands_in_the_status() {
-        let status = "SigBlk:\t0000000000000000\nSigIgn:\t0000000000001001\n";
-        assert!(ignores(status, SIGHUP) && ignores(status, SIGPIPE));
-        assert!(!ignores(status, SIGTERM) && !ignores("", SIGHUP));
-    }
 }

@@ -9,6 +9,7 @@ use std::process::{Command, ExitCode, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm::supervisor::Signal;
+use hprm::trace::Parts;
 use hprm_core::Program;
 use rustix::process::{Pid, kill_process};
 
@@ -17,7 +18,7 @@ use crate::limits;
 use crate::message::{self, Error};
 use crate::run::replace;
 use crate::signals;
-use crate::trace::Parts;
+use crate::trace::share_options;
 
 /// Has `python` run the federates of a program as its threads.
 ///
@@ -25,7 +26,7 @@ use crate::trace::Parts;
 ///
 /// If it cannot be started, or the trace cannot be written.
 pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
-    limits::check_files(program.federates.len(), true)?;
+    limits::check_files(program.federates.len())?;
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
     command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());
@@ -39,7 +40,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         return Err(replace(command));
     };
     let parts = Parts::of(path)?;
-    command.args(parts.options(parts.folder()));
+    command.args(share_options(&parts.shares()));
     command.arg("--die-with-parent").arg(std::process::id().to_string());
     command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
     let status = supervise(command)?;
@@ -56,7 +57,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         }
     };
     let interrupted = ways.iter().any(|signal| signal.exit_code() == code);
-    parts.merge(program, interrupted, code)?;
+    parts.merge(program, interrupted, code, &mut message::tell)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
 }
 

@@ -1,15 +1,21 @@
-//! Logical traces as files: reading them, comparing two, and making one of the shares of federates.
+//! Logical traces: comparing two, and what to say of the differences.
 //!
-//! The format, and writing the trace of a process, is in the library.
+//! The format, writing and reading a trace, and merging the shares of federates are in the library.
 
 mod compare;
-mod merge;
-mod parts;
-mod read;
 mod say;
 
+use std::ffi::OsString;
+
 pub(crate) use compare::{Comparison, Judge, digest};
-pub(crate) use merge::merge;
-pub(crate) use parts::Parts;
-pub(crate) use read::Reader;
+use hprm::trace::TraceShare;
 pub(crate) use say::{hint, moment, sentence, share};
+
+/// The options of an interpreter that writes such a share of a trace.
+pub(crate) fn share_options(share: &TraceShare) -> Vec<OsString> {
+    let mut options = vec!["--logical-trace".into(), share.file.clone().into()];
+    if share.trace != share.file {
+        options.extend(["--share-of".into(), share.trace.clone().into()]);
+    }
+    options
+}

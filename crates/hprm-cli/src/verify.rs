@@ -14,15 +14,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use hprm::launch::unstarted;
+use hprm::trace::Reader;
 use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::json;
 
 use self::variant::{Deployment, Kind, Variant};
 use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash, print_more};
-use crate::limits::unstarted;
 use crate::message::{self, Error, print_line};
-use crate::trace::{Comparison, Judge, Reader, sentence};
+use crate::trace::{Comparison, Judge, sentence};
 use crate::{check, python};
 
 /// How often to look whether a run is over.

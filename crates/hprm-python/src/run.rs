@@ -221,10 +221,7 @@ pub(crate) fn tell_exception(py: Python<'_>, error: Bound<'_, PyAny>, what: &str
 /// If the kernel refuses.
 #[pyfunction]
 pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
-    let signal = Some(rustix::process::Signal::KILL);
-    rustix::process::set_parent_process_death_signal(signal).map_err(std::io::Error::from)?;
-    // It may have ended before the kernel was asked.
-    Ok(rustix::process::getppid().is_some_and(|pid| pid.as_raw_nonzero().get() == parent))
+    Ok(hprm::launch::die_with_parent(parent)?)
 }
 
 fn options(

@@ -77,6 +77,15 @@ pub enum Failure {
         /// What to do about it.
         hint: Option<String>,
     },
+    /// What was asked for cannot be done, although its options are right: a process cannot be started, for
+    /// example.
+    #[error("{message}")]
+    Command {
+        /// What cannot be done, and why.
+        message: String,
+        /// What to do about it.
+        hint: Option<String>,
+    },
     /// The RTI or a federate cannot listen at an address.
     #[error("{}cannot listen at {address}: {reason}", if *.rti { "the RTI " } else { "" })]
     Listen {
@@ -278,6 +287,12 @@ impl Failure {
         Self::Option { message: message.into(), hint: None }
     }
 
+    /// What was asked for cannot be done, and the message says all.
+    #[must_use]
+    pub fn command(message: impl Into<String>) -> Self {
+        Self::Command { message: message.into(), hint: None }
+    }
+
     /// What comes over a link does not follow the protocol.
     pub(crate) fn protocol(reason: &dyn Display) -> Self {
         let hint = "the sender is not a federate of this version of hprm, or has a defect: run the same \
@@ -317,15 +332,18 @@ impl Failure {
         Self::Mistakes(errors.map(report).collect())
     }
 
-    /// Adds a hint to the failure of code of the program.
+    /// Adds a hint to a failure of code of the program, or to [`Self::Command`]. It comes before another one.
     #[must_use]
     pub fn with_hint(mut self, hint: &str) -> Self {
-        if let Self::Raised(raised) = &mut self {
-            raised.report.hint = Some(match raised.report.hint.take() {
-                Some(other) => format!("{hint}; {other}"),
-                None => hint.to_owned(),
-            });
-        }
+        let place = match &mut self {
+            Self::Raised(raised) => &mut raised.report.hint,
+            Self::Command { hint, .. } => hint,
+            _ => return self,
+        };
+        *place = Some(match place.take() {
+            Some(other) => format!("{hint}; {other}"),
+            None => hint.to_owned(),
+        });
         self
     }
 
@@ -347,6 +365,7 @@ impl Failure {
             Self::Program(_) => Kind::Program,
             Self::Mistakes(reports) => reports.first().map_or(Kind::Program, |report| report.kind),
             Self::Option { .. } => Kind::Option,
+            Self::Command { .. } => Kind::Command,
             Self::System { .. } | Self::Listen { .. } => Kind::System,
             Self::Trace { .. } => Kind::Trace,
             Self::NoRti { .. } | Self::Unauthenticated { .. } | Self::RtiLost { .. } => Kind::Rti,
@@ -421,7 +440,7 @@ impl Failure {
             | Self::Listen { hint, .. }
             | Self::Trace { hint, .. }
             | Self::Protocol { hint, .. } => *hint,
-            Self::System { hint, .. } => hint.as_deref(),
+            Self::Command { hint, .. } | Self::System { hint, .. } => hint.as_deref(),
             Self::NoRti { hint, .. } => Some(hint),
             Self::Missing(_) => Some(
                 "start them with `hprm federate`, or allow more time with `hprm rti --join-timeout`",

@@ -7,12 +7,14 @@
 //! A program written in Rust starts at [`Program`], and with `use hprm::prelude::*`.
 
 mod clock;
+pub mod console;
 mod disk;
 mod failure;
 mod federate_loop;
 mod host;
 mod inbox;
 mod lag;
+pub mod launch;
 mod link;
 mod local_loop;
 mod log;
@@ -22,6 +24,7 @@ mod pipe_notifier;
 mod poller;
 pub mod prelude;
 mod program;
+mod random;
 mod realtime;
 mod rti_loop;
 mod spin;
@@ -51,6 +54,7 @@ pub use program::{
     OutputPort, PhysicalAction, Port, Ports, Program, ReactionBuilder, Reactor, ReactorBuilder,
     Readable, Reset, Runnable, ScheduleError, Sender, Shutdown, Startup, Timer, Triggers, WhenFull,
 };
+pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
 pub use staging::{STAGE, Stage, is_stage_of};

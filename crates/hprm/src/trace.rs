@@ -2,14 +2,19 @@
 //! alone.
 //!
 //! The file is JSON Lines; [`line`] is its vocabulary and `docs/logical-trace.md` describes it for
-//! people. Here are the digest of a value, and the writer that the loops use. Comparing two traces,
-//! and merging those of federates, is for commands.
+//! people. Here are the digest of a value, the writer that the loops use, the reader, and what makes
+//! one trace of the shares of federates. Comparing two traces is for commands.
 
 mod digest;
 mod draft;
 pub mod line;
+mod merge;
+mod parts;
+mod reader;
 mod writer;
 
 pub use digest::{Described, Digest, Digester};
 pub use draft::Draft;
+pub use parts::Parts;
+pub use reader::{Group, Reader};
 pub use writer::{Trace, TraceShare, cut_traces, reads};

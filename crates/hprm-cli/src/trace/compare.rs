@@ -14,10 +14,8 @@ use std::io::{BufRead, Seek};
 use hprm::trace::line::{
     At, End, Enter, Entry, Read, Reason, RunEnding, Schedule, ScheduleOutcome, Set, Which,
 };
-use hprm::trace::{Digest, Digester};
+use hprm::trace::{Digest, Digester, Group, Reader};
 
-use super::Reader;
-use super::read::Group;
 use crate::message::Error;
 
 /// How two traces are compared.

@@ -3,15 +3,14 @@
 use std::io;
 
 use hprm_federated::FederationId;
-use rustix::rand::{GetRandomFlags, getrandom};
 
-use super::proof::{self, Handshake, Nonce, Purpose, Role};
+use super::proof::{self, Handshake, Purpose, Role};
 use super::rings::Rings;
 use super::socket::Socket;
 use super::stream::{Stream, Transport};
 use super::tls::{Configs, TlsChannel, TlsFiles};
 use crate::notifier::Notifier;
-use crate::{Address, Failure};
+use crate::{Address, Failure, random};
 
 /// How the links of a federation are protected. All of its processes must agree on it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -92,16 +91,6 @@ impl Keys {
         if socket.is_unix() && !self.security.auth {
             return Ok(None);
         }
-        Ok(Some(Handshake::new(self.secret, role, purpose, nonce()?)))
+        Ok(Some(Handshake::new(self.secret, role, purpose, random::fill()?)))
     }
-}
-
-fn nonce() -> io::Result<Nonce> {
-    let mut nonce = Nonce::default();
-    // So few bytes come in one piece, once the system has any.
-    let count = getrandom(&mut nonce, GetRandomFlags::empty())?;
-    if count < nonce.len() {
-        return Err(io::Error::other("the system has no randomness"));
-    }
-    Ok(nonce)
 }

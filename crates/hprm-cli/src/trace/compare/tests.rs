@@ -1,6 +1,7 @@
 //! Comparing traces that are written out here.
 
-use super::super::read::tests::trace;
+use std::io::Cursor;
+
 use super::super::{sentence, share};
 use super::*;
 
@@ -8,6 +9,12 @@ const DONE: &str = r#"{"end":[20,0],"outcome":"done"}"#;
 
 fn text(lines: &[&str]) -> String {
     lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+/// A trace with these lines after its header.
+fn trace(name: &str, lines: &str) -> Reader<Cursor<String>> {
+    let header = r#"{"hprm_logical_trace":2,"program":"M","federated":false}"#;
+    Reader::new(name, Cursor::new(format!("{header}\n{lines}"))).unwrap()
 }
 
 fn compared(judge: Judge, a: &[&str], b: &[&str]) -> Comparison {

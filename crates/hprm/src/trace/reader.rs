@@ -6,23 +6,23 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use hprm::trace::line::{At, End, Entry, Header, Line, RunEnding, VERSION};
-
-use crate::message::Error;
+use super::line::{At, End, Entry, Header, Line, RunEnding, VERSION};
+use crate::Failure;
 
 /// Bytes at the end of a file among which the last line is found.
 const TAIL: u64 = 1 << 16;
 
 /// A trace that is being read.
 #[derive(Debug)]
-pub(crate) struct Reader<R> {
+pub struct Reader<R> {
     /// What to call it in messages.
-    pub(crate) name: String,
-    pub(crate) header: Header,
+    pub name: String,
+    /// Its first line.
+    pub header: Header,
     /// How the run ended.
-    pub(crate) end: End,
+    pub end: End,
     /// Whether that stands in the file; else the trace breaks off.
-    pub(crate) whole: bool,
+    pub whole: bool,
     source: R,
     line: usize,
     /// The first entry of the next tag.
@@ -31,9 +31,11 @@ pub(crate) struct Reader<R> {
 
 /// What happened at one tag.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Group {
-    pub(crate) tag: At,
-    pub(crate) entries: Vec<Entry>,
+pub struct Group {
+    /// The tag.
+    pub tag: At,
+    /// What its reactions did, in the order of the file.
+    pub entries: Vec<Entry>,
 }
 
 impl Reader<BufReader<File>> {
@@ -42,10 +44,10 @@ impl Reader<BufReader<File>> {
     /// # Errors
     ///
     /// If it cannot be read, or does not begin like a trace.
-    pub(crate) fn open(path: &Path) -> Result<Self, Error> {
+    pub fn open(path: &Path) -> Result<Self, Failure> {
         let name = path.display().to_string();
         let file = File::open(path)
-            .map_err(|error| Error::new(format!("cannot read the trace {name}: {error}")))?;
+            .map_err(|error| Failure::command(format!("cannot read the trace {name}: {error}")))?;
         Self::new(&name, BufReader::new(file))
     }
 }
@@ -56,9 +58,9 @@ impl<R: BufRead + Seek> Reader<R> {
     /// # Errors
     ///
     /// If it does not begin like a trace.
-    pub(crate) fn new(name: &str, mut source: R) -> Result<Self, Error> {
+    pub fn new(name: &str, mut source: R) -> Result<Self, Failure> {
         let (end, whole) = tail(&mut source)
-            .map_err(|error| Error::new(format!("cannot read the trace {name}: {error}")))?;
+            .map_err(|error| Failure::command(format!("cannot read the trace {name}: {error}")))?;
         let header = Header { hprm_logical_trace: 0, program: String::new(), federated: false };
         let name = name.to_owned();
         let mut reader = Self { name, header, end, whole, source, line: 0, next: None };
@@ -69,7 +71,9 @@ impl<R: BufRead + Seek> Reader<R> {
             Some(Line::Header(Header { hprm_logical_trace: version, .. })) => {
                 let what =
                     format!("{} is a trace of version {version}, not {VERSION}", reader.name);
-                return Err(Error::new(what).hint("record it again with this version of hprm"));
+                return Err(
+                    Failure::command(what).with_hint("record it again with this version of hprm")
+                );
             }
             _ => return Err(reader.bad()),
         }
@@ -78,7 +82,7 @@ impl<R: BufRead + Seek> Reader<R> {
     }
 
     /// The tag of the next group.
-    pub(crate) fn next_tag(&self) -> Option<At> {
+    pub fn next_tag(&self) -> Option<At> {
         self.next.as_ref().map(|entry| entry.tag)
     }
 
@@ -87,7 +91,7 @@ impl<R: BufRead + Seek> Reader<R> {
     /// # Errors
     ///
     /// If the file is no trace, or its tags are not in order.
-    pub(crate) fn group(&mut self) -> Result<Option<Group>, Error> {
+    pub fn group(&mut self) -> Result<Option<Group>, Failure> {
         let Some(first) = self.next.take() else { return Ok(None) };
         let mut group = Group { tag: first.tag, entries: vec![first] };
         self.advance()?;
@@ -101,7 +105,7 @@ impl<R: BufRead + Seek> Reader<R> {
         Ok(Some(group))
     }
 
-    fn advance(&mut self) -> Result<(), Error> {
+    fn advance(&mut self) -> Result<(), Failure> {
         self.next = match self.read()? {
             Some(Line::Entry(entry)) => Some(entry),
             Some(Line::Header(_)) => return Err(self.bad()),
@@ -111,7 +115,7 @@ impl<R: BufRead + Seek> Reader<R> {
     }
 
     /// The next line. What comes after the last line break was not written to its end.
-    fn read(&mut self) -> Result<Option<Line>, Error> {
+    fn read(&mut self) -> Result<Option<Line>, Failure> {
         let mut text = String::new();
         self.line += 1;
         match self.source.read_line(&mut text) {
@@ -121,9 +125,9 @@ impl<R: BufRead + Seek> Reader<R> {
         }
     }
 
-    fn bad(&self) -> Error {
-        Error::new(format!("{}:{} is no line of a logical trace", self.name, self.line))
-            .hint("traces are written by hprm run --logical-trace FILE")
+    fn bad(&self) -> Failure {
+        Failure::command(format!("{}:{} is no line of a logical trace", self.name, self.line))
+            .with_hint("traces are written by hprm run --logical-trace FILE")
     }
 }
 

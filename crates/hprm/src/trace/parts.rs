@@ -1,20 +1,18 @@
 //! The shares that federates write of one trace: a folder beside the trace while the run lasts.
 
-use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use hprm::Failure;
-use hprm::trace::Draft;
 use hprm_core::Program;
 
-use super::{Reader, merge};
-use crate::message::Error;
+use super::merge::merge;
+use super::{Draft, Reader, TraceShare};
+use crate::{Failure, Label, Report};
 
 /// The folder with the shares. It is gone when this is.
 #[derive(Debug)]
-pub(crate) struct Parts {
+pub struct Parts {
     /// What the trace will be called.
     path: PathBuf,
     folder: PathBuf,
@@ -28,8 +26,8 @@ impl Parts {
     /// # Errors
     ///
     /// If the folder cannot be made.
-    pub(crate) fn of(path: &Path) -> Result<Self, Error> {
-        let unwritten = |error| Error::from(&Failure::trace(path, &error));
+    pub fn of(path: &Path) -> Result<Self, Failure> {
+        let unwritten = |error| Failure::trace(path, &error);
         let is_beside = Draft::replaces(path).map_err(unwritten)?;
         let folder = if is_beside {
             remove_abandoned(path);
@@ -44,52 +42,51 @@ impl Parts {
         Ok(Self { path: path.to_owned(), folder, is_beside })
     }
 
-    /// Where the shares are: each in a file with the name of its federate.
-    pub(crate) fn folder(&self) -> &Path {
-        &self.folder
+    /// What a federate writes.
+    #[must_use]
+    pub fn share(&self, federate: &str) -> TraceShare {
+        self.share_at(self.folder.join(federate))
     }
 
-    /// Where a federate writes its share.
-    pub(crate) fn share(&self, federate: &str) -> PathBuf {
-        self.folder.join(federate)
+    /// What a process writes that has several federates: the shares of all, each in a file with the name of
+    /// its federate.
+    #[must_use]
+    pub fn shares(&self) -> TraceShare {
+        self.share_at(self.folder.clone())
     }
 
-    /// The options of a process that writes its shares to `place`. A failure names the trace, unless the shares
-    /// are elsewhere: then the place matters.
-    pub(crate) fn options(&self, place: &Path) -> Vec<OsString> {
-        let mut options = vec!["--logical-trace".into(), place.into()];
-        if self.is_beside {
-            options.extend(["--share-of".into(), self.path.as_os_str().to_owned()]);
-        }
-        options
+    /// A failure names the trace, unless the shares are elsewhere: then the place matters.
+    fn share_at(&self, place: PathBuf) -> TraceShare {
+        TraceShare::new(place, self.is_beside.then(|| self.path.clone()))
     }
 
     /// Makes one trace of the shares. If the run has failed, with an exit `code` and a report, that is what
-    /// the user should see first: then it is only a warning that there is no trace.
+    /// the user should see first: then `tell` only gets a warning that there is no trace.
     ///
     /// # Errors
     ///
     /// If a share cannot be read, or the trace cannot be written.
-    pub(crate) fn merge(
+    pub fn merge(
         self,
         program: &Program,
         interrupted: bool,
         code: i32,
-    ) -> Result<(), Error> {
+        tell: &mut dyn FnMut(Label, Report),
+    ) -> Result<(), Failure> {
         if !self.folder.exists() {
             // The federates could not write their shares, and have said why.
             return Ok(());
         }
         match self.merge_shares(program, interrupted) {
-            Err(error) if code != 0 => {
-                error.show_as_warning();
+            Err(failure) if code != 0 => {
+                tell(Label::Warning, failure.report());
                 Ok(())
             }
             outcome => outcome,
         }
     }
 
-    fn merge_shares(&self, program: &Program, interrupted: bool) -> Result<(), Error> {
+    fn merge_shares(&self, program: &Program, interrupted: bool) -> Result<(), Failure> {
         let mut shares = Vec::new();
         let mut missing = None;
         for federate in program.federates.values() {
@@ -102,8 +99,8 @@ impl Parts {
     }
 
     /// What a federate has left: all of its share, or what it had written when it ended.
-    fn open(&self, federate: &str) -> Option<Result<Reader<BufReader<File>>, Error>> {
-        let whole = self.share(federate);
+    fn open(&self, federate: &str) -> Option<Result<Reader<BufReader<File>>, Failure>> {
+        let whole = self.folder.join(federate);
         let partial = whole.with_file_name(format!("{federate}.partial"));
         let path = [whole, partial].into_iter().find(|path| path.exists())?;
         let empty = path.metadata().is_ok_and(|file| file.len() == 0);

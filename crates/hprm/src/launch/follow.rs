@@ -12,21 +12,21 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, WaitId, WaitIdOptions, pidfd_open, waitid};
 
-use crate::message;
-use crate::output::Lines;
-use hprm::supervisor::{FederateEnding, Signal};
+use super::output::Lines;
+use crate::console;
+use crate::supervisor::{FederateEnding, Signal};
 
 /// Bytes that are read at once: what a pipe holds.
 const CHUNK: usize = 64 * 1024;
 
 /// A process that other code has started and will reap.
 #[derive(Debug)]
-pub(crate) struct Followed {
+pub(super) struct Followed {
     pid: Pid,
     /// Readable once the process has ended.
     end: OwnedFd,
     streams: Vec<Stream>,
-    /// Why the standard output of this command can no longer be written to.
+    /// Why the standard output of this process can no longer be written to.
     broken: Option<io::Error>,
 }
 
@@ -51,7 +51,7 @@ impl Followed {
     /// # Errors
     ///
     /// If the system cannot watch processes (Linux before 5.3), or has no descriptor left.
-    pub(crate) fn new(
+    pub(super) fn new(
         pid: Pid,
         name: &str,
         (output, error): (Option<ChildStdout>, Option<ChildStderr>),
@@ -69,7 +69,7 @@ impl Followed {
 
     /// Forwards everything until the process ends, and returns how it did. It still has to be
     /// reaped. Calls `broken` once if the output goes nowhere.
-    pub(crate) fn follow(mut self, broken: impl FnOnce(&io::Error)) -> FederateEnding {
+    pub(super) fn follow(mut self, broken: impl FnOnce(&io::Error)) -> FederateEnding {
         let mut broken = Some(broken);
         let mut buffer = vec![0; CHUNK];
         loop {
@@ -159,8 +159,8 @@ impl Target {
         }
         match self {
             Self::Output if broken.is_some() => {}
-            Self::Output => *broken = message::print(lines).err(),
-            Self::Error => message::print_error(lines),
+            Self::Output => *broken = console::print(lines).err(),
+            Self::Error => console::print_error(lines),
         }
     }
 }

@@ -8,7 +8,7 @@ const LONGEST: usize = 1 << 20;
 
 /// Cuts one stream into lines.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Lines {
+pub(super) struct Lines {
     prefix: Vec<u8>,
     /// The beginning of a line whose end has not come yet.
     partial: Vec<u8>,
@@ -16,12 +16,12 @@ pub(crate) struct Lines {
 
 impl Lines {
     /// Lines that start with `[name] `.
-    pub(crate) fn of(name: &str) -> Self {
+    pub(super) fn of(name: &str) -> Self {
         Self { prefix: format!("[{name}] ").into_bytes(), partial: Vec::new() }
     }
 
     /// Takes bytes as they come, and gives the lines that they complete.
-    pub(crate) fn take(&mut self, bytes: &[u8]) -> Vec<u8> {
+    pub(super) fn take(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut lines = Vec::new();
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             self.partial.extend_from_slice(piece);
@@ -33,7 +33,7 @@ impl Lines {
     }
 
     /// What is left when the stream ends: a line without its end, which it gets here.
-    pub(crate) fn end(&mut self) -> Vec<u8> {
+    pub(super) fn end(&mut self) -> Vec<u8> {
         let mut lines = Vec::new();
         if !self.partial.is_empty() {
             self.complete(&mut lines);

@@ -1,6 +1,6 @@
 //! The processes of a federation: starting, signalling and reaping them.
 //!
-//! Each federate leads a process group of its own: a Ctrl-C at the terminal reaches only `hprm`,
+//! Each federate leads a process group of its own: a Ctrl-C at the terminal reaches only the launcher,
 //! and what a federate has started can be ended with it. Nothing is left when this is dropped.
 
 use std::collections::BTreeMap;
@@ -10,28 +10,28 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use hprm::supervisor::{Observation, Signal};
 use hprm_core::FederateId;
 use rustix::process::{Pid, kill_process, kill_process_group};
 
-use crate::follow::Followed;
-use crate::leftovers;
-use crate::limits::unstarted;
-use crate::message::{self, Error};
-use crate::terminal::Lent;
+use super::follow::Followed;
+use super::leftovers;
+use super::limits::unstarted;
+use super::terminal::Lent;
+use crate::supervisor::{Observation, Signal};
+use crate::{Failure, console};
 
 /// Where a federate reads and writes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Console {
+pub(super) enum Console {
     /// It has no standard input, and its lines are shown behind its name.
     Lines,
-    /// It has those of this command.
+    /// It has those of this process.
     Terminal,
 }
 
 /// The processes that have been started, and which of them are still to be reaped.
 #[derive(Debug, Default)]
-pub(crate) struct Children {
+pub(super) struct Children {
     processes: BTreeMap<FederateId, Child>,
     /// The federate that has the terminal.
     terminal: Option<(FederateId, Lent)>,
@@ -45,13 +45,13 @@ impl Children {
     /// # Errors
     ///
     /// If it cannot be started.
-    pub(crate) fn start(
+    pub(super) fn start(
         &mut self,
         (id, name): (FederateId, &str),
         mut command: Command,
         console: Console,
         report: impl Fn(Observation) + Send + 'static,
-    ) -> Result<(), Error> {
+    ) -> Result<(), Failure> {
         if console == Console::Lines {
             command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         }
@@ -69,7 +69,7 @@ impl Children {
         let follow = move || {
             let how = followed.follow(|error| match error.kind() {
                 io::ErrorKind::BrokenPipe => report(Observation::Signal(Signal::BROKEN_PIPE)),
-                _ => report(Observation::Unwritable(Box::new(message::unwritable(error).into()))),
+                _ => report(Observation::Unwritable(Box::new(console::unwritable(error).report()))),
             });
             report(Observation::Ended { federate: id, how });
         };
@@ -78,7 +78,7 @@ impl Children {
     }
 
     /// Sends a signal to a process and, unless it is Ctrl-C, to what it has started.
-    pub(crate) fn send(&self, signal: Signal, to: FederateId) {
+    pub(super) fn send(&self, signal: Signal, to: FederateId) {
         if let Some(child) = self.processes.get(&to) {
             if signal == Signal::INTERRUPT {
                 // It may have ended.
@@ -90,7 +90,7 @@ impl Children {
     }
 
     /// Forgets a process that has ended. What it has started ends too if it did not end `well`.
-    pub(crate) fn reap(&mut self, id: FederateId, well: bool) {
+    pub(super) fn reap(&mut self, id: FederateId, well: bool) {
         self.terminal.take_if(|(debugged, _)| *debugged == id);
         if let Some(mut child) = self.processes.remove(&id) {
             if well {

@@ -14,7 +14,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Ends all that is left in the group that `leader` leads, which has ended, and reaps that.
-pub(crate) fn end(mut leader: Child) {
+pub(super) fn end(mut leader: Child) {
     // A process that has not been reaped keeps its number, so the signals reach no other process.
     let group = Pid::from_child(&leader);
     let others = members(group);

@@ -1,4 +1,4 @@
-//! The terminal of the command, lent to one federate: what is typed goes there, Ctrl-C too.
+//! The terminal of the launcher, lent to one federate: what is typed goes there, Ctrl-C too.
 //!
 //! A federate leads a process group of its own, and only the foreground group of a terminal may read
 //! from it. Where the standard input is no terminal, there is nothing to lend.
@@ -10,12 +10,12 @@ use nix::unistd::{Pid, getpgrp, tcsetpgrp};
 
 /// A terminal that belongs to another process group until this is dropped.
 #[derive(Debug)]
-pub(crate) struct Lent;
+pub(super) struct Lent;
 
 impl Lent {
     /// Makes the group that the process `leader` leads the foreground group of the terminal. None if
     /// there is no terminal, or it is another group's.
-    pub(crate) fn to(leader: u32) -> Option<Self> {
+    pub(super) fn to(leader: u32) -> Option<Self> {
         let leader = Pid::from_raw(i32::try_from(leader).ok()?);
         (io::stdin().is_terminal() && tcsetpgrp(io::stdin(), leader).is_ok()).then_some(Self)
     }

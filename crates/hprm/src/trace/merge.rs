@@ -4,13 +4,11 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Seek};
 use std::path::Path;
 
-use hprm::Failure;
-use hprm::trace::Draft;
-use hprm::trace::line::{End, Entry, Header, Line, RunEnding, VERSION};
 use hprm_core::{Program, ReactionId};
 
-use super::Reader;
-use crate::message::Error;
+use super::line::{End, Entry, Header, Line, RunEnding, VERSION};
+use super::{Draft, Reader};
+use crate::Failure;
 
 /// Merges shares by tag, level and place in the program into the file `path`. `interrupted` tells
 /// that the user has stopped the run, which federates do not know of.
@@ -18,14 +16,14 @@ use crate::message::Error;
 /// # Errors
 ///
 /// If a share is no trace, or the file cannot be written.
-pub(crate) fn merge<R: BufRead + Seek>(
+pub(super) fn merge<R: BufRead + Seek>(
     program: &Program,
     mut shares: Vec<Reader<R>>,
     missing: Option<&str>,
     interrupted: bool,
     path: &Path,
-) -> Result<(), Error> {
-    let unwritten = |error| Error::from(&Failure::trace(path, &error));
+) -> Result<(), Failure> {
+    let unwritten = |error| Failure::trace(path, &error);
     let places: BTreeMap<String, (u32, ReactionId)> = program
         .reactions
         .iter()
@@ -90,7 +88,7 @@ fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) ->
 
 #[cfg(test)]
 mod tests {
-    use super::super::read::tests::{HEADER, trace};
+    use super::super::reader::tests::{HEADER, trace};
     use super::*;
 
     use hprm_core::{

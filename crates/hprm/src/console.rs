@@ -1,0 +1,42 @@
+//! The standard streams of this process: what the launcher and the command write for people.
+//!
+//! Everything is written in one piece, so lines of different threads never mix.
+
+use std::io::{self, IsTerminal, Write};
+
+use crate::{Failure, Label, Report};
+
+/// Shows a report on the standard error, as people read it.
+pub fn show(label: Label, report: &Report) {
+    print_error(format!("{}\n", report.text(label, color(&io::stderr()))).as_bytes());
+}
+
+/// Whether a stream is for eyes that want colour (<https://no-color.org>).
+pub fn color(stream: &impl IsTerminal) -> bool {
+    let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let unable = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
+    stream.is_terminal() && !unwanted && !unable
+}
+
+/// Writes to the standard output.
+///
+/// # Errors
+///
+/// If it cannot be written; its reader may have closed it.
+pub fn print(bytes: &[u8]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(bytes)?;
+    out.flush()
+}
+
+/// The failure that the standard output cannot be written.
+pub fn unwritable(error: &io::Error) -> Failure {
+    let reason = error.to_string();
+    let reason = reason.split(" (os error").next().unwrap_or_default();
+    Failure::command(format!("cannot write to the standard output: {reason}"))
+}
+
+/// Writes to the standard error; a failure of that cannot be reported.
+pub fn print_error(bytes: &[u8]) {
+    let _ = io::stderr().lock().write_all(bytes);
+}

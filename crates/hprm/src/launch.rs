@@ -1,0 +1,195 @@
+//! Running a federation on this machine: an RTI in a thread, and a process for each federate.
+//!
+//! This is the loop around the [`Supervisor`]: it brings events and carries out orders. What a federate's
+//! process is, and how reports are shown, is up to the caller. The thread that calls starts the processes,
+//! because they ask the system to die with the thread that did ([`die_with_parent`]).
+
+mod children;
+mod follow;
+mod leftovers;
+mod limits;
+mod output;
+mod parent;
+mod rti;
+mod signals;
+mod terminal;
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+use hprm_core::{FederateId, Fingerprint, Program};
+
+use self::children::{Children, Console};
+use self::rti::RtiThread;
+use crate::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
+use crate::trace::{Parts, TraceShare};
+use crate::{Address, Failure, FederationId, HangTimeout, Label, Report, RtiHandle, Security};
+pub use limits::{need_files, unstarted};
+pub use parent::die_with_parent;
+pub use signals::{Watch, is_ignored, watch};
+
+/// Events that may wait for the loop, which never takes long. More of them wait where they arise.
+const EVENTS: usize = 64;
+
+/// What is to be launched, and how.
+#[derive(Clone, Debug)]
+pub struct Launch {
+    /// The program of the federation.
+    pub program: Arc<Program>,
+    /// The fingerprint that all federates must have.
+    pub fingerprint: Arc<Fingerprint>,
+    /// The secret of the federation, which its processes must be given in private.
+    pub federation: FederationId,
+    /// How its links are protected.
+    pub security: Security,
+    /// How long the federates may take to join and load.
+    pub join_timeout: Duration,
+    /// For how long a federate may be silent.
+    pub hang_timeout: HangTimeout,
+    /// The federate that gets the terminal.
+    pub debugged: Option<FederateId>,
+    /// The file of its logical trace, if it is recorded.
+    pub logical_trace: Option<PathBuf>,
+}
+
+/// What the process of a federate must know of its federation, apart from the secret.
+#[derive(Clone, Debug)]
+pub struct Membership<'a> {
+    /// The federate.
+    pub federate: FederateId,
+    /// Its name.
+    pub name: &'a str,
+    /// Where the RTI listens.
+    pub rti: &'a Address,
+    /// What it writes of the logical trace.
+    pub share: Option<TraceShare>,
+}
+
+/// A federation whose RTI runs, and whose federates do not run yet. When this is dropped, nothing of it is
+/// left, and signals do what they did before.
+#[derive(Debug)]
+pub struct Launching {
+    launch: Launch,
+    events: SyncSender<Observation>,
+    // What follows goes away in this order: no thread waits for room among the events, no process writes to the
+    // folder of shares that has gone, and Ctrl-C does not disturb all that.
+    arrivals: Receiver<Observation>,
+    rti: RtiThread,
+    parts: Option<Parts>,
+    _watch: Watch,
+}
+
+impl Launch {
+    /// Runs a federation to its end, and returns the exit code. `command` makes the command of the process of
+    /// a federate; `tell` shows each report that the user should see, for example by
+    /// [`console::show`](crate::console::show).
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be started; nothing is left of it then. Or if its logical trace cannot be written.
+    pub fn run(
+        self,
+        command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
+        tell: &mut dyn FnMut(Label, Report),
+    ) -> Result<i32, Failure> {
+        self.start()?.run(command, tell)
+    }
+
+    /// Starts the RTI. From now on, signals that ask this process to stop are for the federation.
+    ///
+    /// # Errors
+    ///
+    /// If the RTI cannot be started, or this process may not have enough descriptors for all federates.
+    pub fn start(self) -> Result<Launching, Failure> {
+        limits::check_files(self.program.federates.len())?;
+        let (events, arrivals) = sync_channel(EVENTS);
+        let asked = events.clone();
+        let watch = watch(move |signal| asked.send(Observation::Signal(signal)).is_ok())
+            .map_err(|error| Failure::command(format!("cannot watch for Ctrl-C: {error}")))?;
+        let parts = self.logical_trace.as_deref().map(Parts::of).transpose()?;
+        let rti = RtiThread::start(&self, events.clone())?;
+        Ok(Launching { launch: self, events, arrivals, rti, parts, _watch: watch })
+    }
+}
+
+impl Launching {
+    /// Where the RTI listens.
+    #[must_use]
+    pub fn rti(&self) -> &Address {
+        self.rti.address()
+    }
+
+    /// Starts the federates, and runs the federation to its end, as [`Launch::run`] does.
+    ///
+    /// # Errors
+    ///
+    /// If a federate cannot be started, or the logical trace cannot be written.
+    pub fn run(
+        mut self,
+        command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
+        tell: &mut dyn FnMut(Label, Report),
+    ) -> Result<i32, Failure> {
+        let program = Arc::clone(&self.launch.program);
+        let children = self.start_federates(command)?;
+        let join_timeout = self.launch.join_timeout;
+        let mut supervisor = Supervisor::new(&program, Members::Processes, join_timeout);
+        let mut launched = Launched { children, rti: self.rti.handle().clone(), tell };
+        let Outcome { code, is_traced } = supervisor.run(&mut launched, &self.arrivals);
+        launched.rti.abort();
+        drop(launched);
+        if let Some(parts) = self.parts.take().filter(|_| is_traced) {
+            parts.merge(&program, supervisor.is_interrupted(), code, tell)?;
+        }
+        Ok(code)
+    }
+
+    fn start_federates(
+        &self,
+        mut command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
+    ) -> Result<Children, Failure> {
+        let mut children = Children::default();
+        let mut federates: Vec<_> = self.launch.program.federates.iter().collect();
+        // First: the start does not wait for transient federates, and most programs want them to take part.
+        federates.sort_by_key(|(_, federate)| !federate.transient);
+        for (id, federate) in federates {
+            let name = &federate.name;
+            let share = self.parts.as_ref().map(|parts| parts.share(name));
+            let command = command(&Membership { federate: id, name, rti: self.rti(), share })?;
+            let is_debugged = self.launch.debugged == Some(id);
+            let console = if is_debugged { Console::Terminal } else { Console::Lines };
+            let events = self.events.clone();
+            // Once the receiver is gone, the run is over.
+            let report = move |event| drop(events.send(event));
+            children.start((id, name), command, console, report)?;
+        }
+        Ok(children)
+    }
+}
+
+/// The processes of the federation and its RTI.
+struct Launched<'a> {
+    children: Children,
+    rti: RtiHandle,
+    tell: &'a mut dyn FnMut(Label, Report),
+}
+
+impl Driver for Launched<'_> {
+    fn observe(&mut self, event: Observation, has_not_failed: bool) -> Observation {
+        if let Observation::Ended { federate, how } = &event {
+            self.children.reap(*federate, *how == FederateEnding::Code(0) && has_not_failed);
+        }
+        event
+    }
+
+    fn carry_out(&mut self, order: Order) {
+        match order {
+            Order::RequestStop => self.rti.request_stop(),
+            Order::Send { signal, to } => self.children.send(signal, to),
+            Order::Report(report) => (self.tell)(Label::Error, *report),
+            Order::Warn(report) => (self.tell)(Label::Warning, *report),
+        }
+    }
+}
