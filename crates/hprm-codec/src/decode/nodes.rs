@@ -153,7 +153,8 @@ impl<'a> Walk<'a> {
                 Err(DecodeError::mismatch(&visitor, &found))
             }
             Want::Seq | Want::Tuple(_) => visitor.visit_seq(Numbers::new(bytes.iter().copied())),
-            _ => visitor.visit_borrowed_bytes(bytes),
+            Want::Any | Want::Bytes => visitor.visit_borrowed_bytes(bytes),
+            _ => Err(DecodeError::mismatch(&visitor, "bytes")),
         }
     }
 
