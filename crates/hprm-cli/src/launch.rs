@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hprm::launch::{Launch, Membership};
+use hprm::supervisor::Advice;
 use hprm::{Address, FederationId, HangTimeout, STAGE, Security, random_federation};
 use hprm_core::{FederateId, Program};
 use hprm_model::Compiled;
@@ -61,6 +62,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         hang_timeout: plan.hang_timeout,
         debugged: plan.debugged,
         logical_trace: plan.logical_trace.clone(),
+        advice: Advice::COMMAND,
     }
     .start()?;
     signals::outlive()?;

@@ -229,7 +229,7 @@ fn message_of(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<
         RtiEvent::Silent { federate, silence } => on_silent(name(federate), silence),
         RtiEvent::Answers { federate, silence } => on_answer(name(federate), silence),
         RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
-            let verdict = Verdict::on_federate(name(federate), true, Some(&report), None);
+            let verdict = Verdict::on_federate(name(federate), None, Some(&report), None);
             return Err(Box::new(verdict));
         }
     }))

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use hprm::launch::is_ignored;
+use hprm::launch::signals::{self, is_ignored};
 use hprm::supervisor;
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
@@ -49,7 +49,7 @@ pub(crate) fn watch(
     report: impl Fn(supervisor::Signal) -> bool + Send + 'static,
 ) -> io::Result<()> {
     // When the work is done, nothing must disturb what tidies up.
-    hprm::launch::watch(report).map(mem::forget)
+    signals::watch(report).map(mem::forget)
 }
 
 /// For as long as this process lives, the signals that a launcher watches do not end it, also when the launcher

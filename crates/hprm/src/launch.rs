@@ -11,7 +11,7 @@ mod limits;
 mod output;
 mod parent;
 mod rti;
-mod signals;
+pub mod signals;
 mod terminal;
 
 use std::path::PathBuf;
@@ -24,12 +24,14 @@ use hprm_core::{FederateId, Fingerprint, Program};
 
 use self::children::{Children, Console};
 use self::rti::RtiThread;
-use crate::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
+use self::signals::{Watch, watch};
+use crate::supervisor::{
+    Advice, Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor,
+};
 use crate::trace::{Parts, TraceShare};
 use crate::{Address, Failure, FederationId, HangTimeout, Label, Report, RtiHandle, Security};
 pub use limits::{need_files, unstarted};
 pub use parent::die_with_parent;
-pub use signals::{Watch, is_ignored, watch};
 
 /// Events that may wait for the loop, which never takes long. More of them wait where they arise.
 const EVENTS: usize = 64;
@@ -53,6 +55,8 @@ pub struct Launch {
     pub debugged: Option<FederateId>,
     /// The file of its logical trace, if it is recorded.
     pub logical_trace: Option<PathBuf>,
+    /// What is advised if federates do not join, or do not answer.
+    pub advice: Advice,
 }
 
 /// What the process of a federate must know of its federation, apart from the secret.
@@ -98,17 +102,19 @@ impl Launch {
         self.start()?.run(command, tell)
     }
 
-    /// Starts the RTI. From now on, signals that ask this process to stop are for the federation.
+    /// Starts the RTI. From now on, signals that ask this process to stop are for the federation ([`signals`]).
     ///
     /// # Errors
     ///
     /// If the RTI cannot be started, or this process may not have enough descriptors for all federates.
     pub fn start(self) -> Result<Launching, Failure> {
         limits::check_files(self.program.federates.len())?;
-        let (events, arrivals) = sync_channel(EVENTS);
+        let (events, receiver) = sync_channel(EVENTS);
         let asked = events.clone();
         let watch = watch(move |signal| asked.send(Observation::Signal(signal)).is_ok())
             .map_err(|error| Failure::command(format!("cannot watch for Ctrl-C: {error}")))?;
+        // Dropped before the watch, which would wait for room among the events.
+        let arrivals = receiver;
         let parts = self.logical_trace.as_deref().map(Parts::of).transpose()?;
         let rti = RtiThread::start(&self, events.clone())?;
         Ok(Launching { launch: self, events, arrivals, rti, parts, _watch: watch })
@@ -135,7 +141,8 @@ impl Launching {
         let program = Arc::clone(&self.launch.program);
         let children = self.start_federates(command)?;
         let join_timeout = self.launch.join_timeout;
-        let mut supervisor = Supervisor::new(&program, Members::Processes, join_timeout);
+        let supervisor = Supervisor::new(&program, Members::Processes, join_timeout);
+        let mut supervisor = supervisor.with_advice(self.launch.advice);
         let mut launched = Launched { children, rti: self.rti.handle().clone(), tell };
         let Outcome { code, is_traced } = supervisor.run(&mut launched, &self.arrivals);
         launched.rti.abort();

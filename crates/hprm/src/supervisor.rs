@@ -9,6 +9,7 @@
 //! Time is counted from the launch. The driver is the command's launcher if federates are processes, and the
 //! Python package if they are threads.
 
+mod advice;
 mod driver;
 mod signal;
 mod verdict;
@@ -20,6 +21,7 @@ use hprm_core::{FederateId, Program, Table};
 use hprm_federated::Refusal;
 
 use crate::{Failure, Kind, Report, RtiEvent};
+pub use advice::Advice;
 pub use driver::{Driver, Outcome};
 pub use signal::Signal;
 pub use verdict::{FederateEnding, Verdict, on_answer, on_silent};
@@ -130,6 +132,7 @@ enum Phase {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Supervisor {
     members: Members,
+    advice: Advice,
     federates: Table<FederateId, FederateState>,
     /// When all must have joined and loaded, so that the federation starts.
     start_until: Duration,
@@ -173,6 +176,7 @@ impl Supervisor {
         });
         Self {
             members,
+            advice: Advice::COMMAND,
             federates: federates.collect(),
             start_until: join_timeout,
             started: false,
@@ -188,6 +192,12 @@ impl Supervisor {
             orders: VecDeque::new(),
             last_tick: Duration::ZERO,
         }
+    }
+
+    /// Gives other advice than for users of the command.
+    #[must_use]
+    pub fn with_advice(self, advice: Advice) -> Self {
+        Self { advice, ..self }
     }
 
     /// Tells the supervisor what has happened.
@@ -324,8 +334,8 @@ impl Supervisor {
             RtiEvent::Started(_) => self.started = true,
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
-                let hint = "one of its reactions takes long or hangs; to end the federation in this case, set --hang-timeout";
-                let report = Report::new(Kind::Lost, on_silent(name, silence)).hint(hint);
+                let report = Report::new(Kind::Lost, on_silent(name, silence));
+                let report = report.hint(self.advice.silent);
                 self.orders.push_back(Order::Warn(Box::new(report)));
             }
             RtiEvent::Answers { federate, silence } => {
@@ -362,7 +372,7 @@ impl Supervisor {
             let rti_report = federate.dropped.take().map(|(report, _)| report);
             let ending = failed.map(|(how, _)| how);
             let verdict =
-                Verdict::on_federate(&federate.name, true, rti_report.as_ref(), ending.as_ref());
+                Verdict::on_federate(&federate.name, None, rti_report.as_ref(), ending.as_ref());
             self.transient_code.get_or_insert(verdict.code);
             if self.exit_code.is_none() {
                 self.orders.push_back(Order::Report(Box::new(verdict.report)));
@@ -499,7 +509,8 @@ impl Supervisor {
         let first_failure = self.first_failure.as_ref().filter(|(federate, _, _)| *federate == id);
         let rti_report = first_failure.map(|(_, report, _)| report);
         let ending = federate.ending.as_ref().map(|(how, _)| how);
-        Verdict::on_federate(&federate.name, federate.joined, rti_report, ending)
+        let absent = (!federate.joined).then_some(self.advice);
+        Verdict::on_federate(&federate.name, absent, rti_report, ending)
     }
 
     /// The failure of a federation that has not started in time: names the federates that have not joined, or, if
@@ -511,7 +522,8 @@ impl Supervisor {
         let loading =
             self.federates.values().filter(|federate| federate.is_member() && !federate.loaded);
         let loading: Vec<_> = loading.map(|federate| federate.name.as_str()).collect();
-        Verdict::on_late_start(&absent, &loading, self.start_until.as_secs_f64())
+        let seconds = self.start_until.as_secs_f64();
+        Verdict::on_late_start(&absent, &loading, seconds, self.advice)
     }
 
     /// Among the federates that are not transient and have ended in a way for which `is` holds, the one that

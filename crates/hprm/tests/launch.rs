@@ -11,8 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use hprm::launch::{Launch, Membership, watch};
-use hprm::supervisor::Signal;
+use hprm::launch::signals::watch;
+use hprm::launch::{Launch, Membership};
+use hprm::supervisor::{Advice, Signal};
 use hprm::{Failure, HangTimeout, Kind, Label, Report, Security, random_federation};
 use hprm_core::{ProgramBuilder, Properties};
 use signal_hook::consts::SIGTERM;
@@ -41,6 +42,7 @@ fn launch(transient: bool) -> Launch {
         hang_timeout: HangTimeout::default(),
         debugged: None,
         logical_trace: None,
+        advice: Advice::PROGRAM,
     }
 }
 
@@ -74,6 +76,7 @@ fn a_federate_that_fails_ends_the_others_and_is_told_once() {
     let code = launch(false).run(command, &mut |label, report: Report| told.push((label, report)));
     assert_eq!(code, Ok(3));
     let (label, report) = &told[0];
+    assert_eq!(report.hint.as_deref(), Some(Advice::PROGRAM.unexplained));
     assert_eq!((*label, report.federate.as_deref()), (Label::Error, Some("second")));
     assert!(told[1..].iter().all(|(label, _)| *label == Label::Warning), "{told:?}");
     assert!(folder.path().join("pid").exists() && is_gone(folder.path()));

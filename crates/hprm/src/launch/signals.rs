@@ -2,7 +2,9 @@
 //!
 //! They become events like all others. What they lead to is the supervisor's business. When nothing watches
 //! them any more, they do what they did before, so the library has no lasting effect on the program that uses
-//! it. There is no safe way to remove a handler: it stays, and does what the system would do without it.
+//! it. There is no safe way to remove a handler: it stays, and does what the system would do without it. So a
+//! program that registers handlers of its own through `signal-hook` (or Tokio) does that before its first
+//! federation runs; those that it installs otherwise replace the handler at any time.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -5,7 +5,7 @@
 
 use std::io::{self, IsTerminal};
 
-use nix::sys::signal::{SigSet, Signal};
+use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use nix::unistd::{Pid, getpgrp, tcsetpgrp};
 
 /// A terminal that belongs to another process group until this is dropped.
@@ -26,10 +26,10 @@ impl Drop for Lent {
         // The system stops a background process that takes the terminal, unless it blocks the signal.
         let mut stop = SigSet::empty();
         stop.add(Signal::SIGTTOU);
-        if stop.thread_block().is_ok() {
+        if let Ok(before) = stop.thread_swap_mask(SigmaskHow::SIG_BLOCK) {
             // The terminal may be gone.
             let _ = tcsetpgrp(io::stdin(), getpgrp());
-            let _ = stop.thread_unblock();
+            let _ = before.thread_set_mask();
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use hprm_core::Nanos;
 
-use super::Signal;
+use super::{Advice, Signal};
 use crate::{Failure, Kind, Report, exit_code};
 
 const SECOND: Nanos = 1_000_000_000;
@@ -32,11 +32,12 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// A federate was the first to fail. `rti_report` is the report of the RTI on it.
+    /// A federate was the first to fail. `rti_report` is the report of the RTI on it. With `absent`, the federate
+    /// had not joined, and that is the advice then.
     #[must_use]
     pub fn on_federate(
         name: &str,
-        joined: bool,
+        absent: Option<Advice>,
         rti_report: Option<&Report>,
         ending: Option<&FederateEnding>,
     ) -> Self {
@@ -50,7 +51,7 @@ impl Verdict {
         let report = match (ending, rti_report) {
             (Some(FederateEnding::Signal(signal)), _) => killed(name, *signal),
             (Some(FederateEnding::Code(ended)), _) if announced != Some(*ended) => {
-                exited(name, joined, *ended, rti_report)
+                exited(name, absent, *ended, rti_report)
             }
             // The RTI may know no more than that it has lost the federate.
             (Some(FederateEnding::Failed(report)), rti_report)
@@ -59,14 +60,19 @@ impl Verdict {
                 report.clone().named()
             }
             (_, Some(report)) => report.clone().named(),
-            (_, None) => exited(name, joined, code, None),
+            (_, None) => exited(name, absent, code, None),
         };
         let federate = report.federate.clone().unwrap_or_else(|| name.to_owned());
         Self { report: Report { code, ..report.of(federate) }, code }
     }
 
     /// Some federates did not join in time, or all have joined and some did not load in time.
-    pub(super) fn on_late_start(absent: &[&str], loading: &[&str], seconds: f64) -> Self {
+    pub(super) fn on_late_start(
+        absent: &[&str],
+        loading: &[&str],
+        seconds: f64,
+        advice: Advice,
+    ) -> Self {
         let (names, what) = match absent {
             [] => (loading, "load its program"),
             _ => (absent, "join"),
@@ -78,8 +84,7 @@ impl Verdict {
                 format!("federates {} did not {what} within {seconds} s", names.join(", "))
             }
         };
-        let report = Report::new(Kind::Absent, said)
-            .hint("programs that take long to load need a longer --join-timeout");
+        let report = Report::new(Kind::Absent, said).hint(advice.late_start);
         Self { report, code: 1 }
     }
 
@@ -119,13 +124,13 @@ fn killed(name: &str, signal: Signal) -> Report {
 
 /// The report of a process that has exited. `rti_report` counts only if it says more than that the process has
 /// ended, or with which code.
-fn exited(name: &str, joined: bool, code: i32, rti_report: Option<&Report>) -> Report {
+fn exited(name: &str, absent: Option<Advice>, code: i32, rti_report: Option<&Report>) -> Report {
     let rti_report =
         rti_report.filter(|report| report.kind != Kind::Lost && !report.is_only_code());
-    let when = match (joined, code) {
-        (false, _) => " before it joined",
-        (true, 0) => " before its last tag",
-        (true, _) => "",
+    let when = match (absent, code) {
+        (Some(_), _) => " before it joined",
+        (None, 0) => " before its last tag",
+        (None, _) => "",
     };
     let exited = format!("federate {name} exited with code {code}{when}");
     if let Some(report) = rti_report {
@@ -133,10 +138,10 @@ fn exited(name: &str, joined: bool, code: i32, rti_report: Option<&Report>) -> R
         return Report { message, rendered: None, ..report.clone() };
     }
     let report = Report::new(kind_of_code(code), exited);
-    if joined {
-        return report;
+    match absent {
+        Some(advice) => report.hint(advice.unexplained),
+        None => report,
     }
-    report.hint("if its own output does not say why, see what hprm doctor says")
 }
 
 /// What an exit code says by itself: 128 and the number of a signal that asks a process to end says that the
@@ -167,7 +172,7 @@ mod tests {
 
     /// What is said, and with which exit code.
     fn verdict(rti_report: Option<&Report>, ending: Option<FederateEnding>) -> (String, i32) {
-        let Verdict { report, code } = Verdict::on_federate("b", true, rti_report, ending.as_ref());
+        let Verdict { report, code } = Verdict::on_federate("b", None, rti_report, ending.as_ref());
         assert_eq!(report.code, code);
         assert_eq!(report.federate.as_deref(), Some("b"));
         (report.message.clone(), code)
@@ -179,7 +184,7 @@ mod tests {
         let expected = "federate b: reaction Main.b.1 raised ValueError: no";
         for ending in [None, Some(FederateEnding::Code(1))] {
             assert_eq!(verdict(Some(&said), ending.clone()), (expected.to_owned(), 1));
-            let report = Verdict::on_federate("b", true, Some(&said), ending.as_ref()).report;
+            let report = Verdict::on_federate("b", None, Some(&said), ending.as_ref()).report;
             assert_eq!((report.kind, report.line), (Kind::Reaction, Some(3)));
         }
     }
@@ -199,7 +204,7 @@ mod tests {
         let kind = |rti_report: Option<&Report>, code| {
             let ending = FederateEnding::Code(code);
             let Verdict { report, code: kept } =
-                Verdict::on_federate("b", true, rti_report, Some(&ending));
+                Verdict::on_federate("b", None, rti_report, Some(&ending));
             assert_eq!(report.message, format!("federate b exited with code {code}"));
             assert_eq!(kept, code);
             report.kind
@@ -264,7 +269,7 @@ mod tests {
     #[test]
     fn the_missing_are_named() {
         let late = |absent: &[&str], loading: &[&str]| {
-            Verdict::on_late_start(absent, loading, 0.5).report.message
+            Verdict::on_late_start(absent, loading, 0.5, Advice::COMMAND).report.message
         };
         assert_eq!(late(&["a"], &["c"]), "federate a did not join within 0.5 s");
         assert_eq!(late(&["a", "b"], &[]), "federates a, b did not join within 0.5 s");
@@ -277,8 +282,13 @@ mod tests {
 
     #[test]
     fn before_joining_the_output_tells_more() {
-        let report = Verdict::on_federate("b", false, None, Some(&FederateEnding::Code(3))).report;
+        let told = |advice| {
+            let ending = FederateEnding::Code(3);
+            Verdict::on_federate("b", Some(advice), None, Some(&ending)).report
+        };
+        let report = told(Advice::COMMAND);
         assert_eq!(report.message, "federate b exited with code 3 before it joined");
         assert!(report.hint.as_ref().is_some_and(|hint| hint.contains("hprm doctor")));
+        assert!(told(Advice::PROGRAM).hint.is_some_and(|hint| !hint.contains("hprm")));
     }
 }
