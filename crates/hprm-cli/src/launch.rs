@@ -5,7 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -108,6 +108,9 @@ impl Plan {
         command.arg("--launched");
         command.arg("--die-with-parent").arg(std::process::id().to_string());
         command.arg("--").arg(&self.file).arg(membership.name).args(&self.arguments);
+        if self.debugged != Some(membership.federate) {
+            command.stdin(Stdio::null());
+        }
         command.env(FEDERATION_ID, federation.to_string());
         if let Some(stage) = &self.stage {
             command.env(STAGE, stage);

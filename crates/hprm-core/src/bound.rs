@@ -9,10 +9,12 @@ pub(crate) mod blocking;
 
 use alloc::collections::VecDeque;
 
+use serde::{Deserialize, Serialize};
+
 use crate::{ConnectionId, Tag};
 
 /// How many messages of a physical connection may wait.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Bound {
     /// The largest number; at least one.
     pub messages: u32,
@@ -21,7 +23,7 @@ pub struct Bound {
 }
 
 /// What happens when a message arrives and as many as may wait are waiting.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub enum Overflow {
     /// The message that arrives is dropped.
     #[default]

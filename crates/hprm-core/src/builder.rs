@@ -150,6 +150,12 @@ impl ProgramBuilder {
         self.program.properties = properties;
     }
 
+    /// The full name of a reactor.
+    #[must_use]
+    pub fn reactor_name(&self, reactor: ReactorId) -> &str {
+        &self.program.reactors[reactor].name
+    }
+
     /// The full name of a port.
     #[must_use]
     pub fn port_name(&self, port: PortId) -> String {

@@ -1,9 +1,11 @@
 //! The options of a program for the clocks of its federates. Drivers read the clocks.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Nanos;
 
 /// When a federate compares its clock with that of the RTI.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub enum ClockSyncMode {
     /// Never.
     Off,
@@ -15,7 +17,7 @@ pub enum ClockSyncMode {
 }
 
 /// The target properties `clock-sync` and `clock-sync-options`.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct ClockSyncOptions {
     /// `clock-sync`.
     pub mode: ClockSyncMode,

@@ -147,6 +147,12 @@ impl Fingerprint {
         Self { facts, digest }
     }
 
+    /// The facts, from which [`Self::new`] makes it again.
+    #[must_use]
+    pub fn facts(&self) -> &[Fact] {
+        &self.facts
+    }
+
     /// A number that is equal if all facts are. If it is not, [`Self::differences`] decides.
     #[must_use]
     pub fn digest(&self) -> u64 {

@@ -71,9 +71,11 @@ ids! {
 }
 
 /// A vector indexed by an id.
-#[derive(Clone, PartialEq, Eq, Hash)]
+#[derive(Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(transparent, bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
 pub struct Table<I, T> {
     entries: Vec<T>,
+    #[serde(skip)]
     ids: PhantomData<fn() -> I>,
 }
 

@@ -46,8 +46,8 @@ pub use builder::{ProgramBuilder, ProgramError, ReactionSpec};
 pub use clock_sync::{ClockSyncMode, ClockSyncOptions};
 pub use fingerprint::{Content, Fact, Fingerprint, show_time};
 pub use id::{
-    ActionId, ChannelId, ConnectionId, FederateId, ModeId, PortId, ReactionId, ReactorId, Table,
-    TimerId,
+    ActionId, ChannelId, ConnectionId, FederateId, Id, ModeId, PortId, ReactionId, ReactorId,
+    Table, TimerId,
 };
 pub use mode::{ModalElement, Mode, Transition};
 pub use object::{NoMemory, ObjectRef, Part, Payload, copy_of, zeroed};

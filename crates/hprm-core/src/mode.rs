@@ -8,9 +8,10 @@ use crate::{
     Table, TimerId,
 };
 use alloc::string::String;
+use serde::{Deserialize, Serialize};
 
 /// A mode of a reactor instance (handbook, "modal models").
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Mode {
     /// Name within its reactor.
     pub name: String,
@@ -21,7 +22,7 @@ pub struct Mode {
 }
 
 /// How a mode is entered.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub enum Transition {
     /// As if for the first time: timers start again, and suspended events are removed.
     Reset,

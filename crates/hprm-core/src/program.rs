@@ -26,7 +26,7 @@ pub enum Coordination {
 }
 
 /// How long a process busy-polls, before it lets the kernel put it to sleep.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub enum Spin {
     /// For a short time, and only if every process of the federation has a processor of its own.
     #[default]
@@ -36,7 +36,7 @@ pub enum Spin {
 }
 
 /// The target properties that the runtime obeys.
-#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub struct Properties {
     /// Stop at this time after the start.
     pub timeout: Option<Nanos>,
@@ -68,7 +68,7 @@ pub struct Properties {
 }
 
 /// A reactor instance.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Reactor {
     /// Full name from the main reactor down, with bank indices: `Main.bank[2].child`.
     pub name: String,
@@ -81,7 +81,7 @@ pub struct Reactor {
 }
 
 /// Whether a port is an input or an output.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub enum Direction {
     /// An input of its reactor.
     Input,
@@ -90,7 +90,7 @@ pub enum Direction {
 }
 
 /// One channel of a port.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Port {
     /// Name within its reactor, with the channel of a multiport: `out` or `out[2]`.
     pub name: String,
@@ -101,7 +101,7 @@ pub struct Port {
 }
 
 /// Where an action's events come from.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub enum Origin {
     /// Scheduled relative to the current tag.
     Logical,
@@ -110,7 +110,7 @@ pub enum Origin {
 }
 
 /// A logical or physical action.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Action {
     /// Name within its reactor.
     pub name: String,
@@ -127,7 +127,7 @@ pub struct Action {
 }
 
 /// A timer.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Timer {
     /// Name within its reactor.
     pub name: String,
@@ -142,7 +142,7 @@ pub struct Timer {
 }
 
 /// What makes a reaction run.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub enum Trigger {
     /// The start of the program.
     Startup,
@@ -159,7 +159,7 @@ pub enum Trigger {
 }
 
 /// What a reaction may do.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub enum Effect {
     /// Set a port: an own output or a contained reactor's input.
     Port(PortId),
@@ -170,7 +170,7 @@ pub enum Effect {
 }
 
 /// A reaction of one reactor instance.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Reaction {
     /// The reactor whose reaction it is.
     pub reactor: ReactorId,
@@ -196,7 +196,7 @@ pub struct Reaction {
 }
 
 /// A connection from one channel to another.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Connection {
     /// The channel that is read: an output of a contained reactor or an input of the container.
     pub from: PortId,
@@ -225,7 +225,7 @@ impl Connection {
 }
 
 /// A federate: a top-level reactor of a federated program.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Federate {
     /// The name of its instance, with the index in a bank: `client__2`.
     pub name: String,
@@ -241,7 +241,7 @@ pub struct Federate {
 }
 
 /// A connection between two federates, on which messages are sent.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Channel {
     /// The connection that it carries.
     pub connection: ConnectionId,
@@ -268,7 +268,7 @@ impl Channel {
 }
 
 /// A checked program.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Program {
     /// The name of the main reactor.
     pub name: String,

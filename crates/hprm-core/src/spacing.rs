@@ -4,13 +4,15 @@
 //! Distances are between the tags that events were given, not between the calls that scheduled
 //! them (handbook, "actions"). The scheduler remembers the tags and applies the policy.
 
+use serde::{Deserialize, Serialize};
+
 use crate::{Nanos, Tag};
 
 /// The least time between two events of an action.
 ///
 /// An action without a spacing differs from one with a spacing of zero: events for the same tag get later
 /// microsteps, however many there are.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Spacing {
     /// The least time.
     pub min: Nanos,
@@ -19,7 +21,7 @@ pub struct Spacing {
 }
 
 /// What happens to an event that is too close to the latest one of its action.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub enum Policy {
     /// It happens later, at the least distance.
     #[default]

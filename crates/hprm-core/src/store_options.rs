@@ -3,8 +3,10 @@
 //! The command line, the processes that it starts and the front end read the same words. The store and
 //! its driver obey them.
 
+use serde::{Deserialize, Serialize};
+
 /// What a federate does with a large value when its object store has no room for it.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub enum WhenFull {
     /// The value travels inside its message, which costs copies and loses nothing.
     #[default]
@@ -35,7 +37,7 @@ impl WhenFull {
 }
 
 /// The options for object stores.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
 pub struct StoreOptions {
     /// The most bytes of one federate's store, if that is given.
     pub limit: Option<u64>,

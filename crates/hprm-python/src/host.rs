@@ -195,9 +195,9 @@ impl Host for PyHost {
         objects: Vec<Object>,
         arrival: PhysicalTime,
         is_local: bool,
-    ) -> Value {
+    ) -> Result<Value, Failure> {
         let way = (Arc::clone(&self.codecs[channel]), Trust::new(self.pickling, is_local));
-        Value::arrived(way, payload, objects, arrival)
+        Ok(Value::arrived(way, payload, objects, arrival))
     }
 
     fn send_in_process(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {

@@ -191,6 +191,16 @@ impl Store {
         object
     }
 
+    /// Ends a loan, and returns its object with a hold of this federate. Readers are added when it is sent.
+    ///
+    /// # Panics
+    ///
+    /// If the loan is of another store.
+    pub fn publish(&mut self, loan: impl Into<WritableLoan>) -> Object {
+        let object = self.seal(loan, &[self.owner]);
+        self.open(object).expect("this federate holds what it has just sealed")
+    }
+
     /// Copies `bytes` into an object for `readers`: the only copy, however many they are.
     ///
     /// # Errors

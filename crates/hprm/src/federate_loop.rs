@@ -536,7 +536,7 @@ where
         let Membership { machine, objects, links, .. } = &mut self.federation;
         let is_local = machine.shares_memory_with(from) && links.is_same_user(from);
         let opened = objects.open(&payload)?;
-        Ok(self.host.receive(channel, payload, opened, Clock::now(), is_local))
+        self.host.receive(channel, payload, opened, Clock::now(), is_local)
     }
 
     /// Waits until a link, another thread or the clock may permit this federate to continue.

@@ -64,6 +64,10 @@ pub trait Host {
     /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
     /// its order. Decoding may wait until the value is read. `arrival` is the physical time. `is_local` says
     /// whether the sender is a process of the same user on this machine.
+    ///
+    /// # Errors
+    ///
+    /// If the host decodes it now, and it is no value of the port; the program ends.
     fn receive(
         &mut self,
         channel: ChannelId,
@@ -71,7 +75,7 @@ pub trait Host {
         objects: Vec<Object>,
         arrival: PhysicalTime,
         is_local: bool,
-    ) -> Self::Value;
+    ) -> Result<Self::Value, Failure>;
 
     /// Prepares a value for a federate that runs in another thread of this process. The returned value is not
     /// encoded and need not be a copy, but this federate must not be able to change it any more.

@@ -11,6 +11,7 @@ pub mod console;
 mod disk;
 mod failure;
 mod federate_loop;
+mod handover;
 mod host;
 mod inbox;
 mod lag;
@@ -43,16 +44,19 @@ pub use clock::{Clock, nanoseconds};
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
+pub use handover::{Handover, Meeting};
 pub use host::{Host, SharedBodies};
+pub use hprm_codec::{Array, Element, Transfer};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
 pub use log::log_to_stderr;
 pub use pickling::Pickling;
 pub use program::{
-    Action, Connections, Context, Entry, InputPort, LogicalAction, Message, Mode, Outcome,
-    OutputPort, PhysicalAction, Port, Ports, Program, ReactionBuilder, Reactor, ReactorBuilder,
-    Readable, Reset, Runnable, ScheduleError, Sender, Shutdown, Startup, Timer, Triggers, WhenFull,
+    Action, CarriedPort, Connections, Context, Entry, Federate, Federation, InputPort, Interface,
+    Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port, Ports, Program,
+    ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Runnable, ScheduleError, Sender,
+    Shutdown, Startup, Timer, Triggers, WhenFull, run_as_federate,
 };
 pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;

@@ -8,10 +8,19 @@ mod bodies;
 mod builder;
 mod connection;
 mod context;
+mod describe;
+mod executable;
+mod federate;
+mod federation;
 mod graph;
+mod handed;
 mod handle;
+mod loan;
+mod parts;
 mod reaction;
+mod running;
 mod sender;
+mod transport;
 mod value;
 
 use std::sync::Arc;
@@ -24,11 +33,15 @@ use bodies::Bodies;
 pub use builder::{Reactor, ReactorBuilder};
 pub use connection::Connections;
 pub use context::Context;
+pub use executable::{CarriedPort, Interface, run_as_federate};
+pub use federate::Federate;
+pub use federation::Federation;
 use graph::Graph;
 pub use handle::{
     Action, Entry, InputPort, LogicalAction, Mode, OutputPort, PhysicalAction, Port, Ports,
     Readable, Reset, Shutdown, Startup, Timer, Triggers,
 };
+pub use loan::Loan;
 pub use reaction::{Outcome, ReactionBuilder};
 use sender::Entrances;
 pub use sender::{ScheduleError, Sender, WhenFull};
@@ -141,7 +154,7 @@ impl Program {
 
     /// The main reactor, which has no state: it may have timers, actions and reactions as well.
     pub fn main(&mut self) -> ReactorBuilder<'_, ()> {
-        let main = self.graph.builder.main();
+        let main = self.graph.parts.root();
         ReactorBuilder::new(&mut self.graph, main)
     }
 
@@ -251,7 +264,7 @@ impl Program {
     /// reactor.
     pub fn build(self) -> Result<Runnable, Failure> {
         let (program, bodies, entrances) = self.graph.build(self.properties)?;
-        Ok(Runnable { program: Arc::new(program), bodies, entrances })
+        Ok(Runnable { program, bodies, entrances })
     }
 
     /// Checks the program and runs it to its end.

@@ -59,7 +59,7 @@ impl Host for Everything {
         _: Vec<Object>,
         _: PhysicalTime,
         _: bool,
-    ) -> u64 {
+    ) -> Result<u64, Failure> {
         unreachable!("there is no network")
     }
 

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// Each example, and what it prints.
-const EXAMPLES: [(&str, &str); 6] = [
+const EXAMPLES: [(&str, &str); 7] = [
     ("counter", COUNTER),
+    ("federation", FEDERATION),
     ("ping_pong", "1ms: 2 left\n2ms: 1 left\n3ms: 0 left\n"),
     (
         "sensor",
@@ -30,6 +31,8 @@ const EXAMPLES: [(&str, &str); 6] = [
          4ms: coarse Some(80)\n4ms: fine Some(8.0)\n",
     ),
 ];
+
+const FEDERATION: &str = "[detector] 0 0.5\n[detector] 100000000 0.5\n[detector] 200000000 0.5\n";
 
 const COUNTER: &str = "0ns: 1\n100ms: 3\n200ms: 6\n";
 
@@ -63,9 +66,9 @@ fn readme_program() -> String {
 
 #[test]
 fn the_first_example_is_that_of_the_readme() {
-    let example = fs::read_to_string(root().join("crates/hprm/examples/counter.rs")).unwrap();
+    let example = fs::read_to_string(root().join("crates/hprm/examples/federation.rs")).unwrap();
     assert!(example.ends_with(&readme_program()));
-    assert!(fs::read_to_string(root().join("README.md")).unwrap().contains(COUNTER));
+    assert!(fs::read_to_string(root().join("README.md")).unwrap().contains(FEDERATION));
 }
 
 #[test]
@@ -81,5 +84,5 @@ fn a_crate_outside_of_the_workspace_adds_the_library_and_runs() {
     let target = root().join("target/outside");
     let target = target.to_str().unwrap();
     let output = cargo(&outside, &["run", "--quiet", "--offline", "--target-dir", target]);
-    assert_eq!(String::from_utf8(output.stdout).unwrap(), COUNTER);
+    assert_eq!(String::from_utf8(output.stdout).unwrap(), FEDERATION);
 }

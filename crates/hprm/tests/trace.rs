@@ -65,7 +65,7 @@ impl Host for Numbers {
         _: Vec<Object>,
         _: PhysicalTime,
         _: bool,
-    ) -> u32 {
+    ) -> Result<u32, Failure> {
         unreachable!("there is no network")
     }
 

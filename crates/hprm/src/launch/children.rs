@@ -23,9 +23,9 @@ use crate::{Failure, console};
 /// Where a federate reads and writes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Console {
-    /// It has no standard input, and its lines are shown behind its name.
+    /// Its lines are shown behind its name. Its standard input is up to its command.
     Lines,
-    /// It has those of this process.
+    /// It writes where this process does.
     Terminal,
 }
 
@@ -53,7 +53,7 @@ impl Children {
         report: impl Fn(Observation) + Send + 'static,
     ) -> Result<(), Failure> {
         if console == Console::Lines {
-            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+            command.stdout(Stdio::piped()).stderr(Stdio::piped());
         }
         command.process_group(0);
         let what = format!("cannot start federate {name} with {}", command.get_program().display());

@@ -1,18 +1,21 @@
 //! The bodies of a program, with the states that they work on: the host of its program.
 
 use std::any::Any;
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::{
-    Body, ChannelId, Effect, Effects, Payload, PhysicalTime, Program, Reaction, ReactionId,
-    ReactorId, Scheduler, Table, Trigger, Turn,
+    Body, ChannelId, Effect, Effects, FederateId, Payload, PhysicalTime, PortId, Program, Reaction,
+    ReactionId, ReactorId, Scheduler, Table, Trigger, Turn,
 };
-use hprm_store::{Object, Store};
+use hprm_store::{Object, Store, StoreAllocator};
 
 use super::context::{Access, Context};
 use super::handle::{Entry, Key, Slot};
-use super::sender::running_reactions;
+use super::running::Asked;
+use super::sender::{Entrances, running_reactions};
+use super::transport::{Codec, Transport};
 use super::value::Value;
 use crate::failure::ReactionFailure;
 use crate::{Failure, Host, SharedBodies};
@@ -31,6 +34,11 @@ pub(super) struct Code {
 }
 
 impl Code {
+    /// The code of a reaction that another process runs.
+    fn none() -> Self {
+        Self { main: Box::new(|_, _| Ok(())), deadline: None }
+    }
+
     fn body(&mut self, body: Body) -> &mut BodyFn {
         match (body, &mut self.deadline) {
             (Body::Deadline, Some(handler)) => handler,
@@ -58,11 +66,56 @@ pub(super) struct Bodies {
     codes: Table<ReactionId, Mutex<Code>>,
     /// Empty while reactors are assembled.
     sites: Table<ReactionId, Site>,
+    /// How the values of ports travel that are connected to other federates.
+    codecs: BTreeMap<PortId, Codec>,
+    /// What the process of a federate has beside that.
+    federated: Option<Federated>,
+}
+
+/// What connects the bodies of a federate to others.
+struct Federated {
+    transport: Transport,
+    asked: Arc<Asked>,
+    /// Closed when the federate ends.
+    _entrances: Entrances,
 }
 
 impl Bodies {
     pub(super) fn new() -> Self {
-        Self { states: Table::new(), codes: Table::new(), sites: Table::new() }
+        Self {
+            states: Table::new(),
+            codes: Table::new(),
+            sites: Table::new(),
+            codecs: BTreeMap::new(),
+            federated: None,
+        }
+    }
+
+    /// The same, with what carries the values of these ports to other federates.
+    pub(super) fn carrying(self, codecs: BTreeMap<PortId, Codec>) -> Self {
+        Self { codecs, ..self }
+    }
+
+    /// The same, as those of one federate.
+    pub(super) fn federated(
+        mut self,
+        program: &Arc<Program>,
+        me: FederateId,
+        asked: Arc<Asked>,
+        entrances: Entrances,
+    ) -> Self {
+        let transport = Transport::new(program, me, &self.codecs);
+        self.federated = Some(Federated { transport, asked, _entrances: entrances });
+        self
+    }
+
+    fn transport(&mut self) -> &mut Transport {
+        let federated = self.federated.as_mut();
+        &mut federated.expect("only a federate sends and receives").transport
+    }
+
+    fn memory(&self) -> Option<&Arc<StoreAllocator>> {
+        self.federated.as_ref()?.transport.allocator.as_ref()
     }
 
     /// Puts the state of a reactor in its place.
@@ -73,14 +126,20 @@ impl Bodies {
         self.states[reactor] = Mutex::new(state);
     }
 
-    /// Adds the code of the next reaction of the program.
-    pub(super) fn push(&mut self, code: Code) {
-        self.codes.push(Mutex::new(code));
+    /// Puts the code of a reaction in its place.
+    pub(super) fn insert_code(&mut self, reaction: ReactionId, code: Code) {
+        while self.codes.len() <= reaction.index() {
+            self.codes.push(Mutex::new(Code::none()));
+        }
+        self.codes[reaction] = Mutex::new(code);
     }
 
     /// The same, with what the reactions of `program` declare.
     pub(super) fn of(mut self, program: &Program) -> Self {
         self.sites = program.reactions.values().map(Site::of).collect();
+        while self.codes.len() < program.reactions.len() {
+            self.codes.push(Mutex::new(Code::none()));
+        }
         while self.states.len() < program.reactors.len() {
             self.states.push(Mutex::new(Box::new(())));
         }
@@ -143,7 +202,11 @@ impl Host for Bodies {
         let site = &self.sites[reaction];
         let state = self.states[site.reactor].get_mut().unwrap_or_else(PoisonError::into_inner);
         let code = self.codes[reaction].get_mut().unwrap_or_else(PoisonError::into_inner);
-        let mut context = Context { access: Access::Alone(scheduler), reaction, site };
+        let memory = self.federated.as_mut().and_then(|federated| {
+            federated.transport.forget();
+            federated.transport.allocator.as_ref()
+        });
+        let mut context = Context { access: Access::Alone(scheduler), reaction, site, memory };
         match code.body(body)(&mut **state, &mut context) {
             Ok(()) => Ok(()),
             Err(error) => Err(failed(scheduler, reaction, error)),
@@ -154,25 +217,42 @@ impl Host for Bodies {
         Some(self)
     }
 
+    fn set_allocator(&mut self, allocator: &Arc<StoreAllocator>) {
+        self.transport().allocator = Some(Arc::clone(allocator));
+    }
+
     fn encode(
         &mut self,
-        _: &mut Store,
-        _: ChannelId,
-        _: &Value,
-        _: bool,
+        store: &mut Store,
+        channel: ChannelId,
+        value: &Value,
+        _is_local: bool,
     ) -> Result<Payload, Failure> {
-        unreachable!("a program in one process has no federates")
+        let payload = self.transport().encode(store, channel, value)?;
+        for warning in self.transport().take_warnings() {
+            self.warn(&warning);
+        }
+        Ok(payload)
     }
 
     fn receive(
         &mut self,
-        _: ChannelId,
-        _: Payload,
-        _: Vec<Object>,
-        _: PhysicalTime,
-        _: bool,
-    ) -> Value {
-        unreachable!("a program in one process has no federates")
+        channel: ChannelId,
+        payload: Payload,
+        objects: Vec<Object>,
+        _arrival: PhysicalTime,
+        _is_local: bool,
+    ) -> Result<Value, Failure> {
+        self.transport().decode(channel, payload, objects)
+    }
+
+    fn interrupted(&mut self) -> bool {
+        self.federated.as_ref().is_some_and(|federated| federated.asked.take())
+    }
+
+    fn signal(&self) -> i32 {
+        let signal = self.federated.as_ref().map(|federated| federated.asked.signal());
+        signal.unwrap_or(crate::supervisor::Signal::INTERRUPT.0)
     }
 
     #[allow(clippy::print_stderr, reason = "a warning has no other place to go")]
@@ -192,7 +272,9 @@ impl SharedBodies<Value> for Bodies {
         let site = &self.sites[reaction];
         let mut state = self.states[site.reactor].lock().unwrap_or_else(PoisonError::into_inner);
         let mut code = self.codes[reaction].lock().unwrap_or_else(PoisonError::into_inner);
-        let mut context = Context { access: Access::Shared(scheduler, effects), reaction, site };
+        let memory = self.memory();
+        let access = Access::Shared(scheduler, effects);
+        let mut context = Context { access, reaction, site, memory };
         let outcome = running_reactions(|| code.body(body)(&mut **state, &mut context));
         outcome.map_err(|error| failed(scheduler, reaction, error))
     }

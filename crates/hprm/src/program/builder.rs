@@ -108,7 +108,7 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
     /// is zero.
     pub fn timer(&mut self, name: &str, offset: Duration, period: Duration) -> Timer {
         let (offset, period) = (nanoseconds(offset), nanoseconds(period));
-        let timer = self.graph.builder.timer(self.id, name, offset, period);
+        let timer = self.graph.parts.timer(self.id, name, offset, period);
         self.put_in_mode(ModalElement::Timer(timer));
         Timer(timer)
     }
@@ -137,7 +137,7 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
     /// Gives an action a minimum spacing.
     pub fn space(&mut self, action: impl Action, spacing: Spacing) {
         if let Slot::Action(action) = action.slot() {
-            self.graph.builder.space(action, spacing);
+            self.graph.parts.space(action, spacing);
         }
     }
 
@@ -162,12 +162,12 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
 
     /// Adds the mode in which the reactor starts.
     pub fn initial_mode(&mut self, name: &str) -> Mode {
-        Mode(self.graph.builder.mode(self.id, name, true))
+        Mode(self.graph.parts.mode(self.id, name, true))
     }
 
     /// Adds a mode in which the reactor does not start.
     pub fn mode(&mut self, name: &str) -> Mode {
-        Mode(self.graph.builder.mode(self.id, name, false))
+        Mode(self.graph.parts.mode(self.id, name, false))
     }
 
     /// Puts timers, actions, reactions, reactors and connections into a mode: those that `assemble` adds.
@@ -265,24 +265,24 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
     // Internals.
 
     fn child(&mut self, name: &str) -> ReactorId {
-        let id = self.graph.reactor(self.id, name);
+        let id = self.graph.parts.reactor(self.id, name);
         self.put_in_mode(ModalElement::Reactor(id));
         id
     }
 
     fn port(&mut self, name: &str, direction: Direction) -> PortId {
-        self.graph.builder.port(self.id, name, direction)
+        self.graph.parts.port(self.id, name, direction)
     }
 
     fn action(&mut self, name: &str, origin: Origin, min_delay: Duration) -> hprm_core::ActionId {
-        let action = self.graph.builder.action(self.id, name, origin, nanoseconds(min_delay));
+        let action = self.graph.parts.action(self.id, name, origin, nanoseconds(min_delay));
         self.put_in_mode(ModalElement::Action(action));
         action
     }
 
     pub(super) fn put_in_mode(&mut self, element: ModalElement) {
         if let Some(mode) = self.mode {
-            self.graph.builder.put_in_mode(element, mode.0);
+            self.graph.parts.put_in_mode(element, mode.0);
         }
     }
 }

@@ -1,11 +1,16 @@
 //! What a body sees of the running program, and what it can do.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use bytemuck::Pod;
+use hprm_codec::Element;
 use hprm_core::{Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
+use hprm_store::StoreAllocator;
 
 use super::bodies::Site;
 use super::handle::{Action, Entry, Port, Readable, Slot};
+use super::loan::Loan;
 use super::value::Value;
 use crate::Clock;
 use crate::nanoseconds;
@@ -36,6 +41,8 @@ pub struct Context<'a> {
     pub(super) access: Access<'a>,
     pub(super) reaction: ReactionId,
     pub(super) site: &'a Site,
+    /// Where loans come from; nothing if there is no other federate.
+    pub(super) memory: Option<&'a Arc<StoreAllocator>>,
 }
 
 /// How a reaction reaches the scheduler.
@@ -164,6 +171,26 @@ impl Context<'_> {
             Access::Alone(scheduler) => scheduler.enter(entry.0, entry.1),
             Access::Shared(_, effects) => effects.enter(entry.0, entry.1),
         }
+    }
+
+    /// An array of that shape to write, in memory that other federates of this machine can read: it is sent without a
+    /// copy. What it contains at first is arbitrary, so write all of it.
+    ///
+    /// ```
+    /// use hprm::prelude::*;
+    ///
+    /// fn capture(image: OutputPort<Array<u8>>, ctx: &mut Context<'_>) {
+    ///     let mut pixels = ctx.loan::<u8>(&[480, 640, 3]);
+    ///     pixels.fill(7);
+    ///     ctx.set(image, pixels.into());
+    /// }
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// If an array of that shape is larger than all memory.
+    pub fn loan<T: Element + Pod>(&self, shape: &[usize]) -> Loan<T> {
+        Loan::new(self.memory, shape)
     }
 
     /// Ends the program at the next microstep.

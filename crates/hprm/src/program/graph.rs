@@ -3,50 +3,48 @@
 //! `hprm-core` checks what makes a graph of reactors a program. What is checked here is what the Rust API lets one write
 //! beyond that: handles travel freely, so a reaction can name what is not within its reach.
 
+use std::sync::Arc;
+
 use hprm_core::{
     Connection, Delay, Direction, Effect, ModeId, Port, PortId, Program, ProgramBuilder,
-    Properties, ReactionId, ReactorId, Table, Trigger,
+    Properties, ReactionId, ReactorId, Trigger,
 };
 
 use super::bodies::Bodies;
 use super::connection::Connections;
 use super::handle::Slot;
+use super::parts::{Parts, Unbuilt};
 use super::sender::Entrances;
 use crate::{Failure, Kind, Report};
 
 /// The parts of a program, while reactors are added.
 pub(super) struct Graph {
-    pub(super) builder: ProgramBuilder,
+    pub(super) parts: Parts,
     pub(super) bodies: Bodies,
     pub(super) entrances: Entrances,
-    /// Not in the builder yet, because more may be said about them.
+    /// Not among the parts yet, because more may be said about them.
     connections: Vec<Connection>,
-    /// The full name of each reactor.
-    names: Table<ReactorId, String>,
-    mistakes: Vec<Report>,
+    pub(super) mistakes: Vec<Report>,
 }
 
 impl Graph {
+    /// The graph of a new program.
     pub(super) fn new(name: &str) -> Self {
-        let mut names = Table::new();
-        names.push(name.to_owned());
+        Self::of(Parts::New(ProgramBuilder::new(name, Properties::default())))
+    }
+
+    pub(super) fn of(parts: Parts) -> Self {
         Self {
-            builder: ProgramBuilder::new(name, Properties::default()),
+            parts,
             bodies: Bodies::new(),
             entrances: Entrances::default(),
             connections: Vec::new(),
-            names,
             mistakes: Vec::new(),
         }
     }
 
-    pub(super) fn reactor(&mut self, parent: ReactorId, name: &str) -> ReactorId {
-        self.names.push(self.full_name(parent, name));
-        self.builder.reactor(parent, name)
-    }
-
     pub(super) fn full_name(&self, reactor: ReactorId, name: &str) -> String {
-        format!("{}.{name}", self.names[reactor])
+        format!("{}.{name}", self.parts.reactor_name(reactor))
     }
 
     pub(super) fn connect(
@@ -58,9 +56,9 @@ impl Graph {
         if from.len() != to.len() {
             let named = |ports: &[PortId]| match ports {
                 [] => "no port".to_owned(),
-                [port] => format!("one port ({})", self.builder.port_name(*port)),
+                [port] => format!("one port ({})", self.parts.port_name(*port)),
                 [port, ..] => {
-                    format!("{} ports ({}, …)", ports.len(), self.builder.port_name(*port))
+                    format!("{} ports ({}, …)", ports.len(), self.parts.port_name(*port))
                 }
             };
             let message = format!("cannot connect {} to {}", named(&from), named(&to));
@@ -87,17 +85,17 @@ impl Graph {
     ///
     /// All mistakes of the kinds that are found here, or else the first of another kind.
     pub(super) fn build(
-        mut self,
+        self,
         properties: Properties,
-    ) -> Result<(Program, Bodies, Entrances), Failure> {
+    ) -> Result<(Arc<Program>, Bodies, Entrances), Failure> {
         if !self.mistakes.is_empty() {
             return Err(Failure::Mistakes(self.mistakes));
         }
-        for connection in self.connections {
-            self.builder.connection(connection);
-        }
-        self.builder.set_properties(properties);
-        let program = self.builder.build()?;
+        let program = match self.parts.build(self.connections, properties) {
+            Ok(program) => program,
+            Err(Unbuilt::Wrong(mistake)) => return Err(mistake.into()),
+            Err(Unbuilt::Differs(report)) => return Err(Failure::Mistakes(vec![*report])),
+        };
         let mistakes = mistakes(&program);
         if !mistakes.is_empty() {
             return Err(Failure::Mistakes(mistakes));

@@ -154,9 +154,12 @@ impl<'r, 'a, S: Send + 'static> ReactionBuilder<'r, 'a, S> {
     /// Adds the reaction, with its body: it gets the reactor's state and the running program. An error that it returns
     /// ends the program.
     pub fn run<O: Outcome>(self, body: impl FnMut(&mut S, &mut Context<'_>) -> O + Send + 'static) {
-        let reaction = self.reactor.graph.builder.reaction(self.reactor.id, self.spec);
+        let reaction = self.reactor.graph.parts.reaction(self.reactor.id, self.spec);
         self.reactor.put_in_mode(ModalElement::Reaction(reaction));
-        self.reactor.graph.bodies.push(Code { main: boxed(body), deadline: self.late });
+        self.reactor
+            .graph
+            .bodies
+            .insert_code(reaction, Code { main: boxed(body), deadline: self.late });
     }
 }
 

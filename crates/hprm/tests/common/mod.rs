@@ -96,12 +96,12 @@ impl Host for Closures {
         mut objects: Vec<Object>,
         _: PhysicalTime,
         _: bool,
-    ) -> Bytes {
-        match (objects.pop(), payload.parts.into_iter().next()) {
+    ) -> Result<Bytes, Failure> {
+        Ok(match (objects.pop(), payload.parts.into_iter().next()) {
             (Some(object), _) => Bytes::Remote(object),
             (None, Some(Part::Inline(bytes))) => Bytes::Own(Arc::new(bytes)),
             (None, _) => Bytes::Own(Arc::new(payload.head)),
-        }
+        })
     }
 
     fn warn(&mut self, message: &str) {

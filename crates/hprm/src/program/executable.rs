@@ -1,0 +1,189 @@
+//! An executable that is one federate of a federation described elsewhere: in an `.lf` file, or in Python.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use hprm_codec::Transfer;
+use hprm_core::{PortId, Properties, ReactorId};
+
+use super::builder::{Reactor, ReactorBuilder};
+use super::describe;
+use super::graph::Graph;
+use super::handed::Handed;
+use super::handle::{InputPort, OutputPort, Slotted};
+use super::parts::Parts;
+use super::running::{end, run_federate};
+use super::transport::Codec;
+use crate::handover::Handover;
+use crate::{Failure, Kind, Report};
+
+/// The ports of a reactor that other federates can be connected to: their values can travel.
+///
+/// Ports have it if their values are [`Transfer`], and so have tuples, arrays and vectors of them. A type of your own
+/// names its ports:
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// struct CameraPorts {
+///     image: OutputPort<Array<u8>>,
+///     exposure: InputPort<f64>,
+/// }
+///
+/// impl Interface for CameraPorts {
+///     fn each(&self, add: &mut dyn FnMut(&dyn Interface)) {
+///         add(&self.image);
+///         add(&self.exposure);
+///     }
+/// }
+/// ```
+pub trait Interface {
+    /// Calls `add` with each port, or with each group of them.
+    fn each(&self, add: &mut dyn FnMut(&dyn Interface));
+
+    /// The port that this is, if it is one.
+    #[doc(hidden)]
+    fn port(&self) -> Option<CarriedPort> {
+        None
+    }
+}
+
+/// A port, and how its values travel.
+#[doc(hidden)]
+pub struct CarriedPort(PortId, Codec);
+
+macro_rules! ports {
+    ($($name:ident)*) => {$(
+        impl<T: Transfer> Interface for $name<T> {
+            fn each(&self, _: &mut dyn FnMut(&dyn Interface)) {}
+
+            fn port(&self) -> Option<CarriedPort> {
+                Some(CarriedPort(self.slot().port()?, Codec::of::<T>()))
+            }
+        }
+    )*};
+}
+
+ports! { InputPort OutputPort }
+
+impl Interface for () {
+    fn each(&self, _: &mut dyn FnMut(&dyn Interface)) {}
+}
+
+impl<I: Interface> Interface for Vec<I> {
+    fn each(&self, add: &mut dyn FnMut(&dyn Interface)) {
+        self.iter().for_each(|one| add(one));
+    }
+}
+
+impl<I: Interface, const N: usize> Interface for [I; N] {
+    fn each(&self, add: &mut dyn FnMut(&dyn Interface)) {
+        self.iter().for_each(|one| add(one));
+    }
+}
+
+macro_rules! tuples {
+    ($(($($name:ident)+))*) => {$(
+        impl<$($name: Interface),+> Interface for ($($name,)+) {
+            fn each(&self, add: &mut dyn FnMut(&dyn Interface)) {
+                #[allow(non_snake_case, reason = "types and values have one name")]
+                let ($($name,)+) = self;
+                $(add($name);)+
+            }
+        }
+    )*};
+}
+
+tuples! { (A) (A B) (A B C) (A B C D) (A B C D E) (A B C D E F) (A B C D E F G) (A B C D E F G H) }
+
+/// Makes this process a federate of a program that is described elsewhere: in an `.lf` file or in Python, where a
+/// reactor names this executable. `name` is the name of that reactor, and `reactor` what it is made of.
+///
+/// Whatever asks what the executable declares, and each federate that it is, runs `main` up to here, so what comes
+/// before should do nothing that takes long or changes something. Neither of them returns.
+///
+/// ```no_run
+/// use hprm::prelude::*;
+///
+/// struct Camera;
+///
+/// impl Reactor for Camera {
+///     type Ports = OutputPort<Array<u8>>;
+///
+///     fn assemble(&mut self, camera: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
+///         let image = camera.output("image");
+///         camera.reaction().on(Startup).sets(image).run(move |_, ctx| {
+///             ctx.set(image, Array::filled(&[480, 640], 7));
+///         });
+///         image
+///     }
+/// }
+///
+/// fn main() -> Result<(), Failure> {
+///     run_as_federate("Camera", Camera)
+/// }
+/// ```
+///
+/// # Errors
+///
+/// If this process was not started as a federate, or the reactor breaks a rule.
+pub fn run_as_federate<R: Reactor>(name: &str, mut reactor: R) -> Result<(), Failure>
+where
+    R::Ports: Interface,
+{
+    let handover = Handover::of_this_process()?;
+    let mut graph = match &handover {
+        None => Graph::new(name),
+        Some(handover) => {
+            let program = Arc::new(handover.program.clone());
+            let federate = program.federate_named(&handover.federate);
+            let root = federate.map(|federate| program.federates[federate].reactor);
+            Graph::of(Parts::Handed(Handed::new(program, root.unwrap_or(ReactorId(0)))))
+        }
+    };
+    let root = graph.parts.root();
+    let ports = reactor.assemble(&mut ReactorBuilder::new(&mut graph, root));
+    graph.bodies.insert(root, Box::new(reactor));
+    let mut codecs = BTreeMap::new();
+    collect(&ports, &mut codecs);
+    let built = graph
+        .build(Properties::default())
+        .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs.clone()), entrances));
+    if let Some(handover) = handover {
+        run_federate(&handover, built);
+    }
+    let (program, ..) = built?;
+    let own = program.ports.iter().filter(|(_, port)| port.reactor == root);
+    let stray = own.filter(|(id, _)| !codecs.contains_key(id)).map(|(id, _)| id);
+    let mistakes: Vec<_> = stray.map(|port| untyped(&program.port_name(port))).collect();
+    if !mistakes.is_empty() {
+        return Err(Failure::Mistakes(mistakes));
+    }
+    if let Some(file) = describe::asked() {
+        describe::write(&program, &file)?;
+        end(0);
+    }
+    Err(alone(name))
+}
+
+fn collect(ports: &dyn Interface, codecs: &mut BTreeMap<PortId, Codec>) {
+    if let Some(CarriedPort(port, codec)) = ports.port() {
+        codecs.insert(port, codec);
+    }
+    ports.each(&mut |inner| collect(inner, codecs));
+}
+
+fn untyped(port: &str) -> Report {
+    Report::new(Kind::Program, format!("nothing says how the values of port {port} travel"))
+        .hint("`Reactor::Ports` has to contain all ports of the reactor: return it from `assemble`")
+}
+
+fn alone(name: &str) -> Failure {
+    Failure::Option {
+        message: format!("{name} is a federate of a program that is described elsewhere"),
+        hint: Some(
+            "name this executable in a program, and start that: `@executable(\"PATH\")` above a reactor in an .lf \
+             file, `class NAME(hprm.Reactor, executable=\"PATH\")` in Python",
+        ),
+    }
+}

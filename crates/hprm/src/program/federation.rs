@@ -1,0 +1,291 @@
+//! Federations of programs in Rust: each reactor of the main reactor is a federate, a process of the same executable.
+//!
+//! One `main` describes the federation, in the launcher and in each federate: what was handed to this process decides
+//! which of them it is. What is handed, and how the parts are found in it, is in `handover.rs` and `handed.rs`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::env;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Duration;
+
+use hprm_codec::Transfer;
+use hprm_core::{Coordination, PortId, Properties};
+
+use super::builder::{Reactor, ReactorBuilder};
+use super::connection::Connections;
+use super::describe;
+use super::federate::Federate;
+use super::graph::Graph;
+use super::handed::Handed;
+use super::handle::Port;
+use super::parts::Parts;
+use super::running::{end, run_federate};
+use super::transport::Codec;
+use crate::handover::{Handover, Meeting};
+use crate::launch::{Launch, Membership};
+use crate::{
+    Failure, HangTimeout, Kind, Label, Report, Runnable, Security, console, nanoseconds,
+    random_federation,
+};
+
+/// How long the federates may take to join and load.
+const JOIN_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// A federation that is being put together: each reactor that is added is a federate, and runs in a process of its own.
+///
+/// `run` starts the federates as processes of this same executable. All of them run `main`, up to `run`: what comes
+/// before that should describe the federation and do nothing else. Only the process that was started by hand returns
+/// from it.
+///
+/// ```no_run
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// fn main() -> Result<(), Failure> {
+///     let period = Duration::from_millis(100);
+///     let mut federation = Federation::new("Counting").timeout(2 * period);
+///     let count = federation.reactor("counter", 0_u32, |counter| {
+///         let (tick, out) = (counter.timer("tick", Duration::ZERO, period), counter.output("out"));
+///         counter.reaction().on(tick).sets(out).run(move |count, ctx| {
+///             *count += 1;
+///             ctx.set(out, *count);
+///         });
+///         out
+///     });
+///     let number = federation.reactor("printer", (), |printer| {
+///         let number = printer.input("number");
+///         printer.reaction().on(number).run(move |(), ctx| println!("{:?}", ctx.get(number)));
+///         number
+///     });
+///     federation.connect(count, number);
+///     federation.run()
+/// }
+/// ```
+pub struct Federation {
+    name: String,
+    graph: Graph,
+    properties: Properties,
+    names: BTreeSet<String>,
+    codecs: BTreeMap<PortId, Codec>,
+    handover: Option<Box<Handover>>,
+}
+
+impl Federation {
+    /// A federation without federates. `name` is for people.
+    #[must_use]
+    pub fn new(name: &str) -> Self {
+        let handed = Handover::of_this_process();
+        let mut federation = Self {
+            name: name.to_owned(),
+            graph: Graph::new(name),
+            properties: Properties::default(),
+            names: BTreeSet::new(),
+            codecs: BTreeMap::new(),
+            handover: None,
+        };
+        match handed {
+            Ok(None) => {}
+            Ok(Some(handover)) => {
+                let program = Arc::new(handover.program.clone());
+                let main = hprm_core::ReactorId(0);
+                federation.graph = Graph::of(Parts::Handed(Handed::new(program, main)));
+                federation.handover = Some(Box::new(handover));
+            }
+            Err(failure) => federation.graph.mistakes.push(failure.report()),
+        }
+        federation
+    }
+
+    // How it runs.
+
+    /// Federates wait for one another by their clocks, and not for grants of the RTI.
+    #[must_use]
+    pub fn decentralized(mut self) -> Self {
+        self.properties.coordination = Coordination::Decentralized;
+        self
+    }
+
+    /// Ends it so long after its start.
+    #[must_use]
+    pub fn timeout(mut self, timeout: Duration) -> Self {
+        self.properties.timeout = Some(nanoseconds(timeout));
+        self
+    }
+
+    /// Replaces all properties.
+    #[must_use]
+    pub fn properties(mut self, properties: Properties) -> Self {
+        self.properties = properties;
+        self
+    }
+
+    // What is in it.
+
+    /// Adds a federate that is a reactor, and returns its ports. The federate is a name, or a [`Federate`].
+    pub fn add<R: Reactor>(&mut self, federate: impl Into<Federate>, reactor: R) -> R::Ports {
+        let federate = federate.into();
+        let name = federate.name.clone();
+        self.add_named(&name, federate, reactor)
+    }
+
+    /// Adds a bank: a federate for each item. Their reactors are `name[0]` and so on, the federates `name__0`.
+    pub fn bank<R: Reactor>(
+        &mut self,
+        federate: impl Into<Federate>,
+        reactors: impl IntoIterator<Item = R>,
+    ) -> Vec<R::Ports> {
+        let federate = federate.into();
+        let members = reactors.into_iter().enumerate();
+        let add = |(index, reactor)| {
+            let name = format!("{}[{index}]", federate.name);
+            self.add_named(&name, federate.member(index), reactor)
+        };
+        members.map(add).collect()
+    }
+
+    /// Adds a federate whose reactor is not worth a type: its state, and a closure that assembles it.
+    pub fn reactor<S: Send + 'static, R>(
+        &mut self,
+        federate: impl Into<Federate>,
+        state: S,
+        assemble: impl FnOnce(&mut ReactorBuilder<'_, S>) -> R,
+    ) -> R {
+        let federate = federate.into();
+        let name = federate.name.clone();
+        let id = self.federate(&name, federate);
+        self.graph.bodies.insert(id, Box::new(state));
+        assemble(&mut ReactorBuilder::new(&mut self.graph, id))
+    }
+
+    fn add_named<R: Reactor>(
+        &mut self,
+        name: &str,
+        federate: Federate,
+        mut reactor: R,
+    ) -> R::Ports {
+        let id = self.federate(name, federate);
+        let ports = reactor.assemble(&mut ReactorBuilder::new(&mut self.graph, id));
+        self.graph.bodies.insert(id, Box::new(reactor));
+        ports
+    }
+
+    fn federate(&mut self, name: &str, federate: Federate) -> hprm_core::ReactorId {
+        if !self.names.insert(federate.name.clone()) {
+            let what = format!("two federates have the name {}", federate.name);
+            let report = Report::new(Kind::Program, what);
+            self.graph.mistakes.push(report.hint("give each federate a name of its own"));
+        }
+        let parts = &mut self.graph.parts;
+        let id = parts.reactor(parts.root(), name);
+        parts.federate(id, federate);
+        id
+    }
+
+    /// Connects a port of one federate to one of another: a value appears at both ends at the same tag, unless more is
+    /// said about the connection. The type of their values is the same, and such values can travel.
+    pub fn connect<F: Port>(&mut self, from: F, to: impl Port<Value = F::Value>) -> Connections<'_>
+    where
+        F::Value: Transfer,
+    {
+        self.connect_each([from], [to])
+    }
+
+    /// Connects the ports of two multiports or banks, one by one. There must be as many on both sides.
+    pub fn connect_each<F: Port, T: Port<Value = F::Value>>(
+        &mut self,
+        from: impl IntoIterator<Item = F>,
+        to: impl IntoIterator<Item = T>,
+    ) -> Connections<'_>
+    where
+        F::Value: Transfer,
+    {
+        let from: Vec<_> = from.into_iter().filter_map(|port| port.slot().port()).collect();
+        let to: Vec<_> = to.into_iter().filter_map(|port| port.slot().port()).collect();
+        let codec = Codec::of::<F::Value>();
+        self.codecs.extend(from.iter().chain(&to).map(|port| (*port, codec)));
+        self.graph.connect(from, to, None)
+    }
+
+    // Running it.
+
+    /// Runs the federation to its end: in the process that was started by hand, launches the federates; in one of them,
+    /// runs that federate and ends the process.
+    ///
+    /// What federates print is shown on the standard output and error of this process, behind their names.
+    ///
+    /// # Errors
+    ///
+    /// Rules that the program breaks; the first failure of a federate, [`Failure::FederateFailed`]; that Ctrl-C or
+    /// SIGTERM has stopped it, [`Failure::Interrupted`].
+    pub fn run(self) -> Result<(), Failure> {
+        let Self { name, graph, properties, codecs, handover, .. } = self;
+        let built = graph
+            .build(properties)
+            .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs), entrances));
+        if let Some(handover) = handover {
+            run_federate(&handover, built);
+        }
+        let (program, ..) = built?;
+        if let Some(file) = describe::asked() {
+            describe::write(&program, &file)?;
+            end(0);
+        }
+        if !program.is_federated() {
+            return Err(Failure::option(format!("the federation {name} has no federates")));
+        }
+        launch(&program)
+    }
+
+    /// Runs all federates in this process, one reaction after the other: for tests, and to see what the federation does
+    /// without one. Values are not encoded.
+    ///
+    /// # Errors
+    ///
+    /// Rules that the program breaks, or the error that a body has returned: [`Failure::Reaction`].
+    pub fn run_in_one_process(self) -> Result<(), Failure> {
+        let (program, bodies, entrances) = self.graph.build(self.properties)?;
+        Runnable { program, bodies, entrances }.run()
+    }
+}
+
+fn launch(program: &Arc<hprm_core::Program>) -> Result<(), Failure> {
+    let unable = |what: &str, error: &std::io::Error| Failure::system(what, error);
+    let executable =
+        env::current_exe().map_err(|error| unable("cannot find this executable", &error))?;
+    let (federation, security) = (random_federation()?, Security::default());
+    let fingerprint = Arc::new(program.fingerprint());
+    let launch = Launch {
+        program: Arc::clone(program),
+        fingerprint: Arc::clone(&fingerprint),
+        federation,
+        security: security.clone(),
+        join_timeout: JOIN_TIMEOUT,
+        hang_timeout: HangTimeout::default(),
+        debugged: None,
+        logical_trace: None,
+    };
+    let command = |member: &Membership<'_>| {
+        let meeting = Meeting { rti: member.rti, federation, security: &security };
+        let handover = Handover::new(member.name, program, &fingerprint, &meeting);
+        let mut command = Command::new(&executable);
+        command.args(env::args_os().skip(1));
+        let attached = handover.attach(&mut command);
+        attached.map_err(|error| unable("cannot hand the program to a federate", &error))?;
+        Ok(command)
+    };
+    let mut failed = None;
+    let mut tell = |label, report| match (label, &failed) {
+        // The caller gets the first one.
+        (Label::Error, None) => failed = Some(report),
+        _ => console::show(label, &report),
+    };
+    let code = launch.run(command, &mut tell)?;
+    match (code, failed) {
+        (0, _) => Ok(()),
+        (_, Some(report)) => Err(Failure::FederateFailed(Box::new(report))),
+        (code, None) if code > 128 => Err(Failure::Interrupted { signal: code - 128 }),
+        (code, None) => Err(Failure::Exited { code }),
+    }
+}

@@ -1,0 +1,81 @@
+//! Arrays that are written where they will be read: in the object store of this federate.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+use bytemuck::Pod;
+use hprm_codec::{Array, Element};
+use hprm_core::limits::INLINE_LIMIT;
+use hprm_store::{LoanOf, StoreAllocator};
+
+use super::transport::InStore;
+
+/// An array that is being written, and is sent without a copy: see [`Context::loan`](crate::Context::loan).
+///
+/// It dereferences to the slice of its elements, in the order of C. [`Array::from`] makes a value of it, which cannot be
+/// written any more. If it is dropped instead, its memory is free again.
+#[must_use = "dropping a loan gives its memory back"]
+pub struct Loan<T: Element + Pod> {
+    memory: Memory<T>,
+    shape: Box<[usize]>,
+}
+
+enum Memory<T: Element + Pod> {
+    Store(LoanOf<T>, Arc<StoreAllocator>),
+    /// If it is small, if there is no other federate, or if the store has no room.
+    Heap(Vec<T>),
+}
+
+impl<T: Element + Pod> Loan<T> {
+    pub(super) fn new(allocator: Option<&Arc<StoreAllocator>>, shape: &[usize]) -> Self {
+        let count = shape.iter().try_fold(1_usize, |product, length| product.checked_mul(*length));
+        let count = count.expect("an array is not larger than all memory");
+        let large = count.saturating_mul(size_of::<T>()) > INLINE_LIMIT;
+        let loaned = allocator.filter(|_| large).and_then(|allocator| {
+            let loan = allocator.store().loan_of::<T>(count).ok()?;
+            Some(Memory::Store(loan, Arc::clone(allocator)))
+        });
+        let memory = loaned.unwrap_or_else(|| Memory::Heap(vec![T::zeroed(); count]));
+        Self { memory, shape: shape.into() }
+    }
+
+    /// The length of each dimension.
+    #[must_use]
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+}
+
+impl<T: Element + Pod> Deref for Loan<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        match &self.memory {
+            Memory::Store(loan, _) => loan,
+            Memory::Heap(elements) => elements,
+        }
+    }
+}
+
+impl<T: Element + Pod> DerefMut for Loan<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        match &mut self.memory {
+            Memory::Store(loan, _) => loan,
+            Memory::Heap(elements) => elements,
+        }
+    }
+}
+
+impl<T: Element + Pod> From<Loan<T>> for Array<T> {
+    fn from(loan: Loan<T>) -> Self {
+        let Loan { memory, shape } = loan;
+        let array = match memory {
+            Memory::Store(loan, allocator) => {
+                let object = allocator.store().publish(loan);
+                Self::from_memory(Arc::new(InStore(object)), &shape)
+            }
+            Memory::Heap(elements) => Self::from_shape_vec(&shape, elements),
+        };
+        array.expect("a loan has as many elements as its shape")
+    }
+}

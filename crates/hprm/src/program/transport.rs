@@ -1,0 +1,214 @@
+//! Values on their way to other federates: typed at both ends, and between them the safe codec of `hprm-codec`.
+//!
+//! Which type a channel has is known where it was connected. Large arrays lie in the object store, where receivers read
+//! them; this file decides what of a value is there already, and what is copied.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Weak};
+
+use hprm_codec::{DecodeError, Draft, EncodeError, Memory, Source, Transfer};
+use hprm_core::{ChannelId, Connection, FederateId, Part, Payload, PortId, Program, Table};
+use hprm_store::{Object, Store, StoreAllocator};
+
+use super::value::Value;
+use crate::Failure;
+use crate::failure::Source as Code;
+
+/// The most arrays of which the copies in the store are remembered.
+const REMEMBERED: usize = 8;
+
+type Encode = fn(&Value) -> Option<Result<Draft, EncodeError>>;
+type Decode = fn(&[u8], &[Arc<dyn Memory>]) -> Result<Value, DecodeError>;
+
+/// How values of one type travel.
+#[derive(Clone, Copy)]
+pub(super) struct Codec {
+    name: fn() -> &'static str,
+    encode: Encode,
+    decode: Decode,
+}
+
+impl Codec {
+    pub(super) fn of<T: Transfer>() -> Self {
+        Self {
+            name: std::any::type_name::<T>,
+            encode: |value| value.get::<T>().map(hprm_codec::encode),
+            decode: |head, parts| hprm_codec::decode::<T>(head, parts).map(Value::new),
+        }
+    }
+
+    /// The name of the type.
+    pub(super) fn type_name(self) -> &'static str {
+        (self.name)()
+    }
+}
+
+/// Memory of an object store, which an array reads in place.
+pub(super) struct InStore(pub(super) Object);
+
+impl Memory for InStore {
+    fn bytes(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}
+
+/// What carries the values of a federate.
+pub(super) struct Transport {
+    program: Arc<Program>,
+    me: FederateId,
+    codecs: Table<ChannelId, Option<Codec>>,
+    pub(super) allocator: Option<Arc<StoreAllocator>>,
+    /// What the last payload refers to, until the loop has added its readers.
+    holds: Vec<Object>,
+    /// Arrays of the heap that were copied into the store, so that a second receiver of one gets the same copy.
+    copied: Vec<(Weak<dyn Memory>, Object)>,
+    /// The first channel whose value could not be read, and why.
+    warnings: Vec<String>,
+}
+
+impl Transport {
+    /// The transport of a federate; `codecs` are those of the ports that are connected to other federates.
+    pub(super) fn new(
+        program: &Arc<Program>,
+        me: FederateId,
+        codecs: &BTreeMap<PortId, Codec>,
+    ) -> Self {
+        let of = |connection: &Connection| {
+            codecs.get(&connection.from).or_else(|| codecs.get(&connection.to)).copied()
+        };
+        let channels = program.channels.values();
+        Self {
+            codecs: channels.map(|channel| of(&program.connections[channel.connection])).collect(),
+            program: Arc::clone(program),
+            me,
+            allocator: None,
+            holds: Vec::new(),
+            copied: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Forgets what was copied at earlier tags.
+    pub(super) fn forget(&mut self) {
+        self.copied.clear();
+    }
+
+    /// What is to be told to the user.
+    pub(super) fn take_warnings(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.warnings)
+    }
+
+    /// Turns a value into a payload.
+    pub(super) fn encode(
+        &mut self,
+        store: &mut Store,
+        channel: ChannelId,
+        value: &Value,
+    ) -> Result<Payload, Failure> {
+        self.holds.clear();
+        let draft = match self.codecs[channel].and_then(|codec| (codec.encode)(value)) {
+            Some(Ok(draft)) => draft,
+            Some(Err(error)) => return Err(self.unsent(channel, &error)),
+            None => return Err(self.unsent(channel, &"the port has no type that can be sent")),
+        };
+        let mut parts = Vec::with_capacity(draft.parts.len());
+        for source in draft.parts {
+            parts.push(self.place(store, source)?);
+        }
+        Ok(Payload { head: draft.head, parts, ..Payload::default() })
+    }
+
+    /// Makes a value of what has arrived.
+    pub(super) fn decode(
+        &self,
+        channel: ChannelId,
+        payload: Payload,
+        objects: Vec<Object>,
+    ) -> Result<Value, Failure> {
+        let mut objects = objects.into_iter();
+        let parts = payload.parts.into_iter().filter_map(|part| -> Option<Arc<dyn Memory>> {
+            Some(match part {
+                Part::Inline(bytes) => Arc::new(bytes),
+                Part::Object(_) => Arc::new(InStore(objects.next()?)),
+            })
+        });
+        let parts: Vec<_> = parts.collect();
+        let Some(codec) = self.codecs[channel] else {
+            return Err(self.unread(channel, "?", &"the port has no type that can be received"));
+        };
+        (codec.decode)(&payload.head, &parts)
+            .map_err(|error| self.unread(channel, codec.type_name(), &error))
+    }
+
+    fn place(&mut self, store: &mut Store, source: Source) -> Result<Part, Failure> {
+        let memory = match source {
+            Source::Bytes(bytes) => return self.copy(store, &bytes).map(|(part, _)| part),
+            Source::Memory(memory) => memory,
+        };
+        let stored = memory.downcast_ref::<InStore>();
+        if let Some(object) = stored.and_then(|InStore(object)| store.forward(object)) {
+            return Ok(self.hold(object));
+        }
+        let known = self.copied.iter().find(|(copied, _)| is_same(copied, &memory));
+        if let Some((_, object)) = known {
+            let object = object.clone();
+            return Ok(self.hold(object));
+        }
+        let (part, object) = self.copy(store, memory.bytes())?;
+        if let Some(object) = object {
+            if self.copied.len() >= REMEMBERED {
+                self.copied.remove(0);
+            }
+            self.copied.push((Arc::downgrade(&memory), object));
+        }
+        Ok(part)
+    }
+
+    /// Copies bytes into the store, or into the message if the store has no room for them.
+    fn copy(&mut self, store: &mut Store, bytes: &[u8]) -> Result<(Part, Option<Object>), Failure> {
+        let copied = store.put(bytes, &[self.me]).and_then(|object| store.open(object));
+        match copied {
+            Ok(object) => Ok((self.hold(object.clone()), Some(object))),
+            Err(error) => {
+                if let Some(first) =
+                    store.fall_back(error).map_err(|error| Failure::store(&error))?
+                {
+                    self.warnings.push(format!("{first}; the value travels inside its message"));
+                }
+                let copy = hprm_core::copy_of(bytes);
+                let copy = copy.map_err(|error| Failure::Memory(error.to_string()))?;
+                Ok((Part::Inline(copy), None))
+            }
+        }
+    }
+
+    fn hold(&mut self, object: Object) -> Part {
+        let part = Part::Object(object.object_ref());
+        self.holds.push(object);
+        part
+    }
+
+    /// The names of both ends of a channel.
+    fn ends(&self, channel: ChannelId) -> [String; 2] {
+        let connection = &self.program.connections[self.program.channels[channel].connection];
+        [connection.from, connection.to].map(|port| self.program.port_name(port))
+    }
+
+    fn unsent(&self, channel: ChannelId, error: &dyn std::fmt::Display) -> Failure {
+        let [from, to] = self.ends(channel);
+        Failure::raised(Code::Connection { from, to }, error.to_string())
+    }
+
+    fn unread(&self, channel: ChannelId, expected: &str, error: &dyn std::fmt::Display) -> Failure {
+        let [from, to] = self.ends(channel);
+        let message =
+            format!("{to} expects {expected}, and {from} has sent something else: {error}");
+        let source = Code::Other(format!("receiving a value on connection {from} -> {to}"));
+        Failure::raised(source, message)
+            .with_hint("both ends of a connection have one type of values: docs/codec.md says which values fit")
+    }
+}
+
+fn is_same(copied: &Weak<dyn Memory>, memory: &Arc<dyn Memory>) -> bool {
+    copied.upgrade().is_some_and(|copied| Arc::ptr_eq(&copied, memory))
+}
