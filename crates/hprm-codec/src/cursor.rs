@@ -32,12 +32,14 @@ pub struct ArrayHeader<'a> {
 
 impl<'a> Cursor<'a> {
     /// At the start of `bytes`.
+    #[inline]
     #[must_use]
     pub fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }
 
     /// What has not been read.
+    #[inline]
     #[must_use]
     pub fn rest(&self) -> &'a [u8] {
         self.0
@@ -48,6 +50,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there is none, or if the byte is of no kind.
+    #[inline]
     pub fn peek(&self) -> Result<NodeKind, Malformed> {
         let byte = *self.0.first().ok_or(Malformed("it ends too early"))?;
         NodeKind::of(byte).ok_or(Malformed("an unknown kind of value"))
@@ -58,6 +61,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there is none, or if the byte is of no kind.
+    #[inline]
     pub fn kind(&mut self) -> Result<NodeKind, Malformed> {
         let kind = self.peek()?;
         self.0 = &self.0[1..];
@@ -69,7 +73,13 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there is no whole one.
+    #[inline]
     pub fn number(&mut self) -> Result<u64, Malformed> {
+        // Most numbers are small.
+        if let [byte @ 0..0x80, rest @ ..] = self.0 {
+            self.0 = rest;
+            return Ok((*byte).into());
+        }
         let (number, len) = format::number(self.0).ok_or(Malformed("it ends within a number"))?;
         self.0 = &self.0[len..];
         Ok(number)
@@ -80,6 +90,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there are fewer bytes.
+    #[inline]
     pub fn count(&mut self) -> Result<usize, Malformed> {
         match usize::try_from(self.number()?) {
             Ok(count) if count <= self.0.len() => Ok(count),
@@ -92,6 +103,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there are fewer.
+    #[inline]
     pub fn take<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
         let (taken, rest) = self.0.split_first_chunk().ok_or(Malformed("it ends too early"))?;
         self.0 = rest;
@@ -103,6 +115,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If there are fewer.
+    #[inline]
     pub fn bytes(&mut self, len: usize) -> Result<&'a [u8], Malformed> {
         let (taken, rest) = self.0.split_at_checked(len).ok_or(Malformed("it ends too early"))?;
         self.0 = rest;
@@ -114,6 +127,7 @@ impl<'a> Cursor<'a> {
     /// # Errors
     ///
     /// If its bytes should be here and are not.
+    #[inline]
     pub fn blob(&mut self) -> Result<Blob<'a>, Malformed> {
         let header = self.number()?;
         let len = usize::try_from(header >> 1).map_err(|_| Malformed("a buffer too long"))?;

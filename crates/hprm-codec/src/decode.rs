@@ -60,7 +60,7 @@ struct Walk<'a> {
     /// Which part is the next one.
     part: usize,
     /// The values to which the head may refer.
-    seen: SmallVec<[Seen<'a>; 4]>,
+    seen: SmallVec<[Seen<'a>; 8]>,
     depth: u32,
     /// Whether this is a value that has been read before.
     repeating: bool,
@@ -89,6 +89,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Numbers a value that begins at `start` and has no members.
+    #[inline]
     fn number(&mut self, start: Cursor<'a>) {
         if !self.repeating {
             self.seen.push(Seen { head: start, part: self.part, is_open: false });
@@ -107,6 +108,7 @@ impl<'a> Walk<'a> {
         Ok(value)
     }
 
+    #[inline]
     fn open(&mut self, start: Cursor<'a>) -> Result<Number, DecodeError> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
@@ -119,6 +121,7 @@ impl<'a> Walk<'a> {
         Ok(Some(self.seen.len() - 1))
     }
 
+    #[inline]
     fn close(&mut self, number: Number) {
         self.depth -= 1;
         if let Some(number) = number {
@@ -149,10 +152,12 @@ impl<'a> Walk<'a> {
     }
 
     /// Counts what is read again, so that a few bytes cannot ask for much memory or time.
+    #[inline]
     fn charge(&mut self, amount: usize) -> Result<(), DecodeError> {
-        if !self.repeating {
-            return Ok(());
-        }
+        if self.repeating { self.charge_repeated(amount) } else { Ok(()) }
+    }
+
+    fn charge_repeated(&mut self, amount: usize) -> Result<(), DecodeError> {
         let left = self.repeatable.unwrap_or_else(|| {
             let seen = self.seen.first().map_or(0, |first| first.head.rest().len());
             let parts: usize = self.parts.iter().map(|part| part.bytes().len()).sum();
@@ -168,6 +173,7 @@ impl<'a> Walk<'a> {
     }
 
     /// A blob, and the part that it is.
+    #[inline]
     fn blob(&mut self) -> Result<Placed<'a>, Malformed> {
         let len = match self.head.blob()? {
             Blob::Inline(bytes) => return Ok((bytes, None)),
@@ -182,12 +188,14 @@ impl<'a> Walk<'a> {
     }
 
     /// The bytes of a blob that the receiver copies.
+    #[inline]
     fn bytes(&mut self) -> Result<&'a [u8], DecodeError> {
         let (bytes, _) = self.blob()?;
         self.charge(bytes.len())?;
         Ok(bytes)
     }
 
+    #[inline]
     fn text(&mut self) -> Result<&'a str, DecodeError> {
         let bytes = self.bytes()?;
         Ok(std::str::from_utf8(bytes).map_err(|_| Malformed("a string that is not UTF-8"))?)
@@ -222,7 +230,6 @@ impl<'a> Deserializer<'a> for &mut Walk<'a> {
         deserialize_u64 => Int,
         deserialize_u128 => UnsignedWide,
         deserialize_f32 => Float,
-        deserialize_f64 => Float,
         deserialize_char => Scalar,
         deserialize_str => Scalar,
         deserialize_string => Scalar,
@@ -232,6 +239,14 @@ impl<'a> Deserializer<'a> for &mut Walk<'a> {
         deserialize_seq => Seq,
         deserialize_map => Fields,
         deserialize_identifier => Scalar,
+    }
+
+    fn deserialize_f64<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        if self.head.peek() == Ok(NodeKind::Float) && !self.repeating {
+            self.head.kind()?;
+            return visitor.visit_f64(f64::from_le_bytes(self.head.take()?));
+        }
+        self.node(visitor, Want::Float)
     }
 
     fn deserialize_option<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {

@@ -57,17 +57,20 @@ struct Seen {
 }
 
 impl Writer {
+    #[inline]
     fn kind(&mut self, kind: NodeKind) {
         self.head.push(kind as u8);
     }
 
     /// Begins the node of a value that has a number.
+    #[inline]
     fn begin(&mut self, kind: NodeKind) {
         self.kind(kind);
         self.numbered += 1;
     }
 
     /// Begins the node of a container.
+    #[inline]
     fn open(&mut self, kind: NodeKind) -> Result<(), EncodeError> {
         self.depth += 1;
         if self.depth > DEPTH_LIMIT {
@@ -80,6 +83,7 @@ impl Writer {
         Ok(())
     }
 
+    #[inline]
     fn integer(&mut self, number: i64) {
         self.kind(NodeKind::Int);
         put_number(&mut self.head, format::zigzag(number));
@@ -91,6 +95,7 @@ impl Writer {
         self.inline(&digits[..bits as usize / 8 + 1]);
     }
 
+    #[inline]
     fn blob(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
         if bytes.len() > INLINE_LIMIT {
             let copy = hprm_core::copy_of(bytes)?;
@@ -101,6 +106,7 @@ impl Writer {
         Ok(())
     }
 
+    #[inline]
     fn inline(&mut self, bytes: &[u8]) {
         put_number(&mut self.head, (bytes.len() as u64) << 1);
         self.head.extend_from_slice(bytes);
@@ -111,6 +117,7 @@ impl Writer {
         self.parts.push(source);
     }
 
+    #[inline]
     fn text(&mut self, text: &str) -> Result<(), EncodeError> {
         self.kind(NodeKind::Str);
         self.blob(text.as_bytes())
@@ -237,8 +244,9 @@ impl<'w> Serializer for &'w mut Writer {
     }
 
     fn serialize_f64(self, value: f64) -> Result<(), EncodeError> {
-        self.kind(NodeKind::Float);
-        self.head.extend_from_slice(&value.to_le_bytes());
+        let mut node = [NodeKind::Float as u8; 9];
+        node[1..].copy_from_slice(&value.to_le_bytes());
+        self.head.extend_from_slice(&node);
         Ok(())
     }
 

@@ -81,6 +81,7 @@ pub enum NodeKind {
 
 impl NodeKind {
     /// The kind of that byte.
+    #[inline]
     #[must_use]
     pub fn of(byte: u8) -> Option<Self> {
         const KINDS: [NodeKind; 20] = [
@@ -138,6 +139,7 @@ impl Head {
     }
 
     /// Appends a byte.
+    #[inline]
     pub fn push(&mut self, byte: u8) {
         if self.bytes.len() < self.bytes.capacity() {
             self.bytes.push(byte);
@@ -147,8 +149,9 @@ impl Head {
     }
 
     /// Appends bytes.
+    #[inline]
     pub fn extend_from_slice(&mut self, bytes: &[u8]) {
-        if self.reserve(bytes.len()) {
+        if bytes.len() <= self.bytes.capacity() - self.bytes.len() || self.reserve(bytes.len()) {
             self.bytes.extend_from_slice(bytes);
         }
     }
@@ -171,6 +174,7 @@ impl Head {
     }
 
     /// What has been written so far.
+    #[inline]
     #[must_use]
     pub fn written(&self) -> &[u8] {
         &self.bytes
@@ -181,6 +185,7 @@ impl Head {
     /// # Errors
     ///
     /// If there was no memory for it.
+    #[inline]
     pub fn check(&self) -> Result<(), NoMemory> {
         self.lacks.map_or(Ok(()), Err)
     }
@@ -193,6 +198,7 @@ impl Head {
 }
 
 /// Appends `number`.
+#[inline]
 pub fn put_number(head: &mut Head, mut number: u64) {
     while number >= 0x80 {
         head.push(number as u8 | 0x80);
@@ -249,12 +255,14 @@ pub fn number(bytes: &[u8]) -> Option<(u64, usize)> {
 }
 
 /// A signed number as one that is small if it is near zero.
+#[inline]
 #[must_use]
 pub fn zigzag(number: i64) -> u64 {
     ((number << 1) ^ (number >> 63)) as u64
 }
 
 /// The inverse of [`zigzag`].
+#[inline]
 #[must_use]
 pub fn unzigzag(number: u64) -> i64 {
     (number >> 1) as i64 ^ -((number & 1) as i64)

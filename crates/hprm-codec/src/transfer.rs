@@ -6,12 +6,31 @@ use serde::de::DeserializeOwned;
 /// A value that can travel to another process.
 ///
 /// Every type is one that can be cloned, borrows nothing, and derives `serde::Serialize` and
-/// `serde::Deserialize`.
+/// `serde::Deserialize`:
+///
+/// ```
+/// #[derive(Clone, serde::Serialize, serde::Deserialize)]
+/// struct Pose {
+///     x: f64,
+///     labels: Vec<String>,
+/// }
+///
+/// fn travels<T: hprm_codec::Transfer>() {}
+/// travels::<Pose>();
+/// ```
+///
+/// ```compile_fail,E0277
+/// #[derive(Clone)]
+/// struct Pose;
+///
+/// fn travels<T: hprm_codec::Transfer>() {}
+/// travels::<Pose>();
+/// ```
 #[diagnostic::on_unimplemented(
     message = "values of the type `{Self}` cannot travel to another federate",
     label = "this type cannot be encoded and decoded",
-    note = "put `#[derive(Clone, serde::Serialize, serde::Deserialize)]` above `{Self}`, and give it no reference \
-            and nothing that belongs to one thread, such as `Rc`",
+    note = "put `#[derive(Clone, serde::Serialize, serde::Deserialize)]` above `{Self}`, or above the types that it \
+            holds; it must hold no reference, and nothing that belongs to one thread, such as `Rc`",
     note = "large data is best an `hprm::Array`, which is not copied"
 )]
 pub trait Transfer: Clone + Send + Sync + 'static + Serialize + DeserializeOwned {}

@@ -27,7 +27,7 @@ struct Everything {
 enum Choice {
     A,
     B(Box<Everything>),
-    C(u8, Vec<Choice>),
+    C(u8, Vec<Self>),
     D { a: Option<i128> },
 }
 
