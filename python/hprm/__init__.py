@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from hprm._coroutines import background
     from hprm._duration import Time
     from hprm._launching import check, run
-    from hprm._mistakes import ProgramError, ProgramFailed
+    from hprm._mistakes import ProgramError, ProgramFailed, ProgramWarning
     from hprm._parts import Action, Input, Mode, Output, PhysicalAction, Timer
     from hprm._reactions import reaction, reset, shutdown, startup
     from hprm._reactor import Federation, Reactor, federate
@@ -56,7 +56,7 @@ _LOADED_ON_DEMAND = {
     **dict.fromkeys(("background",), "hprm._coroutines"),
     **dict.fromkeys(("Time",), "hprm._duration"),
     **dict.fromkeys(("check", "run"), "hprm._launching"),
-    **dict.fromkeys(("ProgramError", "ProgramFailed"), "hprm._mistakes"),
+    **dict.fromkeys(("ProgramError", "ProgramFailed", "ProgramWarning"), "hprm._mistakes"),
     **dict.fromkeys(
         ("Action", "Input", "Mode", "Output", "PhysicalAction", "Timer"), "hprm._parts"
     ),
@@ -102,6 +102,7 @@ __all__ = [
     "PhysicalAction",
     "ProgramError",
     "ProgramFailed",
+    "ProgramWarning",
     "Reactor",
     "ReactorBase",
     "SEC",

@@ -9,7 +9,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from hprm import _debugging, _hprm, _startup, _threads
+from hprm import _debugging, _hprm, _mistakes, _startup, _threads
 from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
 
@@ -29,6 +29,8 @@ def main() -> NoReturn:
         leave(0)
     if options.json:
         _hprm.tell_programs()
+    has_warned = os.environ.pop(_mistakes.WARNED, None) is not None
+    _mistakes.is_quiet = has_warned or getattr(options, "launched", False)
     if options.command == "declare":
         leave(_declare(options))
     arguments = options.arguments[1:] if options.arguments[:1] == ["--"] else options.arguments

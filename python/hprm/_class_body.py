@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import ast
 import inspect
-import linecache
 from collections.abc import Iterator
-from functools import lru_cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from hprm import _findings, _places
+from hprm import _findings, _places, _slips, _trees
 from hprm._mistakes import ProgramError, one
 from hprm._parts import History, Mode, Part
 from hprm._places import Place
@@ -74,6 +72,8 @@ def check(cls: type[Reactor]) -> None:
             _check_part(cls, reaction, part)
         for body in bodies(cls, reaction):
             _check_uses(cls, reaction, body)
+            _slips.check_returns(reaction, body)
+    _slips.check_waits(cls)
 
 
 def _check_names(cls: type[Reactor]) -> None:
@@ -248,11 +248,11 @@ def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> It
     if body in seen:
         return
     seen.add(body)
-    tree = _tree_of(body)
+    tree = _trees.of(body)
     if tree is None or not tree.args.args:
         return
     me, path = tree.args.args[0].arg, body.__code__.co_filename
-    nodes = list(_nodes(tree, me))
+    nodes = list(_trees.nodes(tree, me))
     parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
     for node in nodes:
         match node:
@@ -265,43 +265,3 @@ def _uses(cls: type[Reactor], body: FunctionType, seen: set[FunctionType]) -> It
                 assigns = isinstance(node.ctx, ast.Store | ast.Del)
                 inner = isinstance(above, ast.Attribute) and not isinstance(above.ctx, ast.Load)
                 yield _Use(attribute, of_it, assigns, inner, node, path)
-
-
-def _nodes(tree: ast.AST, me: str) -> Iterator[ast.AST]:
-    """Find all nodes of a function, but those of functions inside that have another ``self``."""
-    pending = list(ast.iter_child_nodes(tree))
-    while pending:
-        node = pending.pop()
-        match node:
-            case (
-                ast.FunctionDef(args=inner)
-                | ast.AsyncFunctionDef(args=inner)
-                | ast.Lambda(args=inner)
-            ):
-                if any(argument.arg == me for argument in inner.args):
-                    continue
-        yield node
-        pending.extend(ast.iter_child_nodes(node))
-
-
-def _tree_of(function: FunctionType) -> ast.FunctionDef | ast.AsyncFunctionDef | None:
-    """Return the tree of a function; none if its text is not known, as of ``python -c``."""
-    code = function.__code__
-    text = "".join(linecache.getlines(code.co_filename))
-    return _functions(text).get((code.co_name, code.co_firstlineno)) if text else None
-
-
-@lru_cache(maxsize=64)
-def _functions(
-    text: str,
-) -> dict[tuple[str, int], ast.FunctionDef | ast.AsyncFunctionDef]:
-    try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError):
-        return {}
-    found = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            lines = [decorator.lineno for decorator in node.decorator_list]
-            found[node.name, min([node.lineno, *lines])] = node
-    return found

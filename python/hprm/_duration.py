@@ -4,11 +4,14 @@ from datetime import timedelta
 from typing import TypeAlias
 
 from hprm._hprm import nanoseconds
-from hprm._mistakes import ProgramError
+from hprm._mistakes import ProgramError, warn
 from hprm._places import Place
 
 #: A time: text with a unit, a ``timedelta``, or a whole number of nanoseconds.
 Time: TypeAlias = str | timedelta | int
+
+# Nanoseconds below which a number without a unit is hardly meant.
+_LEAST = 1_000
 
 
 def stated(name: str, time: Time | None, place: Place) -> int | None:
@@ -16,7 +19,16 @@ def stated(name: str, time: Time | None, place: Place) -> int | None:
 
     Raises ``ProgramError`` if it is none.
     """
+    if time is None:
+        return None
     try:
-        return None if time is None else nanoseconds(time)
+        number = nanoseconds(time)
     except (TypeError, ValueError) as error:
         raise ProgramError(f"`{name}`: {error}", place) from None
+    if 0 < number < _LEAST and not isinstance(time, str | timedelta):
+        warn(
+            f"`{name}` is {number} ns: a number without a unit counts nanoseconds",
+            place,
+            f'write "{number} ms", or "{number} ns" if that is meant',
+        )
+    return number

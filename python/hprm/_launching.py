@@ -15,11 +15,10 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from hprm import _construction, _hprm, _loading, _structure
+from hprm import _construction, _duration, _hprm, _loading, _structure
 from hprm._declared import Declared
 from hprm._duration import Time
-from hprm._hprm import nanoseconds
-from hprm._mistakes import ProgramError, ProgramFailed, one
+from hprm._mistakes import WARNED, ProgramError, ProgramFailed, one
 from hprm._places import here, shown
 from hprm._reactor import Federation, Reactor
 
@@ -109,10 +108,7 @@ def _property(name: str, value: Any) -> str:
     """Return a target property as the command line states it."""
     name = name.replace("_", "-")
     if name in _structure.TIMES and value not in ("auto", "off"):
-        try:
-            return f"{name}={nanoseconds(value)} ns"
-        except (TypeError, ValueError) as error:
-            raise ProgramError(f"`{name}`: {error}", here()) from None
+        return f"{name}={_duration.stated(name, value, here())} ns"
     if isinstance(value, bool):
         return f"{name}={str(value).lower()}"
     if isinstance(value, list | tuple):
@@ -144,7 +140,7 @@ def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
 
 def launch(command: str, words: list[str], call: int | None = None) -> int:
     """Have the command run a federation, whose arguments a file may have. Return its exit code."""
-    environment = dict(os.environ)
+    environment = os.environ | {WARNED: "1"}
     if call is not None:
         environment[_loading.CALL] = f"/proc/self/fd/{call}"
     parent = os.getpid()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+
+from hprm import _hprm
 from hprm._places import Place
 
 
@@ -52,4 +55,26 @@ class ProgramFailed(SystemExit):
     """
 
 
-ProgramError.__module__ = ProgramFailed.__module__ = "hprm"
+class ProgramWarning(UserWarning):
+    """Something in a program is probably not meant; Python's filters for warnings decide."""
+
+
+#: The environment variable of a process whose program has been loaded before, with its warnings.
+WARNED = "HPRM_WARNED"
+
+#: Whether another process warns.
+is_quiet = False
+
+# What has been told.
+_told: dict[str | tuple[str, type[Warning], int], int] = {}
+
+
+def warn(message: str, place: Place, hint: str) -> None:
+    """Warn about something in a program."""
+    if not is_quiet and _hprm.current_federate() is None:
+        text = f"{message}\n  hint: {hint}"
+        warnings.warn_explicit(text, ProgramWarning, place.path, place.line, registry=_told)
+
+
+for _public in (ProgramError, ProgramFailed, ProgramWarning):
+    _public.__module__ = "hprm"

@@ -40,9 +40,9 @@ def here() -> Place:
 
 
 def _is_between(frame: FrameType) -> bool:
-    """Return whether a frame lies between the user's code and ours: classes are made by `abc`."""
+    """Return whether a frame lies between the user's code and ours, which makes classes."""
     is_own = frame.f_code.co_filename.startswith(_OWN)
-    return is_own or frame.f_globals.get("__name__") == "abc"
+    return is_own or frame.f_globals.get("__name__") in ("abc", "typing")
 
 
 def _of_frame(frame: FrameType) -> Place:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from abc import ABCMeta
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from hprm import _class_body, _construction, _duration, _places
 from hprm._construction import Construction
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     # Below ABCMeta, type checkers would not check the keywords of class statements.
     _Metaclass = type
 else:
-    _Metaclass = ABCMeta
+    # That of abstract classes, and more: so a reactor may extend protocols, too.
+    _Metaclass = type(Protocol)
 
 
 class _Constructed(_Metaclass):
@@ -39,6 +40,11 @@ class _Constructed(_Metaclass):
         def __prepare__(cls, name, bases, **keywords):
             """Return what takes the names of a class body."""
             return Namespace()
+
+        # A reactor is no protocol: it is made and asked as an abstract class is.
+        __new__ = staticmethod(ABCMeta.__new__)
+        __instancecheck__ = ABCMeta.__instancecheck__
+        __subclasscheck__ = ABCMeta.__subclasscheck__
 
         def __call__(cls, *arguments, **keywords):
             """Make a reactor, with the structure that its constructor gives it."""

@@ -288,10 +288,12 @@ def _late(reactor: Reactor, place: Place, what: str, function: Callable[[Any], A
 
 
 def _time(reactor: Reactor, part: Part, name: str) -> int | None:
-    stated = getattr(part, name)
+    stated: Any = getattr(part, name)
     if callable(stated):
         stated = _late(reactor, part.place, f"the {name} of {part.name}", stated)
-    return _duration.stated(name, stated, part.place)
+        stated = _duration.stated(name, stated, part.place)
+    nanoseconds: int | None = stated
+    return nanoseconds
 
 
 def _value(name: str, stated: Any, place: Place) -> Any:

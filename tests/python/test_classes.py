@@ -8,6 +8,7 @@ import sys
 import textwrap
 from itertools import count
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import pytest
 
@@ -362,6 +363,45 @@ def test_reactors_may_be_abstract() -> None:
     assert Whole().gain() == 2
     with pytest.raises(TypeError, match="abstract"):
         Base()
+
+
+T = TypeVar("T")
+
+
+@runtime_checkable
+class Gains(Protocol):
+    def gain(self) -> int: ...
+
+
+def test_reactors_may_extend_protocols_and_be_generic() -> None:
+    class Amplifier(hprm.Reactor, Gains, timeout="1 s"):
+        out = hprm.Output(int)
+
+        def __init__(self, factor: int) -> None:
+            self.factor = factor
+
+        def gain(self) -> int:
+            return self.factor
+
+    class First(Gains, hprm.Reactor):
+        def gain(self) -> int:
+            return 1
+
+    class Generic_(Generic[T], hprm.Reactor):
+        pass
+
+    class Whole(hprm.Reactor, Generic[T]):
+        def __init__(self, value: T) -> None:
+            self.value = value
+
+    amplifier = Amplifier(3)
+    assert amplifier.gain() == 3
+    for reactor in (amplifier, First()):
+        assert isinstance(reactor, hprm.Reactor) and isinstance(reactor, Gains)
+    assert not isinstance(Whole(1), Gains) and not issubclass(Gains, hprm.Reactor)
+    assert Amplifier._hprm_place_.path == First._hprm_place_.path == __file__
+    assert Generic_._hprm_place_.path == __file__
+    hprm.check(Whole[int](1))
 
 
 def test_a_reactor_in_two_places(tmp_path: Path) -> None:

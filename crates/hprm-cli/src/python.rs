@@ -15,6 +15,10 @@ use crate::message::Error;
 
 const PYTHON: &str = "python3";
 
+/// The environment variable of an interpreter that loads a program which another one has declared, with what Python
+/// warns of.
+pub(crate) const WARNED: &str = "HPRM_WARNED";
+
 /// More bytes than an interpreter answers that is asked what it is, and the script that starts it.
 const LONGEST_ANSWER: u64 = 4096;
 

@@ -72,9 +72,10 @@ fn alone(python: &Path, arguments: &Run, launcher: Option<&Path>) -> Command {
     if let Some(path) = &arguments.logical_trace {
         command.arg("--logical-trace").arg(path);
     }
-    if let Some(launcher) = launcher {
-        command.arg("--launcher").arg(launcher);
-    }
+    match launcher {
+        Some(launcher) => command.arg("--launcher").arg(launcher),
+        None => command.env(python::WARNED, "1"),
+    };
     command.args(arguments.properties.options());
     command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
     command

@@ -30,6 +30,7 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
     command.arg("--in-process").args(message::json_option()).stdin(Stdio::null());
+    command.env(crate::python::WARNED, "1");
     command.arg("--join-timeout").arg(arguments.join_timeout.as_secs_f64().to_string());
     command.args(arguments.properties.options());
     if let Some(limit) = arguments.hang.limit {

@@ -23,6 +23,7 @@ mod properties;
 mod reactors;
 mod references;
 
+use hprm_lf::SourceLoader;
 use hprm_model::{CompileFailure, Compiled, Purpose, Report, Syntax, TargetProperties};
 
 use crate::document::Document;
@@ -63,7 +64,7 @@ fn read(text: &str) -> Result<Document, Malformed> {
 
 /// Compiles the program that `text` declares, with target properties as `KEY=VALUE`, which override those of
 /// the program. Values of parameters, `main.NAME=VALUE`, are left out: the program has used them when it made
-/// its main reactor.
+/// its main reactor. `files` tells whether the files are there that target properties name.
 ///
 /// ```
 /// use hprm_model::Purpose;
@@ -76,7 +77,8 @@ fn read(text: &str) -> Result<Document, Malformed> {
 ///         "reactions": [{"name": "greet", "at": [0, 2, 4, -1], "triggers": ["startup"]}]
 ///     }]
 /// }"#;
-/// let compiled = hprm_declared::compile(text, &[], Purpose::Run).unwrap().unwrap();
+/// let mut files = |_: &str| Err("no such file".to_owned());
+/// let compiled = hprm_declared::compile(text, &[], &mut files, Purpose::Run).unwrap().unwrap();
 /// assert_eq!(compiled.program.name, "Hello");
 /// assert_eq!(compiled.classes[0].reactions[0].line, 2);
 /// ```
@@ -87,6 +89,7 @@ fn read(text: &str) -> Result<Document, Malformed> {
 pub fn compile(
     text: &str,
     properties: &[String],
+    files: &mut dyn SourceLoader,
     purpose: Purpose,
 ) -> Result<Result<Compiled, CompileFailure>, Malformed> {
     let document = read(text)?;
@@ -96,6 +99,7 @@ pub fn compile(
     let stated: Vec<String> = properties.iter().filter(is_property).cloned().collect();
     let overrides = hprm_lf::overrides(&stated, &mut library, &mut report);
     let properties = TargetProperties::read(&library, &overrides, &mut report);
+    hprm_lf::check_files(&properties, library.sources(), files, &mut report);
     let compiled = hprm_model::compile(library, properties, &overrides, purpose, report);
     Ok(compiled.map(|mut compiled| {
         if compiled.federated {

@@ -2,8 +2,9 @@
 
 mod common;
 
-use common::{TEXT, at, compiled, errors, graph, of, own, vision, warnings};
+use common::{TEXT, at, compiled, errors, graph, no_files, of, own, vision, warnings};
 use hprm_core::Coordination;
+use hprm_lf::SourceLoader;
 use hprm_model::Purpose;
 use insta::assert_snapshot;
 use serde_json::{Value, json};
@@ -42,12 +43,14 @@ fn what_is_declared_is_what_runs() {
 fn options_override_what_the_program_states_and_leave_its_parameters() {
     let stated = ["timeout=2 s".to_owned(), "main.rate=3".to_owned()];
     let text = vision().to_string();
-    let compiled = hprm_declared::compile(&text, &stated, Purpose::Run).unwrap().unwrap();
+    let compiled =
+        hprm_declared::compile(&text, &stated, &mut no_files(), Purpose::Run).unwrap().unwrap();
     assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
     let parameters = hprm_declared::parameters(&text).unwrap();
     assert_eq!(parameters, [("rate".to_owned(), "10".to_owned())]);
     let wrong = ["timeout=soon".to_owned()];
-    let failure = hprm_declared::compile(&text, &wrong, Purpose::Run).unwrap().unwrap_err();
+    let failure =
+        hprm_declared::compile(&text, &wrong, &mut no_files(), Purpose::Run).unwrap().unwrap_err();
     assert_snapshot!(failure, @r"
     error[LF0603]: `timeout` must be a time, such as `10 s`
     --> --property timeout=soon
@@ -316,7 +319,9 @@ fn what_is_no_declaration_is_one_error() {
     let deep = r#"{"properties": [{"name": "x", "at": [0, 1, 0, 0], "value": "#.to_owned()
         + &r#"{"list": ["#.repeat(100_000);
     let all = texts.iter().map(String::as_str).chain(["", "[]", "{\"files\": []}", &deep]);
-    let wrong = |text| hprm_declared::compile(text, &[], Purpose::Run).unwrap_err().to_string();
+    let wrong = |text| {
+        hprm_declared::compile(text, &[], &mut no_files(), Purpose::Run).unwrap_err().to_string()
+    };
     let found: Vec<_> = all.map(wrong).collect();
     assert_snapshot!(found.join("\n"), @r#"
     the declaration of the program cannot be read: reactor 1 contains itself
@@ -425,6 +430,75 @@ fn hints_on_properties_have_the_words_of_python() {
     LF0605 `single-threaded` does not go together with `workers`
       remove one of them; `workers=1` has one worker
     ");
+}
+
+#[test]
+fn values_of_properties_have_the_words_of_python() {
+    let stated = |name: &str, value: Value| {
+        let mut vision = vision();
+        let property = json!({"name": name, "at": at("class Vision"), "value": value});
+        vision["properties"] = json!([property]);
+        vision
+    };
+    for (name, value, expected) in [
+        ("fast", json!(1), "`fast` must be `True` or `False`"),
+        ("realtime", json!({"text": "much"}), "`realtime` must be `True`, `False`, or a priority"),
+        ("clock-sync-options", json!(1), "must be `{\"name\": value, ...}`"),
+        (
+            "clock-sync-options",
+            json!({"dictionary": [{"name": "collect-stats", "at": at("class Vision"), "value": 1}]}),
+            "`collect-stats` must be `True` or `False`",
+        ),
+        ("verify", json!(1), "`verify` must be `True` or `False`"),
+    ] {
+        let said = errors(&stated(name, value));
+        assert!(said.contains(expected), "{said}");
+    }
+    let said = warnings(&stated("logging", json!({"text": "debug"})));
+    assert!(said.contains("`\"logging\": \"debug\"` has no effect yet"), "{said}");
+    // On a command line they are as in `.lf` files.
+    let text = vision().to_string();
+    let overrides = ["fast=1".to_owned()];
+    let said = hprm_declared::compile(&text, &overrides, &mut no_files(), Purpose::Run);
+    let said = said.unwrap().unwrap_err().to_string();
+    assert!(said.contains("`fast` must be `true` or `false`"), "{said}");
+}
+
+/// A disk with one file.
+struct OneFile;
+
+impl SourceLoader for OneFile {
+    fn load(&mut self, _: &str) -> Result<String, String> {
+        Err("no such file".to_owned())
+    }
+
+    fn list(&mut self, _: &str) -> Vec<String> {
+        vec!["image.proto".to_owned()]
+    }
+
+    fn exists(&mut self, path: &str) -> bool {
+        path == "image.proto"
+    }
+}
+
+#[test]
+fn files_that_properties_name_are_looked_for() {
+    let compile = |name: &str, path: &str| {
+        let mut vision = vision();
+        let value = json!({"text": path});
+        vision["properties"] = json!([{"name": name, "at": at("class Vision"), "value": value}]);
+        hprm_declared::compile(&vision.to_string(), &[], &mut OneFile, Purpose::Run).unwrap()
+    };
+    let said = compile("protobufs", "imag.proto").unwrap_err().to_string();
+    assert!(said.contains("error[LF0611]: there is no file `imag.proto`"), "{said}");
+    assert!(said.contains("did you mean `image.proto`?"), "{said}");
+    let codes = |name, path| -> Vec<_> {
+        compile(name, path).unwrap().warnings.iter().map(|warning| warning.code).collect()
+    };
+    // What the properties do for `.lf` files, Python does by itself.
+    assert!(codes("protobufs", "image.proto").contains(&"LF0607"));
+    assert!(!codes("files", "image.proto").contains(&"LF0610"));
+    assert!(codes("files", "nowhere").contains(&"LF0610"));
 }
 
 #[test]

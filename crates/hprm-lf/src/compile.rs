@@ -4,7 +4,7 @@ use hprm_model::{
     CompileFailure, Compiled, Diagnostic, FileId, Purpose, Report, Span, TargetProperties,
 };
 
-use crate::files;
+use crate::files::check_files;
 use crate::load::{self, Loaded};
 use crate::modules;
 use crate::overrides::overrides;
@@ -72,7 +72,7 @@ fn all_stages(
                 .hint("start it with `target Python`"),
         );
     }
-    files::check(&properties, library.sources(), loader, &mut report);
+    check_files(&properties, library.sources(), loader, &mut report);
     let mut compiled = hprm_model::compile(library, properties, &overrides, purpose, report)?;
     if compiled.federated && purpose == Purpose::Run {
         compiled.modules = modules::facts(&compiled, loader);

@@ -5,7 +5,7 @@ use hprm_model::{Diagnostic, Report, Sources, TargetProperties, did_you_mean};
 use crate::source::{SourceLoader, sibling};
 
 /// Reports files that are stated and not there.
-pub(crate) fn check(
+pub fn check_files(
     properties: &TargetProperties,
     sources: &Sources,
     loader: &mut dyn SourceLoader,

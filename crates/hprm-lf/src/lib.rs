@@ -28,6 +28,7 @@ mod token;
 mod unclosed;
 
 pub use compile::{check, compile, compile_with};
+pub use files::check_files;
 pub use literal::{WrongTime, is_unit, parse_time};
 pub use overrides::{PARAMETER, expected_spin, expected_time, overrides};
 pub use source::SourceLoader;

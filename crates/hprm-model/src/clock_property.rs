@@ -5,6 +5,7 @@ use hprm_core::{ClockSyncMode, ClockSyncOptions, Nanos};
 use crate::declaration::{Element, ElementKind, ExpressionKind, Property};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::property_values::word;
+use crate::syntax::Syntax;
 
 const OPTIONS: [&str; 6] =
     ["attenuation", "collect-stats", "local-federates-on", "period", "test-offset", "trials"];
@@ -19,10 +20,11 @@ pub(crate) fn mode(value: &Element) -> Result<ClockSyncMode, &'static str> {
     }
 }
 
-/// Reads `clock-sync-options`. What is not stated stays as it is.
+/// Reads `clock-sync-options`, written in a `syntax`. What is not stated stays as it is.
 pub(crate) fn options(
     value: &Element,
     options: &mut ClockSyncOptions,
+    syntax: Syntax,
     report: &mut Report,
 ) -> Result<(), &'static str> {
     let ElementKind::Dictionary(stated) = &value.kind else {
@@ -30,7 +32,7 @@ pub(crate) fn options(
     };
     for option in stated {
         if let Err(expected) = set(option, options, report) {
-            let message = format!("`{}` must be {expected}", option.name.text);
+            let message = format!("`{}` must be {}", option.name.text, syntax.value(expected));
             report.add(Diagnostic::error("LF0603", option.value.span, message));
         }
     }

@@ -13,6 +13,7 @@ use crate::overrides::Overrides;
 use crate::property_rules;
 use crate::property_values::{Read, boolean, integer, size, time, word};
 use crate::source::{FileId, Span};
+use crate::syntax::Syntax;
 
 /// Target properties for the driver of the program, as far as they are stated.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -115,13 +116,14 @@ impl TargetProperties {
                     continue;
                 }
                 if file == FileId::MAIN {
-                    stated.property(property, report);
+                    stated.property(property, report.syntax(), report);
                 }
             }
         }
         for property in &overrides.properties {
             if !stated.collect(property, property.name.span.file, report) {
-                stated.property(property, report);
+                // A command line has values as `.lf` files have them.
+                stated.property(property, Syntax::Lf, report);
             }
         }
         if stated.settings.single_threaded {
@@ -130,7 +132,8 @@ impl TargetProperties {
         stated
     }
 
-    fn property(&mut self, property: &Property, report: &mut Report) {
+    /// Reads a property, whose value is written in a `syntax`.
+    fn property(&mut self, property: &Property, syntax: Syntax, report: &mut Report) {
         let name = property.name.text.to_ascii_lowercase();
         let value = &property.value;
         let known = match name.as_str() {
@@ -163,7 +166,8 @@ impl TargetProperties {
                 clock_property::mode(value).map(|mode| self.properties.clock_sync.mode = mode)
             }
             "clock-sync-options" => {
-                clock_property::options(value, &mut self.properties.clock_sync, report)
+                let options = &mut self.properties.clock_sync;
+                clock_property::options(value, options, syntax, report)
             }
             // SST is not supported.
             "comm-type" if !property_rules::is_sst(value) => {
@@ -173,7 +177,7 @@ impl TargetProperties {
             "store-full" => when_full(value).map(|full| self.settings.store.when_full = full),
             "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
             name if IGNORED.contains(&name) => {
-                property_rules::ignored(property, name, report);
+                property_rules::ignored(property, name, syntax, report);
                 Ok(())
             }
             "comm-type" => {
@@ -181,7 +185,7 @@ impl TargetProperties {
                 Ok(())
             }
             name if NOT_YET.contains(&name) => {
-                property_rules::check_value(name, value, report);
+                property_rules::check_value(name, value, syntax, report);
                 if !property_rules::is_no_change(name, value) {
                     not_yet(property, report);
                 }
@@ -193,14 +197,8 @@ impl TargetProperties {
             }
         };
         match known {
-            Ok(()) => property_rules::unheeded(property, &name, report),
-            Err(expected) => {
-                let message = format!("`{name}` must be {expected}");
-                // The valid words are between backquotes.
-                let words = expected.split('`').skip(1).step_by(2);
-                let hint = word(value).and_then(|word| did_you_mean(word, words));
-                report.add(Diagnostic::error("LF0603", value.span, message).maybe_hint(hint));
-            }
+            Ok(()) => property_rules::unheeded(property, &name, syntax, report),
+            Err(expected) => wrong(&name, value, &syntax.value(expected), report),
         }
     }
 
@@ -213,6 +211,9 @@ impl TargetProperties {
             "protobufs" => (&mut self.protobufs, protobufs),
             _ => return false,
         };
+        if report.syntax() == Syntax::Python {
+            property_rules::ignored(property, &name, Syntax::Python, report);
+        }
         let elements = match &property.value.kind {
             ElementKind::List(elements) => elements.as_slice(),
             _ => std::slice::from_ref(&property.value),
@@ -317,6 +318,14 @@ fn comm_type(value: &Element) -> Read<bool> {
         Some("tls") => Ok(true),
         _ => Err("one of `TCP`, `TLS`, `SST`"),
     }
+}
+
+fn wrong(name: &str, value: &Element, expected: &str, report: &mut Report) {
+    let message = format!("`{name}` must be {expected}");
+    // The valid words are between backquotes.
+    let words = expected.split('`').skip(1).step_by(2);
+    let hint = word(value).and_then(|word| did_you_mean(word, words));
+    report.add(Diagnostic::error("LF0603", value.span, message).maybe_hint(hint));
 }
 
 fn logging(value: &Element) -> Read<String> {

@@ -9,6 +9,7 @@ use crate::declaration::{Element, ElementKind, ExpressionKind, Property};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::Library;
 use crate::source::FileId;
+use crate::syntax::Syntax;
 
 /// What the value of a property may be.
 #[derive(Clone, Copy)]
@@ -38,8 +39,8 @@ const FORMS: [(&str, Form); 14] = [
     ("verify", Form::Bool),
 ];
 
-/// Reports a value that the property `name` cannot have.
-pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
+/// Reports a value, written in a `syntax`, that the property `name` cannot have.
+pub(crate) fn check_value(name: &str, value: &Element, syntax: Syntax, report: &mut Report) {
     let Some((_, form)) = FORMS.iter().find(|(known, _)| *known == name) else { return };
     let dictionary = matches!(value.kind, ElementKind::Dictionary(_));
     let (right, expected) = match form {
@@ -64,7 +65,7 @@ pub(crate) fn check_value(name: &str, value: &Element, report: &mut Report) {
         }
     };
     if !right {
-        let message = format!("`{name}` must be {expected}");
+        let message = format!("`{name}` must be {}", syntax.value(&expected));
         report.add(Diagnostic::error("LF0603", value.span, message));
     }
 }
@@ -83,12 +84,16 @@ pub(crate) fn is_sst(value: &Element) -> bool {
 }
 
 /// Warns that a known property has no effect here, and says why.
-pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
-    check_value(name, &property.value, report);
+pub(crate) fn ignored(property: &Property, name: &str, syntax: Syntax, report: &mut Report) {
+    check_value(name, &property.value, syntax, report);
     if is_no_change(name, &property.value) {
         return;
     }
     let why = match name {
+        "files" => "a program in Python imports what lies beside it, and finds files by `__file__`",
+        "protobufs" => {
+            "compile it with `protoc --python_out=.`, and import the module that it makes"
+        }
         "docker" => "no containers are made",
         "python-version" => "a program runs in the interpreter in which `hprm` is installed",
         "threading" => "use `workers` or `single-threaded`",
@@ -100,7 +105,7 @@ pub(crate) fn ignored(property: &Property, name: &str, report: &mut Report) {
 }
 
 /// Warns about a valid value that has no effect here.
-pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
+pub(crate) fn unheeded(property: &Property, name: &str, syntax: Syntax, report: &mut Report) {
     let text = word(&property.value).unwrap_or_default();
     let (what, hint) = match (name, text.as_str()) {
         ("tracing", _) if boolean(&property.value) == Some(false) => return,
@@ -111,11 +116,14 @@ pub(crate) fn unheeded(property: &Property, name: &str, report: &mut Report) {
         // What holds anyway.
         ("logging", "info") | ("scheduler", "np" | "gedf_np" | "gedf_np_ci") => return,
         ("logging", _) => (
-            format!("`logging: {text}` has no effect yet"),
+            format!("{} has no effect yet", syntax.property("logging", &text)),
             "warnings and errors are always shown, and nothing else is",
         ),
         ("scheduler", _) => (
-            format!("`scheduler: {}` has no effect here", text.to_ascii_uppercase()),
+            format!(
+                "{} has no effect here",
+                syntax.property("scheduler", &text.to_ascii_uppercase())
+            ),
             "there is one scheduler; `GEDF_NP` lets it prefer reactions with earlier deadlines",
         ),
         _ => return,

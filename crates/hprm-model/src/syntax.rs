@@ -12,6 +12,9 @@ pub enum Syntax {
     Python,
 }
 
+/// Target properties that a class statement in Python has as keywords; others are in `properties={...}`.
+const KEYWORDS: [&str; 5] = ["coordination", "timeout", "fast", "keepalive", "workers"];
+
 impl Syntax {
     fn either<'t>(self, lf: &'t str, python: &'t str) -> &'t str {
         match self {
@@ -45,12 +48,32 @@ impl Syntax {
         match self {
             Self::Lf => format!("`{name}: {value}`"),
             Self::Python => {
-                let value = if value == "true" { "True" } else { value };
-                match name.contains('-') {
-                    true => format!("`\"{name}\": {value}`"),
-                    false => format!("`{name}={value}`"),
+                let value = match value {
+                    "true" => "True".to_owned(),
+                    "false" => "False".to_owned(),
+                    _ if value.parse::<f64>().is_ok() => value.to_owned(),
+                    _ => format!("\"{value}\""),
+                };
+                match KEYWORDS.contains(&name) {
+                    true => format!("`{name}={value}`"),
+                    false => format!("`\"{name}\": {value}`"),
                 }
             }
+        }
+    }
+
+    /// What the value of a target property must be, which is said in the words of `.lf` files.
+    pub(crate) fn value(self, expected: &str) -> String {
+        const WORDS: [(&str, &str); 3] = [
+            ("`true`", "`True`"),
+            ("`false`", "`False`"),
+            ("`{ name: value, ... }`", "`{\"name\": value, ...}`"),
+        ];
+        match self {
+            Self::Lf => expected.to_owned(),
+            Self::Python => WORDS
+                .into_iter()
+                .fold(expected.to_owned(), |text, (lf, python)| text.replace(lf, python)),
         }
     }
 

@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 
 use hprm::{Disk, Failure, Source};
-use hprm_declared::NamedProgram;
+use hprm_declared::{Malformed, NamedProgram};
 use hprm_model::{CompileFailure, Compiled, Purpose, render_all};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
@@ -70,7 +70,7 @@ impl Checked {
         file: Option<(String, Vec<String>)>,
     ) -> Result<Self, Failure> {
         let text = text_of(object)?;
-        let compiled = hprm_declared::compile(&text, properties, Purpose::Run);
+        let compiled = compile(&text, properties);
         let compiled = compiled.map_err(|error| Failure::option(error.to_string()))?;
         let declared = Some(Declared { object: object.clone().unbind(), text, file });
         Ok(Self { compiled: accept(object.py(), compiled)?, declared })
@@ -121,6 +121,13 @@ fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {
     text.map_err(|error| failure_at(py, error, source(), ("", true)))
 }
 
+fn compile(
+    text: &str,
+    properties: &[String],
+) -> Result<Result<Compiled, CompileFailure>, Malformed> {
+    hprm_declared::compile(text, properties, &mut Disk::from_environment(), Purpose::Run)
+}
+
 /// The program, unless there is something wrong with it.
 fn accept(py: Python<'_>, compiled: Result<Compiled, CompileFailure>) -> Result<Compiled, Failure> {
     compiled.map_err(|failure| Failure::mistakes(&failure, in_color(py)))
@@ -145,7 +152,7 @@ pub(crate) fn check_declared(
 ) -> PyResult<(bool, String)> {
     let py = declared.py();
     let text: String = declared.getattr(intern!(py, "text"))?.extract()?;
-    let compiled = hprm_declared::compile(&text, &properties, Purpose::Run);
+    let compiled = compile(&text, &properties);
     let compiled = compiled.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(match compiled {
         Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color(py))),

@@ -5,7 +5,8 @@ use hprm_model::{Purpose, Severity, render_all};
 /// Compiles a declaration and sees to it that the answer is a program, at least one error, or that it is no
 /// declaration.
 pub(crate) fn answers(text: &str) {
-    match hprm_declared::compile(text, &[], Purpose::Run) {
+    let mut no_files = |_: &str| Err("no such file".to_owned());
+    match hprm_declared::compile(text, &[], &mut no_files, Purpose::Run) {
         Err(malformed) => assert!(!malformed.to_string().is_empty()),
         Ok(Ok(compiled)) => {
             assert_eq!(compiled.bodies.len(), compiled.program.reactions.len());
