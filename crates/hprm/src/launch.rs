@@ -24,7 +24,7 @@ use hprm_core::{FederateId, Fingerprint, Program};
 
 use self::children::{Children, Console};
 use self::rti::RtiThread;
-use self::signals::{Watch, watch};
+use self::signals::Watch;
 use crate::supervisor::{
     Advice, Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor,
 };
@@ -32,6 +32,7 @@ use crate::trace::{Parts, TraceShare};
 use crate::{Address, Failure, FederationId, HangTimeout, Label, Report, RtiHandle, Security};
 pub use limits::{need_files, unstarted};
 pub use parent::die_with_parent;
+pub(crate) use signals::watch;
 
 /// Events that may wait for the loop, which never takes long. More of them wait where they arise.
 const EVENTS: usize = 64;

@@ -24,6 +24,7 @@ use super::running::{end, run_federate};
 use super::transport::Codec;
 use crate::handover::{Handover, Meeting};
 use crate::launch::{Launch, Membership};
+use crate::supervisor::Advice;
 use crate::{
     Failure, HangTimeout, Kind, Label, Report, Runnable, Security, console, nanoseconds,
     random_federation,
@@ -265,6 +266,7 @@ fn launch(program: &Arc<hprm_core::Program>) -> Result<(), Failure> {
         hang_timeout: HangTimeout::default(),
         debugged: None,
         logical_trace: None,
+        advice: Advice::PROGRAM,
     };
     let command = |member: &Membership<'_>| {
         let meeting = Meeting { rti: member.rti, federation, security: &security };
