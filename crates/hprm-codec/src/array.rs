@@ -214,6 +214,10 @@ impl<T: Element> Array<T> {
 
 /// A copy of elements that lie in the order of Fortran.
 fn in_order_of_c<T: Copy>(elements: &[T], shape: &[usize]) -> Vec<T> {
+    if elements.is_empty() {
+        // Its lengths need not have a product.
+        return Vec::new();
+    }
     let mut steps = Shape::new();
     let mut step = 1;
     for length in shape {

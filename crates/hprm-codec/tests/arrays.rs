@@ -188,10 +188,28 @@ fn arrays_that_lie_are_malformed() {
     ] {
         assert!(read::<Array<f64>>(&head).unwrap_err().is_malformed());
     }
-    let mut rows = vec![1, 13, 4, 0, b'|', b'u', b'1', 0, 2];
-    rows.extend([0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f, 0, 0]);
-    assert!(read::<Vec<Vec<u8>>>(&rows).unwrap_err().is_malformed());
-    assert_eq!(read::<Array<u8>>(&rows).unwrap().len(), 0);
+}
+
+/// The head of an array without elements: so many long dimensions, then one of no length.
+fn empty(dimensions: u8, length: &[u8], order: u8) -> Vec<u8> {
+    let mut head = vec![1, 13, 4, 0, b'|', b'u', b'1', order, dimensions + 1];
+    (0..dimensions).for_each(|_| head.extend(length));
+    head.extend([0, 0]);
+    head
+}
+
+#[test]
+fn rows_without_elements_are_no_way_to_ask_for_memory() {
+    let long = [0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f];
+    for (dimensions, length) in [(1, &long[..]), (3, &long[..]), (4, &[0xff, 1][..])] {
+        for order in [0, 1] {
+            let head = empty(dimensions, length, order);
+            assert!(read::<Vec<Vec<Vec<u8>>>>(&head).unwrap_err().is_malformed());
+            assert_eq!(read::<Array<u8>>(&head).unwrap().len(), 0);
+            assert_eq!(read::<Vec<u8>>(&empty(0, &[], order)), Ok(vec![]));
+            assert_eq!(read(&empty(2, &[2], order)), Ok([[[0_u8; 0]; 2]; 2]));
+        }
+    }
 }
 
 #[test]

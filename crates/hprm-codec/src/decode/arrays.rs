@@ -131,12 +131,15 @@ impl<'a> Elements<'a> {
             || self.bytes.as_ptr().align_offset(self.dtype.size().min(8)) != 0
     }
 
-    /// Whether there are not many more rows than elements: those of a shape such as `(1000000, 0)` are nothing but
-    /// lengths.
-    fn check_rows(&self) -> Result<(), DecodeError> {
-        let is_empty =
-            self.bytes.is_empty() && self.shape.iter().any(|length| *length > EMPTY_ROWS);
-        if is_empty { Err(Malformed("an array of very many empty rows").into()) } else { Ok(()) }
+    /// Looks whether there are many more rows than elements: those of a shape such as `(1000000, 0)` are nothing but
+    /// numbers in the head.
+    fn check_rows(&self) -> Result<(), Malformed> {
+        let lengths = self.shape.iter().take_while(|length| **length > 0);
+        let rows = lengths.fold(1, |rows: usize, length| rows.saturating_mul(*length));
+        if self.bytes.is_empty() && rows > EMPTY_ROWS {
+            return Err(Malformed("an array of very many empty rows"));
+        }
+        Ok(())
     }
 
     /// How many bytes further on the next element of each dimension is.
