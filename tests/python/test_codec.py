@@ -21,6 +21,7 @@ import kinds
 import numpy as np
 import pytest
 
+from hprm import _kinds
 from hprm._hprm import decode, encode
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -277,6 +278,13 @@ def test_values_of_all_kinds_arrive_or_are_refused_by_name(rust: Rust, name: str
             text = str(refused)
             assert text.startswith("`value"), text
             assert "does not know" not in text, text
+
+
+def test_rust_has_a_name_for_every_class_of_python(rust: Rust) -> None:
+    for code in (*_kinds._MAKERS, 99):
+        with pytest.raises(RefusedError) as refused:
+            rust("Dynamic", (bytes([1, 19, code, 0]), []))
+        assert ("does not know" in str(refused.value)) == (code == 99)
 
 
 @pytest.mark.skipif("pydantic" in kinds.MISSING, reason="pydantic is not installed")

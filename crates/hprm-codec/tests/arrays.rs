@@ -242,6 +242,9 @@ fn other_formats_see_shape_and_elements() {
     assert_eq!(text, r#"{"number":3,"image":{"shape":[2],"data":[1,2]},"mask":null}"#);
     assert_eq!(serde_json::from_str::<Frame>(&text).unwrap(), frame);
     assert!(serde_json::from_str::<Array<u8>>(r#"{"shape":[3],"data":[1,2]}"#).is_err());
+    // And formats that do not describe themselves.
+    let bytes = postcard::to_allocvec(&frame).unwrap();
+    assert_eq!(postcard::from_bytes::<Frame>(&bytes).unwrap(), frame);
     // Nothing is left over for the next value.
     assert_eq!(sent(&1_u8), Ok(1_u8));
 }

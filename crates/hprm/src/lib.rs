@@ -46,7 +46,7 @@ pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source,
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
 pub use handover::{Handover, Meeting};
 pub use host::{Host, SharedBodies};
-pub use hprm_codec::{Array, Element, Transfer};
+pub use hprm_codec::{Array, Dtype, Dynamic, DynamicArray, Element, ShapeError, Transfer};
 pub use inbox::Inbox;
 pub use link::{Address, AddressError, Security, TlsFiles};
 pub use local_loop::{run_whole, run_whole_traced};
