@@ -108,19 +108,19 @@ impl<'py> Walk<'py> {
 
     fn node(&mut self, value: &Bound<'py, PyAny>) -> Result<Digest, Stop> {
         if value.is_none() {
-            Ok(of_bytes("none", &[]))
+            Ok(Digest::of_bytes("none", &[]))
         } else if let Ok(value) = value.cast_exact::<PyBool>() {
-            Ok(of_bytes("bool", &[u8::from(value.is_true())]))
+            Ok(Digest::of_bytes("bool", &[u8::from(value.is_true())]))
         } else if let Ok(value) = value.cast_exact::<PyFloat>() {
             let value = value.value();
             let value = if value.is_nan() { f64::NAN } else { value };
-            Ok(of_bytes("float", &value.to_le_bytes()))
+            Ok(Digest::of_bytes("float", &value.to_le_bytes()))
         } else if let Ok(value) = value.cast_exact::<PyInt>() {
             self.integer(value)
         } else if let Ok(value) = value.cast_exact::<PyString>() {
             self.string(value)
         } else if let Ok(value) = value.cast_exact::<PyBytes>() {
-            Ok(of_bytes("bytes", value.as_bytes()))
+            Ok(Digest::of_bytes("bytes", value.as_bytes()))
         } else {
             self.shared(value)
         }
@@ -131,16 +131,18 @@ impl<'py> Walk<'py> {
         let address = value.as_ptr() as usize;
         match self.known.get(&address) {
             Some(Known::Digest(digest)) => return Ok(*digest),
-            Some(Known::Number(number)) => return Ok(of_bytes("again", &number.to_le_bytes())),
+            Some(Known::Number(number)) => {
+                return Ok(Digest::of_bytes("again", &number.to_le_bytes()));
+            }
             Some(Known::Open(depth)) => {
                 self.outermost = self.outermost.min(*depth);
-                return Ok(of_bytes("around", &(self.depth - depth).to_le_bytes()));
+                return Ok(Digest::of_bytes("around", &(self.depth - depth).to_le_bytes()));
             }
             None => {}
         }
         if self.depth >= DEPTH_LIMIT {
             self.opaque = true;
-            return Ok(of_bytes("deep", value.get_type().name()?.to_string().as_bytes()));
+            return Ok(Digest::of_bytes("deep", value.get_type().name()?.to_string().as_bytes()));
         }
         let known = match self.numbered {
             true => Known::Number(self.known.len() as u64),
@@ -190,7 +192,7 @@ impl<'py> Walk<'py> {
             }
             self.members("dict", members.into_iter())
         } else if let Ok(bytes) = value.cast_exact::<PyByteArray>() {
-            Ok(of_bytes("bytearray", &bytes.to_vec()))
+            Ok(Digest::of_bytes("bytearray", &bytes.to_vec()))
         } else {
             self.foreign(value, fixed)
         }
@@ -210,14 +212,14 @@ impl<'py> Walk<'py> {
                 self.fixed = fixed && has_arrived(value)?;
                 self.buffer(&held)?
             }
-            "named" => of_bytes("named", &[]),
+            "named" => Digest::of_bytes("named", &[]),
             _ => {
                 self.opaque = true;
-                of_bytes("opaque", &[])
+                Digest::of_bytes("opaque", &[])
             }
         };
-        let mut digester = start("object");
-        digester.write(&of_bytes("name", name.as_bytes()).0.to_le_bytes());
+        let mut digester = Digester::of_kind("object");
+        digester.write(&Digest::of_bytes("name", name.as_bytes()).0.to_le_bytes());
         digester.write(&inside.0.to_le_bytes());
         Ok(digester.finish())
     }
@@ -225,7 +227,7 @@ impl<'py> Walk<'py> {
     /// The bytes of a buffer, copied piece by piece: they may be many, and Python may change them.
     fn buffer(&self, held: &Bound<'py, PyAny>) -> Result<Digest, Stop> {
         let len = held.len()?;
-        let mut digester = start("buffer");
+        let mut digester = Digester::of_kind("buffer");
         let mut piece = vec![0; len.min(PIECE)];
         for from in (0..len).step_by(PIECE) {
             let until = len.min(from + PIECE);
@@ -242,7 +244,7 @@ impl<'py> Walk<'py> {
         kind: &str,
         members: impl ExactSizeIterator<Item = Bound<'py, PyAny>>,
     ) -> Result<Digest, Stop> {
-        let mut digester = start(kind);
+        let mut digester = Digester::of_kind(kind);
         digester.write(&(members.len() as u64).to_le_bytes());
         for member in members {
             digester.write(&self.node(&member)?.0.to_le_bytes());
@@ -266,7 +268,7 @@ impl<'py> Walk<'py> {
             }
         }
         digests.sort_unstable();
-        let mut digester = start("unordered");
+        let mut digester = Digester::of_kind("unordered");
         for digest in digests {
             digester.write(&digest.0.to_le_bytes());
         }
@@ -275,24 +277,24 @@ impl<'py> Walk<'py> {
 
     fn integer(&self, value: &Bound<'py, PyInt>) -> Result<Digest, Stop> {
         if let Ok(number) = value.extract::<i64>() {
-            return Ok(of_bytes("int", &number.to_le_bytes()));
+            return Ok(Digest::of_bytes("int", &number.to_le_bytes()));
         }
         let bits: usize = value.call_method0(intern!(self.py, "bit_length"))?.extract()?;
         let signed = PyDict::new(self.py);
         signed.set_item(intern!(self.py, "signed"), true)?;
         let arguments = (bits / 8 + 1, intern!(self.py, "little"));
         let bytes = value.call_method(intern!(self.py, "to_bytes"), arguments, Some(&signed))?;
-        Ok(of_bytes("int", bytes.extract().map_err(PyErr::from)?))
+        Ok(Digest::of_bytes("int", bytes.extract().map_err(PyErr::from)?))
     }
 
     fn string(&self, value: &Bound<'py, PyString>) -> Result<Digest, Stop> {
         if let Ok(text) = value.to_str() {
-            return Ok(of_bytes("str", text.as_bytes()));
+            return Ok(Digest::of_bytes("str", text.as_bytes()));
         }
         // A lone surrogate.
         let arguments = (intern!(self.py, "utf-8"), intern!(self.py, "surrogatepass"));
         let bytes = value.call_method1(intern!(self.py, "encode"), arguments)?;
-        Ok(of_bytes("str", bytes.extract().map_err(PyErr::from)?))
+        Ok(Digest::of_bytes("str", bytes.extract().map_err(PyErr::from)?))
     }
 }
 
@@ -308,18 +310,4 @@ fn has_arrived(array: &Bound<'_, PyAny>) -> PyResult<bool> {
         held = held.getattr(intern!(py, "base"))?;
     }
     Ok(true)
-}
-
-/// A digester that knows the kind of value.
-fn start(kind: &str) -> Digester {
-    let mut digester = Digester::new();
-    digester.write(kind.as_bytes());
-    digester.write(&[0]);
-    digester
-}
-
-fn of_bytes(kind: &str, bytes: &[u8]) -> Digest {
-    let mut digester = start(kind);
-    digester.write(bytes);
-    digester.finish()
 }

@@ -9,12 +9,14 @@ mod builder;
 mod connection;
 mod context;
 mod describe;
+mod digest;
 mod executable;
 mod federate;
 mod federation;
 mod graph;
 mod handed;
 mod handle;
+mod launching;
 mod loan;
 mod parts;
 mod reaction;
@@ -23,12 +25,14 @@ mod sender;
 mod transport;
 mod value;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hprm_core::Properties;
 
-use crate::{Failure, nanoseconds, run_whole};
+use crate::trace::Trace;
+use crate::{Failure, nanoseconds, run_whole_traced};
 use bodies::Bodies;
 pub use builder::{Reactor, ReactorBuilder};
 pub use connection::Connections;
@@ -96,6 +100,7 @@ pub use value::Message;
 pub struct Program {
     graph: Graph,
     properties: Properties,
+    logical_trace: Option<PathBuf>,
 }
 
 /// A checked program, ready to run.
@@ -103,13 +108,14 @@ pub struct Runnable {
     program: Arc<hprm_core::Program>,
     bodies: Bodies,
     entrances: Entrances,
+    logical_trace: Option<PathBuf>,
 }
 
 impl Program {
     /// A program without reactors. `name` is for people.
     #[must_use]
     pub fn new(name: &str) -> Self {
-        Self { graph: Graph::new(name), properties: Properties::default() }
+        Self { graph: Graph::new(name), properties: Properties::default(), logical_trace: None }
     }
 
     // How it runs.
@@ -147,6 +153,13 @@ impl Program {
     #[must_use]
     pub fn properties(mut self, properties: Properties) -> Self {
         self.properties = properties;
+        self
+    }
+
+    /// Writes what reactions do to a file, which `hprm diff` compares with that of another run.
+    #[must_use]
+    pub fn logical_trace(mut self, file: impl Into<PathBuf>) -> Self {
+        self.logical_trace = Some(file.into());
         self
     }
 
@@ -264,7 +277,7 @@ impl Program {
     /// reactor.
     pub fn build(self) -> Result<Runnable, Failure> {
         let (program, bodies, entrances) = self.graph.build(self.properties)?;
-        Ok(Runnable { program, bodies, entrances })
+        Ok(Runnable { program, bodies, entrances, logical_trace: self.logical_trace })
     }
 
     /// Checks the program and runs it to its end.
@@ -293,6 +306,10 @@ impl Runnable {
     /// If a body does.
     pub fn run(mut self) -> Result<(), Failure> {
         let inbox = self.entrances.ready()?;
-        sender::running_reactions(|| run_whole(&self.program, &mut self.bodies, &inbox))
+        let trace =
+            self.logical_trace.map(|file| Trace::create(&file, &self.program)).transpose()?;
+        sender::running_reactions(|| {
+            run_whole_traced(&self.program, &mut self.bodies, &inbox, trace)
+        })
     }
 }

@@ -12,12 +12,14 @@ use hprm_core::{
 use hprm_store::{Object, Store, StoreAllocator};
 
 use super::context::{Access, Context};
+use super::digest::describe;
 use super::handle::{Entry, Key, Slot};
 use super::running::Asked;
 use super::sender::{Entrances, running_reactions};
 use super::transport::{Codec, Transport};
 use super::value::Value;
 use crate::failure::ReactionFailure;
+use crate::trace::Described;
 use crate::{Failure, Host, SharedBodies};
 
 /// A closure, of any type, for a reactor whose state has any type. It is given the state of its own
@@ -31,19 +33,22 @@ type Cause = Box<dyn Error + Send + Sync>;
 pub(super) struct Code {
     pub(super) main: BodyFn,
     pub(super) deadline: Option<BodyFn>,
+    pub(super) tardy: Option<BodyFn>,
 }
 
 impl Code {
     /// The code of a reaction that another process runs.
     fn none() -> Self {
-        Self { main: Box::new(|_, _| Ok(())), deadline: None }
+        Self { main: Box::new(|_, _| Ok(())), deadline: None, tardy: None }
     }
 
     fn body(&mut self, body: Body) -> &mut BodyFn {
-        match (body, &mut self.deadline) {
-            (Body::Deadline, Some(handler)) => handler,
-            _ => &mut self.main,
-        }
+        let handler = match body {
+            Body::Main => None,
+            Body::Deadline => self.deadline.as_mut(),
+            Body::Tardy => self.tardy.as_mut(),
+        };
+        handler.unwrap_or(&mut self.main)
     }
 }
 
@@ -246,6 +251,10 @@ impl Host for Bodies {
         self.transport().decode(channel, payload, objects)
     }
 
+    fn describe(&mut self, value: &Value) -> Described {
+        describe(value)
+    }
+
     fn interrupted(&mut self) -> bool {
         self.federated.as_ref().is_some_and(|federated| federated.asked.take())
     }
@@ -277,6 +286,10 @@ impl SharedBodies<Value> for Bodies {
         let mut context = Context { access, reaction, site, memory };
         let outcome = running_reactions(|| code.body(body)(&mut **state, &mut context));
         outcome.map_err(|error| failed(scheduler, reaction, error))
+    }
+
+    fn describe(&self, value: &Value) -> Described {
+        describe(value)
     }
 }
 

@@ -53,6 +53,11 @@ impl Connections<'_> {
         })
     }
 
+    /// Under decentralized coordination: how much longer the receiver waits for these values than its maxwait.
+    pub fn absent_after(self, wait: Duration) -> Self {
+        self.each(|connection| connection.absent_after = nanoseconds(wait))
+    }
+
     fn each(self, change: impl Fn(&mut hprm_core::Connection)) -> Self {
         self.0.iter_mut().for_each(change);
         self

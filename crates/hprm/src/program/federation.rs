@@ -4,8 +4,7 @@
 //! which of them it is. What is handed, and how the parts are found in it, is in `handover.rs` and `handed.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::env;
-use std::process::Command;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,19 +18,12 @@ use super::federate::Federate;
 use super::graph::Graph;
 use super::handed::Handed;
 use super::handle::Port;
+use super::launching::Launching;
 use super::parts::Parts;
 use super::running::{end, run_federate};
 use super::transport::Codec;
-use crate::handover::{Handover, Meeting};
-use crate::launch::{Launch, Membership};
-use crate::supervisor::Advice;
-use crate::{
-    Failure, HangTimeout, Kind, Label, Report, Runnable, Security, console, nanoseconds,
-    random_federation,
-};
-
-/// How long the federates may take to join and load.
-const JOIN_TIMEOUT: Duration = Duration::from_secs(60);
+use crate::handover::Handover;
+use crate::{Failure, HangTimeout, Kind, Report, Runnable, nanoseconds};
 
 /// A federation that is being put together: each reactor that is added is a federate, and runs in a process of its own.
 ///
@@ -68,6 +60,7 @@ pub struct Federation {
     name: String,
     graph: Graph,
     properties: Properties,
+    launching: Launching,
     names: BTreeSet<String>,
     codecs: BTreeMap<PortId, Codec>,
     handover: Option<Box<Handover>>,
@@ -82,6 +75,7 @@ impl Federation {
             name: name.to_owned(),
             graph: Graph::new(name),
             properties: Properties::default(),
+            launching: Launching::default(),
             names: BTreeSet::new(),
             codecs: BTreeMap::new(),
             handover: None,
@@ -119,6 +113,28 @@ impl Federation {
     #[must_use]
     pub fn properties(mut self, properties: Properties) -> Self {
         self.properties = properties;
+        self
+    }
+
+    /// How long the federates may take to join and load; a minute, if this is not called.
+    #[must_use]
+    pub fn join_timeout(mut self, timeout: Duration) -> Self {
+        self.launching.join_timeout = timeout;
+        self
+    }
+
+    /// Ends the federation if a federate does not answer for so long, for example because a reaction does not return.
+    /// Without this, it is only warned of.
+    #[must_use]
+    pub fn hang_timeout(mut self, timeout: Duration) -> Self {
+        self.launching.hang_timeout = HangTimeout { limit: Some(nanoseconds(timeout)) };
+        self
+    }
+
+    /// Writes what reactions do to a file, which `hprm diff` compares with that of another run.
+    #[must_use]
+    pub fn logical_trace(mut self, file: impl Into<PathBuf>) -> Self {
+        self.launching.logical_trace = Some(file.into());
         self
     }
 
@@ -221,7 +237,7 @@ impl Federation {
     /// Rules that the program breaks; the first failure of a federate, [`Failure::FederateFailed`]; that Ctrl-C or
     /// SIGTERM has stopped it, [`Failure::Interrupted`].
     pub fn run(self) -> Result<(), Failure> {
-        let Self { name, graph, properties, codecs, handover, .. } = self;
+        let Self { name, graph, properties, codecs, handover, launching, .. } = self;
         let built = graph
             .build(properties)
             .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs), entrances));
@@ -236,7 +252,7 @@ impl Federation {
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }
-        launch(&program)
+        launching.launch(&program)
     }
 
     /// Runs all federates in this process, one reaction after the other: for tests, and to see what the federation does
@@ -247,47 +263,6 @@ impl Federation {
     /// Rules that the program breaks, or the error that a body has returned: [`Failure::Reaction`].
     pub fn run_in_one_process(self) -> Result<(), Failure> {
         let (program, bodies, entrances) = self.graph.build(self.properties)?;
-        Runnable { program, bodies, entrances }.run()
-    }
-}
-
-fn launch(program: &Arc<hprm_core::Program>) -> Result<(), Failure> {
-    let unable = |what: &str, error: &std::io::Error| Failure::system(what, error);
-    let executable =
-        env::current_exe().map_err(|error| unable("cannot find this executable", &error))?;
-    let (federation, security) = (random_federation()?, Security::default());
-    let fingerprint = Arc::new(program.fingerprint());
-    let launch = Launch {
-        program: Arc::clone(program),
-        fingerprint: Arc::clone(&fingerprint),
-        federation,
-        security: security.clone(),
-        join_timeout: JOIN_TIMEOUT,
-        hang_timeout: HangTimeout::default(),
-        debugged: None,
-        logical_trace: None,
-        advice: Advice::PROGRAM,
-    };
-    let command = |member: &Membership<'_>| {
-        let meeting = Meeting { rti: member.rti, federation, security: &security };
-        let handover = Handover::new(member.name, program, &fingerprint, &meeting);
-        let mut command = Command::new(&executable);
-        command.args(env::args_os().skip(1));
-        let attached = handover.attach(&mut command);
-        attached.map_err(|error| unable("cannot hand the program to a federate", &error))?;
-        Ok(command)
-    };
-    let mut failed = None;
-    let mut tell = |label, report| match (label, &failed) {
-        // The caller gets the first one.
-        (Label::Error, None) => failed = Some(report),
-        _ => console::show(label, &report),
-    };
-    let code = launch.run(command, &mut tell)?;
-    match (code, failed) {
-        (0, _) => Ok(()),
-        (_, Some(report)) => Err(Failure::FederateFailed(Box::new(report))),
-        (code, None) if code > 128 => Err(Failure::Interrupted { signal: code - 128 }),
-        (code, None) => Err(Failure::Exited { code }),
+        Runnable { program, bodies, entrances, logical_trace: self.launching.logical_trace }.run()
     }
 }

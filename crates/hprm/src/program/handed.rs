@@ -316,4 +316,5 @@ fn is_same(theirs: &Reaction, mut ours: ReactionSpec) -> bool {
         && sorted(&ours.sources) == sorted(&theirs.sources)
         && sorted(&ours.effects) == sorted(&theirs.effects)
         && ours.deadline == theirs.deadline
+        && ours.handles_tardy == theirs.handles_tardy
 }

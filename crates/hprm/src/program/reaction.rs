@@ -82,11 +82,12 @@ pub struct ReactionBuilder<'r, 'a, S> {
     reactor: &'r mut ReactorBuilder<'a, S>,
     spec: ReactionSpec,
     late: Option<BodyFn>,
+    tardy: Option<BodyFn>,
 }
 
 impl<'r, 'a, S: Send + 'static> ReactionBuilder<'r, 'a, S> {
     pub(super) fn new(reactor: &'r mut ReactorBuilder<'a, S>) -> Self {
-        Self { reactor, spec: ReactionSpec::default(), late: None }
+        Self { reactor, spec: ReactionSpec::default(), late: None, tardy: None }
     }
 
     /// Runs it when this is present, or one of these; see [`Triggers`].
@@ -151,15 +152,42 @@ impl<'r, 'a, S: Send + 'static> ReactionBuilder<'r, 'a, S> {
         self
     }
 
+    /// Runs `handler` instead of the body if an input has come after its tag: under decentralized coordination, when
+    /// the federate did not wait for it long enough ([`Federate::maxwait`](crate::Federate::maxwait)).
+    ///
+    /// ```
+    /// use hprm::prelude::*;
+    ///
+    /// let mut program = Program::new("Main").fast();
+    /// program.reactor("planner", 0, |planner| {
+    ///     let scan = planner.input::<f64>("scan");
+    ///     planner
+    ///         .reaction()
+    ///         .on(scan)
+    ///         .tardy(|missed, _| *missed += 1)
+    ///         .run(move |_, ctx| assert!(ctx.is_present(scan)));
+    /// });
+    /// program.run()?;
+    /// # Ok::<(), Failure>(())
+    /// ```
+    pub fn tardy<O: Outcome>(
+        mut self,
+        handler: impl FnMut(&mut S, &mut Context<'_>) -> O + Send + 'static,
+    ) -> Self {
+        self.spec.handles_tardy = true;
+        self.tardy = Some(boxed(handler));
+        self
+    }
+
     /// Adds the reaction, with its body: it gets the reactor's state and the running program. An error that it returns
     /// ends the program.
     pub fn run<O: Outcome>(self, body: impl FnMut(&mut S, &mut Context<'_>) -> O + Send + 'static) {
         let reaction = self.reactor.graph.parts.reaction(self.reactor.id, self.spec);
         self.reactor.put_in_mode(ModalElement::Reaction(reaction));
-        self.reactor
-            .graph
-            .bodies
-            .insert_code(reaction, Code { main: boxed(body), deadline: self.late });
+        self.reactor.graph.bodies.insert_code(
+            reaction,
+            Code { main: boxed(body), deadline: self.late, tardy: self.tardy },
+        );
     }
 }
 

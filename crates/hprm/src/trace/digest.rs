@@ -39,7 +39,26 @@ impl Described {
     }
 }
 
+impl Digest {
+    /// The digest of a value of that kind, as its bytes tell it.
+    #[must_use]
+    pub fn of_bytes(kind: &str, bytes: &[u8]) -> Self {
+        let mut digester = Digester::of_kind(kind);
+        digester.write(bytes);
+        digester.finish()
+    }
+}
+
 impl Digester {
+    /// The digest of a value of that kind begins so; what tells the value follows.
+    #[must_use]
+    pub fn of_kind(kind: &str) -> Self {
+        let mut digester = Self::new();
+        digester.write(kind.as_bytes());
+        digester.write(&[0]);
+        digester
+    }
+
     /// Nothing so far.
     #[must_use]
     pub fn new() -> Self {

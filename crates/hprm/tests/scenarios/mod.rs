@@ -17,7 +17,13 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
     let word = words.first().map_or("", String::as_str);
     let outcome = match (name, words) {
         ("counting", _) => counting(word),
-        ("values", _) => values::values(of("Values", word)),
+        ("values", [coordination]) => values::values(of("Values", coordination)).run(),
+        ("values", [how, trace]) => match how.as_str() {
+            "one process" => {
+                values::values(Federation::new("Values")).logical_trace(trace).run_in_one_process()
+            }
+            coordination => values::values(of("Values", coordination)).logical_trace(trace).run(),
+        },
         ("bank", _) => bank(),
         ("delays", _) => delays(of("Delays", word)),
         ("error", _) => failing(of("Failing", word), |text| text.parse::<u8>().map(drop)),

@@ -92,7 +92,7 @@ impl Reactor for Detector {
     }
 }
 
-pub(crate) fn values(federation: Federation) -> Result<(), Failure> {
+pub(crate) fn values(federation: Federation) -> Federation {
     let mut federation = federation.timeout(MS * (ROUNDS as u32 - 1));
     let (frames, pixels, count) = federation.add("camera", Camera);
     let (inp, pixels_in, out, scaled) = federation.add("detector", Detector);
@@ -119,5 +119,5 @@ pub(crate) fn values(federation: Federation) -> Result<(), Failure> {
     federation.connect(out, seen);
     federation.connect(scaled, seen_scaled);
     federation.connect(count, counted);
-    federation.run()
+    federation
 }
