@@ -6,6 +6,11 @@
 //!
 //! A program written in Rust starts at [`Program`], and with `use hprm::prelude::*`.
 
+/// The programs of the document on Rust.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/rust.md")]
+struct Document;
+
 mod clock;
 pub mod console;
 mod disk;
