@@ -3,7 +3,9 @@
 //!
 //! Which tags those are depends on clocks and on the network; everything else follows from them. A
 //! message that is sent to a federate at its first tag or later arrives. A message that was sent before,
-//! for such a tag, may arrive; here it arrives if it did in the run.
+//! for such a tag, may arrive; here it arrives if it did in the run. The same holds for a message for a tag
+//! after the last one of the program: a federate that does not know that tag yet sends it, and one that does
+//! not. A process that was killed may have passed the last tag, and have taken such a message.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -19,6 +21,9 @@ struct Actor<'a> {
     arrivals: BTreeSet<(ChannelId, Tag)>,
     scheduler: Scheduler<u64>,
     log: Log,
+    /// The last tag of the program, if it ends there. Its scheduler learns of it as late as is possible, when it
+    /// begins that tag.
+    stop: Option<Tag>,
     /// Whether it is within the tag that is being processed.
     open: bool,
     over: bool,
@@ -40,6 +45,7 @@ pub(crate) fn wrong(
     let mut stage = Stage {
         actors: lives.iter().map(|life| Actor::new(program, life, stop)).collect(),
         wrong: None,
+        stop,
         certain: certain.unwrap_or(Tag::FOREVER),
     };
     while stage.wrong.is_none()
@@ -64,10 +70,6 @@ impl<'a> Actor<'a> {
         let scope = Scope::Federate(life.federate);
         let mut scheduler = Scheduler::new(Arc::clone(program), scope);
         scheduler.start_late(PhysicalTime(0), life.first);
-        // The others may agree on a last tag that a process that was killed had passed.
-        if stop < Tag::FOREVER && life.end == Ending::InOrder {
-            scheduler.set_stop(stop);
-        }
         if life.end == Ending::InOrder && life.last < stop {
             scheduler.leave_at(life.last);
         }
@@ -76,6 +78,8 @@ impl<'a> Actor<'a> {
             arrivals: life.arrivals.iter().copied().collect(),
             scheduler,
             log: Log::new(program),
+            // The others may agree on a last tag that a process that was killed had passed.
+            stop: (life.end == Ending::InOrder).then(|| stop.max(life.first)),
             open: false,
             over: life.last == Tag::NEVER,
         }
@@ -83,7 +87,7 @@ impl<'a> Actor<'a> {
 
     /// What it does next, unless it is killed before.
     fn next(&self) -> Option<Tag> {
-        let next = self.scheduler.next_tag();
+        let next = self.scheduler.next_tag().min(self.stop.unwrap_or(Tag::FOREVER));
         let lives = self.life.end == Ending::InOrder || next <= self.life.last;
         (!self.over && lives && next < Tag::FOREVER).then_some(next)
     }
@@ -92,6 +96,8 @@ impl<'a> Actor<'a> {
 struct Stage<'a> {
     actors: Vec<Actor<'a>>,
     wrong: Option<String>,
+    /// The last tag of the program.
+    stop: Tag,
     certain: Tag,
 }
 
@@ -131,6 +137,9 @@ impl Stage<'_> {
     fn open(&mut self, at: usize, tag: Tag) {
         let actor = &mut self.actors[at];
         if !actor.open && actor.next() == Some(tag) {
+            if actor.stop == Some(tag) {
+                actor.scheduler.set_stop(tag);
+            }
             actor.scheduler.begin(tag);
             actor.open = true;
         }
@@ -147,7 +156,7 @@ impl Stage<'_> {
             let Some(to) = self.actors.iter().position(receives) else { continue };
             let actor = &mut self.actors[to];
             let arrived = actor.arrivals.contains(&(send.channel, send.tag));
-            let must = now >= actor.life.first;
+            let must = now >= actor.life.first && send.tag <= self.stop;
             if must && !arrived && send.tag < self.certain {
                 let (sent, at) = (send.channel, send.tag);
                 self.wrong =

@@ -321,6 +321,16 @@ fn transient_federates() {
     look_with(setting, "decentralized", &shorter);
 }
 
+/// A federate that is killed may have passed the tag at which the others agree to stop: messages for that tag
+/// are no mistake.
+#[test]
+fn transient_federates_and_a_stop() {
+    let after = format!("transient b\n{AFTER}");
+    let cases: [Case; 1] = [("transient after", &after, 2, &[Arrive(B), Stop(A), Crash(B)])];
+    let setting = Setting { dnet: DnetMode::Off, ..Setting::default() };
+    look_with(setting, "centralized", &cases);
+}
+
 /// When a direct link breaks, no federate goes on without what the link has lost.
 #[test]
 fn broken_links() {
