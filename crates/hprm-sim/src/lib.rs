@@ -16,6 +16,7 @@ mod behaviour;
 mod changes;
 mod direct_links;
 mod generate;
+mod history;
 mod lives;
 mod mailboxes;
 mod model;

@@ -4,7 +4,7 @@
 //! the program; this file draws the rest, and says what must be true at the end.
 
 use std::any::Any;
-use std::fmt::{self, Write};
+use std::fmt;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
 
@@ -12,6 +12,7 @@ use hprm_core::{Bound, Coordination, FederateId, Nanos, PhysicalTime, Program, T
 use hprm_federated::{DnetMode, Topology};
 
 use crate::changes;
+use crate::history::History;
 use crate::plan::Resets;
 use crate::rng::mix;
 use crate::{
@@ -103,19 +104,18 @@ impl Trial {
         self.judge(outcome.unwrap_or_else(|cause| Err(words(cause.as_ref()))))
     }
 
-    /// Runs it, and shows each event, a line each, and the verdict.
+    /// Runs it, and shows each event, a line each, and the verdict. Of a run that goes on for ever it shows the
+    /// beginning and the last events.
     #[must_use]
     pub fn tell(&self) -> String {
-        let mut text = self.to_string();
+        let mut history = History::default();
         let world = World::new(&self.program, self.rng.clone(), self.plan.clone());
-        let watch = |shown: &dyn fmt::Display| {
-            let _ = writeln!(text, "{shown}");
-        };
+        let watch = |shown: &dyn fmt::Display| history.add(shown);
         let outcome = panic::catch_unwind(AssertUnwindSafe(|| world.run_watched(watch)));
         let outcome = outcome.unwrap_or_else(|cause| Err(words(cause.as_ref())));
         match self.judge(outcome) {
-            Ok(verdict) => text + &format!("{verdict}\n"),
-            Err(wrong) => text + &format!("WRONG: {wrong}\n"),
+            Ok(verdict) => format!("{self}{history}{verdict}\n"),
+            Err(wrong) => format!("{self}{history}WRONG: {wrong}\n"),
         }
     }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use hprm_core::{Coordination, Nanos};
 use hprm_federated::DnetMode;
-use hprm_sim::{Latency, Plan, Rng, Shape, Trial, World, generate};
+use hprm_sim::{Latency, Plan, Rng, Shape, Trial, World, generate, scenario};
 
 /// Seeds of every build; `make sim-nightly` looks at a million.
 const SEEDS: u64 = 20_000;
@@ -29,6 +29,15 @@ fn random_federations_do_what_their_program_does() {
 fn a_seed_shows_the_same_each_time() {
     for seed in 0..50 {
         assert_eq!(Trial::draw(seed).tell(), Trial::draw(seed).tell(), "seed {seed}");
+    }
+}
+
+#[test]
+fn a_federation_that_goes_on_for_ever_is_found() {
+    for coordination in ["centralized", "decentralized"] {
+        let program = scenario(&format!("{coordination}\n a: every 1 > b\n b: on a"));
+        let outcome = World::new(&program, Rng::new(0), Plan::default()).run();
+        assert_eq!(outcome.err().as_deref(), Some("it goes on for ever"), "{coordination}");
     }
 }
 
