@@ -341,7 +341,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{Count, FederationId, HostId, Peer, Refusal, Step};
+    use crate::{Attempt, Count, FederationId, HostId, Peer, Refusal, Step};
 
     fn tag() -> impl Strategy<Value = Tag> {
         (any::<i64>(), any::<u32>()).prop_map(|(time, microstep)| Tag::new(time, microstep))
@@ -394,14 +394,17 @@ mod tests {
             host: HostId(host),
             listen,
         });
-        let hello = (any::<(u128, u64, u16)>(), any::<Option<String>>());
-        let hello = hello.prop_map(|((federation, fingerprint, federate), listen)| Frame::Hello {
+        let attempt = any::<(u64, u32)>();
+        let attempt = attempt.prop_map(|(process, number)| Attempt { process, number });
+        let hello = (any::<(u128, u64, u16)>(), any::<Option<String>>(), attempt);
+        let hello = hello.prop_map(|(ids, listen, attempt)| Frame::Hello {
             protocol: 1,
-            federation: FederationId(federation),
-            fingerprint,
-            federate: FederateId(federate),
+            federation: FederationId(ids.0),
+            fingerprint: ids.1,
+            federate: FederateId(ids.2),
             host: HostId(3),
             listen,
+            attempt,
         });
         let count = any::<(u32, u64)>()
             .prop_map(|(channel, messages)| Count { channel: ChannelId(channel), messages });

@@ -25,8 +25,8 @@ use crate::flow::Flow;
 use crate::startup::{EarlyMessage, Startup};
 use crate::stop::Stop;
 use crate::{
-    End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal, Step,
-    Topology, log,
+    Attempt, End, Fault, FederationId, Frame, HostId, Input, Output, PROTOCOL, Permission, Refusal,
+    Step, Topology, log,
 };
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -86,8 +86,6 @@ pub struct Federate {
     flow: Flow,
     /// The frame with which this federate asks to join.
     hello: Frame,
-    /// Whether this federate has asked to join more than once.
-    rejoins: bool,
     /// Whether the link to the RTI is lost, and the driver opens another one.
     rti_link_lost: bool,
     /// Whether this federate has resigned or failed, or the RTI has told it to end. Then the machine ignores
@@ -98,7 +96,8 @@ pub struct Federate {
 
 impl Federate {
     /// A federate that asks to join. `listen` is the address at which it accepts direct links; under
-    /// decentralized coordination a federate with inputs needs one.
+    /// decentralized coordination a federate with inputs needs one. `process` is a random number: no other
+    /// process that joins has the same.
     #[must_use]
     pub fn new(
         me: FederateId,
@@ -107,6 +106,7 @@ impl Federate {
         fingerprint: Arc<Fingerprint>,
         host: HostId,
         listen: Option<String>,
+        process: u64,
     ) -> Self {
         let topology = Topology::new(program);
         let (coordinator, needed) = match topology.coordination() {
@@ -127,6 +127,7 @@ impl Federate {
             federate: me,
             host,
             listen,
+            attempt: Attempt { process, number: 0 },
         };
         Self {
             me,
@@ -149,7 +150,6 @@ impl Federate {
             meeting: Meeting::default(),
             ended: false,
             outputs: VecDeque::from([Output::ToRti(hello.clone())]),
-            rejoins: false,
             rti_link_lost: false,
             hello,
         }
@@ -394,7 +394,7 @@ impl Federate {
     fn rti_frame(&mut self, now: PhysicalTime, frame: Frame) -> Result<(), Fault> {
         let unexpected = Err(Fault::Unexpected { frame: frame.name() });
         match frame {
-            Frame::Refused { reason } => self.refused(reason),
+            Frame::Refused { reason } => self.end(End::Refused(reason)),
             Frame::Peers { peers } if self.startup.awaits_peers() => {
                 self.set_peers(peers);
                 self.connect();

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 11;
+pub const PROTOCOL: u32 = 12;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
@@ -65,6 +65,15 @@ impl HostId {
     pub fn joined_over_tcp(self) -> Self {
         Self(self.0 & !1)
     }
+}
+
+/// An attempt of a process to join: a process whose link to the RTI breaks early tries again.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct Attempt {
+    /// A random number that no other process of the federation has. If federates are threads, each has its own.
+    pub process: u64,
+    /// How many attempts the process has made before.
+    pub number: u32,
 }
 
 /// A member of a federation, as the others see it.
@@ -198,6 +207,8 @@ pub enum Frame {
         host: HostId,
         /// Where it accepts direct links, if it does.
         listen: Option<String>,
+        /// Which process asks, and for which time.
+        attempt: Attempt,
     },
     /// RTI to federate, last on a link: the federate may not join.
     Refused {

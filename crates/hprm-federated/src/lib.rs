@@ -39,7 +39,7 @@ pub use clock_sync::{ClockSync, Correction, DRIFT, Estimate};
 pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{
-    BadFederationId, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer, Refusal,
+    Attempt, BadFederationId, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer, Refusal,
 };
 pub use input::{End, Input, Output, Permission};
 pub use rti::{DnetMode, HangTimeout, LinkId, Rti, RtiInput, RtiOutput};

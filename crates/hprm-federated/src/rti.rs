@@ -3,11 +3,12 @@
 //!
 //! This file has the machine's state, and passes each input to the code for it. Joining and starting are in
 //! `join`, advancing in `advance`, the counts of direct messages under decentralized coordination in `traffic`,
-//! agreeing on a last tag in `ending`, federates that join late in `arriving`, and those that do not answer
-//! in `watch`. The RTI never looks into a payload.
+//! agreeing on a last tag in `ending`, federates that join late in `arriving`, processes that ask to join
+//! again in `attempts`, and federates that do not answer in `watch`. The RTI never looks into a payload.
 
 mod advance;
 mod arriving;
+mod attempts;
 mod ending;
 mod join;
 #[cfg(test)]
@@ -27,6 +28,7 @@ use hprm_core::{
 use self::advance::Advance;
 pub use self::advance::DnetMode;
 use self::arriving::Arrivals;
+use self::attempts::Attempts;
 use self::ending::Negotiation;
 use self::join::{Candidate, Member};
 use self::traffic::Traffic;
@@ -185,9 +187,11 @@ pub struct Rti {
     /// Transient federates that have not started yet, while the others run.
     arrivals: Arrivals,
     links: BTreeMap<LinkId, FederateId>,
+    attempts: Attempts,
     /// Links whose federates have been asked for their programs.
     candidates: BTreeMap<LinkId, Candidate>,
-    /// Links whose processes the RTI has refused, and that will be closed. The RTI ignores their frames.
+    /// Links that will be closed: the RTI has refused their processes, or those have given them up. The RTI
+    /// ignores their frames.
     refused: BTreeSet<LinkId>,
     /// The physical time of tag zero.
     start: PhysicalTime,
@@ -231,6 +235,7 @@ impl Rti {
             members: topology.federates().map(|_| Member::Absent).collect(),
             arrivals: Arrivals::default(),
             links: BTreeMap::new(),
+            attempts: Attempts::default(),
             candidates: BTreeMap::new(),
             refused: BTreeSet::new(),
             start: PhysicalTime(0),
@@ -323,6 +328,7 @@ impl Rti {
     /// A link cannot be used any more; if it has not just ended, `message` says why.
     fn closed(&mut self, link: LinkId, message: Option<String>) {
         self.refused.remove(&link);
+        self.attempts.remove(link);
         self.candidates.remove(&link);
         let Some(federate) = self.links.remove(&link) else { return };
         if self.arrivals.is_link_of(federate, link) {

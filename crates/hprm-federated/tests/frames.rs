@@ -9,7 +9,7 @@ mod common;
 use allocation_counter::measure;
 use hprm_core::{ChannelId, FederateId, ObjectRef, Part, Payload, PhysicalTime, Tag};
 use hprm_federated::codec::{self, CodecError, Decoded, Decoder};
-use hprm_federated::{Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal, Step};
+use hprm_federated::{Attempt, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal, Step};
 
 /// How many texts are made.
 const ROUNDS: usize = 60_000;
@@ -63,6 +63,7 @@ fn samples() -> Vec<Frame> {
             federate,
             host: HostId(1),
             listen: Some("tcp:127.0.0.1:1".to_owned()),
+            attempt: Attempt { process: 1 << 40, number: 2 },
         },
         Frame::Refused { reason: Refusal::TooLate },
         Frame::Refused {

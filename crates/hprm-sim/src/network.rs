@@ -197,8 +197,9 @@ impl Network {
         self.at(arrival, event);
     }
 
-    /// Breaks the link between a federate and the RTI: frames in transit are lost, and both ends learn
-    /// of it. Returns what is lost.
+    /// Breaks the link between a federate and the RTI: frames in transit are lost, and both ends learn of it.
+    /// Or the RTI has received them, and learns of them and of the end so late that the federate may have opened
+    /// another link by then. Returns what is lost.
     pub(crate) fn cut(
         &mut self,
         now: PhysicalTime,
@@ -206,16 +207,38 @@ impl Network {
         link: LinkId,
     ) -> Vec<Frame> {
         self.sever(Place::Federate(federate), Place::Rti);
-        let mut lost = self.lose(|event| match event {
-            Event::Rti(RtiInput::Frame { link: on, frame }) if *on == link => Some(frame),
-            _ => None,
-        });
-        lost.extend(self.lose_from_rti(federate));
+        let mut lost = self.lose_from_rti(federate);
         let (early, late) =
             (now.plus(self.delay(self.latency)), now.plus(self.delay(self.latency)));
-        self.at(early, Event::Rti(RtiInput::Closed { link }));
+        let mut end = early;
+        if self.rng.percent(50) {
+            end = self.delay_on(link, late).max(early);
+        } else {
+            lost.extend(self.lose(|event| match event {
+                Event::Rti(RtiInput::Frame { link: on, frame }) if *on == link => Some(frame),
+                _ => None,
+            }));
+        }
+        self.at(end, Event::Rti(RtiInput::Closed { link }));
         self.at(late, Event::Federate(federate, Input::RtiLost));
         lost
+    }
+
+    /// Delays the frames that are in transit to the RTI on a link, in their order, to that time or later. Returns
+    /// when the last one arrives.
+    fn delay_on(&mut self, link: LinkId, until: PhysicalTime) -> PhysicalTime {
+        let is_on = |event: &Event| matches!(event, Event::Rti(RtiInput::Frame { link: on, .. }) if *on == link);
+        let on: Vec<_> =
+            self.pending.iter().filter(|(_, event)| is_on(event)).map(|(key, _)| *key).collect();
+        let mut arrival = until;
+        for key in on {
+            arrival = arrival.plus(self.delay(self.latency));
+            if let Some(event) = self.pending.remove(&key) {
+                arrival = arrival.max(key.0);
+                self.at(arrival, event);
+            }
+        }
+        arrival
     }
 
     /// A federate has another link to the RTI: frames in transit to it on the former link are lost, and

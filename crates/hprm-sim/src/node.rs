@@ -100,7 +100,8 @@ impl Launch {
     /// The machine of a federate whose process has just been launched.
     fn machine(&self, me: Instance, program: &Program) -> Federate {
         let (listen, fingerprint) = (Some(me.address()), Arc::clone(&self.fingerprint));
-        Federate::new(me.federate, program, self.federation, fingerprint, HostId(1), listen)
+        let (federation, process) = (self.federation, u64::from(me.link(0).0));
+        Federate::new(me.federate, program, federation, fingerprint, HostId(1), listen, process)
             .with_flow_limit(self.flow_limit)
     }
 }
@@ -168,11 +169,9 @@ impl Node {
         self.me.link(self.links)
     }
 
-    /// It opens another link to the RTI. Returns the former one.
-    pub(crate) fn reconnect(&mut self) -> LinkId {
-        let former = self.link();
+    /// It opens another link to the RTI.
+    pub(crate) fn reconnect(&mut self) {
         self.links += 1;
-        former
     }
 
     pub(crate) fn is_over(&self) -> bool {

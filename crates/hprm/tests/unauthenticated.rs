@@ -5,6 +5,7 @@ mod common;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 
@@ -252,9 +253,16 @@ fn note(text: &str) {
 /// More often than a link to a Unix socket may break while it is opened.
 const RESETS: usize = 6;
 
+/// What happens to a connection: it ends at both ends, or the RTI's end stays open.
+#[derive(Clone, Copy, PartialEq)]
+enum Cut {
+    Both,
+    Client,
+}
+
 /// Forwards connections to `target`. The first ones are reset before the handshake is over, and one
 /// when `cut` says so.
-fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
+fn unreliable(target: Address, cut: mpsc::Receiver<Cut>) -> Address {
     let listener = TcpListener::bind(TCP).unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
     let mut cut = Some(cut);
@@ -263,18 +271,27 @@ fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
         for client in listener.incoming().skip(RESETS) {
             let (client, server) = (client.unwrap(), connect(&target));
             let both = [client.try_clone().unwrap(), server.try_clone().unwrap()];
+            let stays_open = Arc::new(AtomicBool::new(false));
             if let Some(cut) = cut.take() {
+                let stays_open = Arc::clone(&stays_open);
                 thread::spawn(move || {
-                    cut.recv().unwrap();
-                    both.iter().for_each(|end| end.shutdown(std::net::Shutdown::Both).unwrap());
+                    let ends = cut.recv().unwrap();
+                    stays_open.store(ends == Cut::Client, Ordering::Release);
+                    let closed = if ends == Cut::Client { &both[..1] } else { &both[..] };
+                    closed.iter().for_each(|end| end.shutdown(std::net::Shutdown::Both).unwrap());
+                    // Until the test is over.
+                    let _ = cut.recv();
                 });
             }
             let ways =
                 [(client.try_clone().unwrap(), server.try_clone().unwrap()), (server, client)];
             for (mut from, mut to) in ways {
+                let stays_open = Arc::clone(&stays_open);
                 thread::spawn(move || {
                     let _ = std::io::copy(&mut from, &mut to);
-                    let _ = to.shutdown(std::net::Shutdown::Write);
+                    if !stays_open.load(Ordering::Acquire) {
+                        let _ = to.shutdown(std::net::Shutdown::Write);
+                    }
                 });
             }
         }
@@ -284,7 +301,8 @@ fn unreliable(target: Address, cut: mpsc::Receiver<()>) -> Address {
 
 #[test]
 fn a_federate_whose_link_is_reset_while_it_joins_joins_again() {
-    for coordination in BOTH {
+    let cases = BOTH.into_iter().flat_map(|how| [(how, Cut::Both), (how, Cut::Client)]);
+    for (coordination, ends) in cases {
         let (program, react) = rounds_of(coordination, 64, 5);
         let program = Arc::new(program);
         let rti = bind(&program, TCP.parse().unwrap(), &Security::default());
@@ -299,7 +317,7 @@ fn a_federate_whose_link_is_reset_while_it_joins_joins_again() {
         let (cut, is_cut) = mpsc::channel();
         let first = run(FederateId(0), &unreliable(address.clone(), is_cut));
         assert_eq!(events.recv().unwrap(), RtiEvent::Joined(FederateId(0)));
-        cut.send(()).unwrap();
+        cut.send(ends).unwrap();
         assert_eq!(events.recv().unwrap(), RtiEvent::Left(FederateId(0)));
         assert_eq!(events.recv().unwrap(), RtiEvent::Joined(FederateId(0)));
         let others: Vec<_> = (1..4).map(|id| run(FederateId(id), &address)).collect();

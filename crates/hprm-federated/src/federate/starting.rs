@@ -4,7 +4,7 @@ use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
 use crate::stop::Stop;
-use crate::{End, Frame, Output, Refusal};
+use crate::{End, Frame, Output};
 
 impl Federate {
     /// The link to the RTI has ended. As long as the others do not know of this federate, it can
@@ -20,8 +20,10 @@ impl Federate {
 
     /// There is another link to the RTI.
     pub(super) fn rejoin(&mut self) {
-        self.rejoins = true;
         self.rti_link_lost = false;
+        if let Frame::Hello { attempt, .. } = &mut self.hello {
+            attempt.number += 1;
+        }
         self.outputs.push_back(Output::ToRti(self.hello.clone()));
         self.report_loaded();
     }
@@ -30,16 +32,6 @@ impl Federate {
     pub(super) fn report_loaded(&mut self) {
         if self.startup.is_loaded() && !self.rti_link_lost {
             self.outputs.push_back(Output::ToRti(Frame::Loaded));
-        }
-    }
-
-    /// The RTI does not let this federate join. It may not have noticed yet that an earlier link of this
-    /// federate has ended.
-    pub(super) fn refused(&mut self, reason: Refusal) {
-        if self.rejoins && reason == Refusal::Duplicate {
-            self.rti_lost();
-        } else {
-            self.end(End::Refused(reason));
         }
     }
 

@@ -168,7 +168,7 @@ impl Rti {
     }
 
     /// Forgets an arriving federate, which does not join after all.
-    fn withdraw(&mut self, federate: FederateId) {
+    pub(super) fn withdraw(&mut self, federate: FederateId) {
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
         if arrival.is_known() {
             self.announce_end(federate, false);

@@ -150,13 +150,18 @@ impl Rti {
             return;
         }
         if self.is_joining() && !self.topology.is_transient(federate) {
-            self.members[federate] = Member::Absent;
-            self.left_early.insert(federate);
-            self.outputs.push_back(RtiOutput::Left { federate });
+            self.leaves_before_start(federate);
         } else {
             let message = self.lost_message(federate);
             self.fail(federate, message, LOST);
         }
+    }
+
+    /// A federate leaves before all have joined, and may join again.
+    pub(super) fn leaves_before_start(&mut self, federate: FederateId) {
+        self.members[federate] = Member::Absent;
+        self.left_early.insert(federate);
+        self.outputs.push_back(RtiOutput::Left { federate });
     }
 
     pub(super) fn lost_message(&self, federate: FederateId) -> String {

@@ -44,7 +44,8 @@ impl Member {
 impl Rti {
     /// The first frame on a link. A process that is no member learns nothing about the program.
     pub(super) fn hello(&mut self, link: LinkId, frame: Frame) -> Result<(), Fault> {
-        let Frame::Hello { protocol, federation, fingerprint, federate, host, listen } = frame
+        let Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt } =
+            frame
         else {
             return Err(Fault::UnknownLink);
         };
@@ -53,7 +54,8 @@ impl Rti {
             self.refuse(link, name, Refusal::WrongProtocol);
         } else if federation != self.federation {
             self.refuse(link, name, Refusal::WrongFederation);
-        } else {
+        } else if self.is_latest_attempt(link, attempt) {
+            self.attempts.add(link, attempt);
             let peer = Peer { federate, incarnation: link.0, host, listen };
             match fingerprint == self.fingerprint.digest() {
                 true => self.admit(link, peer),
@@ -132,6 +134,7 @@ impl Rti {
     /// Tells a process why it does not belong to the federation, and closes its link.
     pub(super) fn send_refusal(&mut self, link: LinkId, reason: Refusal) {
         self.links.remove(&link);
+        self.attempts.remove(link);
         self.refused.insert(link);
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Refused { reason } });
         self.outputs.push_back(RtiOutput::Close { link });

@@ -14,7 +14,7 @@ use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Program, Table, Ta
 
 use super::{DnetMode, LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::{federate, program};
-use crate::{Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
+use crate::{Attempt, Count, FederationId, Frame, HostId, PROTOCOL, Step, Topology};
 
 struct Scenario {
     program: Program,
@@ -56,7 +56,9 @@ impl Scenario {
         self.links[federate] = (self.next_link, self.links[federate].0);
         self.next_link += 1;
         let fingerprint = self.program.fingerprint().digest();
-        let hello = Frame::Hello { protocol, federation, fingerprint, federate, host, listen };
+        let attempt = Attempt { process: self.links[federate].0.into(), number: 0 };
+        let hello =
+            Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt };
         self.input(federate, hello);
     }
 

@@ -1,13 +1,14 @@
 //! The RTI against processes that are no members, and against federates that fail or break the protocol.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use hprm_core::{ChannelId, Fact, FederateId, Fingerprint, Payload, PhysicalTime, Tag};
 
 use super::{HangTimeout, LinkId, Rti, RtiInput, RtiOutput};
 use crate::fixture::program;
 use crate::{
-    Count, Fault, FederationId, Frame, HostId, Missing, PROTOCOL, Refusal, Step, Topology,
+    Attempt, Count, Fault, FederationId, Frame, HostId, Missing, PROTOCOL, Refusal, Step, Topology,
 };
 
 const FEDERATION: FederationId = FederationId(7);
@@ -22,7 +23,15 @@ fn fingerprint(timeout: &str) -> Fingerprint {
     Fingerprint::new(vec![Fact::text("property timeout".to_owned(), timeout.to_owned())])
 }
 
+/// The greeting of another process each time.
 fn hello(federate: u16) -> Frame {
+    static PROCESSES: AtomicU64 = AtomicU64::new(1_000);
+    let process = PROCESSES.fetch_add(1, Ordering::Relaxed);
+    attempt(federate, Attempt { process, number: 0 })
+}
+
+/// The greeting of a process that tries to join.
+fn attempt(federate: u16, attempt: Attempt) -> Frame {
     Frame::Hello {
         protocol: PROTOCOL,
         federation: FEDERATION,
@@ -30,6 +39,7 @@ fn hello(federate: u16) -> Frame {
         federate: FederateId(federate),
         host: HostId(1),
         listen: None,
+        attempt,
     }
 }
 
@@ -329,6 +339,111 @@ fn a_federate_that_leaves_before_all_have_joined_may_join_again() {
         input(&mut rti, link, Frame::Ready { now: NOW }).unwrap();
     }
     assert_eq!(rti.phase, super::Phase::Running);
+}
+
+/// The frames of a process over its links to the RTI: it has opened one after the other.
+fn tries(federate: u16, process: u64) -> impl Fn(u32) -> Frame {
+    move |number| attempt(federate, Attempt { process, number })
+}
+
+#[test]
+fn a_process_that_joins_again_is_no_duplicate_of_itself() {
+    let mut rti = rti("a -> b");
+    let (federate, tries) = (FederateId(0), tries(0, 1));
+    input(&mut rti, 5, tries(0)).unwrap();
+    // The RTI has not noticed yet that the former link has ended.
+    let outputs = [
+        RtiOutput::Left { federate },
+        RtiOutput::Close { link: LinkId(5) },
+        RtiOutput::Joined { federate, link: LinkId(6) },
+    ];
+    assert_eq!(input(&mut rti, 6, tries(1)).unwrap(), outputs);
+    // Nothing counts any more that comes over the former link.
+    assert!(input(&mut rti, 5, Frame::Loaded).unwrap().is_empty());
+    assert!(close(&mut rti, 5).is_empty());
+    // Another process is a duplicate, for however long the first one has tried.
+    let outputs = input(&mut rti, 7, hello(0)).unwrap();
+    assert_eq!(outputs[0], sent(7, Frame::Refused { reason: Refusal::Duplicate }));
+    let outputs = input(&mut rti, 8, hello(1)).unwrap();
+    assert!(outputs.iter().any(|output| matches!(output, RtiOutput::Send { link: LinkId(6), .. })));
+}
+
+#[test]
+fn an_attempt_that_comes_after_a_later_one_does_not_count() {
+    for joins_late in [false, true] {
+        let mut rti = rti(if joins_late { "transient a\na -> b" } else { "a -> b" });
+        if joins_late {
+            input(&mut rti, 0, hello(1)).unwrap();
+            input(&mut rti, 0, Frame::Ready { now: NOW }).unwrap();
+        }
+        let tries = tries(0, 1);
+        input(&mut rti, 6, tries(1)).unwrap();
+        // The driver reads the former link late. Its process has given it up, so there is no use in an answer.
+        for number in [0, 1] {
+            let close = RtiOutput::Close { link: LinkId(5) };
+            assert_eq!(input(&mut rti, 5, tries(number)).unwrap(), [close]);
+            assert!(input(&mut rti, 5, Frame::Loaded).unwrap().is_empty());
+            assert!(self::close(&mut rti, 5).is_empty());
+        }
+        // The later one counts.
+        assert!(rti.links.contains_key(&LinkId(6)));
+    }
+}
+
+#[test]
+fn a_transient_federate_that_arrives_again_over_another_link_has_not_failed() {
+    let mut rti = running("decentralized\ntransient a\na -> b");
+    close(&mut rti, 0);
+    let (federate, tries) = (FederateId(0), tries(0, 1));
+    input(&mut rti, 5, tries(0)).unwrap();
+    let introduced = |outputs: &[RtiOutput]| {
+        let joining = |output: &_| {
+            matches!(output, RtiOutput::Send { link: LinkId(1), frame: Frame::Joining { .. } })
+        };
+        outputs.iter().any(joining)
+    };
+    assert!(introduced(&input(&mut rti, 5, Frame::Loaded).unwrap()));
+    let gone = Frame::Gone { federate, in_order: false };
+    let outputs = [
+        sent(1, gone),
+        RtiOutput::Close { link: LinkId(5) },
+        RtiOutput::Joined { federate, link: LinkId(6) },
+    ];
+    assert_eq!(input(&mut rti, 6, tries(1)).unwrap(), outputs);
+    assert!(introduced(&input(&mut rti, 6, Frame::Loaded).unwrap()));
+}
+
+#[test]
+fn a_process_that_joins_again_after_all_have_joined_has_failed() {
+    let mut rti = rti("a -> b");
+    let tries = tries(0, 1);
+    input(&mut rti, 0, tries(0)).unwrap();
+    input(&mut rti, 1, hello(1)).unwrap();
+    let outputs = input(&mut rti, 2, tries(1)).unwrap();
+    assert!(outputs.iter().any(|output| matches!(output, RtiOutput::Failed { .. })), "{outputs:?}");
+    let refused = sent(2, Frame::Refused { reason: Refusal::TooLate });
+    assert!(outputs.contains(&refused), "{outputs:?}");
+}
+
+#[test]
+fn the_program_of_a_process_that_joins_again_is_asked_for_again() {
+    let mut rti = rti("a -> b");
+    let changed = |number| {
+        let mut hello = tries(1, 1)(number);
+        if let Frame::Hello { fingerprint, .. } = &mut hello {
+            *fingerprint = self::fingerprint("1 s").digest();
+        }
+        hello
+    };
+    input(&mut rti, 3, changed(0)).unwrap();
+    let link = LinkId(4);
+    let asked = [
+        RtiOutput::Close { link: LinkId(3) },
+        RtiOutput::ProgramRequested { link },
+        sent(4, Frame::ProgramRequest),
+    ];
+    assert_eq!(input(&mut rti, 4, changed(1)).unwrap(), asked);
+    assert!(input(&mut rti, 3, Frame::Loaded).unwrap().is_empty());
 }
 
 #[test]

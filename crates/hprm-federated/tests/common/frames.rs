@@ -4,7 +4,9 @@
 use std::sync::Arc;
 
 use hprm_federated::codec::{self, Decoded, Decoder};
-use hprm_federated::{Federate, FederationId, Frame, HostId, Input, Rti, RtiInput, Topology};
+use hprm_federated::{
+    Attempt, Federate, FederationId, Frame, HostId, Input, Rti, RtiInput, Topology,
+};
 use hprm_federated::{LinkId, PROTOCOL};
 
 use hprm_core::{
@@ -55,14 +57,16 @@ pub(crate) fn tell(program: &Program, frames: Vec<Frame>) {
         let link = LinkId(u32::try_from(link).unwrap_or(0));
         let listen = Some("here".to_owned());
         let (protocol, host) = (PROTOCOL, HostId(1));
-        let hello = Frame::Hello { protocol, federation, fingerprint, federate, host, listen };
+        let attempt = Attempt { process: federate.0.into(), number: 0 };
+        let hello =
+            Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt };
         for frame in [hello, Frame::Loaded, Frame::Ready { now }] {
             let _ = rti.handle(now, RtiInput::Frame { link, frame });
         }
     }
     let listen = Some("there".to_owned());
     let me = FederateId(1);
-    let mut federate = Federate::new(me, program, federation, agreed, HostId(1), listen);
+    let mut federate = Federate::new(me, program, federation, agreed, HostId(1), listen, 7);
     let _ = federate.handle(now, Input::Loaded);
     for (at, frame) in frames.into_iter().enumerate() {
         now = now.plus(1_000);

@@ -330,8 +330,9 @@ impl State {
                 self.broken.extend([(rti, place), (place, rti)]);
                 self.links.remove(&(place, rti));
                 self.links.remove(&(rti, place));
+                // The federate may open another link before the RTI learns of the end of this one.
                 let closed = RtiInput::Closed { link: self.link(me) };
-                self.links.insert((place, rti), VecDeque::from([Event::Rti(closed)]));
+                self.links.insert((rti, rti), VecDeque::from([Event::Rti(closed)]));
                 let lost = Event::Federate(self.instance(me), Input::RtiLost);
                 self.links.insert((rti, place), VecDeque::from([lost]));
                 Ok(())
@@ -436,9 +437,14 @@ impl State {
     fn close_link(&mut self, link: LinkId) {
         let federate = Instance::of_link(link);
         let (rti, place) = (Place::Rti, Place::Federate(federate));
+        let closed = Event::Rti(RtiInput::Closed { link });
+        if self.seats[federate.federate].get().node.link() != link {
+            // The federate has given it up.
+            self.links.insert((rti, rti), VecDeque::from([closed]));
+            return;
+        }
         self.send(rti, place, Event::Federate(federate, Input::RtiLost));
         self.broken.extend([(rti, place), (place, rti)]);
-        let closed = Event::Rti(RtiInput::Closed { link });
         self.links.insert((place, rti), VecDeque::from([closed]));
     }
 

@@ -15,7 +15,7 @@ use super::reach::Reach;
 use super::time::Time;
 use crate::link::Network;
 use crate::trace::TraceShare;
-use crate::{Address, Clock, Failure, Inbox, Security};
+use crate::{Address, Clock, Failure, Inbox, Security, random_bytes};
 
 /// How long a federate that ends waits until its last frames have arrived.
 const CLOSE_TIMEOUT: Nanos = 2_000_000_000;
@@ -59,6 +59,7 @@ impl Membership {
         inbox: &Inbox<V>,
         network: Network,
     ) -> Result<Self, Failure> {
+        let process = random_bytes()?;
         let links = FederateLinks::connect(options, network)?;
         let machine = Federate::new(
             options.federate,
@@ -67,6 +68,7 @@ impl Membership {
             Arc::clone(&options.fingerprint),
             links.host(),
             links.advertised(),
+            u64::from_le_bytes(process),
         );
         let notified = inbox.clone();
         let wake = Box::new(move || notified.notify());
