@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import os
 from abc import ABCMeta
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from hprm import _class_body, _construction, _duration, _places
@@ -89,11 +90,17 @@ class Reactor(Running, metaclass=_Constructed):
 
     Keywords of the class statement are target properties, which count for the main reactor:
     ``class Vision(hprm.Federation, coordination="decentralized", timeout="10 s")``.
+
+    With ``executable``, a class states only the ports of a federate, which is a program of its
+    own, for example in Rust: ``class Camera(hprm.Reactor, executable="target/release/camera")``.
+    The path is relative to the file of the class; a list has arguments behind it.
     """
 
     _hprm_parts_: ClassVar[dict[str, Part]] = {}
     _hprm_reactions_: ClassVar[list[Reaction]] = []
     _hprm_properties_: ClassVar[dict[str, tuple[Any, Place]]] = {}
+    #: The path of the executable that declares the rest, and the arguments that it gets.
+    _hprm_executable_: ClassVar[list[str]] = []
     _hprm_place_: ClassVar[Place] = Place("<hprm>", 1)
 
     def __init__(self) -> None:
@@ -108,6 +115,7 @@ class Reactor(Running, metaclass=_Constructed):
         keepalive: bool | None = None,
         workers: int | None = None,
         properties: Mapping[str, object] | None = None,
+        executable: str | os.PathLike[str] | Sequence[str] | None = None,
         **others: object,
     ) -> None:
         """Take what the class body declares."""
@@ -125,6 +133,8 @@ class Reactor(Running, metaclass=_Constructed):
         }
         given = {name: (value, place) for name, value in stated.items() if value is not None}
         cls._hprm_properties_ = cls._hprm_properties_ | given
+        if executable is not None:
+            cls._hprm_executable_ = _command(executable, place)
         cls._hprm_parts_ = _class_body.parts_of(cls)
         cls._hprm_reactions_ = _class_body.reactions_of(cls)
         for name, part in cls._hprm_parts_.items():
@@ -141,11 +151,37 @@ class Reactor(Running, metaclass=_Constructed):
         cls.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
 
 
+def _command(executable: object, place: Place) -> list[str]:
+    """Return a path with arguments. The path is relative to the file that states it."""
+    stated = executable
+    if isinstance(stated, str | os.PathLike):
+        stated = [os.fspath(stated)]
+    if not isinstance(stated, list | tuple) or not stated:
+        raise ProgramError(
+            f"`executable` is a path, or a list of a path and arguments, not {executable!r}", place
+        )
+    command = [os.fspath(it) if isinstance(it, os.PathLike) else it for it in stated]
+    if not all(isinstance(it, str) for it in command) or not command[0]:
+        raise ProgramError(f"`executable` is a list of texts, not {executable!r}", place)
+    if "/" in command[0]:
+        # A class in another file may inherit it.
+        command[0] = os.path.join(os.path.dirname(os.path.abspath(place.path)), command[0])
+    return command
+
+
 def _refuse_keyword(name: str, place: Place) -> None:
     # Only a program with this mistake needs the module.
     from difflib import get_close_matches
 
-    known = ("coordination", "timeout", "fast", "keepalive", "workers", "properties")
+    known = (
+        "coordination",
+        "timeout",
+        "fast",
+        "keepalive",
+        "workers",
+        "properties",
+        "executable",
+    )
     hint = f'write properties={{"{name.replace("_", "-")}": ...}} if it is a target property'
     for near in get_close_matches(name, known, 1):
         hint = f"did you mean `{near}`?"

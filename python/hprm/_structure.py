@@ -78,6 +78,7 @@ class _Structure:
             "name": cls.__name__,
             "at": self._at(_place_of_class(cls)),
             "federated": self._federated and isinstance(reactor, Federation),
+            "executable": cls._hprm_executable_,
             "ports": [self._port(reactor, it) for it in declared if it.kind in ("input", "output")],
             "timers": [
                 self._timer(reactor, it, number) for it in declared if isinstance(it, Timer)

@@ -9,6 +9,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use clap::{Arg, ArgMatches, Command, FromArgMatches};
+use hprm_declared::Declaration;
 use hprm_model::{ParameterDecl, Value};
 
 use crate::args::{self, Arguments, Interpreter};
@@ -81,7 +82,7 @@ fn of_python(path: &Path, words: &[OsString]) -> Option<Vec<(String, String)>> {
     let inherited = || std::env::var_os(args::PYTHON).filter(|path| !path.is_empty());
     let interpreter = Interpreter { python: stated.or_else(|| inherited().map(PathBuf::from)) };
     let text = declare::declare(path, &[], [], &interpreter).ok()?.ok()?;
-    hprm_declared::parameters(&text).ok()
+    Some(Declaration::read(&text).ok()?.parameters())
 }
 
 /// Whether a command runs a program, and so has target properties and arguments of the program.

@@ -81,7 +81,7 @@ impl Program<'_> {
             Ok(text) => text,
             Err(code) => return Ok(Outcome::Ended(code)),
         };
-        match hprm_declared::compile(&text, properties, &mut Disk::from_environment(), purpose) {
+        match hprm_lf::compile_declared(&text, properties, &mut Disk::from_environment(), purpose) {
             Ok(compiled) => Ok(compiled.into()),
             Err(malformed) => Err(Error::new(format!("{}: {malformed}", path.display())).hint(
                 "the package hprm of the interpreter may have another version than this command: \

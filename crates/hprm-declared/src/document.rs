@@ -67,6 +67,9 @@ pub(crate) struct Reactor {
     pub(crate) at: At,
     #[serde(default)]
     pub(crate) federated: bool,
+    /// The path of the executable that declares the rest, and the arguments that it gets.
+    #[serde(default)]
+    pub(crate) executable: Vec<String>,
     #[serde(default)]
     pub(crate) ports: Vec<Port>,
     #[serde(default)]

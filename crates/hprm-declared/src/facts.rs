@@ -10,12 +10,12 @@ pub(crate) fn facts(document: &Document, compiled: &Compiled) -> Vec<Fact> {
     let program = &compiled.program;
     let mut facts = Vec::new();
     // The instances are in this order, and not more than the model allows.
+    let mut instances = program.reactors.ids();
     let mut pending = vec![document.main];
-    let mut number = 0;
     while let Some(index) = pending.pop() {
         let reactor = &document.reactors[index];
-        let instance = ReactorId(number);
-        number += 1;
+        let known = |instance: &ReactorId| !is_inside_executable(compiled, *instance);
+        let Some(instance) = instances.find(known) else { break };
         if !program.is_transient(instance) {
             let name = program.name_within(instance);
             let fact = |(what, text): &(String, String)| {
@@ -31,4 +31,11 @@ pub(crate) fn facts(document: &Document, compiled: &Compiled) -> Vec<Fact> {
     };
     facts.extend(document.modules.iter().map(module));
     facts
+}
+
+/// Whether an executable has declared an instance, and not the document.
+fn is_inside_executable(compiled: &Compiled, instance: ReactorId) -> bool {
+    let federate = compiled.program.reactors[instance].federate;
+    let is_root = |federate| compiled.program.federates[federate].reactor == instance;
+    federate.is_some_and(|it| compiled.executables.contains_key(&it) && !is_root(it))
 }

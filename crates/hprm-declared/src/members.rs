@@ -76,7 +76,8 @@ fn time(nanos: i64, span: Span) -> Expression {
     Expression::time(nanos, span)
 }
 
-fn attribute(name: &str, values: Vec<Expression>, span: Span) -> Attribute {
+/// An attribute with values that have no names.
+pub(crate) fn attribute(name: &str, values: Vec<Expression>, span: Span) -> Attribute {
     let argument = |value| AttributeArgument { name: None, value };
     let arguments = values.into_iter().map(argument).collect();
     Attribute { name: Name::new(name, span), arguments, span }

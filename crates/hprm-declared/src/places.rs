@@ -29,21 +29,32 @@ impl Places {
         files: &[File],
         last: impl Fn(usize) -> u32,
     ) -> Result<(Self, Library), Malformed> {
-        let text = |index: usize, file: &File| match file.text.as_str() {
-            "" => "\n".repeat(last(index).clamp(1, LAST_LINE) as usize - 1),
-            text => text.to_owned(),
-        };
-        let mut texts = files.iter().enumerate().map(|(index, file)| (file, text(index, file)));
+        let mut texts = texts(files, last);
         let Some((main, text)) = texts.next() else {
             return Err(Malformed::new("it has no files"));
         };
         let mut library = Library::new(&main.path, text.clone());
         let mut places = Self { files: vec![Lines::new(FileId::MAIN, text)] };
+        places.add(texts, &mut library);
+        Ok((places, library))
+    }
+
+    /// Puts the files into a library that has others.
+    pub(crate) fn within(
+        files: &[File],
+        last: impl Fn(usize) -> u32,
+        library: &mut Library,
+    ) -> Self {
+        let mut places = Self { files: Vec::new() };
+        places.add(texts(files, last), library);
+        places
+    }
+
+    fn add<'f>(&mut self, texts: impl Iterator<Item = (&'f File, String)>, library: &mut Library) {
         for (file, text) in texts {
             let id = library.add_file(&file.path, text.clone());
-            places.files.push(Lines::new(id, text));
+            self.files.push(Lines::new(id, text));
         }
-        Ok((places, library))
     }
 
     /// The span of a place.
@@ -64,6 +75,15 @@ impl Places {
         let to = usize::try_from(end).map_or(stop, within).max(from);
         Ok(Span::new(*file, from..to))
     }
+}
+
+/// The files with their texts.
+fn texts(files: &[File], last: impl Fn(usize) -> u32) -> impl Iterator<Item = (&File, String)> {
+    let text = move |(index, file): (usize, &File)| match file.text.as_str() {
+        "" => "\n".repeat(last(index).clamp(1, LAST_LINE) as usize - 1),
+        text => text.to_owned(),
+    };
+    files.iter().enumerate().map(move |(index, file)| (file, text((index, file))))
 }
 
 impl Lines {

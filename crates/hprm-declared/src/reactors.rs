@@ -1,39 +1,85 @@
 //! The declarations of a document as a library: each reactor after those that it contains.
 
-use hprm_model::declaration::{Instantiation, Member, Name, ReactorKind, ReactorNode};
-use hprm_model::{ClassId, Diagnostic, FileId, Library, Report};
+use hprm_model::declaration::{
+    Attribute, Expression, ExpressionKind, Instantiation, Member, Name, Parameter, ReactorKind,
+    ReactorNode,
+};
+use hprm_model::{ClassId, Diagnostic, FileId, Library, Report, Span};
 
 use crate::Malformed;
 use crate::document::{At, Child, Document, Reactor};
-use crate::members::{attributes, in_mode, members, width};
+use crate::members::{attribute, attributes, in_mode, members, width};
 use crate::places::Places;
 use crate::properties;
 
 /// The longest name, in characters.
 const LONGEST_NAME: usize = 255;
 
-/// A document that becomes a library.
-pub(crate) struct Reactors<'d> {
+/// The library of a document, with all reactors that its main reactor needs. Reports names that are too long.
+pub(crate) fn library(document: &Document, report: &mut Report) -> Result<Library, Malformed> {
+    let (places, mut library) = Places::new(&document.files, last_lines(document))?;
+    let mut reactors = Reactors::new(document, places, &mut library, report)?;
+    let Document { properties, main, .. } = document;
+    for index in reactors.order()? {
+        reactors.add(index)?;
+    }
+    let reactor = reactors.known(*main)?;
+    if reactor.at.0 != FileId::MAIN.index() {
+        return Err(Malformed::new("the main reactor is not in the first file"));
+    }
+    let class = reactors.class(*main)?;
+    let properties = properties::properties(properties, &reactors.places)?;
+    library.set_main(class);
+    library.set_properties(FileId::MAIN, properties);
+    Ok(library)
+}
+
+/// The main reactor of a document that is part of another program, whose library gets what it contains. Reports
+/// names that are too long.
+pub(crate) fn part(
+    document: &Document,
+    library: &mut Library,
+    report: &mut Report,
+) -> Result<ReactorNode, Malformed> {
+    let places = Places::within(&document.files, last_lines(document), library);
+    let mut reactors = Reactors::new(document, places, library, report)?;
+    let order = reactors.order()?;
+    for index in order.into_iter().filter(|index| *index != document.main) {
+        reactors.add(index)?;
+    }
+    reactors.reactor(document.main)
+}
+
+/// By file, the last line that has a part of the program.
+fn last_lines(document: &Document) -> impl Fn(usize) -> u32 {
+    let connections = document.reactors.iter().flat_map(|reactor| &reactor.connections);
+    let mut last = vec![1; document.files.len()];
+    let places = names(document).into_iter().map(|(at, _)| at);
+    for (file, line, ..) in places.chain(connections.map(|it| it.at)) {
+        if let Some(last) = last.get_mut(file) {
+            *last = line.max(*last);
+        }
+    }
+    move |file| last[file]
+}
+
+/// A document whose reactors are put into a library.
+struct Reactors<'d> {
     document: &'d Document,
     places: Places,
-    library: Library,
+    library: &'d mut Library,
     /// By reactor, its class.
     classes: Vec<Option<ClassId>>,
 }
 
 impl<'d> Reactors<'d> {
-    /// Begins a library, and reports names that are too long.
-    pub(crate) fn new(document: &'d Document, report: &mut Report) -> Result<Self, Malformed> {
-        let names = names(document);
-        let connections = document.reactors.iter().flat_map(|reactor| &reactor.connections);
-        let mut last = vec![1; document.files.len()];
-        for (file, line, ..) in names.iter().map(|(at, _)| *at).chain(connections.map(|it| it.at)) {
-            if let Some(last) = last.get_mut(file) {
-                *last = line.max(*last);
-            }
-        }
-        let (places, library) = Places::new(&document.files, |file| last[file])?;
-        for (at, name) in names {
+    fn new(
+        document: &'d Document,
+        places: Places,
+        library: &'d mut Library,
+        report: &mut Report,
+    ) -> Result<Self, Malformed> {
+        for (at, name) in names(document) {
             if !is_name(name) {
                 return Err(Malformed::new(format!("{name:?} is no name")));
             }
@@ -46,21 +92,10 @@ impl<'d> Reactors<'d> {
         Ok(Self { document, places, library, classes })
     }
 
-    /// The library, with all reactors that the main reactor needs.
-    pub(crate) fn into_library(mut self) -> Result<Library, Malformed> {
-        let Document { properties, main, .. } = self.document;
-        for index in self.order()? {
-            let node = self.reactor(index)?;
-            self.classes[index] = Some(self.library.add_unlisted(node.header.file, node));
-        }
-        let reactor = self.known(*main)?;
-        if reactor.at.0 != FileId::MAIN.index() {
-            return Err(Malformed::new("the main reactor is not in the first file"));
-        }
-        self.library.set_main(self.class(*main)?);
-        let properties = properties::properties(properties, &self.places)?;
-        self.library.set_properties(FileId::MAIN, properties);
-        Ok(self.library)
+    fn add(&mut self, index: usize) -> Result<(), Malformed> {
+        let node = self.reactor(index)?;
+        self.classes[index] = Some(self.library.add_unlisted(node.header.file, node));
+        Ok(())
     }
 
     /// The reactors that the main reactor needs, each after those that it contains.
@@ -122,6 +157,10 @@ impl<'d> Reactors<'d> {
         };
         let name = Some(Name::new(reactor.name.as_str(), header));
         let mut node = ReactorNode::new(kind, name, header);
+        node.attributes = executable(reactor, header).into_iter().collect();
+        if !reactor.executable.is_empty() {
+            node.parameters = parameters(reactor, header);
+        }
         node.members = members(reactor, &self.places)?;
         for child in &reactor.children {
             let instance = Member::Instantiation(self.instance(child)?);
@@ -152,6 +191,26 @@ impl<'d> Reactors<'d> {
             ..Instantiation::new(Name::new(child.name.as_str(), span), Name::new(class, span))
         })
     }
+}
+
+/// What says that a reactor is an executable.
+fn executable(reactor: &Reactor, span: Span) -> Option<Attribute> {
+    let (path, arguments) = reactor.executable.split_first()?;
+    let texts = [path].into_iter().chain(arguments);
+    let literal = |text: &String| Expression { kind: ExpressionKind::String(text.clone()), span };
+    Some(attribute("executable", texts.map(literal).collect(), span))
+}
+
+/// The parameters of a reactor whose values the program has used, so that it can be told that it has any.
+fn parameters(reactor: &Reactor, span: Span) -> Vec<Parameter> {
+    let names = reactor.facts.iter().filter_map(|(subject, _)| subject.strip_prefix("parameter "));
+    let parameter = |name: &str| Parameter {
+        attributes: Vec::new(),
+        name: Name::new(name, span),
+        ty: None,
+        default: None,
+    };
+    names.map(parameter).collect()
 }
 
 /// Everything that is declared under a name, and its place.

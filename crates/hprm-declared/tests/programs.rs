@@ -4,6 +4,7 @@ mod common;
 
 use common::{TEXT, at, compiled, errors, graph, no_files, of, own, vision, warnings};
 use hprm_core::Coordination;
+use hprm_declared::Declaration;
 use hprm_lf::SourceLoader;
 use hprm_model::Purpose;
 use insta::assert_snapshot;
@@ -44,13 +45,14 @@ fn options_override_what_the_program_states_and_leave_its_parameters() {
     let stated = ["timeout=2 s".to_owned(), "main.rate=3".to_owned()];
     let text = vision().to_string();
     let compiled =
-        hprm_declared::compile(&text, &stated, &mut no_files(), Purpose::Run).unwrap().unwrap();
+        hprm_lf::compile_declared(&text, &stated, &mut no_files(), Purpose::Run).unwrap().unwrap();
     assert_eq!(compiled.program.properties.timeout, Some(2_000_000_000));
-    let parameters = hprm_declared::parameters(&text).unwrap();
+    let parameters = Declaration::read(&text).unwrap().parameters();
     assert_eq!(parameters, [("rate".to_owned(), "10".to_owned())]);
     let wrong = ["timeout=soon".to_owned()];
-    let failure =
-        hprm_declared::compile(&text, &wrong, &mut no_files(), Purpose::Run).unwrap().unwrap_err();
+    let failure = hprm_lf::compile_declared(&text, &wrong, &mut no_files(), Purpose::Run)
+        .unwrap()
+        .unwrap_err();
     assert_snapshot!(failure, @r"
     error[LF0603]: `timeout` must be a time, such as `10 s`
     --> --property timeout=soon
@@ -320,13 +322,13 @@ fn what_is_no_declaration_is_one_error() {
         + &r#"{"list": ["#.repeat(100_000);
     let all = texts.iter().map(String::as_str).chain(["", "[]", "{\"files\": []}", &deep]);
     let wrong = |text| {
-        hprm_declared::compile(text, &[], &mut no_files(), Purpose::Run).unwrap_err().to_string()
+        hprm_lf::compile_declared(text, &[], &mut no_files(), Purpose::Run).unwrap_err().to_string()
     };
     let found: Vec<_> = all.map(wrong).collect();
     assert_snapshot!(found.join("\n"), @r#"
     the declaration of the program cannot be read: reactor 1 contains itself
     the declaration of the program cannot be read: the main reactor is not in the first file
-    the declaration of the program cannot be read: unknown field `watchdogs`, expected one of `name`, `at`, `federated`, `ports`, `timers`, `actions`, `modes`, `children`, `connections`, `reactions`, `facts` at line 1 column 1737
+    the declaration of the program cannot be read: unknown field `watchdogs`, expected one of `name`, `at`, `federated`, `executable`, `ports`, `timers`, `actions`, `modes`, `children`, `connections`, `reactions`, `facts` at line 1 column 1737
     the declaration of the program cannot be read: `cameras` has 2 members and is no bank
     the declaration of the program cannot be read: a reactor has no mode 0
     the declaration of the program cannot be read: "a.b" is no name
@@ -459,7 +461,7 @@ fn values_of_properties_have_the_words_of_python() {
     // On a command line they are as in `.lf` files.
     let text = vision().to_string();
     let overrides = ["fast=1".to_owned()];
-    let said = hprm_declared::compile(&text, &overrides, &mut no_files(), Purpose::Run);
+    let said = hprm_lf::compile_declared(&text, &overrides, &mut no_files(), Purpose::Run);
     let said = said.unwrap().unwrap_err().to_string();
     assert!(said.contains("`fast` must be `true` or `false`"), "{said}");
 }
@@ -487,7 +489,7 @@ fn files_that_properties_name_are_looked_for() {
         let mut vision = vision();
         let value = json!({"text": path});
         vision["properties"] = json!([{"name": name, "at": at("class Vision"), "value": value}]);
-        hprm_declared::compile(&vision.to_string(), &[], &mut OneFile, Purpose::Run).unwrap()
+        hprm_lf::compile_declared(&vision.to_string(), &[], &mut OneFile, Purpose::Run).unwrap()
     };
     let said = compile("protobufs", "imag.proto").unwrap_err().to_string();
     assert!(said.contains("error[LF0611]: there is no file `imag.proto`"), "{said}");

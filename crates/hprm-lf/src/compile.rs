@@ -63,6 +63,7 @@ fn all_stages(
 ) -> Result<Compiled, CompileFailure> {
     let mut report = Report::default();
     let Loaded { mut library, states_target } = load::load(path, loader, &mut report);
+    hprm_declared::describe(&mut library, |it| loader.describe(it), &mut report);
     let overrides = overrides(stated, &mut library, &mut report);
     let properties = TargetProperties::read(&library, &overrides, &mut report);
     if !states_target && !report.has_errors() {

@@ -4,7 +4,8 @@
 //! and runs no Python; bodies stay text.
 //!
 //! `lexer` and `parser` make a tree of each file, `load` reads the imported files and fills the library of
-//! classes, `overrides` parses what the command line states, `modules` finds the Python beside a program.
+//! classes, `overrides` parses what the command line states, `declared` compiles programs in other languages, for which the
+//! command line is the same, `modules` finds the Python beside a program.
 //! [`compile()`] has the library checked and gives the program.
 //!
 //! The parser knows the whole grammar; what is not supported yet is refused by the rules.
@@ -15,6 +16,7 @@
 mod ast;
 mod body;
 mod compile;
+mod declared;
 mod files;
 mod lexer;
 mod literal;
@@ -28,6 +30,7 @@ mod token;
 mod unclosed;
 
 pub use compile::{check, compile, compile_with};
+pub use declared::compile_declared;
 pub use files::check_files;
 pub use literal::{WrongTime, is_unit, parse_time};
 pub use overrides::{PARAMETER, expected_spin, expected_time, overrides};

@@ -3,6 +3,9 @@
 //! Nothing here opens a file. The caller of the compiler supplies a [`SourceLoader`]; paths are
 //! joined by text alone.
 
+use hprm_declared::Described;
+use hprm_model::Executable;
+
 /// Where the text of a file comes from.
 ///
 /// A closure from path to text is one, without packages but those of the project.
@@ -29,6 +32,18 @@ pub trait SourceLoader {
     /// variable `LF_PACKAGES` names.
     fn packages(&mut self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// What an executable declares that a program names.
+    ///
+    /// # Errors
+    ///
+    /// Why that is not known, as a sentence for the user; a second line may say what to do.
+    fn describe(&mut self, executable: &Executable) -> Result<Described, String> {
+        Err(format!(
+            "the executable {} cannot be asked here what it declares",
+            executable.command[0]
+        ))
     }
 
     /// The absolute path from which relative ones lead on, if there is one.

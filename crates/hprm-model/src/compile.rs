@@ -1,9 +1,13 @@
 //! The stages of a compilation, one after the other; each starts only if the one before reported
 //! no error, so that an error is not reported together with its consequences.
 
+use std::collections::BTreeMap;
+
+use hprm_core::{Federate, FederateId};
+
 use crate::check::{self, Models};
 use crate::code;
-use crate::compiled::{CompileFailure, Compiled, PlacedAt};
+use crate::compiled::{CompileFailure, Compiled, ExecutableFederate, PlacedAt};
 use crate::declaration::{Member, Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
@@ -155,6 +159,16 @@ fn hosts(main: &ReactorNode) -> Vec<PlacedAt> {
     all.map(placed).collect()
 }
 
+/// The federates that are executables.
+fn executables(library: &Library, lowered: &Lowered) -> BTreeMap<FederateId, ExecutableFederate> {
+    let federates = lowered.program.federates.iter();
+    let command = |(id, federate): (FederateId, &Federate)| {
+        let class = lowered.used[lowered.instances[federate.reactor].class];
+        Some((id, library.executables.get(&class)?.clone()))
+    };
+    federates.filter_map(command).collect()
+}
+
 fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     let Parts { lowered, stated, main } = parts;
     let federated = main.is_some_and(|main| is_federated(&library, main));
@@ -164,6 +178,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
     let order = library.order();
     let preambles = order.iter().flat_map(|file| library.preambles(*file));
     let preambles = preambles.map(|text| code::dedent(&library.sources, *text)).collect();
+    let executables = executables(&library, &lowered);
     let Lowered { program, classes, instances, bodies, connections, .. } = lowered;
     Compiled {
         program,
@@ -181,6 +196,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         settings: stated.settings,
         rti_host,
         hosts,
+        executables,
         warnings: report.into_sorted(),
     }
 }

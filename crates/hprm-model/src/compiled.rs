@@ -1,10 +1,11 @@
 //! The result of a compilation: a program for the runtime, and everything that Python needs to run its
 //! bodies.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm_core::{
-    ActionId, Fact, ModeId, PortId, Program, ReactionId, ReactorId, Table, Transition,
+    ActionId, Fact, FederateId, ModeId, PortId, Program, ReactionId, ReactorId, Table, Transition,
 };
 
 use crate::code::Code;
@@ -49,6 +50,8 @@ pub struct Compiled {
     pub rti_host: Option<String>,
     /// All hosts that a federated program names.
     pub hosts: Vec<PlacedAt>,
+    /// The federates that are executables.
+    pub executables: BTreeMap<FederateId, ExecutableFederate>,
     /// Warnings.
     pub warnings: Vec<Diagnostic>,
 }
@@ -60,6 +63,15 @@ impl Compiled {
         let main = self.instances.values().next();
         main.map_or(&[], |main| &self.classes[main.class].parameters)
     }
+}
+
+/// A federate that is an executable.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct ExecutableFederate {
+    /// What starts it from anywhere: its absolute path, and its arguments.
+    pub command: Vec<String>,
+    /// What it has declared, as text.
+    pub declaration: String,
 }
 
 /// Where part of a federation is to run (`at`).

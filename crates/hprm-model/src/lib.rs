@@ -9,7 +9,7 @@
 //! [`declaration`] has what can be declared. The stages: `model` and `resolve` sort the members of a class
 //! and resolve its references, `inherit` merges those of its superclasses, `slots` finds the arguments of a
 //! reaction's function, `check` has the rules of the language, `properties` those of target properties,
-//! `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies and values into
+//! `executable` finds the reactors that executables declare, `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies and values into
 //! the form that Python gets, `fingerprint` states what processes compare.
 //!
 //! A front end uses it like this; the program is one reactor without a name:
@@ -52,6 +52,7 @@ mod connections;
 pub mod declaration;
 mod diagnostic;
 mod environment;
+mod executable;
 mod fingerprint;
 mod inherit;
 mod instance;
@@ -79,10 +80,12 @@ mod value;
 pub use code::Code;
 pub use compile::{Purpose, compile};
 pub use compiled::{
-    Access, Argument, Class, CompileFailure, Compiled, ContainedPort, Instance, Method,
-    ParameterDecl, PlacedAt, Ports, ReactionBody, ReactionCode, ReactorPart, Runs, StateDecl,
+    Access, Argument, Class, CompileFailure, Compiled, ContainedPort, ExecutableFederate, Instance,
+    Method, ParameterDecl, PlacedAt, Ports, ReactionBody, ReactionCode, ReactorPart, Runs,
+    StateDecl,
 };
 pub use diagnostic::{Diagnostic, Label, Report, Severity, did_you_mean, existing};
+pub use executable::Executable;
 pub use library::{ClassId, Library};
 pub use overrides::{Overrides, ParameterOverride};
 pub use properties::{Settings, StatedFile, TargetProperties};

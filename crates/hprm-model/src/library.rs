@@ -4,6 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::compiled::ExecutableFederate;
 use crate::declaration::{Name, Property, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::source::{FileId, Sources, Span};
@@ -44,6 +45,8 @@ pub struct Library {
     classes: Vec<(FileId, ReactorNode)>,
     /// The main reactor, if the front end states it.
     main: Option<ClassId>,
+    /// The reactors that are executables.
+    pub(crate) executables: BTreeMap<ClassId, ExecutableFederate>,
 }
 
 impl Library {
@@ -54,7 +57,8 @@ impl Library {
     #[must_use]
     pub fn new(path: &str, text: String) -> Self {
         let (sources, files, classes) = (Sources::new(), Vec::new(), Vec::new());
-        let mut library = Self { sources, files, classes, main: None };
+        let (main, executables) = (None, BTreeMap::new());
+        let mut library = Self { sources, files, classes, main, executables };
         library.add_file(path, text);
         library
     }
@@ -170,6 +174,10 @@ impl Library {
 
     pub(crate) fn reactor(&self, class: ClassId) -> &ReactorNode {
         &self.classes[class.0].1
+    }
+
+    pub(crate) fn reactor_mut(&mut self, class: ClassId) -> &mut ReactorNode {
+        &mut self.classes[class.0].1
     }
 
     pub(crate) fn file_of(&self, class: ClassId) -> FileId {

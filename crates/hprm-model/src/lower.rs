@@ -32,7 +32,7 @@ pub(crate) struct Lowered {
     /// By connection.
     pub(crate) connections: Vec<Span>,
     /// Which the classes are.
-    used: Vec<ClassId>,
+    pub(crate) used: Vec<ClassId>,
 }
 
 /// The program with main reactor `main`, whose parameters may be assigned; none if an error was reported.

@@ -158,6 +158,22 @@ impl Syntax {
         }
     }
 
+    /// A reactor that is an executable.
+    pub(crate) fn executable(self) -> &'static str {
+        self.either(
+            "write `@executable(\"path\")`, or `@executable(\"path\", \"argument\")`",
+            "write `executable=\"path\"`, or `executable=[\"path\", \"argument\"]`",
+        )
+    }
+
+    /// Where instances of executables belong.
+    pub(crate) fn federated_for_executables(self) -> &'static str {
+        self.either(
+            "instantiate it in a `federated reactor`: an executable is a process of its own",
+            "let a `hprm.Federation` contain it: an executable is a process of its own",
+        )
+    }
+
     /// What can trigger a reaction.
     pub(crate) fn triggers(self) -> &'static str {
         self.either(

@@ -125,7 +125,7 @@ fn compile(
     text: &str,
     properties: &[String],
 ) -> Result<Result<Compiled, CompileFailure>, Malformed> {
-    hprm_declared::compile(text, properties, &mut Disk::from_environment(), Purpose::Run)
+    hprm_lf::compile_declared(text, properties, &mut Disk::from_environment(), Purpose::Run)
 }
 
 /// The program, unless there is something wrong with it.

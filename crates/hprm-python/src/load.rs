@@ -70,6 +70,10 @@ pub(crate) fn load(
     inbox: &Inbox<Value>,
     care: Care,
 ) -> Result<PyHost, Failure> {
+    if let (Scope::Whole, Some(federate)) = (scope, compiled.executables.keys().next()) {
+        let name = &compiled.program.federates[*federate].name;
+        return Err(not_here(name));
+    }
     let backlog = Backlog::from_environment()?;
     let program = Arc::clone(&compiled.program);
     let runtime = Arc::new(Runtime::new(program, scope, inbox.clone(), backlog));
@@ -124,6 +128,16 @@ pub(crate) fn load(
         shared,
         effects,
     })
+}
+
+/// The error for a federate that runs only as a process of its own.
+pub(crate) fn not_here(federate: &str) -> Failure {
+    Failure::Option {
+        message: format!(
+            "the federate {federate} is an executable, and cannot run in this process"
+        ),
+        hint: Some("run the federation as processes: `hprm run` does that without --in-process"),
+    }
 }
 
 fn bodies(

@@ -26,7 +26,7 @@ use crate::console::{report_output_to, say, show};
 use crate::failure::failure_in;
 use crate::forced_end;
 use crate::interrupt::{Handled, Interrupt};
-use crate::load::{Care, load};
+use crate::load::{Care, load, not_here};
 use crate::run::{exit_code, inbox};
 use crate::signals;
 use crate::stalls;
@@ -115,6 +115,9 @@ impl Plan {
         let Checked { compiled, .. } = &*self.checked;
         let program = &compiled.program;
         check(program)?;
+        if let Some(federate) = compiled.executables.keys().next() {
+            return Err(not_here(&program.federates[*federate].name));
+        }
         let exchange = ValueExchange::new();
         let fingerprint = Arc::new(program.fingerprint());
         let listen: Address = "unix:@rti".parse().expect("an abstract name is an address");

@@ -1,11 +1,15 @@
-//! Files for the front end, which opens no file itself: their text, what lies in a folder, and where
-//! packages are.
+//! Files for the front end, which opens no file itself: their text, what lies in a folder, where packages are, and
+//! what executables declare.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
+use hprm_declared::Described;
 use hprm_lf::SourceLoader;
+use hprm_model::Executable;
+
+use crate::describing;
 
 /// The files of this machine, with the packages that the environment names.
 #[derive(Clone, Debug, Default)]
@@ -63,6 +67,10 @@ impl SourceLoader for Disk {
 
     fn exists(&mut self, path: &str) -> bool {
         Path::new(path).exists()
+    }
+
+    fn describe(&mut self, executable: &Executable) -> Result<Described, String> {
+        describing::describe(executable)
     }
 
     fn packages(&mut self) -> Vec<String> {

@@ -11,9 +11,20 @@ const ARROWS: [(&str, &[&str]); 11] = [
     ("hprm-federated", &["hprm-core"]),
     ("hprm-store", &["hprm-core"]),
     ("hprm-model", &["hprm-core"]),
-    ("hprm-lf", &["hprm-core", "hprm-model"]),
-    ("hprm-declared", &["hprm-core", "hprm-lf", "hprm-model"]),
-    ("hprm", &["hprm-codec", "hprm-core", "hprm-federated", "hprm-store", "hprm-model", "hprm-lf"]),
+    ("hprm-lf", &["hprm-core", "hprm-declared", "hprm-model"]),
+    ("hprm-declared", &["hprm-core", "hprm-model"]),
+    (
+        "hprm",
+        &[
+            "hprm-codec",
+            "hprm-core",
+            "hprm-declared",
+            "hprm-federated",
+            "hprm-store",
+            "hprm-model",
+            "hprm-lf",
+        ],
+    ),
     ("hprm-sim", &["hprm-core", "hprm-federated", "hprm-store"]),
     (
         "hprm-python",

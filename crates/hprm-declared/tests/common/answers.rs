@@ -6,7 +6,7 @@ use hprm_model::{Purpose, Severity, render_all};
 /// declaration.
 pub(crate) fn answers(text: &str) {
     let mut no_files = |_: &str| Err("no such file".to_owned());
-    match hprm_declared::compile(text, &[], &mut no_files, Purpose::Run) {
+    match hprm_lf::compile_declared(text, &[], &mut no_files, Purpose::Run) {
         Err(malformed) => assert!(!malformed.to_string().is_empty()),
         Ok(Ok(compiled)) => {
             assert_eq!(compiled.bodies.len(), compiled.program.reactions.len());

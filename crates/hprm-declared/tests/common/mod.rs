@@ -134,7 +134,7 @@ pub(crate) fn vision() -> Value {
 /// Compiles a declaration of ours.
 pub(crate) fn compiled(document: &Value) -> Result<Compiled, CompileFailure> {
     let compiled =
-        hprm_declared::compile(&document.to_string(), &[], &mut no_files(), Purpose::Run);
+        hprm_lf::compile_declared(&document.to_string(), &[], &mut no_files(), Purpose::Run);
     compiled.unwrap_or_else(|malformed| panic!("{malformed}"))
 }
 

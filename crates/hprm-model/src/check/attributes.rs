@@ -6,6 +6,7 @@ use hprm_core::{Bound, Overflow};
 
 use crate::declaration::{Attribute, AttributeArgument, Expression, ExpressionKind, ReactorKind};
 use crate::diagnostic::{Diagnostic, Report, existing};
+use crate::executable::ATTRIBUTE;
 use crate::model::Model;
 use crate::syntax::Syntax;
 
@@ -15,7 +16,7 @@ const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
 const SIDES: [&str; 4] = ["north", "east", "south", "west"];
 
 /// What changes how a program runs.
-const OBEYED: [&str; 4] = ["maxwait", "absent_after", "bound", "transient"];
+const OBEYED: [&str; 5] = ["maxwait", "absent_after", "bound", "transient", ATTRIBUTE];
 
 /// Known to the language, and not there yet.
 const UNSUPPORTED: [&str; 1] = ["enclave"];
@@ -43,6 +44,7 @@ fn names_of(attribute: &str) -> &'static [&'static str] {
 /// Where an attribute stands.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Place {
+    Reactor,
     Instance,
     Connection { physical: bool },
     Elsewhere,
@@ -51,10 +53,9 @@ enum Place {
 pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     let declared = &model.declared;
     let elsewhere = declared
-        .decl
-        .attributes
+        .parameters
         .iter()
-        .chain(declared.parameters.iter().flat_map(|parameter| &parameter.attributes))
+        .flat_map(|parameter| &parameter.attributes)
         .chain(declared.states.iter().flat_map(|state| &state.attributes))
         .chain(declared.ports.iter().flat_map(|port| &port.attributes))
         .chain(declared.timers.iter().flat_map(|timer| &timer.attributes))
@@ -62,6 +63,9 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
         .chain(declared.reactions.iter().flat_map(|reaction| &reaction.attributes));
     let instances = declared.instances.iter().flat_map(|instance| &instance.decl.attributes);
     let federated = declared.decl.kind == ReactorKind::Federated;
+    for attribute in &declared.decl.attributes {
+        attribute_fits(attribute, Place::Reactor, federated, report);
+    }
     for attribute in elsewhere {
         attribute_fits(attribute, Place::Elsewhere, federated, report);
     }
@@ -105,13 +109,22 @@ fn stated_once(attributes: &[Attribute], report: &mut Report) {
 
 fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: &mut Report) {
     let name = attribute.name.text.to_ascii_lowercase();
-    let is_obeyed = OBEYED.contains(&&*name) || DRAWING.contains(&&*name);
+    let is_obeyed = (OBEYED.contains(&&*name) && name != ATTRIBUTE) || DRAWING.contains(&&*name);
     if is_obeyed && !arguments_are_known(attribute, &name, report) {
         return;
     }
     match name.as_str() {
         name if DRAWING.contains(&name) => drawing(attribute, name, report),
         "maxwait" | "absent_after" => wait(attribute, &name, place, federated, report),
+        // What it states has been read before.
+        ATTRIBUTE if place == Place::Reactor => {}
+        ATTRIBUTE => {
+            let message = format!("{} does not belong here", report.syntax().option(&name));
+            report.add(
+                Diagnostic::error("LF0212", attribute.span, message)
+                    .hint("it belongs to a reactor, which states its ports only"),
+            );
+        }
         "bound" => bounded(attribute, place, report),
         "transient" if place != Place::Instance || !federated => {
             report.add(misplaced(attribute, &name, false, report.syntax()));
@@ -299,6 +312,11 @@ fn drawing(attribute: &Attribute, name: &str, report: &mut Report) {
 /// Whether the attribute `name` is among `attributes`.
 pub(crate) fn is_there(attributes: &[Attribute], name: &str) -> bool {
     attributes.iter().any(|attribute| attribute.name.text.eq_ignore_ascii_case(name))
+}
+
+/// The attribute `name`, if it is among `attributes`.
+pub(crate) fn find<'a>(attributes: &'a [Attribute], name: &str) -> Option<&'a Attribute> {
+    attributes.iter().find(|attribute| attribute.name.text.eq_ignore_ascii_case(name))
 }
 
 /// The time of the attribute `name`, if it is among `attributes`.

@@ -2,12 +2,23 @@
 
 use crate::declaration::ReactorKind;
 use crate::diagnostic::{Diagnostic, Report};
+use crate::executable::is_executable;
+use crate::library::Library;
 use crate::model::Model;
 
-pub(super) fn check(model: &Model<'_>, report: &mut Report) {
+pub(super) fn check(library: &Library, model: &Model<'_>, report: &mut Report) {
     let declared = &model.declared;
     if declared.decl.kind != ReactorKind::Federated {
         for instance in &declared.instances {
+            if instance.classes().any(|class| is_executable(library.reactor(class))) {
+                let name = &instance.decl.class.text;
+                let message =
+                    format!("`{name}` is an executable, and here it would be no federate");
+                report.add(
+                    Diagnostic::error("LF1104", instance.decl.name.span, message)
+                        .hint(report.syntax().federated_for_executables()),
+                );
+            }
             if let Some(host) = &instance.decl.host {
                 let message = "only an instance in a federated reactor has a host";
                 report.add(

@@ -38,7 +38,7 @@ pub(crate) fn check(library: &Library, models: &Models<'_>, report: &mut Report)
         names::check(model, report);
         values::check(model, models, report);
         attributes::check(model, report);
-        federation::check(model, report);
+        federation::check(library, model, report);
         let inner = model.declared.instances.iter().filter_map(|i| i.decl.host.as_ref());
         for host in model.declared.decl.host.iter().chain(inner) {
             hosts::check(host, report);

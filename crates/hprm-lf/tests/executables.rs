@@ -1,0 +1,502 @@
+//! Reactors that are executables: what they declare becomes part of the program, and is checked with it.
+
+mod common;
+
+use std::collections::BTreeMap;
+
+use common::connections;
+use hprm_declared::Described;
+use hprm_lf::{SourceLoader, compile, compile_declared};
+use hprm_model::{CompileFailure, Compiled, Executable, Purpose};
+use insta::assert_snapshot;
+use serde_json::{Value, json};
+
+/// Files, and what executables declare; all that they were asked.
+#[derive(Default)]
+struct World {
+    files: BTreeMap<&'static str, String>,
+    declared: BTreeMap<&'static str, Value>,
+    asked: Vec<Vec<String>>,
+}
+
+impl SourceLoader for World {
+    fn load(&mut self, path: &str) -> Result<String, String> {
+        self.files.get(path).cloned().ok_or_else(|| "no such file".to_owned())
+    }
+
+    fn describe(&mut self, executable: &Executable) -> Result<Described, String> {
+        let Executable { command, file, .. } = executable;
+        self.asked.push(command.clone());
+        let path = command[0].as_str();
+        let declared = self.declared.get(path).ok_or(format!("there is no executable {path}"))?;
+        let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let mut started = vec![format!("/{folder}/{path}").replace("//", "/")];
+        started.extend(command[1..].iter().cloned());
+        Ok(Described { command: started, text: declared.to_string() })
+    }
+}
+
+impl World {
+    fn new(main: &str) -> Self {
+        let files = BTreeMap::from([("Main.lf", format!("target Python\n{main}"))]);
+        Self { files, ..Self::default() }
+    }
+
+    fn file(mut self, path: &'static str, text: &str) -> Self {
+        self.files.insert(path, format!("target Python\n{text}"));
+        self
+    }
+
+    fn executable(mut self, path: &'static str, reactors: Value) -> Self {
+        let at = [0, 1, 0, -1];
+        let files = json!([{"path": format!("/{path}"), "text": ""}]);
+        let mut document = json!({"files": files, "main": 0, "reactors": reactors});
+        for reactor in document["reactors"].as_array_mut().unwrap() {
+            fill(reactor, &json!(at));
+        }
+        self.declared.insert(path, document);
+        self
+    }
+
+    fn compiled(&mut self) -> Result<Compiled, CompileFailure> {
+        compile("Main.lf", self)
+    }
+
+    fn errors(mut self) -> String {
+        self.compiled().map(drop).unwrap_err().to_string()
+    }
+}
+
+/// Gives everything that is a part of a program a place.
+fn fill(value: &mut Value, at: &Value) {
+    match value {
+        Value::Object(object) => {
+            object.values_mut().for_each(|inner| fill(inner, at));
+            object.entry("at").or_insert_with(|| at.clone());
+        }
+        Value::Array(array) => array.iter_mut().for_each(|inner| fill(inner, at)),
+        _ => {}
+    }
+}
+
+/// A camera with a reactor inside.
+fn camera() -> Value {
+    json!([
+        {
+            "name": "Camera",
+            "ports": [{"name": "image", "kind": "output"}, {"name": "rate", "kind": "input"}],
+            "timers": [{"name": "tick", "period": 10_000_000}],
+            "children": [{"name": "lens", "members": [1]}],
+            "reactions": [
+                {"name": "reaction_1", "triggers": [{"name": "tick"}], "effects": [{"name": "image"}]},
+                {"name": "reaction_2", "triggers": [{"name": "rate"}],
+                 "effects": [{"child": "lens", "name": "focus"}], "deadline": 1_000},
+            ],
+        },
+        {
+            "name": "Lens",
+            "ports": [{"name": "focus", "kind": "input"}],
+            "reactions": [{"name": "reaction_1", "triggers": [{"name": "focus"}]}],
+        },
+    ])
+}
+
+const VISION: &str = r#"
+    @executable("bin/camera", "--fast")
+    reactor Camera { input rate; output image }
+    reactor Detector {
+        input image
+        output rate
+        reaction(startup) -> rate {= rate.set(1) =}
+        reaction(image) {= pass =}
+    }
+    federated reactor {
+        camera = new Camera()
+        detector = new Detector()
+        camera.image -> detector.image
+        detector.rate -> camera.rate
+    }
+"#;
+
+#[test]
+fn what_an_executable_declares_is_part_of_the_program() {
+    let mut world = World::new(VISION).executable("bin/camera", camera());
+    let compiled = world.compiled().unwrap();
+    let program = &compiled.program;
+    let names: Vec<_> = program.reactors.values().map(|reactor| reactor.name.as_str()).collect();
+    assert_eq!(names, ["Main", "Main.camera", "Main.camera.lens", "Main.detector"]);
+    assert_eq!(
+        connections(&compiled),
+        ["camera.image -> detector.image", "detector.rate -> camera.rate"]
+    );
+    let camera = program.federate_named("camera").unwrap();
+    let known: Vec<_> = compiled.executables.keys().copied().collect();
+    assert_eq!(known, [camera]);
+    assert_eq!(compiled.executables[&camera].command, ["/bin/camera", "--fast"]);
+    assert_eq!(world.asked, [["bin/camera", "--fast"]]);
+    let timer = program.timers.values().next().unwrap();
+    assert_eq!((timer.name.as_str(), timer.period), ("tick", 10_000_000));
+    assert!(compiled.warnings.is_empty(), "{:?}", compiled.warnings);
+}
+
+#[test]
+fn an_executable_that_declares_something_else_is_another_program() {
+    let facts = |period: i64| {
+        let mut declared = camera();
+        declared[0]["timers"][0]["period"] = json!(period);
+        let mut world = World::new(VISION).executable("bin/camera", declared);
+        world.compiled().unwrap().fingerprint().report()
+    };
+    assert_eq!(facts(10_000_000), facts(10_000_000));
+    assert_ne!(facts(10_000_000), facts(20_000_000));
+}
+
+#[test]
+fn each_executable_is_asked_once_for_all_its_instances() {
+    let text = VISION.replace("camera = new Camera()", "camera = new[3] Camera()");
+    let text = text
+        .replace("input image", "input[3] image")
+        .replace("detector.rate ->", "(detector.rate)+ ->");
+    let mut world = World::new(&text).executable("bin/camera", camera());
+    let compiled = world.compiled().unwrap();
+    assert_eq!(compiled.executables.len(), 3);
+    assert_eq!(world.asked.len(), 1);
+}
+
+#[test]
+fn the_path_is_relative_to_the_file_that_states_it_and_what_is_not_needed_is_not_asked() {
+    let library = r#"
+        @executable("camera") reactor Camera { input rate; output image }
+        @executable("missing") reactor Other { output image }
+    "#;
+    let (_, rest) = VISION.split_once("reactor Detector").unwrap();
+    let main = format!("import Camera from \"lib/Camera.lf\"\nreactor Detector{rest}");
+    let mut world = World::new(&main).file("lib/Camera.lf", library).executable("camera", camera());
+    let compiled = world.compiled().unwrap();
+    let command = &compiled.executables.values().next().unwrap().command;
+    assert_eq!(*command, ["/lib/camera"]);
+    assert_eq!(world.asked, [["camera"]]);
+}
+
+#[test]
+fn ports_that_differ_are_errors_that_name_both_ends() {
+    let mut declared = camera();
+    declared[0]["ports"] = json!([
+        {"name": "image", "kind": "output", "width": 3},
+        {"name": "rate", "kind": "output"},
+        {"name": "depth", "kind": "output"},
+    ]);
+    declared[0]["timers"] = json!([]);
+    declared[0]["reactions"] = json!([]);
+    let text = VISION.replace("output image }", "output image; input gain }");
+    assert_snapshot!(World::new(&text).executable("bin/camera", declared).errors(), @r#"
+    error[LF1103]: the executable /bin/camera declares output `depth`, and Camera in Main.lf:4 has no such port
+     --> Main.lf:4:5
+      |
+    4 |     reactor Camera { input rate; output image; input gain }
+      |     ^^^^^^^^^^^^^^
+      |
+      = help: the ports of both must have the same names, directions and widths
+
+    error[LF1103]: the executable /bin/camera declares output `rate`, and Camera in Main.lf:4 has input `rate`
+     --> Main.lf:4:28
+      |
+    4 |     reactor Camera { input rate; output image; input gain }
+      |                            ^^^^
+      |
+      = help: the ports of both must have the same names, directions and widths
+
+    error[LF1103]: the executable /bin/camera declares output `image[3]`, and Camera in Main.lf:4 has output `image`
+     --> Main.lf:4:41
+      |
+    4 |     reactor Camera { input rate; output image; input gain }
+      |                                         ^^^^^
+      |
+      = help: the ports of both must have the same names, directions and widths
+
+    error[LF1103]: the executable /bin/camera declares no port `gain`, and Camera in Main.lf:4 has input `gain`
+     --> Main.lf:4:54
+      |
+    4 |     reactor Camera { input rate; output image; input gain }
+      |                                                      ^^^^
+      |
+      = help: the ports of both must have the same names, directions and widths
+    "#);
+}
+
+#[test]
+fn an_executable_has_ports_only() {
+    let text = r#"
+        @executable("a")
+        reactor A(rate = 1) extends B {
+            output out
+            timer tick
+            state count = 0
+            reaction(tick) -> out {= out.set(1) =}
+        }
+        reactor B { }
+        main reactor { }
+    "#;
+    assert_snapshot!(World::new(text).errors(), @r#"
+    error[LF1101]: an executable has no parameters
+     --> Main.lf:4:19
+      |
+    4 |         reactor A(rate = 1) extends B {
+      |                   ^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF1101]: an executable extends no reactor
+     --> Main.lf:4:37
+      |
+    4 |         reactor A(rate = 1) extends B {
+      |                                     ^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF1101]: a timer cannot be declared here: the reactor is an executable
+     --> Main.lf:6:19
+      |
+    6 |             timer tick
+      |                   ^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF1101]: a state variable cannot be declared here: the reactor is an executable
+     --> Main.lf:7:19
+      |
+    7 |             state count = 0
+      |                   ^^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF1101]: a reaction cannot be declared here: the reactor is an executable
+     --> Main.lf:8:13
+      |
+    8 |             reaction(tick) -> out {= out.set(1) =}
+      |             ^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+    "#);
+}
+
+#[test]
+fn an_executable_is_no_main_reactor_and_nothing_extends_it() {
+    let text = r#"
+        @executable("c") reactor C { output out }
+        reactor D extends C { }
+        @executable main reactor { c = new C() }
+        @executable(3) reactor E { output out }
+    "#;
+    assert_snapshot!(World::new(text).errors(), @r#"
+    error[LF1101]: `C` is an executable: nothing extends it
+     --> Main.lf:4:27
+      |
+    4 |         reactor D extends C { }
+      |                           ^
+
+    error[LF0212]: `@executable` takes the path of a file, and perhaps arguments: texts
+     --> Main.lf:5:9
+      |
+    5 |         @executable main reactor { c = new C() }
+      |         ^^^^^^^^^^^
+      |
+      = help: write `@executable("path")`, or `@executable("path", "argument")`
+
+    error[LF1101]: the main reactor of a program is no executable
+     --> Main.lf:5:21
+      |
+    5 |         @executable main reactor { c = new C() }
+      |                     ^^^^^^^^^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF1101]: a contained reactor cannot be declared here: the reactor is an executable
+     --> Main.lf:5:36
+      |
+    5 |         @executable main reactor { c = new C() }
+      |                                    ^
+      |
+      = help: the program states its ports, and the executable declares the rest
+
+    error[LF0212]: `@executable` takes the path of a file, and perhaps arguments: texts
+     --> Main.lf:6:9
+      |
+    6 |         @executable(3) reactor E { output out }
+      |         ^^^^^^^^^^^^^^
+      |
+      = help: write `@executable("path")`, or `@executable("path", "argument")`
+
+    error[LF0212]: `@executable` takes the path of a file, and perhaps arguments: texts
+     --> Main.lf:6:21
+      |
+    6 |         @executable(3) reactor E { output out }
+      |                     ^
+      |
+      = help: write `@executable("path")`, or `@executable("path", "argument")`
+    "#);
+}
+
+#[test]
+fn an_executable_is_a_federate() {
+    let text = r#"
+        @executable("c") reactor C { output out }
+        reactor D { @executable("x") c = new C() }
+        federated reactor { d = new D() }
+    "#;
+    let declared = json!([{"name": "C", "ports": [{"name": "out", "kind": "output"}]}]);
+    assert_snapshot!(World::new(text).executable("c", declared).errors(), @r#"
+    error[LF0212]: `@executable` does not belong here
+     --> Main.lf:4:21
+      |
+    4 |         reactor D { @executable("x") c = new C() }
+      |                     ^^^^^^^^^^^^^^^^
+      |
+      = help: it belongs to a reactor, which states its ports only
+
+    error[LF1104]: `C` is an executable, and here it would be no federate
+     --> Main.lf:4:38
+      |
+    4 |         reactor D { @executable("x") c = new C() }
+      |                                      ^
+      |
+      = help: instantiate it in a `federated reactor`: an executable is a process of its own
+    "#);
+}
+
+#[test]
+fn what_is_no_declaration_of_a_reactor_is_an_error_at_the_attribute() {
+    assert_snapshot!(World::new(VISION).errors(), @r#"
+    error[LF1102]: there is no executable bin/camera
+     --> Main.lf:3:5
+      |
+    3 |     @executable("bin/camera", "--fast")
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+    "#);
+    let mut world = World::new(VISION);
+    world.declared.insert("bin/camera", json!({"version": 7}));
+    assert_snapshot!(world.errors(), @r#"
+    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules` at line 1 column 10
+     --> Main.lf:3:5
+      |
+    3 |     @executable("bin/camera", "--fast")
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: it and this command may be of different versions of HPRM
+    "#);
+    let mut declared = camera();
+    declared[0]["federated"] = json!(true);
+    assert_snapshot!(World::new(VISION).executable("bin/camera", declared).errors(), @r#"
+    error[LF1102]: the executable /bin/camera declares a federation of its own
+     --> Main.lf:3:5
+      |
+    3 |     @executable("bin/camera", "--fast")
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: a federate is one reactor: in Rust, what `run_as_federate` is given
+    "#);
+    let mut declared = camera();
+    declared[1]["executable"] = json!(["other"]);
+    assert_snapshot!(World::new(VISION).executable("bin/camera", declared).errors(), @r#"
+    error[LF1102]: the executable /bin/camera declares a reactor that is another executable
+     --> Main.lf:3:5
+      |
+    3 |     @executable("bin/camera", "--fast")
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: a federate is one reactor: in Rust, what `run_as_federate` is given
+    "#);
+    let mut declared = camera();
+    declared[0]["children"][0]["members"] = json!([9]);
+    assert_snapshot!(World::new(VISION).executable("bin/camera", declared).errors(), @r#"
+    error[LF1102]: the declaration of the executable /bin/camera cannot be read: it has no reactor 9
+     --> Main.lf:3:5
+      |
+    3 |     @executable("bin/camera", "--fast")
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: it and this command may be of different versions of HPRM
+    "#);
+}
+
+#[test]
+fn a_cycle_through_an_executable_is_found_with_names() {
+    let mut declared = camera();
+    declared[0]["reactions"] = json!([{"name": "reaction_1", "triggers": [{"name": "rate"}], "effects": [{"name": "image"}]}]);
+    let text = VISION.replace("reaction(startup) -> rate {= rate.set(1) =}", "");
+    let text =
+        text.replace("reaction(image) {= pass =}", "reaction(image) -> rate {= rate.set(1) =}");
+    assert_snapshot!(World::new(&text).executable("bin/camera", declared).errors(), @r#"
+    error[LF0503]: reactions wait for one another in a cycle: Main.camera.1 -> Main.detector.1
+     --> /bin/camera:1:1
+      |
+    1 |
+      | ^
+      |
+     ::: Main.lf:9:9
+      |
+    9 |         reaction(image) -> rate {= rate.set(1) =}
+      |         ----------------------- this reaction is in the cycle
+      |
+      = help: give one of the connections a delay, such as `after 0`, or reorder the reactions
+    "#);
+}
+
+/// A federation in Python whose first federate is an executable.
+fn python() -> Value {
+    let at = [0, 1, 0, -1];
+    let end = |child: &str, name: &str| json!({"child": child, "name": name});
+    let mut document = json!({
+        "files": [{"path": "src/app.py", "text": "import hprm\nclass Camera: ...\nclass Vision: ...\n"}],
+        "main": 2,
+        "reactors": [
+            {"name": "Camera", "at": [0, 2, 6, 12], "executable": ["camera"], "ports": [
+                {"name": "image", "kind": "output"}, {"name": "rate", "kind": "input"}]},
+            {"name": "Detector", "ports": [{"name": "image", "kind": "input"}],
+             "reactions": [{"name": "detect", "triggers": [{"name": "image"}]}],
+             "facts": [["parameter size", "3"]]},
+            {"name": "Vision", "federated": true,
+             "children": [{"name": "camera", "members": [0]}, {"name": "detector", "members": [1]}],
+             "connections": [{"from": [end("camera", "image")], "to": [end("detector", "image")]}]},
+        ],
+    });
+    for reactor in document["reactors"].as_array_mut().unwrap() {
+        fill(reactor, &json!(at));
+    }
+    document
+}
+
+#[test]
+fn programs_in_python_name_executables_too() {
+    let mut world = World::default().executable("camera", camera());
+    let compile = |document: &Value, world: &mut World| {
+        compile_declared(&document.to_string(), &[], world, Purpose::Run).unwrap()
+    };
+    let compiled = compile(&python(), &mut world).unwrap();
+    assert_eq!(compiled.executables.values().next().unwrap().command, ["/src/camera"]);
+    // What federates compare of each instance is of the one that it is stated for.
+    let subjects: Vec<_> = compiled.modules.iter().map(|fact| fact.subject.as_str()).collect();
+    assert_eq!(subjects, ["parameter size of detector"]);
+    let mut wrong = python();
+    wrong["reactors"][0]["facts"] = json!([["parameter rate", "1"]]);
+    assert_snapshot!(compile(&wrong, &mut world).unwrap_err(), @r#"
+    error[LF1101]: an executable has no parameters
+     --> src/app.py:2:7
+      |
+    2 | class Camera: ...
+      |       ^^^^^^
+      |
+      = help: the program states its ports, and the executable declares the rest
+    "#);
+    let mut wrong = python();
+    wrong["reactors"][0]["ports"][0]["width"] = json!(2);
+    assert_snapshot!(compile(&wrong, &mut world).unwrap_err(), @r#"
+    error[LF1103]: the executable /src/camera declares output `image`, and Camera in src/app.py:2 has output `image[2]`
+     --> src/app.py:1:1
+      |
+    1 | import hprm
+      | ^^^^^^^^^^^
+      |
+      = help: the ports of both must have the same names, directions and widths
+    "#);
+}

@@ -1,0 +1,375 @@
+//! Asking executables what they declare, for programs that name them.
+//!
+//! An executable is started with the environment variable `HPRM_DESCRIBE`, which names a file: it writes its
+//! declaration there, as the JSON that `hprm-declared` reads, and ends. What the file is, is up to this: it has no
+//! name in a file system, so nothing of it is ever left.
+//!
+//! A launcher hands what it was told to the processes that it starts, by the environment variable
+//! `HPRM_DESCRIPTIONS`, so that each executable is asked once.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::os::fd::{AsFd, AsRawFd};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use hprm_declared::Described;
+use hprm_model::{Compiled, Executable};
+use nix::sys::signal::{SigSet, Signal, kill, killpg};
+use nix::sys::signalfd::{SfdFlags, SignalFd};
+use nix::unistd::Pid;
+use rustix::fs::{MemfdFlags, memfd_create};
+
+/// The environment variable that asks an executable what it declares: the file that it writes.
+pub const DESCRIBE: &str = "HPRM_DESCRIBE";
+
+/// Where the processes of a program find what its executables have declared.
+const DESCRIPTIONS: &str = "HPRM_DESCRIPTIONS";
+
+/// For how long an executable may declare itself. It opens nothing meanwhile.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// How often to look whether it has ended.
+const GLANCE: Duration = Duration::from_millis(2);
+
+/// The longest declaration that is read, in bytes.
+const MAX: u64 = 64 << 20;
+
+/// What to do about an executable that does not declare itself.
+const HINT: &str = "asked by HPRM_DESCRIBE=FILE, an executable writes what it declares into that file and exits with \
+                    0; in Rust, `hprm::run_as_federate` does that";
+
+/// What an executable declares.
+///
+/// # Errors
+///
+/// Why that is not known; a second line says what to do.
+pub(crate) fn describe(executable: &Executable) -> Result<Described, String> {
+    let command = find(executable)?;
+    let text = match handed(&command) {
+        Some(text) => text,
+        None => ask(&command, PATIENCE)?,
+    };
+    Ok(Described { command, text })
+}
+
+/// What the executables of a program have declared, for the processes that are started while this exists.
+#[derive(Debug)]
+pub struct Descriptions(File);
+
+impl Descriptions {
+    /// Those of a program; none if it has no executables.
+    ///
+    /// # Errors
+    ///
+    /// If the system has no memory for them.
+    pub fn of(compiled: &Compiled) -> io::Result<Option<Self>> {
+        if compiled.executables.is_empty() {
+            return Ok(None);
+        }
+        let known = compiled.executables.values();
+        let known: BTreeMap<_, _> =
+            known.map(|it| (key(&it.command), it.declaration.as_str())).collect();
+        let mut memory = memory()?;
+        memory.write_all(&serde_json::to_vec(&known).map_err(io::Error::other)?)?;
+        Ok(Some(Self(memory)))
+    }
+
+    /// Lets a process that this one starts have them.
+    pub fn hand_to(&self, command: &mut Command) {
+        command.env(DESCRIPTIONS, path_of(&self.0));
+    }
+}
+
+/// What a launcher was told by the executable; none if there is no launcher.
+fn handed(command: &[String]) -> Option<String> {
+    let text = std::fs::read(std::env::var_os(DESCRIPTIONS)?).ok()?;
+    let mut known: BTreeMap<String, String> = serde_json::from_slice(&text).ok()?;
+    known.remove(&key(command))
+}
+
+fn key(command: &[String]) -> String {
+    command.join("\0")
+}
+
+fn memory() -> io::Result<File> {
+    Ok(memfd_create("hprm-declared", MemfdFlags::CLOEXEC)?.into())
+}
+
+/// Where other processes of this user find a file without a name.
+fn path_of(file: &File) -> PathBuf {
+    PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), file.as_raw_fd()))
+}
+
+/// The command of an executable, by which it is started from anywhere.
+///
+/// A path is relative to the file that names it. What is only a name is looked up beside that file, and then in the
+/// folders of `PATH`.
+fn find(executable: &Executable) -> Result<Vec<String>, String> {
+    let Executable { command, file, .. } = executable;
+    let (stated, arguments) = command.split_first().ok_or("there is no executable")?;
+    let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+    let beside = folder.join(stated);
+    let found = match stated.contains('/') {
+        true => beside.clone(),
+        false => beside_or_on_path(&beside, stated),
+    };
+    let absolute = std::path::absolute(&found)
+        .map_err(|error| format!("the executable {stated} cannot be found: {error}"))?;
+    let path = absolute.to_str().ok_or("the path of the executable is not UTF-8 text")?;
+    is_executable(path, stated.contains('/'))?;
+    Ok([path.to_owned()].into_iter().chain(arguments.iter().cloned()).collect())
+}
+
+fn beside_or_on_path(beside: &Path, name: &str) -> PathBuf {
+    if beside.is_file() {
+        return beside.to_owned();
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let mut places = std::env::split_paths(&folders).map(|folder| folder.join(name));
+    places.find(|place| is_executable_file(place)).unwrap_or_else(|| beside.to_owned())
+}
+
+fn is_executable_file(path: &Path) -> bool {
+    path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
+}
+
+/// Sees to it that there is a file that can be executed, so that a wrong path is one plain error.
+fn is_executable(path: &str, is_path: bool) -> Result<(), String> {
+    let at = Path::new(path);
+    match at.metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(format!(
+            "there is no executable {path}\n{}",
+            match is_path {
+                true => "the path is relative to the file that names it; has it been built?",
+                false =>
+                    "a name without a slash is looked up beside the file that names it, then on PATH",
+            }
+        )),
+        Err(error) => Err(format!("the executable {path} cannot be read: {}", reason(&error))),
+        Ok(found) if found.is_dir() => Err(format!("{path} is a folder, not an executable")),
+        Ok(_) if is_executable_file(at) => Ok(()),
+        Ok(_) => Err(format!("{path} is not executable\nchmod +x makes a script executable")),
+    }
+}
+
+/// Has an executable declare itself.
+///
+/// # Errors
+///
+/// Why it has not; a second line says what to do.
+pub(crate) fn ask(command: &[String], patience: Duration) -> Result<String, String> {
+    let path = &command[0];
+    let unable = |error: io::Error| format!("the executable {path} cannot run: {}", reason(&error));
+    let mut answer = memory().map_err(unable)?;
+    let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(unable)?;
+    let mut process = Command::new(path);
+    process.args(&command[1..]).env(DESCRIBE, path_of(&answer)).env_remove(DESCRIPTIONS);
+    // A group of its own, so that nothing of it is left if it takes too long.
+    process.stdin(Stdio::null()).stdout(stderr).process_group(0);
+    let status = run(process, patience).map_err(unable)?;
+    let Some(status) = status else {
+        let seconds = patience.as_secs_f64();
+        return Err(format!(
+            "the executable {path} does not say within {seconds} s what it declares\n{HINT}"
+        ));
+    };
+    let mut text = String::new();
+    let read = answer.rewind().and_then(|()| (&answer).take(MAX).read_to_string(&mut text));
+    read.map_err(|error| format!("the declaration of the executable {path}: {}", reason(&error)))?;
+    let how = match (status.success(), status.code(), status.signal()) {
+        (true, ..) if text.is_empty() => "has ended without saying what it declares".to_owned(),
+        (true, ..) => return Ok(text),
+        (false, Some(code), _) => {
+            format!("has exited with {code} when it was asked what it declares")
+        }
+        (false, None, signal) => format!(
+            "was killed by signal {} when it was asked what it declares",
+            signal.unwrap_or_default()
+        ),
+    };
+    Err(format!("the executable {path} {how}\n{HINT}"))
+}
+
+/// Runs a process to its end; if it takes too long, it is killed, and there is no status. A signal that asks this
+/// process to stop kills that one first.
+fn run(mut command: Command, patience: Duration) -> io::Result<Option<ExitStatus>> {
+    let mut asking = SigSet::empty();
+    for signal in [Signal::SIGHUP, Signal::SIGINT, Signal::SIGTERM] {
+        asking.add(signal);
+    }
+    let mut process = command.spawn()?;
+    // Only now, because a process inherits what is blocked.
+    let before = asking.thread_swap_mask(nix::sys::signal::SigmaskHow::SIG_BLOCK)?;
+    let ended = wait(&mut process, patience, &asking);
+    if !matches!(ended, Ok(Waited::Ended(_))) {
+        if let Ok(group) = i32::try_from(process.id()) {
+            // It may be about to end.
+            let _ = killpg(Pid::from_raw(group), Signal::SIGKILL);
+        }
+        let _ = process.wait();
+    }
+    before.thread_set_mask()?;
+    match ended? {
+        Waited::Ended(status) => Ok(Some(status)),
+        Waited::TooLong => Ok(None),
+        Waited::Asked(signal) => {
+            // What the signal does here, it does now.
+            kill(Pid::this(), signal)?;
+            Err(io::ErrorKind::Interrupted.into())
+        }
+    }
+}
+
+enum Waited {
+    Ended(ExitStatus),
+    TooLong,
+    Asked(Signal),
+}
+
+fn wait(process: &mut Child, patience: Duration, asking: &SigSet) -> io::Result<Waited> {
+    let signals = SignalFd::with_flags(asking, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC)?;
+    let deadline = Instant::now() + patience;
+    loop {
+        if let Some(status) = process.try_wait()? {
+            return Ok(Waited::Ended(status));
+        }
+        if let Some(came) = signals.read_signal()? {
+            let number = i32::try_from(came.ssi_signo).unwrap_or_default();
+            return Ok(Waited::Asked(Signal::try_from(number)?));
+        }
+        if Instant::now() >= deadline {
+            return Ok(Waited::TooLong);
+        }
+        thread::sleep(GLANCE);
+    }
+}
+
+/// The reason alone: `No such file or directory`, without the number of the error.
+fn reason(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use hprm_model::{FileId, Library, Report, Span};
+
+    use super::*;
+
+    /// A script in a folder of its own.
+    fn script(text: &str) -> (tempfile::TempDir, Vec<String>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("camera");
+        fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        let command = vec![path.to_str().unwrap().to_owned(), "one two".to_owned()];
+        (folder, command)
+    }
+
+    fn asked(text: &str) -> Result<String, String> {
+        let (folder, command) = script(text);
+        let answer = ask(&command, Duration::from_secs(30));
+        answer.map_err(|why| why.replace(folder.path().to_str().unwrap(), ""))
+    }
+
+    fn first_line(answer: Result<String, String>) -> String {
+        answer.unwrap_err().lines().next().unwrap().to_owned()
+    }
+
+    #[test]
+    fn an_executable_writes_what_it_declares_into_the_file_that_it_is_told() {
+        assert_eq!(asked(r#"printf %s "$1: {}" > "$HPRM_DESCRIBE""#).unwrap(), "one two: {}");
+        // It reads nothing, and what it prints is no declaration.
+        assert_eq!(asked(r#"cat; echo noise; echo '{}' > "$HPRM_DESCRIBE""#).unwrap(), "{}\n");
+    }
+
+    #[test]
+    fn an_executable_that_declares_nothing_is_one_error_that_says_what_it_has_to_do() {
+        let silent = asked("exit 0").unwrap_err();
+        assert_eq!(
+            silent.lines().collect::<Vec<_>>(),
+            ["the executable /camera has ended without saying what it declares", HINT]
+        );
+        assert_eq!(
+            first_line(asked("echo '{}' > \"$HPRM_DESCRIBE\"; exit 3")),
+            "the executable /camera has exited with 3 when it was asked what it declares"
+        );
+        assert_eq!(
+            first_line(asked("kill -9 $$")),
+            "the executable /camera was killed by signal 9 when it was asked what it declares"
+        );
+    }
+
+    #[test]
+    fn an_executable_that_hangs_is_killed_with_what_it_has_started() {
+        let (folder, command) = script("sleep 1000 & echo $! > \"$0.pid\"; wait");
+        let pid = folder.path().join("camera.pid");
+        let answer = ask(&command, Duration::from_secs(1));
+        assert!(answer.unwrap_err().contains("does not say within 1 s"));
+        let child = fs::read_to_string(pid).unwrap();
+        let status = format!("/proc/{}/stat", child.trim());
+        // It may not have been reaped yet.
+        let is_over = || fs::read_to_string(&status).map_or(true, |text| text.contains(") Z"));
+        while !is_over() {
+            thread::yield_now();
+        }
+    }
+
+    fn executable(stated: &str, file: &str) -> Executable {
+        let mut report = Report::default();
+        let mut library = Library::new("Main.lf", String::new());
+        let span = Span::new(FileId::MAIN, 0..0);
+        let kind = hprm_model::declaration::ReactorKind::Plain;
+        let node = hprm_model::declaration::ReactorNode::new(kind, None, span);
+        let class = library.add_reactor(FileId::MAIN, node, &mut report);
+        Executable { class, command: vec![stated.to_owned()], file: file.to_owned(), span }
+    }
+
+    #[test]
+    fn a_path_is_relative_to_its_file_and_a_name_is_beside_it_or_on_the_path() {
+        let (folder, command) = script("exit 0");
+        let file = folder.path().join("Main.lf");
+        let file = file.to_str().unwrap();
+        let name = folder.path().file_name().unwrap().to_str().unwrap();
+        let found = |stated: &str| find(&executable(stated, file));
+        assert_eq!(found("camera").unwrap(), command[..1]);
+        assert_eq!(found("./camera").unwrap(), command[..1]);
+        assert!(found(&format!("../{name}/camera")).is_ok());
+        assert_eq!(found(&command[0]).unwrap(), command[..1]);
+        assert!(found("sh").unwrap()[0].ends_with("/sh"));
+        assert!(found("./sh").is_err());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_executed_is_one_plain_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("Main.lf");
+        fs::write(folder.path().join("notes"), "").unwrap();
+        let why = |stated: &str| {
+            let why = find(&executable(stated, file.to_str().unwrap())).unwrap_err();
+            why.replace(folder.path().to_str().unwrap(), "")
+        };
+        assert_eq!(
+            why("./missing"),
+            "there is no executable /missing\nthe path is relative to the file that names it; has it been built?"
+        );
+        assert_eq!(
+            why("missing"),
+            "there is no executable /missing\na name without a slash is looked up beside the file that names it, then \
+             on PATH"
+        );
+        assert_eq!(why("./notes"), "/notes is not executable\nchmod +x makes a script executable");
+        assert_eq!(why("./"), "/ is a folder, not an executable");
+        let (_folder, command) = script("");
+        fs::write(&command[0], "\x7fELF").unwrap();
+        assert!(ask(&command, PATIENCE).unwrap_err().contains("cannot run: Exec format error"));
+    }
+}
