@@ -23,6 +23,9 @@ use crate::{Address, Failure, FederateOptions, Reach, Security, TlsFiles, store_
 /// The environment variable that says that there is one, and from which process.
 const VARIABLE: &str = "HPRM_HANDOVER";
 
+/// The name of its memory, for people who look at the descriptors of a process.
+const NAME: &str = "hprm-handover";
+
 /// Both ends must be of one version: the form of a program may change from one to the next.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -126,7 +129,7 @@ impl Handover {
 
     fn memory(&self) -> io::Result<OwnedFd> {
         let text = serde_json::to_vec(self).map_err(io::Error::other)?;
-        let mut memory = File::from(memfd_create("hprm-handover", MemfdFlags::CLOEXEC)?);
+        let mut memory = File::from(memfd_create(NAME, MemfdFlags::CLOEXEC)?);
         memory.write_all(&text)?;
         memory.rewind()?;
         Ok(memory.into())
@@ -143,7 +146,9 @@ impl Handover {
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().to_string());
         let is_mine =
             parent.as_deref() == Some(process) || std::process::id().to_string() == process;
-        if !is_mine {
+        // Another process has one if the federate that was given it has started it, or if the launcher has ended.
+        let is_there = is_mine || (place == "stdin" && has_handover_as_stdin());
+        if !is_there {
             return Ok(None);
         }
         let mut text = String::new();
@@ -155,7 +160,11 @@ impl Handover {
         read.map_err(|error| {
             Failure::system("the handover of the launcher cannot be read", &error)
         })?;
-        Self::read(&text).map(Some)
+        match (is_mine, text.is_empty()) {
+            (true, _) => Self::read(&text).map(Some),
+            (false, true) => Ok(None),
+            (false, false) => Err(Failure::option("the launcher of this federate has ended")),
+        }
     }
 
     fn read(text: &str) -> Result<Self, Failure> {
@@ -219,4 +228,10 @@ impl Handover {
             program,
         })
     }
+}
+
+/// Whether the standard input of this process is a handover, read already or not.
+fn has_handover_as_stdin() -> bool {
+    let link = std::fs::read_link("/proc/self/fd/0").unwrap_or_default();
+    link.to_string_lossy().contains(NAME)
 }

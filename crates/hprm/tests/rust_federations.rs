@@ -50,6 +50,10 @@ fn tests() -> Vec<Trial> {
         ),
         ("signals_stop_a_federation_in_order", signals_stop_a_federation_in_order),
         ("federates_end_with_their_launcher", federates_end_with_their_launcher),
+        (
+            "a_federate_whose_launcher_has_ended_launches_nothing",
+            a_federate_whose_launcher_has_ended_launches_nothing,
+        ),
         ("what_differs_in_each_process_is_named", what_differs_in_each_process_is_named),
         ("federates_have_names_of_their_own", federates_have_names_of_their_own),
         (
@@ -239,6 +243,23 @@ fn federates_end_with_their_launcher() {
         assert!(Instant::now() < until, "a federate outlives its launcher");
         std::thread::sleep(Duration::from_millis(2));
     }
+}
+
+fn a_federate_whose_launcher_has_ended_launches_nothing() {
+    let mut child = scenario(&["orphan"]).spawn().unwrap();
+    let output = ended_with_all(&mut child);
+    assert!(output.contains("the launcher of this federate has ended"), "{output}");
+    assert!(!output.contains("[adder]"), "{output}");
+}
+
+/// What a process and all that it has started write on the standard error, and the output.
+fn ended_with_all(child: &mut Child) -> String {
+    use std::io::Read;
+    let mut text = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+    child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+    child.wait().unwrap();
+    text
 }
 
 fn children_of(parent: Pid) -> Vec<Pid> {

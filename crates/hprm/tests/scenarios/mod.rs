@@ -8,6 +8,7 @@ use std::thread;
 use std::time::{Duration, SystemTime};
 
 use hprm::prelude::*;
+use hprm_core::ProgramBuilder;
 use rustix::process::{Signal, getpid, kill_process};
 
 const MS: Duration = Duration::from_millis(1);
@@ -35,6 +36,7 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
         ("random", _) => random(),
         ("same_name", _) => same_name(),
         ("nested", _) => nested(),
+        ("orphan", _) => orphan(),
         ("thread", _) => with_a_thread(),
         ("alone", _) => run_as_federate("Camera", values::Camera),
         ("after", _) => counting_once().run().inspect(|()| println!("after the run")),
@@ -233,6 +235,24 @@ fn nested() -> Result<(), Failure> {
         });
     });
     federation.run()
+}
+
+/// Starts a federate that sees another process as its parent than the one that launches it.
+fn orphan() -> Result<(), Failure> {
+    let program = ProgramBuilder::new("Counting", Properties::default()).build()?;
+    let fingerprint = program.fingerprint();
+    let (rti, security) = ("unix:@nowhere".parse().unwrap(), hprm::Security::default());
+    let meeting =
+        hprm::Meeting { rti: &rti, federation: hprm::FederationId(1), security: &security };
+    let handover = hprm::Handover::new("adder", &program, &fingerprint, &meeting);
+    let mut shell = Command::new("sh");
+    // The shell is the parent.
+    shell
+        .args(["-c", "\"$0\" --scenario counting centralized; true"])
+        .arg(std::env::current_exe().unwrap());
+    handover.attach(&mut shell).unwrap();
+    shell.status().unwrap();
+    Ok(())
 }
 
 fn with_a_thread() -> Result<(), Failure> {
