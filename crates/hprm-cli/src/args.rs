@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
+use clap_complete::Shell;
 use hprm::{Address, TlsFiles};
 use hprm::{FederationId, HangTimeout};
 use hprm_core::{WhenFull, read_size};
@@ -31,7 +32,12 @@ impl Arguments {
             Command::Verify(verify) => &mut verify.properties,
             Command::Rti(rti) => &mut rti.properties,
             Command::Federate(federate) => &mut federate.properties,
-            Command::Check(_) | Command::Diff(_) | Command::Sim(_) | Command::Doctor(_) => return,
+            Command::Check(_)
+            | Command::Diff(_)
+            | Command::Sim(_)
+            | Command::Doctor(_)
+            | Command::Completions(_)
+            | Command::Man(_) => return,
         };
         properties.stated.push(format!("{PARAMETER}{name}={value}"));
     }
@@ -64,6 +70,26 @@ pub(crate) enum Command {
     Federate(FederateArguments),
     Sim(Sim),
     Doctor(Doctor),
+    Completions(Completions),
+    Man(Man),
+}
+
+/// Print what a shell needs to complete the words of this command.
+#[derive(Args, Clone, PartialEq, Eq, Debug)]
+#[command(
+    after_help = "For bash: hprm completions bash > ~/.local/share/bash-completion/completions/hprm"
+)]
+pub(crate) struct Completions {
+    /// The shell.
+    pub(crate) shell: Shell,
+}
+
+/// Write the manual pages: hprm.1, and one for each command.
+#[derive(Args, Clone, PartialEq, Eq, Debug)]
+#[command(after_help = "hprm man ~/.local/share/man/man1, then: man hprm-run")]
+pub(crate) struct Man {
+    /// The folder for them, which is made if it is missing.
+    pub(crate) folder: PathBuf,
 }
 
 /// Which interpreter runs the bodies.

@@ -13,6 +13,7 @@ mod check;
 mod declare;
 mod diff;
 mod doctor;
+mod generate;
 mod hosts;
 mod join;
 mod launch;
@@ -78,6 +79,8 @@ fn command() -> ExitCode {
         Command::Federate(federate) => run::federate(&federate),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
+        Command::Completions(wanted) => Ok(generate::completions(&wanted)),
+        Command::Man(wanted) => generate::man(&wanted),
     };
     match outcome {
         Ok(_) if message::is_unwritten() => ExitCode::FAILURE,
