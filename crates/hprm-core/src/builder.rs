@@ -4,6 +4,7 @@
 //! at the top level. A front end reports what its source language forbids beyond that.
 
 use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
 use alloc::collections::BTreeSet;
 use alloc::format;
 use alloc::string::String;
@@ -80,6 +81,8 @@ pub enum ProgramError {
 /// The parts of a [`Reaction`] that are chosen, not computed.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct ReactionSpec {
+    /// What users call it, if the program names it.
+    pub label: Option<Box<str>>,
     /// What makes it run.
     pub triggers: Vec<Trigger>,
     /// Ports that it reads without being triggered by them.
@@ -252,6 +255,7 @@ impl ProgramBuilder {
         self.program.reactions.push(Reaction {
             reactor,
             number: self.reactions[reactor],
+            label: spec.label,
             triggers: spec.triggers,
             sources: spec.sources,
             effects: spec.effects,
@@ -334,7 +338,7 @@ impl ProgramBuilder {
             }
             Err(CausalityLoop(reactions)) => {
                 const SHOWN: usize = 20;
-                let shown = reactions.iter().take(SHOWN).map(|r| self.program.reaction_name(*r));
+                let shown = reactions.iter().take(SHOWN).map(|r| self.program.reaction_label(*r));
                 let mut names = shown.collect::<Vec<_>>().join(" -> ");
                 if reactions.len() > SHOWN {
                     names.push_str(&format!(" -> {} more", reactions.len() - SHOWN));
@@ -448,7 +452,7 @@ impl ProgramBuilder {
             return Ok(());
         }
         let reactions =
-            program.reactions.iter().map(|(id, r)| (r.reactor, program.reaction_name(id)));
+            program.reactions.iter().map(|(id, r)| (r.reactor, program.reaction_label(id)));
         let actions = program.actions.values().map(|a| (a.reactor, a.name.clone()));
         let timers = program.timers.values().map(|t| (t.reactor, t.name.clone()));
         reactions

@@ -5,6 +5,7 @@
 //! federate: a federate runs the part of the program that is in its own reactor. It has no bodies, no
 //! source text and nothing of Python.
 
+use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -176,6 +177,8 @@ pub struct Reaction {
     pub reactor: ReactorId,
     /// Position among the reactor's reactions, from 1; zero for those that the front end adds.
     pub number: u32,
+    /// What users call it, if the program names it: a method. Only messages depend on it.
+    pub label: Option<Box<str>>,
     /// What makes it run.
     pub triggers: Vec<Trigger>,
     /// Ports that it reads without being triggered by them.
@@ -339,10 +342,20 @@ impl Program {
         format!("{}.{name}", self.reactors[*reactor].name)
     }
 
-    /// `Main.bank[2].child.3`: a reaction has a number, not a name.
+    /// `Main.bank[2].child.3`: by its number, which every reaction has.
     #[must_use]
     pub fn reaction_name(&self, reaction: ReactionId) -> String {
         let Reaction { reactor, number, .. } = &self.reactions[reaction];
         format!("{}.{number}", self.reactors[*reactor].name)
+    }
+
+    /// What messages call a reaction: `Main.bank[2].child.detect` if the program names it so, or else by its number.
+    #[must_use]
+    pub fn reaction_label(&self, reaction: ReactionId) -> String {
+        let Reaction { reactor, label, .. } = &self.reactions[reaction];
+        match label {
+            Some(label) => format!("{}.{label}", self.reactors[*reactor].name),
+            None => self.reaction_name(reaction),
+        }
     }
 }

@@ -10,6 +10,7 @@ use crate::diagnostic::Report;
 use crate::instance::{Node, Tree};
 use crate::legacy::Waits;
 use crate::model::{self, Entity, Held, Model, Slot};
+use crate::syntax::Syntax;
 
 /// The reaction `reaction` of `node`, for the scheduler.
 pub(crate) fn spec<'a>(
@@ -19,6 +20,9 @@ pub(crate) fn spec<'a>(
     report: &mut Report,
 ) -> ReactionSpec {
     let mut spec = ReactionSpec::default();
+    // In `.lf` files most have no name, and are known by their numbers.
+    let name = reaction.decl.name.as_ref().filter(|_| report.syntax() == Syntax::Python);
+    spec.label = name.map(|name| name.text.as_str().into());
     for trigger in &reaction.triggers {
         match trigger {
             model::ResolvedTrigger::Startup => spec.triggers.push(Trigger::Startup),

@@ -53,7 +53,7 @@ impl Action {
     fn absent(&self) -> PyErr {
         let (program, name) = (self.runtime.program(), self.name());
         let reader = self.runtime.running_reaction();
-        let reader = reader.map_or_else(String::new, |reaction| program.reaction_name(reaction));
+        let reader = reader.map_or_else(String::new, |reaction| program.reaction_label(reaction));
         PyValueError::new_err(format!(
             "action {name} is absent at this tag, so reaction {reader} cannot read its value: ask \
              {name}.is_present first, or read {name}.get(default)"
@@ -121,7 +121,7 @@ impl Action {
         if let (Some(accepts), Some(value)) = (&self.accepts, value) {
             accepts.check(value, || {
                 let setter = self.runtime.running_reaction();
-                let setter = setter.map(|it| self.runtime.program().reaction_name(it));
+                let setter = setter.map(|it| self.runtime.program().reaction_label(it));
                 (format!("action {}", self.name()), setter)
             })?;
         }

@@ -97,7 +97,7 @@ impl PyHost {
             }
             let outcome = fork::leave_if_child(py, self.call(py, scheduler, turn, effects));
             outcome.map_err(|error| {
-                let name = self.runtime.program().reaction_name(turn.0);
+                let name = self.runtime.program().reaction_label(turn.0);
                 // A body that is text has a frame in any case.
                 let place = self.places.of_reaction(turn.0).filter(|_| self.is_bound);
                 let place = (place.as_deref().unwrap_or_default(), self.is_bound);

@@ -121,7 +121,7 @@ impl Port {
         PyValueError::new_err(format!(
             "port {name} is absent at this tag, so reaction {} cannot read its value: ask \
              {name}.is_present first, or read {name}.get(default)",
-            program.reaction_name(reaction)
+            program.reaction_label(reaction)
         ))
     }
 }
@@ -218,7 +218,7 @@ impl Port {
                     || program.port_name(port),
                     |it| users::port_as_seen(program, program.reactions[it].reactor, port),
                 );
-                (format!("port {seen}"), setter.map(|it| program.reaction_name(it)))
+                (format!("port {seen}"), setter.map(|it| program.reaction_label(it)))
             })?;
         }
         self.runtime.set(&self.users, port, Value::new(value))

@@ -305,7 +305,7 @@ impl Runtime {
             }
             (None, Users::Argument(..)) => Err(PyRuntimeError::new_err(format!(
                 "reaction {} cannot enter mode {name}, which is not an effect of it",
-                self.program.reaction_name(running.reaction),
+                self.program.reaction_label(running.reaction),
             ))),
             (None, Users::Declared(_)) => {
                 Err(users::undeclared_mode(&self.program, running.reaction, mode))
@@ -468,7 +468,7 @@ impl Runtime {
 
     fn stored_port_error(&self, owner: ReactionId, running: ReactionId, port: PortId) -> PyErr {
         let [owner, running] =
-            [owner, running].map(|reaction| self.program.reaction_name(reaction));
+            [owner, running].map(|reaction| self.program.reaction_label(reaction));
         PyRuntimeError::new_err(format!(
             "port {} is an argument of reaction {owner}, but reaction {running} is running; use a port that \
              is an argument of this reaction, or store the value instead of the port",
@@ -481,7 +481,7 @@ impl Runtime {
             "port {} can be used only on the thread that runs reaction {}, and this is another thread; \
              schedule a physical action instead",
             self.program.port_name(port),
-            self.program.reaction_name(owner),
+            self.program.reaction_label(owner),
         ))
     }
 

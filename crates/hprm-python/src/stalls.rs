@@ -275,7 +275,7 @@ fn title(stall: &Stall, sampled: &SampledRun, watched: &Watched, runtime: &Runti
     let program = runtime.program();
     let federate = runtime.federate_name();
     let of = federate.map_or_else(String::new, |name| format!(" of federate {name}"));
-    let name = program.reaction_name(sampled.reaction);
+    let name = program.reaction_label(sampled.reaction);
     let place = watched.places.of_reaction(sampled.reaction);
     let place = place.map_or_else(String::new, |place| format!(" ({place})"));
     let (time, microstep) = (show_time(sampled.tag.time), sampled.tag.microstep);

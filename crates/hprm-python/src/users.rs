@@ -69,7 +69,7 @@ pub(crate) fn undeclared_port(
         Use::Read => "reads",
         Use::Set => "sets",
     };
-    let said = format!("reaction {} {verb} port {name}", program.reaction_name(reaction));
+    let said = format!("reaction {} {verb} port {name}", program.reaction_label(reaction));
     let is_own = spec.reactor == reactor;
     if !is_own && program.reactors[spec.reactor].parent != Some(reactor) {
         return PyRuntimeError::new_err(format!(
@@ -105,7 +105,7 @@ pub(crate) fn undeclared_action(
     action: ActionId,
     wanted: Use,
 ) -> PyErr {
-    let name = program.reaction_name(reaction);
+    let name = program.reaction_label(reaction);
     let action = &program.actions[action].name;
     PyRuntimeError::new_err(match wanted {
         Use::Read => format!(
@@ -123,7 +123,7 @@ pub(crate) fn undeclared_action(
 pub(crate) fn undeclared_mode(program: &Program, reaction: ReactionId, mode: ModeId) -> PyErr {
     PyRuntimeError::new_err(format!(
         "reaction {} enters mode {}, which it does not declare: add it to effects=[...]",
-        program.reaction_name(reaction),
+        program.reaction_label(reaction),
         program.modes[mode].name
     ))
 }

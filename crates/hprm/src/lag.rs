@@ -167,7 +167,7 @@ impl Overload {
         }
         if let Some((reaction, cost)) = self.slowest {
             let place = place(reaction).map_or_else(String::new, |place| format!(" ({place})"));
-            let reaction = program.reaction_name(reaction);
+            let reaction = program.reaction_label(reaction);
             let Cost { total, longest, runs } = cost;
             let times = if runs == 1 { "once".to_owned() } else { format!("{runs} times") };
             let (total, longest) = (seconds(total), seconds(longest));

@@ -424,7 +424,7 @@ fn warn_of_tardy<H: Host>(
     host.warn(&format!(
         "reaction {} runs at {} for an input that was meant for {intended} and came {lag} ns after \
          that time. Give the federate a longer maxwait, or the reaction a `tardy` handler",
-        scheduler.program().reaction_name(reaction),
+        scheduler.program().reaction_label(reaction),
         scheduler.tag(),
     ));
 }
