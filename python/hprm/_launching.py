@@ -159,34 +159,25 @@ def _wait(process: subprocess.Popen[bytes]) -> int:
     """Wait for the command, which gets the signals of this process, and stops in order then."""
 
     def forward(number: int, _: object) -> None:
-        # Ctrl-C in a terminal is for all processes there.
-        if number != signal.SIGINT or not _has_terminal():
-            process.send_signal(number)
+        # Ctrl-C in a terminal is for all processes there; of two at a time, the command takes one.
+        process.send_signal(number)
 
     try:
         before = {it: signal.signal(it, forward) for it in (signal.SIGINT, signal.SIGTERM)}
     except ValueError:
         # Only the main thread can; in another one, no signal comes.
-        return process.wait()
+        return _ended(process)
     try:
-        return process.wait()
+        return _ended(process)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _has_terminal() -> bool:
-    """Return whether this process is in the foreground of a terminal."""
-    try:
-        terminal = os.open("/dev/tty", os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return False
-    try:
-        return os.tcgetpgrp(terminal) == os.getpgrp()
-    except OSError:
-        return False
-    finally:
-        os.close(terminal)
+def _ended(process: subprocess.Popen[bytes]) -> int:
+    """Wait for a process, and return its exit code; that of a signal is as in a shell."""
+    code = process.wait()
+    return code if code >= 0 else 128 - code
 
 
 def _command() -> str:

@@ -1,4 +1,4 @@
-"""The stack of a thread that runs a reaction for long, with the lines of the ``.lf`` file."""
+"""The stack of a thread that runs a reaction for long, from its body on."""
 
 import contextlib
 import faulthandler
@@ -12,6 +12,9 @@ from hprm._errors import printable
 # Frames that do not help a reader.
 _OWN = os.path.dirname(__file__) + os.sep
 
+# What runs bodies, and coroutines that are bodies; the same in stalls.rs.
+_CALLERS = ("__main__.py", "_launching.py", "testing.py", "_coroutines.py")
+
 # As deep as a reader looks.
 _DEPTH = 20
 
@@ -21,10 +24,17 @@ def stack(thread: int) -> str | None:
     frame = sys._current_frames().get(thread)
     if frame is None:
         return None
-    frames = [it for it in traceback.extract_stack(frame) if not it.filename.startswith(_OWN)]
-    # What the program was started by is above the body.
-    first = next((at for at, it in enumerate(frames) if it.filename.endswith(".lf")), 0)
-    return printable("".join(traceback.format_list(frames[first:][-_DEPTH:])))
+    frames = _of_body(list(traceback.extract_stack(frame)))
+    return printable("".join(traceback.format_list(frames[-_DEPTH:])))
+
+
+def _of_body(frames: list[traceback.FrameSummary]) -> list[traceback.FrameSummary]:
+    """Leave out what has started the program, which is above the body, and frames of ours."""
+    first = next((at for at, it in enumerate(frames) if it.filename.endswith(".lf")), None)
+    if first is None:
+        callers = [at for at, it in enumerate(frames) if it.filename.removeprefix(_OWN) in _CALLERS]
+        first = callers[-1] + 1 if callers else 0
+    return [it for it in frames[first:] if not it.filename.startswith(_OWN)]
 
 
 def arm(number: int) -> int | None:

@@ -68,13 +68,13 @@ class Main(Reactor):
     modes = ("Calm", "Busy")
     types = {"out": (int, float), "act": str}
     reactions = (
-        {"name": "attempt", "triggers": ["startup"], "effects": ["out"]},
+        {"name": "go", "triggers": ["startup"], "effects": ["out"]},
         {"name": "rest", "triggers": ["b", "act", "phy"], "mode": 0,
          "sources": ["a", "right.out"], "effects": ["act", "left.inp", "Busy"]},
     )
     def __init__(self):
         self.left, self.right = Other(), Other()
-    def attempt(self):
+    def go(self):
         self.out.set(1)
         try:
             %s
@@ -97,57 +97,57 @@ go(Top(), timeout={"time": 2 * MS})
     [
         (
             "self.a.value",
-            "RuntimeError: reaction Top.main.1 reads port a, which it does not declare: "
+            "RuntimeError: reaction Top.main.go reads port a, which it does not declare: "
             "add it to its triggers or to sources=[...]",
         ),
-        ("self.b.is_present", "RuntimeError: reaction Top.main.1 reads port b, which it does not"),
-        ("self.a.get()", "RuntimeError: reaction Top.main.1 reads port a, which it does not"),
+        ("self.b.is_present", "RuntimeError: reaction Top.main.go reads port b, which it does not"),
+        ("self.a.get()", "RuntimeError: reaction Top.main.go reads port a, which it does not"),
         (
             "self.left.inp.set(1)",
-            "RuntimeError: reaction Top.main.1 sets port left.inp, which it does not declare: "
+            "RuntimeError: reaction Top.main.go sets port left.inp, which it does not declare: "
             "add it to effects=[...]",
         ),
         (
             "self.right.out.value",
-            "RuntimeError: reaction Top.main.1 reads port right.out, which it does not declare: "
+            "RuntimeError: reaction Top.main.go reads port right.out, which it does not declare: "
             "add it to its triggers or to sources=[...]",
         ),
         (
             "self.a.set(1)",
-            "TypeError: reaction Top.main.1 sets port a, which is an input: only a connection or "
+            "TypeError: reaction Top.main.go sets port a, which is an input: only a connection or "
             "its container sets it",
         ),
         (
             "self.right.out.set(1)",
-            "TypeError: reaction Top.main.1 sets port right.out, which is an output of right: "
+            "TypeError: reaction Top.main.go sets port right.out, which is an output of right: "
             "only that sets it",
         ),
         (
             "self.out.set('x')",
-            "TypeError: port out accepts int or float, and reaction Top.main.1 gives it a value "
+            "TypeError: port out accepts int or float, and reaction Top.main.go gives it a value "
             "of type str",
         ),
         (
             "self.act.schedule(0, 'x')",
-            "RuntimeError: reaction Top.main.1 schedules action act, which it does not declare as "
+            "RuntimeError: reaction Top.main.go schedules action act, which it does not declare as "
             "an effect: add it to effects=[...]",
         ),
         (
             "self.act.schedule(0, 3)",
-            "TypeError: action act accepts str, and reaction Top.main.1 gives it a value of type "
+            "TypeError: action act accepts str, and reaction Top.main.go gives it a value of type "
             "int",
         ),
         (
             "self.act.value",
-            "RuntimeError: reaction Top.main.1 reads action act, which it does not declare: "
+            "RuntimeError: reaction Top.main.go reads action act, which it does not declare: "
             "add it to its triggers or to sources=[...]",
         ),
         (
             "self.Busy.enter()",
-            "RuntimeError: reaction Top.main.1 enters mode Busy, which it does not declare: "
+            "RuntimeError: reaction Top.main.go enters mode Busy, which it does not declare: "
             "add it to effects=[...]",
         ),
-        ("self.Busy.set()", "RuntimeError: reaction Top.main.1 enters mode Busy, which"),
+        ("self.Busy.set()", "RuntimeError: reaction Top.main.go enters mode Busy, which"),
         ("self.out.value = 3", "AttributeError: a port is set by its method: out.set(...)"),
         ("self.phy.schedule('1 ms'); print('fine')", "fine"),
     ],
@@ -193,11 +193,11 @@ def test_an_absent_port_or_action_has_no_value(script: Script) -> None:
         )
     )
     assert out.splitlines() == [
-        "port x is absent at this tag, so reaction Top.main.1 cannot read its value: "
+        "port x is absent at this tag, so reaction Top.main.begin cannot read its value: "
         "ask x.is_present first, or read x.get(default)",
-        "port m[1] is absent at this tag, so reaction Top.main.1 cannot read its value: "
+        "port m[1] is absent at this tag, so reaction Top.main.begin cannot read its value: "
         "ask m[1].is_present first, or read m[1].get(default)",
-        "action act is absent at this tag, so reaction Top.main.1 cannot read its value: "
+        "action act is absent at this tag, so reaction Top.main.begin cannot read its value: "
         "ask act.is_present first, or read act.get(default)",
         "none none False",
         "None None True",
@@ -418,7 +418,7 @@ def test_a_failure_names_the_users_own_line(
     outcome = script(text, helper="import json\ndef fail():\n    {}['x']\n")
     assert outcome.code == 1
     report = json.loads(outcome.err.splitlines()[-1])
-    assert report["message"].startswith(f"reaction Main.1 {message}")
+    assert report["message"].startswith(f"reaction Main.begin {message}")
     file, _, line = place.partition(":")
     assert report["file"] == file
     assert report["line"] == (int(line) if line else line_of("# here", text))

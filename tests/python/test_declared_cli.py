@@ -335,7 +335,12 @@ def test_a_second_signal_kills(stage: Stage) -> None:
     until((stage.folder / "pid").exists, "the declaration begins")
     process.terminate()
     until((stage.folder / "first").exists, "the interpreter gets the signal")
-    process.terminate()
+
+    def gone() -> bool:
+        process.terminate()
+        return process.poll() is not None
+
+    until(gone, "the interpreter is killed")
     _, err = process.communicate(timeout=60)
     assert stage.left == []
     assert "app.py was killed by signal 9" in err

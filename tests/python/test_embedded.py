@@ -103,7 +103,7 @@ def test_what_replaces_the_standard_error_is_told(script: Script) -> None:
         )
     )
     assert out.splitlines() == [
-        "1 error: reaction Main.1 raised ZeroDivisionError: division by zero",
+        "1 error: reaction Main.begin raised ZeroDivisionError: division by zero",
         "1 error[LF0207]: the main reactor cannot have ports: nothing contains it",
         "0",
         "True warning[LF0505]: nothing is connected to `child.unused`",
@@ -282,4 +282,4 @@ print(_hprm.run_declared(Declared(Main())), flush=True)
         finally:
             process.kill()
     assert out == "130\n"
-    assert "reaction Main.1" in err
+    assert "reaction Main.begin" in err

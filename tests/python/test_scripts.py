@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import signal
 import subprocess
 import sys
+import termios
 import textwrap
 import time
 from pathlib import Path
@@ -180,10 +183,7 @@ def has_ended(pid: int) -> bool:
     return stat.rpartition(")")[2].split()[0] in "ZX"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_signal_to_the_script_alone_ends_its_federates(tmp_path: Path, number: int) -> None:
-    program = tmp_path / "program.py"
-    program.write_text("""
+ENDLESS = """
 import os
 import hprm
 
@@ -204,17 +204,92 @@ class Main(hprm.Federation):
 
 if __name__ == "__main__":
     hprm.run(Main())
-""")
-    script = subprocess.Popen(
-        [sys.executable, str(program)], stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-    assert script.stdout is not None
-    line = script.stdout.readline()
+"""
+
+
+def started(process: subprocess.Popen[str]) -> list[int]:
+    """The processes of a script that runs that: of the federate, and of the command."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
     pids = [int(it) for it in line.removeprefix("[endless] ").split()]
-    script.send_signal(number)
-    script.communicate(timeout=60)
     assert len(pids) == 2
+    return pids
+
+
+def assert_ended(pids: list[int]) -> None:
     deadline = time.monotonic() + 60
     while not all(map(has_ended, pids)):
         assert time.monotonic() < deadline, "processes are left behind"
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_to_the_script_alone_ends_its_federates(tmp_path: Path, number: int) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(ENDLESS)
+    script = subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    pids = started(script)
+    script.send_signal(number)
+    script.communicate(timeout=60)
+    assert_ended(pids)
+
+
+@pytest.mark.parametrize("way", ["ctrl-c", "kill"])
+def test_a_script_in_the_foreground_is_interrupted_once(tmp_path: Path, way: str) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(ENDLESS)
+    ours, theirs = os.openpty()
+    script = subprocess.Popen(
+        [sys.executable, str(program)],
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    pids = started(script)
+    if way == "kill":
+        script.send_signal(signal.SIGINT)
+    else:
+        os.write(ours, b"\x03")
+    _, err = script.communicate(timeout=60)
+    for end in (ours, theirs):
+        os.close(end)
+    # It has stopped in order, and was not killed.
+    assert (script.returncode, err) == (130, "")
+    assert_ended(pids)
+
+
+def test_a_script_is_never_ended_by_force(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text("""
+import ctypes
+import hprm
+
+class Main(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    def begin(self):
+        print("begun", flush=True)
+        # It holds the interpreter, for longer than `hprm run` would wait.
+        ctypes.PyDLL(None).sleep(3)
+        ctypes.PyDLL(None).sleep(3)
+
+try:
+    hprm.run(Main())
+except (hprm.ProgramFailed, KeyboardInterrupt) as error:
+    print("goes on after", type(error).__name__)
+""")
+    script = subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert script.stdout is not None
+    assert script.stdout.readline() == "begun\n"
+    script.send_signal(signal.SIGTERM)
+    # Later, it is another one.
+    time.sleep(0.2)
+    script.send_signal(signal.SIGTERM)
+    out, err = script.communicate(timeout=60)
+    assert (script.returncode, out) == (0, "goes on after ProgramFailed\n"), err

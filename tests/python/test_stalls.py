@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from processes import Bench, finish, hear, until
@@ -94,6 +97,53 @@ def test_a_reaction_that_does_not_return_is_told(
     assert said.count("has been running for") == 1
     native = "holds the interpreter inside of code that is not Python's"
     assert (native in said) == (loop == NATIVE)
+
+
+SCRIPT = """\
+import asyncio, itertools, time
+import hprm
+
+class Worker(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    ASYNC def get_stuck(self):
+        work()
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.worker = Worker()
+
+def work():
+    LOOP
+
+def started():
+    hprm.run(Main())
+
+if __name__ == "__main__":
+    started()
+"""
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("loop", [ENDLESS, NATIVE])
+@pytest.mark.parametrize("kind", ["", "async"])
+@pytest.mark.parametrize("command", [[], ["-m", "hprm", "run"]])
+def test_the_stack_of_a_script_begins_with_the_body(
+    tmp_path: Path, loop: str, kind: str, command: list[str]
+) -> None:
+    text = SCRIPT.replace("ASYNC", kind).replace("LOOP", loop).replace(" " * 5 + "def", "    def")
+    (tmp_path / "app.py").write_text(text)
+    words = [sys.executable, *command, "app.py"]
+    process = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    said = hear(process.stderr, " in work\n")
+    process.kill()
+    said += finish(process).err
+    title = rf"reaction Main\.worker\.get_stuck \(\S*app.py:{line_of(text, '@hprm')}\) has been"
+    assert re.search(title, said), said
+    frames = re.findall(r'File ".*?([\w.]+)", line (\d+),? in (\w+)', said)
+    assert frames == [
+        ("app.py", str(line_of(text, "        work()")), "get_stuck"),
+        ("app.py", str(line_of(text, loop)), "work"),
+    ]
 
 
 @pytest.mark.parametrize("loop", [ENDLESS, SLEEPING])

@@ -7,10 +7,10 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use hprm::launch::signals::{self, is_ignored};
-use hprm::supervisor;
+use hprm::supervisor::{self, SIGNAL_DEBOUNCE};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
@@ -99,18 +99,22 @@ pub(crate) fn run_to_end(mut command: Command) -> io::Result<ExitStatus> {
 /// Forwards these signals, which are blocked, to a process until it ends.
 fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
     let signals = SignalFd::with_flags(asking, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC)?;
-    let mut is_asked = false;
+    let mut asked: Option<Instant> = None;
     loop {
         if let Some(status) = process.try_wait()? {
             return Ok(status);
         }
         if let Some(came) = signals.read_signal()? {
+            // What a terminal sends to all of its processes may come once more from the one that started this.
+            if asked.is_some_and(|at| at.elapsed() < SIGNAL_DEBOUNCE) {
+                continue;
+            }
             let pid = Pid::from_raw(i32::try_from(process.id()).unwrap_or_default());
             let number = i32::try_from(came.ssi_signo).unwrap_or_default();
-            let signal = if is_asked { Signal::SIGKILL } else { Signal::try_from(number)? };
+            let signal = if asked.is_some() { Signal::SIGKILL } else { Signal::try_from(number)? };
             // It is this one's child, and has not been waited for, so the number is its own.
             let _ = kill(pid, signal);
-            is_asked = true;
+            asked.get_or_insert_with(Instant::now);
         }
         thread::sleep(PATIENCE);
     }

@@ -516,7 +516,7 @@ fn a_cycle_of_reactions_is_shown_with_the_words_of_python() {
     let back = json!({"at": at(connect), "from": [from], "to": [to]});
     vision["reactors"][2]["connections"].as_array_mut().unwrap().push(back);
     assert_snapshot!(errors(&vision), @r"
-    error[LF0503]: the reaction Vision.detector.1 waits for itself: it reads what it sets
+    error[LF0503]: the reaction Vision.detector.detect waits for itself: it reads what it sets
       --> app.py:17:5
        |
     17 |     def detect(self): ...

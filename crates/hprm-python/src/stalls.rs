@@ -38,6 +38,14 @@ const STACK_TIMEOUT: Duration = Duration::from_secs(10);
 /// How often, and how many times, to look whether `faulthandler` has written.
 const LOOKS: (Duration, u32) = (Duration::from_millis(20), 25);
 
+/// What runs bodies, and coroutines that are bodies; the same as in `hprm._stalls`.
+const CALLERS: [&str; 4] = [
+    "/hprm/__main__.py\"",
+    "/hprm/_launching.py\"",
+    "/hprm/testing.py\"",
+    "/hprm/_coroutines.py\"",
+];
+
 /// A program, or a federate of one, that runs in this process.
 struct Watched {
     runtime: Weak<Runtime>,
@@ -355,12 +363,20 @@ fn dumped(dump: i32, thread: u64) -> Option<String> {
         written = now;
     }
     let written = String::from_utf8_lossy(&written).into_owned();
-    let frames = written.lines().filter(|line| line.starts_with("  File"));
-    let mut frames: Vec<_> = frames.filter(|line| !line.contains("/hprm/_")).collect();
-    // The outermost first, as in a traceback, and from the body on.
+    let mut frames: Vec<_> = written.lines().filter(|line| line.starts_with("  File")).collect();
+    // The outermost first, as in a traceback.
     frames.reverse();
-    let first = frames.iter().position(|line| line.contains(".lf\"")).unwrap_or(0);
-    Some(frames[first..].join("\n"))
+    Some(of_body(&frames).join("\n"))
+}
+
+/// The frames from the body on, without those of the package.
+fn of_body<'t>(frames: &[&'t str]) -> Vec<&'t str> {
+    let calls_bodies = |line: &&str| CALLERS.iter().any(|caller| line.contains(caller));
+    let first = frames
+        .iter()
+        .position(|line| line.contains(".lf\""))
+        .unwrap_or_else(|| frames.iter().rposition(calls_bodies).map_or(0, |caller| caller + 1));
+    frames[first..].iter().filter(|line| !line.contains("/hprm/_")).copied().collect()
 }
 
 fn reporting() -> MutexGuard<'static, ()> {
