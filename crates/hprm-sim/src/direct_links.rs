@@ -16,9 +16,10 @@ pub(crate) struct DirectLinks {
 }
 
 impl DirectLinks {
-    /// Opens a link. Returns the process to which the former link of the same federate ends.
+    /// Opens a link. Returns the process at the other end of the former link to the same federate, which this
+    /// ends. That may be the same process: if it has joined again, the former link may still be being opened.
     pub(crate) fn open(&mut self, to: Instance) -> Option<Instance> {
-        self.outgoing.insert(to.federate, to).filter(|former| *former != to)
+        self.outgoing.insert(to.federate, to)
     }
 
     /// Takes a link that another process has opened.

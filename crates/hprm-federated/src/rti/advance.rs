@@ -191,7 +191,11 @@ impl Advance {
     /// that this concerns has a grant beyond that tag, and the federate itself has done nothing there.
     pub(super) fn entry(&self, topology: &Topology, federate: FederateId) -> Tag {
         let granted = topology.reachable(federate).into_iter().filter(|other| *other != federate);
-        let granted = granted.map(|other| self.reports[other].granted.tag.succ());
+        // One that has joined again has no grant yet, but its predecessor has processed tags.
+        let granted = granted.map(|other| {
+            let Report { granted, past, .. } = self.reports[other];
+            granted.tag.max(past).succ()
+        });
         let completed = self.reports[federate].completed;
         let own = match self.earliest.has_ended(federate) {
             // At a later time than its predecessor: delayed messages of both keep their order.

@@ -249,4 +249,5 @@ macro_rules! scenarios {
 scenarios! {
     chain zero_delay_cycle diamond cycle dnet resign stop stop_twice stop_late patience
     departure transient transient_swap transient_cycle transient_end transient_withdraws transient_agrees
+    transient_receiver
 }
