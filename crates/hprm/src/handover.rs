@@ -23,7 +23,7 @@ use crate::{Address, Failure, FederateOptions, Reach, Security, TlsFiles, store_
 /// The environment variable that says that there is one, and from which process.
 const VARIABLE: &str = "HPRM_HANDOVER";
 
-/// The name of its memory, for people who look at the descriptors of a process.
+/// The name of its memory, which tools show among the descriptors of a process.
 const NAME: &str = "hprm-handover";
 
 /// Both ends must be of one version: the form of a program may change from one to the next.
