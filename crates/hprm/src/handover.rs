@@ -57,6 +57,8 @@ pub struct Handover {
     pub logical_trace: Option<(PathBuf, Option<PathBuf>)>,
     /// The program of the federation.
     pub program: Program,
+    /// How many federations of the same name the launcher has assembled before this one.
+    pub before: usize,
     /// What must be equal in all its processes.
     pub facts: Vec<Fact>,
 }
@@ -97,6 +99,7 @@ impl Handover {
             launched: true,
             logical_trace: None,
             program: program.clone(),
+            before: 0,
             facts: fingerprint.facts().to_vec(),
         }
     }

@@ -6,6 +6,7 @@
 
 mod bodies;
 mod builder;
+mod claim;
 mod connection;
 mod context;
 mod describe;

@@ -56,6 +56,10 @@ fn tests() -> Vec<Trial> {
         ),
         ("what_differs_in_each_process_is_named", what_differs_in_each_process_is_named),
         ("federates_have_names_of_their_own", federates_have_names_of_their_own),
+        ("a_federate_has_a_name_of_one_line", a_federate_has_a_name_of_one_line),
+        ("a_main_may_run_several_federations", a_main_may_run_several_federations),
+        ("a_federation_has_one_name_in_all_processes", a_federation_has_one_name_in_all_processes),
+        ("an_executable_may_be_deleted_while_it_runs", an_executable_may_be_deleted_while_it_runs),
         (
             "a_program_that_a_federate_starts_is_no_federate",
             a_program_that_a_federate_starts_is_no_federate,
@@ -321,4 +325,43 @@ fn a_federate_alone_says_what_it_needs() {
 fn code_after_run_is_the_launchers() {
     let output = run(&["after"]);
     assert_eq!(text(&output.stdout), "after the run\n");
+}
+
+fn a_federate_has_a_name_of_one_line() {
+    for (name, shown) in [("", "\"\""), ("a\nb", "\"a\\nb\"")] {
+        let output = run(&["names", name]);
+        let expected = format!(
+            "Error: {shown} is no name of a federate\n  hint: a name is one line of text, and not empty\n"
+        );
+        assert_eq!((text(&output.stderr), output.status.code()), (expected, Some(1)));
+    }
+    assert_eq!(errors(&run(&["names", "front left"])), (String::new(), Some(0)));
+}
+
+fn a_main_may_run_several_federations() {
+    let output = run(&["several"]);
+    assert_eq!(errors(&output), (String::new(), Some(0)));
+    assert_eq!(text(&output.stdout), "[speaker] first\n[speaker] second\n[speaker] third\n");
+}
+
+fn a_federation_has_one_name_in_all_processes() {
+    let output = run(&["renamed"]);
+    let expected = "Error: federate speaker exited with code 0 before it joined\n  hint: its own output may say why; \
+                    `main` has to come to the `run` of this federation, by the same name, in each process\n";
+    assert_eq!((text(&output.stderr).as_str(), output.status.code()), (expected, Some(1)));
+}
+
+fn an_executable_may_be_deleted_while_it_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = folder.path().join("copy");
+    std::fs::copy(std::env::current_exe().unwrap(), &copy).unwrap();
+    // The shell has it open, and deletes it before it begins.
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", "exec 9<\"$0\"; rm \"$0\"; exec /proc/self/fd/9 --scenario several"])
+        .arg(&copy);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let output = ended(command.spawn().unwrap());
+    assert_eq!(errors(&output), (String::new(), Some(0)));
+    assert!(text(&output.stdout).ends_with("[speaker] third\n"));
 }

@@ -12,6 +12,7 @@ use hprm_codec::Transfer;
 use hprm_core::{Coordination, PortId, Properties};
 
 use super::builder::{Reactor, ReactorBuilder};
+use super::claim::{self, Role};
 use super::connection::Connections;
 use super::describe;
 use super::federate::Federate;
@@ -22,7 +23,6 @@ use super::launching::Launching;
 use super::parts::Parts;
 use super::running::{end, run_federate};
 use super::transport::Codec;
-use crate::handover::Handover;
 use crate::{Failure, HangTimeout, Kind, Report, Runnable, nanoseconds};
 
 /// A federation that is being put together: each reactor that is added is a federate, and runs in a process of its own.
@@ -63,14 +63,15 @@ pub struct Federation {
     launching: Launching,
     names: BTreeSet<String>,
     codecs: BTreeMap<PortId, Codec>,
-    handover: Option<Box<Handover>>,
+    role: Role,
 }
 
 impl Federation {
-    /// A federation without federates. `name` is for people.
+    /// A federation without federates. `name` must be the same in each process: it tells a federate which of several
+    /// federations in one `main` is its own.
     #[must_use]
     pub fn new(name: &str) -> Self {
-        let handed = Handover::of_this_process();
+        let role = claim::role(name);
         let mut federation = Self {
             name: name.to_owned(),
             graph: Graph::new(name),
@@ -78,17 +79,21 @@ impl Federation {
             launching: Launching::default(),
             names: BTreeSet::new(),
             codecs: BTreeMap::new(),
-            handover: None,
+            role: Role::Other,
         };
-        match handed {
-            Ok(None) => {}
-            Ok(Some(handover)) => {
-                let program = Arc::new(handover.program.clone());
-                let main = hprm_core::ReactorId(0);
-                federation.graph = Graph::of(Parts::Handed(Handed::new(program, main)));
-                federation.handover = Some(Box::new(handover));
+        match role {
+            Ok(role) => {
+                if let Role::Federate(handover) = &role {
+                    let program = Arc::new(handover.program.clone());
+                    let main = hprm_core::ReactorId(0);
+                    federation.graph = Graph::of(Parts::Handed(Handed::new(program, main)));
+                }
+                federation.role = role;
             }
-            Err(failure) => federation.graph.mistakes.push(failure.report()),
+            Err(report) => {
+                federation.graph.mistakes.push(*report);
+                federation.role = Role::Launcher(0);
+            }
         }
         federation
     }
@@ -194,6 +199,11 @@ impl Federation {
             let report = Report::new(Kind::Program, what);
             self.graph.mistakes.push(report.hint("give each federate a name of its own"));
         }
+        if federate.name.is_empty() || federate.name.contains(char::is_control) {
+            let what = format!("{:?} is no name of a federate", federate.name);
+            let report = Report::new(Kind::Program, what);
+            self.graph.mistakes.push(report.hint("a name is one line of text, and not empty"));
+        }
         let parts = &mut self.graph.parts;
         let id = parts.reactor(parts.root(), name);
         parts.federate(id, federate);
@@ -230,6 +240,8 @@ impl Federation {
     /// Runs the federation to its end: in the process that was started by hand, launches the federates; in one of them,
     /// runs that federate and ends the process.
     ///
+    /// In a federate of another federation, which comes later in `main`, it does nothing: the launcher has run this one.
+    ///
     /// What federates print is shown on the standard output and error of this process, behind their names.
     ///
     /// # Errors
@@ -237,13 +249,18 @@ impl Federation {
     /// Rules that the program breaks; the first failure of a federate, [`Failure::FederateFailed`]; that Ctrl-C or
     /// SIGTERM has stopped it, [`Failure::Interrupted`].
     pub fn run(self) -> Result<(), Failure> {
-        let Self { name, graph, properties, codecs, handover, launching, .. } = self;
+        if matches!(self.role, Role::Other) {
+            return Ok(());
+        }
+        let Self { name, graph, properties, codecs, role, launching, .. } = self;
         let built = graph
             .build(properties)
             .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs), entrances));
-        if let Some(handover) = handover {
-            run_federate(&handover, built);
-        }
+        let before = match role {
+            Role::Federate(handover) => run_federate(&handover, built),
+            Role::Launcher(before) => before,
+            Role::Other => 0,
+        };
         let (program, ..) = built?;
         if let Some(file) = describe::asked() {
             describe::write(&program, &file)?;
@@ -252,7 +269,7 @@ impl Federation {
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }
-        launching.launch(&program)
+        launching.launch(&program, before)
     }
 
     /// Runs all federates in this process, one reaction after the other: for tests, and to see what the federation does

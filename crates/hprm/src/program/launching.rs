@@ -33,10 +33,11 @@ impl Default for Launching {
 
 impl Launching {
     /// Launches all federates of a program, and supervises them to their end.
-    pub(super) fn launch(self, program: &Arc<Program>) -> Result<(), Failure> {
+    /// The process has assembled so many of the same name before.
+    pub(super) fn launch(self, program: &Arc<Program>, before: usize) -> Result<(), Failure> {
         let unable = |what: &str, error: &std::io::Error| Failure::system(what, error);
         let executable =
-            env::current_exe().map_err(|error| unable("cannot find this executable", &error))?;
+            executable().map_err(|error| unable("cannot find this executable", &error))?;
         let (federation, security) = (random_federation()?, Security::default());
         let fingerprint = Arc::new(program.fingerprint());
         let launch = Launch {
@@ -53,6 +54,7 @@ impl Launching {
         let command = |member: &Membership<'_>| {
             let meeting = Meeting { rti: member.rti, federation, security: &security };
             let mut handover = Handover::new(member.name, program, &fingerprint, &meeting);
+            handover.before = before;
             let share = member.share.as_ref();
             handover.logical_trace = share.map(|it| (it.file.clone(), Some(it.trace.clone())));
             let mut command = Command::new(&executable);
@@ -75,4 +77,11 @@ impl Launching {
             (code, None) => Err(Failure::Exited { code }),
         }
     }
+}
+
+/// This executable, even if its file has been deleted or replaced since it was started.
+fn executable() -> std::io::Result<PathBuf> {
+    let path = env::current_exe()?;
+    // Where the file is there, it gives the processes its name.
+    Ok(if path.exists() { path } else { "/proc/self/exe".into() })
 }

@@ -28,8 +28,7 @@ enum Memory<T: Element + Pod> {
 
 impl<T: Element + Pod> Loan<T> {
     pub(super) fn new(allocator: Option<&Arc<StoreAllocator>>, shape: &[usize]) -> Self {
-        let count = shape.iter().try_fold(1_usize, |product, length| product.checked_mul(*length));
-        let count = count.expect("an array is not larger than all memory");
+        let count = count_of::<T>(shape);
         let large = count.saturating_mul(size_of::<T>()) > INLINE_LIMIT;
         let loaned = allocator.filter(|_| large).and_then(|allocator| {
             let loan = allocator.store().loan_of::<T>(count).ok()?;
@@ -43,6 +42,19 @@ impl<T: Element + Pod> Loan<T> {
     #[must_use]
     pub fn shape(&self) -> &[usize] {
         &self.shape
+    }
+}
+
+/// How many elements an array of that shape has.
+fn count_of<T>(shape: &[usize]) -> usize {
+    if shape.contains(&0) {
+        return 0;
+    }
+    let count = shape.iter().try_fold(1_usize, |product, length| product.checked_mul(*length));
+    let bytes = count.and_then(|count| count.checked_mul(size_of::<T>()));
+    match (count, bytes.and_then(|bytes| isize::try_from(bytes).ok())) {
+        (Some(count), Some(_)) => count,
+        _ => panic!("an array of the shape {shape:?} is larger than all memory"),
     }
 }
 
@@ -77,5 +89,24 @@ impl<T: Element + Pod> From<Loan<T>> for Array<T> {
             Memory::Heap(elements) => Self::from_shape_vec(&shape, elements),
         };
         array.expect("a loan has as many elements as its shape")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_array_without_elements_may_be_long_in_other_dimensions() {
+        assert_eq!(count_of::<u64>(&[usize::MAX, 2, 0]), 0);
+        assert_eq!(count_of::<u64>(&[]), 1);
+    }
+
+    #[test]
+    #[should_panic(
+        expected = "an array of the shape [4611686018427387904] is larger than all memory"
+    )]
+    fn an_array_is_not_larger_than_all_memory() {
+        count_of::<u64>(&[1 << 62]);
     }
 }

@@ -26,6 +26,7 @@ impl Advice {
         late_start: "federates that take long to begin need a longer join timeout",
         silent: "one of its reactions takes long or hangs; to end the federation in this case, set a hang \
                  timeout",
-        unexplained: "its own output may say why",
+        unexplained: "its own output may say why; `main` has to come to the `run` of this federation, by the same \
+                      name, in each process",
     };
 }

@@ -35,6 +35,13 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
         ("endless", _) => endless(),
         ("random", _) => random(),
         ("same_name", _) => same_name(),
+        ("names", [name]) => {
+            let mut federation = Federation::new("Names");
+            federation.reactor(name.as_str(), (), |_| ());
+            federation.run()
+        }
+        ("several", _) => several(),
+        ("renamed", _) => saying(&format!("Renamed{}", std::process::id()), "it runs").run(),
         ("nested", _) => nested(),
         ("orphan", _) => orphan(),
         ("thread", _) => with_a_thread(),
@@ -80,6 +87,23 @@ fn counting(how: &str) -> Result<(), Failure> {
         "one process" => federation.run_in_one_process(),
         _ => federation.run(),
     }
+}
+
+/// A federation whose one federate says that.
+fn saying(name: &str, line: &'static str) -> Federation {
+    let mut federation = Federation::new(name).timeout(Duration::ZERO);
+    federation.reactor("speaker", (), |speaker| {
+        speaker.reaction().on(Startup).run(move |(), _| println!("{line}"));
+    });
+    federation
+}
+
+/// Federations one after the other: the second has the name of the first, and all have the same parts.
+fn several() -> Result<(), Failure> {
+    for (name, line) in [("A", "first"), ("A", "second"), ("B", "third")] {
+        saying(name, line).run()?;
+    }
+    Ok(())
 }
 
 fn counting_once() -> Federation {
