@@ -200,6 +200,17 @@ def test_an_executable_cannot_run_in_the_process_of_others(
     assert "the federate camera is an executable, and cannot run in this process" in done.err
 
 
+@PROGRAMS
+def test_an_executable_is_asked_once_for_a_run_and_all_its_federates(
+    camera: Path, tmp_path: Path, program: str
+) -> None:
+    write(camera, document(CAMERA), "exit 9")
+    done = call(tmp_path, "run", program)
+    assert done.code != 0
+    assert "federate camera" in done.err, done.err
+    assert asked(camera) == 1
+
+
 PYTHON_MISTAKES = {
     'executable=""': "`executable` is a list of texts",
     "executable=3": "`executable` is a path, or a list of a path and arguments, not 3",

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::args::Check;
 use crate::message::{self, Error};
 use crate::source::{Outcome, Program};
-use crate::{bodies, declare};
+use crate::{bodies, declare, executable};
 
 /// The program, compiled; if it has errors, which have been shown then, what the command ends with.
 ///
@@ -51,7 +51,8 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
     let found: Vec<_> = arguments.files.iter().map(PathBuf::as_path).map(looked_through).collect();
     // Python has compiled what a program in Python consists of.
     let well = found.iter().filter(|(path, outcome)| {
-        matches!(outcome, Ok(Outcome::Right(_))) && !declare::is_python(path)
+        let is_lf = !declare::is_python(path) && !executable::is_program(path);
+        matches!(outcome, Ok(Outcome::Right(_))) && is_lf
     });
     let well: Vec<_> = well.map(|(path, _)| *path).collect();
     let bodies = if arguments.no_bodies {

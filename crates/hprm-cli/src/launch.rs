@@ -9,6 +9,7 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
+use hprm::Descriptions;
 use hprm::launch::{Launch, Membership};
 use hprm::supervisor::Advice;
 use hprm::{Address, FederationId, HangTimeout, STAGE, Security, random_federation};
@@ -19,7 +20,7 @@ use crate::args::{PYTHON, Properties};
 use crate::launcher::{self, Commands};
 use crate::message::{self, Error};
 use crate::registry::{self, Entry, Record};
-use crate::{python, signals, trace};
+use crate::{executable, python, signals, trace};
 
 /// Where a process finds the secret of its federation. On the command line, all users could see it.
 pub(crate) const FEDERATION_ID: &str = "HPRM_FEDERATION_ID";
@@ -69,7 +70,18 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let is_transient = program.federates.values().any(|federate| federate.transient);
     let visible = || plan.become_visible(program, launching.rti(), federation);
     let _visible = is_transient.then(visible).transpose()?;
-    let command = |membership: &Membership<'_>| Ok(plan.command(membership, federation));
+    let descriptions = Descriptions::of(compiled).map_err(|error| {
+        Error::new(format!("cannot hand the declarations of executables to federates: {error}"))
+    })?;
+    let command = |membership: &Membership<'_>| {
+        let meeting = (federation, &plan.security);
+        if let Some(command) = executable::launched(compiled, membership, meeting)? {
+            return Ok(command);
+        }
+        let mut command = plan.command(membership, federation);
+        descriptions.iter().for_each(|known| known.hand_to(&mut command));
+        Ok(command)
+    };
     Ok(launching.run(command, &mut message::tell)?)
 }
 

@@ -13,6 +13,7 @@ mod check;
 mod declare;
 mod diff;
 mod doctor;
+mod executable;
 mod generate;
 mod hosts;
 mod join;

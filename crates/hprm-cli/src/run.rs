@@ -9,13 +9,14 @@ use std::time::Duration;
 
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
+use hprm_model::Compiled;
 
 use crate::args::{FederateArguments, Interpreter, Properties, Run};
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::source::Program as Wanted;
-use crate::{check, declare, hosts, join, python, rti, secret, signals, threads};
+use crate::{check, declare, executable, hosts, join, python, rti, secret, signals, threads};
 
 /// Runs a program to its end.
 ///
@@ -35,12 +36,17 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         Err(code) => return Ok(code),
     };
     let debugged = debugged(&compiled.program, arguments)?;
-    let python = python::find(&arguments.interpreter)?;
+    executable::refuse_terminal(&compiled, debugged)?;
+    let python = match executable::are_all(&compiled) {
+        true => arguments.interpreter.python.clone().unwrap_or_default(),
+        false => python::find(&arguments.interpreter)?,
+    };
     if !compiled.program.is_federated() {
         return Err(replace(alone(&python, arguments, None)));
     }
     check::show(&hosts::elsewhere(&compiled), &compiled.sources);
     if arguments.in_process {
+        executable::refuse_threads(&compiled)?;
         return threads::run(&compiled.program, &python, arguments);
     }
     check::show_warnings(&compiled);
@@ -116,17 +122,30 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     if let Some(running) = &running {
         interpreter.python.get_or_insert_with(|| running.python.clone());
     }
+    let mut known = None;
     if declare::is_python(&arguments.file) {
         // The one process that runs it makes its reactors, and says what is wrong.
         declare::is_readable(declare::file_of(&arguments.file))?;
-    } else if let Err(code) = has_federate(arguments, &properties, &interpreter)? {
-        return Ok(code);
+    } else {
+        match has_federate(arguments, &properties, &interpreter)? {
+            Ok(compiled) => known = Some(compiled),
+            Err(code) => return Ok(code),
+        }
     }
     let rti = join::address(arguments, running.as_ref())?;
     let (secret, connect_timeout) = match running.as_ref().and_then(Record::federation) {
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
     };
+    if let Some(compiled) = known {
+        let place = (&rti, secret);
+        let command = executable::replacing(&compiled, arguments, place, connect_timeout)?;
+        if let Some((mut command, _kept)) = command {
+            check::show_warnings(&compiled);
+            // Nothing there would let Ctrl-C through again.
+            return Err(not_run(&command.exec(), &command));
+        }
+    }
     let python = python::find(&interpreter)?;
     let mut command = python::module(&python, "federate");
     command.args(message::json_option());
@@ -145,12 +164,13 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     Err(replace(command))
 }
 
-/// Whether an `.lf` program has the federate; what the command ends with if it has mistakes, which have been shown.
+/// The program, which is not in Python, if it has the federate; what the command ends with if it has mistakes, which
+/// have been shown.
 fn has_federate(
     arguments: &FederateArguments,
     properties: &Properties,
     interpreter: &Interpreter,
-) -> Result<Result<(), ExitCode>, Error> {
+) -> Result<Result<Compiled, ExitCode>, Error> {
     let program = Wanted {
         path: &arguments.file,
         properties: properties.stated(),
@@ -163,7 +183,7 @@ fn has_federate(
     };
     rti::require_federation(&compiled.program, &arguments.file)?;
     match compiled.program.federate_named(&arguments.name) {
-        Some(_) => Ok(Ok(())),
+        Some(_) => Ok(Ok(compiled)),
         None => Err(no_federate(&compiled.program, &arguments.file, &arguments.name)),
     }
 }
@@ -171,5 +191,9 @@ fn has_federate(
 /// Becomes another program. Returns only if that fails.
 pub(crate) fn replace(mut command: Command) -> Error {
     let error = signals::without_ctrl_c(|| command.exec());
+    not_run(&error, &command)
+}
+
+fn not_run(error: &std::io::Error, command: &Command) -> Error {
     Error::new(format!("cannot run {}: {error}", command.get_program().display()))
 }

@@ -9,8 +9,8 @@ use hprm::{Disk, Kind, Report, Unreadable};
 use hprm_model::{CompileFailure, Compiled, Purpose};
 
 use crate::args::Interpreter;
-use crate::declare;
 use crate::message::Error;
+use crate::{declare, executable};
 
 /// A program, and what decides what it is.
 #[derive(Clone, Debug)]
@@ -56,6 +56,9 @@ impl Program<'_> {
         if declare::is_python(self.path) {
             return self.declared(Purpose::Run);
         }
+        if executable::is_program(self.path) {
+            return self.of_executable(Purpose::Run);
+        }
         let (name, mut disk) = read(self.path)?;
         Ok(hprm_lf::compile_with(name, &self.properties, &mut disk).into())
     }
@@ -69,8 +72,29 @@ impl Program<'_> {
         if declare::is_python(self.path) {
             return self.declared(Purpose::Check);
         }
+        if executable::is_program(self.path) {
+            return self.of_executable(Purpose::Check);
+        }
         let (name, mut disk) = read(self.path)?;
         Ok(hprm_lf::check(name, &mut disk).into())
+    }
+
+    /// Compiles a program that is an executable of its own.
+    fn of_executable(&self, purpose: Purpose) -> Result<Outcome, Error> {
+        let Self { path, properties, arguments, .. } = self;
+        let itself = executable::declared(path, arguments)?;
+        let text = &itself.declaration;
+        let mut disk = Disk::from_environment();
+        match hprm_lf::compile_declared(text, properties, &mut disk, purpose) {
+            Ok(Ok(mut compiled)) => {
+                executable::of_itself(&mut compiled, &itself);
+                Ok(Outcome::Right(Box::new(compiled)))
+            }
+            Ok(Err(failure)) => Ok(Outcome::Wrong(failure)),
+            Err(malformed) => Err(Error::new(format!("{}: {malformed}", path.display())).hint(
+                "the executable may be built with another version of HPRM than this command",
+            )),
+        }
     }
 
     fn declared(&self, purpose: Purpose) -> Result<Outcome, Error> {
@@ -104,7 +128,7 @@ fn read(path: &Path) -> Result<(&str, Disk), Error> {
     let name = utf8(path)?;
     if path.extension().is_none_or(|extension| extension != "lf") {
         return Err(Error::new(format!("{name} is not a program"))
-            .hint("programs are files whose name ends in .lf or .py"));
+            .hint("programs are files whose name ends in .lf or .py, and executables that are federations"));
     }
     let mut disk = Disk::from_environment();
     disk.read_ahead(name).map_err(|found| unreadable(name, found))?;

@@ -95,6 +95,12 @@ impl Declaration {
         facts::facts(&self.0, compiled)
     }
 
+    /// Whether the main reactor is a federation.
+    #[must_use]
+    pub fn is_federation(&self) -> bool {
+        self.0.reactors.get(self.0.main).is_some_and(|main| main.federated)
+    }
+
     /// The parameters of the main reactor, each with its value as text.
     #[must_use]
     pub fn parameters(&self) -> Vec<(String, String)> {

@@ -3,15 +3,19 @@
 //! They return exit codes. What there is to say has been said by then.
 
 use std::fmt::Display;
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hprm::supervisor::Signal;
 use hprm::trace::{Trace, TraceShare};
-use hprm::{Disk, Failure, FederateOptions, Inbox, Reach, Security, Source, TlsFiles};
+use hprm::{
+    Disk, Failure, FederateOptions, Handover, Inbox, Meeting, Reach, Security, Source, TlsFiles,
+};
 use hprm_core::Scope;
-use hprm_model::Compiled;
+use hprm_model::{Compiled, ExecutableFederate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -156,6 +160,9 @@ pub(crate) fn run_federate(
         let Checked { compiled, declared } = checked;
         hprm::log_to_stderr(false)?;
         let options = options(&compiled, federate, membership)?;
+        if let Some(executable) = compiled.executables.get(&options.federate) {
+            return Err(become_executable(&compiled, executable, &options));
+        }
         let inbox = inbox()?;
         let scope = Scope::Federate(options.federate);
         let mut interrupt = None;
@@ -181,6 +188,32 @@ pub(crate) fn run_federate(
         }
         outcome => exit_code(&outcome),
     }
+}
+
+/// Becomes a federate that is an executable. Returns only if that fails.
+fn become_executable(
+    compiled: &Compiled,
+    executable: &ExecutableFederate,
+    options: &FederateOptions,
+) -> Failure {
+    let FederateOptions { rti, federation, security, reach, .. } = options;
+    let meeting = Meeting { rti, federation: *federation, security };
+    let name = &compiled.program.federates[options.federate].name;
+    let mut handover = Handover::new(name, &compiled.program, &options.fingerprint, &meeting);
+    handover.launched = false;
+    handover.store = compiled.settings.store;
+    handover.connect_timeout = reach.connect_timeout.as_secs_f64();
+    handover.advertise.clone_from(&reach.advertise);
+    let share = options.trace.clone();
+    handover.logical_trace = share.map(|share| (share.file, Some(share.trace)));
+    let mut words = executable.command.iter();
+    let mut command = Command::new(words.next().map_or("", String::as_str));
+    command.args(words);
+    let error = match handover.attach_beside(&mut command) {
+        Ok(_kept) => command.exec(),
+        Err(error) => error,
+    };
+    Failure::system(format!("cannot run {}", command.get_program().display()), &error)
 }
 
 /// Describes a program without its instances, to use some of its Python outside of a run; or `all` that

@@ -26,7 +26,7 @@ use nix::unistd::Pid;
 use rustix::fs::{MemfdFlags, memfd_create};
 
 /// The environment variable that asks an executable what it declares: the file that it writes.
-pub const DESCRIBE: &str = "HPRM_DESCRIBE";
+pub(crate) const DESCRIBE: &str = "HPRM_DESCRIBE";
 
 /// Where the processes of a program find what its executables have declared.
 const DESCRIPTIONS: &str = "HPRM_DESCRIPTIONS";
@@ -51,11 +51,17 @@ const HINT: &str = "asked by HPRM_DESCRIBE=FILE, an executable writes what it de
 /// Why that is not known; a second line says what to do.
 pub(crate) fn describe(executable: &Executable) -> Result<Described, String> {
     let command = find(executable)?;
-    let text = match handed(&command) {
-        Some(text) => text,
-        None => ask(&command, PATIENCE)?,
-    };
+    let text = declaration_of(&command)?;
     Ok(Described { command, text })
+}
+
+/// What an executable declares: its absolute path, and its arguments.
+///
+/// # Errors
+///
+/// Why that is not known; a second line says what to do.
+pub fn declaration_of(command: &[String]) -> Result<String, String> {
+    handed(command).map_or_else(|| ask(command, PATIENCE), Ok)
 }
 
 /// What the executables of a program have declared, for the processes that are started while this exists.

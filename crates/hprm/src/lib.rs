@@ -47,7 +47,7 @@ mod wait;
 mod workers;
 
 pub use clock::{Clock, nanoseconds};
-pub use describing::{DESCRIBE, Descriptions};
+pub use describing::{Descriptions, declaration_of};
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
 pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};

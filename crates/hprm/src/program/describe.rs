@@ -12,13 +12,11 @@ use hprm_core::{
 use serde_json::{Value, json};
 
 use crate::Failure;
-
-/// The environment variable that asks for it: the file that is to be written.
-const VARIABLE: &str = "HPRM_DESCRIBE";
+use crate::describing::DESCRIBE;
 
 /// Where the declaration is to be written, if this process was asked for it.
 pub(super) fn asked() -> Option<PathBuf> {
-    std::env::var_os(VARIABLE).map(PathBuf::from)
+    std::env::var_os(DESCRIBE).map(PathBuf::from)
 }
 
 /// Writes what `program` declares.
