@@ -20,7 +20,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -68,6 +68,9 @@ bench-ordering: build ## count messages out of order on a loaded machine, with t
 # Boomerang needs features that its compiler's version still calls unstable.
 bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, side by side
 	@RUSTC_BOOTSTRAP=1 cargo run --quiet --release --manifest-path bench/boomerang/Cargo.toml
+
+bench-rust-federations: toolchain ## compare federations in Rust with iceoryx2, side by side; needs libclang
+	@cargo run --quiet --release --manifest-path bench/iceoryx2/Cargo.toml
 
 bench-python: build ## measure the scheduler with Python bodies
 	@$(BIN)/python bench/python_bodies.py

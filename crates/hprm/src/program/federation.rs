@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hprm_codec::Transfer;
-use hprm_core::{Coordination, PortId, Properties};
+use hprm_core::{Coordination, PortId, Properties, Spin};
 
 use super::builder::{Reactor, ReactorBuilder};
 use super::claim::{self, Role};
@@ -111,6 +111,23 @@ impl Federation {
     #[must_use]
     pub fn timeout(mut self, timeout: Duration) -> Self {
         self.properties.timeout = Some(nanoseconds(timeout));
+        self
+    }
+
+    /// How long federates and the RTI look for messages again and again, before they sleep: a message is seen in less
+    /// than a microsecond then, and each of them keeps a processor busy meanwhile. Zero is never. Without this, they do
+    /// so for 50 µs if there are more processors than processes.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    ///
+    /// use hprm::prelude::*;
+    ///
+    /// let federation = Federation::new("Control").decentralized().spin(Duration::from_micros(200));
+    /// ```
+    #[must_use]
+    pub fn spin(mut self, time: Duration) -> Self {
+        self.properties.spin = Spin::For(nanoseconds(time));
         self
     }
 
