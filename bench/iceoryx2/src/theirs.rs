@@ -219,6 +219,8 @@ fn hub(cell: &Cell, name: &str, child: &mut Child) -> Result<()> {
             let side = open!(cell, name, "up", "down", [u8], initial_max_slice_len);
             let mut began = 0;
             let message = vec![0; size];
+            // Until the node has opened its end of the connection, what is too much for its queue is discarded.
+            side.take()?;
             for sent in 0..cell.rounds + cell.warm_up {
                 if sent == cell.warm_up {
                     began = now();
@@ -284,6 +286,7 @@ pub(crate) fn node(cell: &Cell, name: &str) -> Result<()> {
         }
         Workload::Rate(_) => {
             let side = open!(cell, name, "down", "up", [u8], initial_max_slice_len);
+            side.send(&bytes(0))?;
             for _ in 0..cell.rounds + cell.warm_up {
                 side.take()?;
             }
