@@ -36,6 +36,9 @@ const FEDERATION: &str = "[detector] 0 0.5\n[detector] 100000000 0.5\n[detector]
 
 const COUNTER: &str = "0ns: 1\n100ms: 3\n200ms: 6\n";
 
+/// Examples that are federates of programs in other languages, whose tests run them: `tests/python/test_mixed.py`.
+const FEDERATES: [&str; 2] = ["camera", "controller"];
+
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
 }
@@ -49,11 +52,25 @@ fn cargo(folder: &Path, arguments: &[&str]) -> Output {
 #[test]
 fn examples_print_what_they_say() {
     let files = fs::read_dir(root().join("crates/hprm/examples")).unwrap();
-    assert_eq!(files.count(), EXAMPLES.len());
+    assert_eq!(files.count(), EXAMPLES.len() + FEDERATES.len());
     for (name, printed) in EXAMPLES {
         let run = ["run", "--quiet", "--offline", "-p", "hprm", "--example", name];
         let output = cargo(&root(), &run);
         assert_eq!(String::from_utf8(output.stdout).unwrap(), printed, "{name}");
+    }
+}
+
+#[test]
+fn a_federate_that_is_started_alone_says_what_it_is() {
+    for name in FEDERATES {
+        let run = ["run", "--quiet", "--offline", "-p", "hprm", "--example", name];
+        let output = Command::new(env!("CARGO")).args(run).current_dir(root()).output().unwrap();
+        let shown = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            shown.contains("is a federate of a program that is described elsewhere"),
+            "{shown}"
+        );
+        assert_eq!(output.status.code(), Some(1));
     }
 }
 
