@@ -151,8 +151,11 @@ def test_the_help_of_a_program_shows_its_parameters(program: Bench) -> None:
     ("words", "message"),
     [
         (["app.py:Nobody"], "app.py has no Nobody"),
-        (["app.py:Whole", "--pace", "3"], "the program has no such parameter"),
-        (["app.py:Whole", "--timeot", "3 s"], "the program has no such parameter"),
+        (
+            ["app.py:Whole", "--pace", "3"],
+            "--pace 3 is neither an option of `hprm run` nor a parameter",
+        ),
+        (["app.py:Whole", "--timeot", "3 s"], "did you mean --timeout?"),
     ],
 )
 def test_what_python_refuses_is_one_error(program: Bench, words: list[str], message: str) -> None:
