@@ -110,10 +110,7 @@ pub(crate) fn is_readable(file: &Path) -> Result<(), Error> {
     let reason = match opened {
         Ok(found) if found.is_dir() => "it is a folder".to_owned(),
         Ok(_) => return Ok(()),
-        Err(error) => {
-            let text = error.to_string();
-            text.split(" (os error").next().unwrap_or_default().to_owned()
-        }
+        Err(error) => hprm::console::reason(&error),
     };
     let error = Error::new(format!("cannot read {}: {reason}", file.display()));
     match file.try_exists() {

@@ -31,9 +31,13 @@ pub fn print(bytes: &[u8]) -> io::Result<()> {
 
 /// The failure that the standard output cannot be written.
 pub fn unwritable(error: &io::Error) -> Failure {
-    let reason = error.to_string();
-    let reason = reason.split(" (os error").next().unwrap_or_default();
-    Failure::command(format!("cannot write to the standard output: {reason}"))
+    Failure::command(format!("cannot write to the standard output: {}", reason(error)))
+}
+
+/// The reason alone: `No such file or directory`, without the number of the error.
+pub fn reason(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 
 /// Writes to the standard error; a failure of that cannot be reported.

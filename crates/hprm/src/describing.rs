@@ -25,6 +25,8 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
 use rustix::fs::{MemfdFlags, memfd_create};
 
+use crate::console::reason;
+
 /// The environment variable that asks an executable what it declares: the file that it writes.
 pub(crate) const DESCRIBE: &str = "HPRM_DESCRIBE";
 
@@ -254,12 +256,6 @@ fn wait(process: &mut Child, patience: Duration, asking: &SigSet) -> io::Result<
         }
         thread::sleep(GLANCE);
     }
-}
-
-/// The reason alone: `No such file or directory`, without the number of the error.
-fn reason(error: &io::Error) -> String {
-    let text = error.to_string();
-    text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use hprm_declared::Described;
 use hprm_lf::SourceLoader;
 use hprm_model::Executable;
 
+use crate::console::reason;
 use crate::describing;
 
 /// The files of this machine, with the packages that the environment names.
@@ -95,10 +96,4 @@ fn read(path: &str) -> Result<String, Unreadable> {
         let reason = format!("line {line} is not UTF-8 text");
         Unreadable { reason, line: u32::try_from(line).ok() }
     })
-}
-
-/// The reason alone: `No such file or directory`, without the number of the error.
-fn reason(error: &io::Error) -> String {
-    let text = error.to_string();
-    text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
