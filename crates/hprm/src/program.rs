@@ -245,9 +245,7 @@ impl Program {
         from: impl IntoIterator<Item = F>,
         to: impl IntoIterator<Item = T>,
     ) -> Connections<'_> {
-        let from = from.into_iter().filter_map(|port| port.slot().port()).collect();
-        let to = to.into_iter().filter_map(|port| port.slot().port()).collect();
-        self.graph.connect(from, to, None)
+        self.graph.connect(handle::ports(from), handle::ports(to), None)
     }
 
     /// Reaches a physical action from other threads, while the program runs.

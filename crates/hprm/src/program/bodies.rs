@@ -96,9 +96,14 @@ impl Bodies {
         }
     }
 
-    /// The same, with what carries the values of these ports to other federates.
-    pub(super) fn carrying(self, codecs: BTreeMap<PortId, Codec>) -> Self {
-        Self { codecs, ..self }
+    /// States how the values of a port travel to other federates.
+    pub(super) fn carry(&mut self, port: PortId, codec: Codec) {
+        self.codecs.insert(port, codec);
+    }
+
+    /// Whether it is stated how the values of a port travel.
+    pub(super) fn carries(&self, port: PortId) -> bool {
+        self.codecs.contains_key(&port)
     }
 
     /// The same, as those of one federate.

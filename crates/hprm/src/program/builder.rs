@@ -8,7 +8,7 @@ use hprm_core::{Direction, ModalElement, Origin, PortId, ReactorId, Spacing};
 use super::connection::Connections;
 use super::graph::Graph;
 use super::handle::{
-    Action, InputPort, LogicalAction, Mode, OutputPort, PhysicalAction, Port, Slot, Timer,
+    Action, InputPort, LogicalAction, Mode, OutputPort, PhysicalAction, Port, Slot, Timer, ports,
 };
 use super::reaction::ReactionBuilder;
 use super::sender::{Sender, WhenFull};
@@ -257,9 +257,7 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
         from: impl IntoIterator<Item = F>,
         to: impl IntoIterator<Item = T>,
     ) -> Connections<'_> {
-        let from: Vec<PortId> = from.into_iter().filter_map(|port| port.slot().port()).collect();
-        let to: Vec<PortId> = to.into_iter().filter_map(|port| port.slot().port()).collect();
-        self.graph.connect(from, to, self.mode.map(|mode| mode.0))
+        self.graph.connect(ports(from), ports(to), self.mode.map(|mode| mode.0))
     }
 
     // Internals.

@@ -11,24 +11,22 @@ use hprm_core::{
 };
 use serde_json::{Value, json};
 
+use super::running::end;
 use crate::Failure;
 use crate::describing::DESCRIBE;
 
-/// Where the declaration is to be written, if this process was asked for it.
-pub(super) fn asked() -> Option<PathBuf> {
-    std::env::var_os(DESCRIBE).map(PathBuf::from)
-}
-
-/// Writes what `program` declares.
+/// Writes what `program` declares, and ends this process, if it was asked for that.
 ///
 /// # Errors
 ///
 /// If the file cannot be written.
-pub(super) fn write(program: &Program, to: &PathBuf) -> Result<(), Failure> {
+pub(super) fn answer(program: &Program) -> Result<(), Failure> {
+    let Some(file) = std::env::var_os(DESCRIBE).map(PathBuf::from) else { return Ok(()) };
     let text = Describe::new(program).document().to_string();
-    fs::write(to, text).map_err(|error| {
-        Failure::system(format!("cannot write the declaration {}", to.display()), &error)
-    })
+    fs::write(&file, text).map_err(|error| {
+        Failure::system(format!("cannot write the declaration {}", file.display()), &error)
+    })?;
+    end(0)
 }
 
 /// All parts of a program have one place: executables do not tell where in their source a part is.

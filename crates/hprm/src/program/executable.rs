@@ -1,18 +1,18 @@
 //! An executable that is one federate of a federation described elsewhere: in an `.lf` file, or in Python.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use hprm_codec::Transfer;
 use hprm_core::{PortId, Properties, ReactorId};
 
+use super::bodies::Bodies;
 use super::builder::{Reactor, ReactorBuilder};
 use super::describe;
 use super::graph::Graph;
 use super::handed::Handed;
 use super::handle::{InputPort, OutputPort, Slotted};
 use super::parts::Parts;
-use super::running::{end, run_federate};
+use super::running::run_federate;
 use super::transport::Codec;
 use crate::handover::Handover;
 use crate::{Failure, Kind, Report};
@@ -144,33 +144,27 @@ where
     let root = graph.parts.root();
     let ports = reactor.assemble(&mut ReactorBuilder::new(&mut graph, root));
     graph.bodies.insert(root, Box::new(reactor));
-    let mut codecs = BTreeMap::new();
-    collect(&ports, &mut codecs);
-    let built = graph
-        .build(Properties::default())
-        .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs.clone()), entrances));
+    collect(&ports, &mut graph.bodies);
+    let built = graph.build(Properties::default());
     if let Some(handover) = handover {
         run_federate(&handover, built);
     }
-    let (program, ..) = built?;
+    let (program, bodies, _) = built?;
     let own = program.ports.iter().filter(|(_, port)| port.reactor == root);
-    let stray = own.filter(|(id, _)| !codecs.contains_key(id)).map(|(id, _)| id);
+    let stray = own.filter(|(id, _)| !bodies.carries(*id)).map(|(id, _)| id);
     let mistakes: Vec<_> = stray.map(|port| untyped(&program.port_name(port))).collect();
     if !mistakes.is_empty() {
         return Err(Failure::Mistakes(mistakes));
     }
-    if let Some(file) = describe::asked() {
-        describe::write(&program, &file)?;
-        end(0);
-    }
+    describe::answer(&program)?;
     Err(alone(name))
 }
 
-fn collect(ports: &dyn Interface, codecs: &mut BTreeMap<PortId, Codec>) {
+fn collect(ports: &dyn Interface, bodies: &mut Bodies) {
     if let Some(CarriedPort(port, codec)) = ports.port() {
-        codecs.insert(port, codec);
+        bodies.carry(port, codec);
     }
-    ports.each(&mut |inner| collect(inner, codecs));
+    ports.each(&mut |inner| collect(inner, bodies));
 }
 
 fn untyped(port: &str) -> Report {

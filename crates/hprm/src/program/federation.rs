@@ -3,13 +3,13 @@
 //! One `main` describes the federation, in the launcher and in each federate: what was handed to this process decides
 //! which of them it is. What is handed, and how the parts are found in it, is in `handover.rs` and `handed.rs`.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hprm_codec::Transfer;
-use hprm_core::{Coordination, PortId, Properties, Spin};
+use hprm_core::{Coordination, Properties, ReactorId, Spin};
 
 use super::builder::{Reactor, ReactorBuilder};
 use super::claim::{self, Role};
@@ -18,10 +18,10 @@ use super::describe;
 use super::federate::Federate;
 use super::graph::Graph;
 use super::handed::Handed;
-use super::handle::Port;
+use super::handle::{Port, ports};
 use super::launching::Launching;
 use super::parts::Parts;
-use super::running::{end, run_federate};
+use super::running::run_federate;
 use super::transport::Codec;
 use crate::{Failure, HangTimeout, Kind, Report, Runnable, nanoseconds};
 
@@ -62,7 +62,6 @@ pub struct Federation {
     properties: Properties,
     launching: Launching,
     names: BTreeSet<String>,
-    codecs: BTreeMap<PortId, Codec>,
     role: Role,
 }
 
@@ -71,31 +70,26 @@ impl Federation {
     /// federations in one `main` is its own.
     #[must_use]
     pub fn new(name: &str) -> Self {
-        let role = claim::role(name);
-        let mut federation = Self {
+        let (role, unread) = match claim::role(name) {
+            Ok(role) => (role, None),
+            Err(report) => (Role::Launcher(0), Some(*report)),
+        };
+        let mut graph = match &role {
+            Role::Federate(handover) => {
+                let program = Arc::new(handover.program.clone());
+                Graph::of(Parts::Handed(Handed::new(program, ReactorId(0))))
+            }
+            Role::Launcher(_) | Role::Other => Graph::new(name),
+        };
+        graph.mistakes.extend(unread);
+        Self {
             name: name.to_owned(),
-            graph: Graph::new(name),
+            graph,
             properties: Properties::default(),
             launching: Launching::default(),
             names: BTreeSet::new(),
-            codecs: BTreeMap::new(),
-            role: Role::Other,
-        };
-        match role {
-            Ok(role) => {
-                if let Role::Federate(handover) = &role {
-                    let program = Arc::new(handover.program.clone());
-                    let main = hprm_core::ReactorId(0);
-                    federation.graph = Graph::of(Parts::Handed(Handed::new(program, main)));
-                }
-                federation.role = role;
-            }
-            Err(report) => {
-                federation.graph.mistakes.push(*report);
-                federation.role = Role::Launcher(0);
-            }
+            role,
         }
-        federation
     }
 
     // How it runs.
@@ -210,7 +204,7 @@ impl Federation {
         ports
     }
 
-    fn federate(&mut self, name: &str, federate: Federate) -> hprm_core::ReactorId {
+    fn federate(&mut self, name: &str, federate: Federate) -> ReactorId {
         if !self.names.insert(federate.name.clone()) {
             let what = format!("two federates have the name {}", federate.name);
             let report = Report::new(Kind::Program, what);
@@ -245,10 +239,10 @@ impl Federation {
     where
         F::Value: Transfer,
     {
-        let from: Vec<_> = from.into_iter().filter_map(|port| port.slot().port()).collect();
-        let to: Vec<_> = to.into_iter().filter_map(|port| port.slot().port()).collect();
-        let codec = Codec::of::<F::Value>();
-        self.codecs.extend(from.iter().chain(&to).map(|port| (*port, codec)));
+        let (from, to) = (ports(from), ports(to));
+        for port in from.iter().chain(&to) {
+            self.graph.bodies.carry(*port, Codec::of::<F::Value>());
+        }
         self.graph.connect(from, to, None)
     }
 
@@ -266,23 +260,15 @@ impl Federation {
     /// Rules that the program breaks; the first failure of a federate, [`Failure::FederateFailed`]; that Ctrl-C or
     /// SIGTERM has stopped it, [`Failure::Interrupted`].
     pub fn run(self) -> Result<(), Failure> {
-        if matches!(self.role, Role::Other) {
-            return Ok(());
-        }
-        let Self { name, graph, properties, codecs, role, launching, .. } = self;
-        let built = graph
-            .build(properties)
-            .map(|(program, bodies, entrances)| (program, bodies.carrying(codecs), entrances));
+        let Self { name, graph, properties, role, launching, .. } = self;
+        let built = graph.build(properties);
         let before = match role {
             Role::Federate(handover) => run_federate(&handover, built),
             Role::Launcher(before) => before,
-            Role::Other => 0,
+            Role::Other => return Ok(()),
         };
         let (program, ..) = built?;
-        if let Some(file) = describe::asked() {
-            describe::write(&program, &file)?;
-            end(0);
-        }
+        describe::answer(&program)?;
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }

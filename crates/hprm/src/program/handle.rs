@@ -74,6 +74,11 @@ pub trait Readable: Copy + Slotted {
 /// An input or an output port.
 pub trait Port: Readable {}
 
+/// The ports that these handles name.
+pub(super) fn ports<P: Port>(handles: impl IntoIterator<Item = P>) -> Vec<PortId> {
+    handles.into_iter().filter_map(|handle| handle.slot().port()).collect()
+}
+
 /// A logical or a physical action.
 pub trait Action: Readable {
     #[doc(hidden)]
