@@ -14,18 +14,22 @@ export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 # How many tests in Python run at a time: they wait more than they compute.
 WORKERS ?= 3
 
-PYTHON_CODE := python tests bench examples
+PYTHON_CODE := python tests bench examples docs
 RUST_SOURCES := Cargo.toml Cargo.lock \
 	$(shell find crates -name '*.rs' -o -name 'Cargo.toml')
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build demo docs test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
+
+docs: build ## build the handbook into out/handbook
+	$(BIN)/sphinx-build -W --keep-going -q docs out/handbook
+	@echo "open out/handbook/index.html"
 
 demo: build ## run the broadcast and gather example, print its table, draw its picture
 	@$(BIN)/python examples/broadcast_gather/demo.py
@@ -117,7 +121,7 @@ toolchain:
 	  echo "error: $(PY) cannot make virtual environments" >&2; \
 	  echo "  hint: on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 
-$(VENV)/.requirements: requirements-dev.txt | toolchain
+$(VENV)/.requirements: requirements-dev.txt docs/requirements.txt | toolchain
 	$(PY) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
 	@touch $@

@@ -22,7 +22,7 @@ _ATTRIBUTE = "__hprm_hint__"
 _UNPICKLABLE = (
     "pickle carries no locks, open files or generators, and functions and classes only by their "
     "names in a preamble or a module; send data instead, such as dicts, lists, arrays and "
-    "dataclasses (docs/serialization.md)"
+    "dataclasses (docs/concepts/serialization.md)"
 )
 
 _READ_ONLY = re.compile(r"read-only|read only|not writeable", re.IGNORECASE)

@@ -420,7 +420,7 @@ def test_a_program_may_start_at_a_round_time(hprm: Hprm, tmp_path: Path) -> None
 
 
 def test_the_program_of_the_document_has_the_options_it_says(hprm: Hprm, tmp_path: Path) -> None:
-    document = Path(__file__).resolve().parents[2] / "docs" / "command-line.md"
+    document = Path(__file__).resolve().parents[2] / "docs" / "reference" / "command-line.md"
     text = document.read_text()
     blocks = re.findall(r"^```(\w+)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
     (tmp_path / "Main.lf").write_text(next(block for language, block in blocks if language == "lf"))

@@ -299,7 +299,7 @@ def test_a_model_of_pydantic_is_a_struct(rust: Rust) -> None:
 
 
 def test_the_example_of_the_document_is_what_python_sends() -> None:
-    text = (ROOT / "docs" / "codec.md").read_text()
+    text = (ROOT / "docs" / "reference" / "codec.md").read_text()
     section = text.partition("## An example")[2].partition("\n## ")[0]
     documented = "".join(re.findall(r"^\| `([0-9a-f ]+)` \|", section, flags=re.MULTILINE))
     size = [3, -1]

@@ -1,4 +1,4 @@
-"""The commands of docs/deployment.md work as they are printed there."""
+"""The commands of docs/howto/deployment.md work as they are printed there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from conftest import Spawn
 from processes import Bench, finish, hear
 
-TEXT = (Path(__file__).parents[2] / "docs" / "deployment.md").read_text()
+TEXT = (Path(__file__).parents[2] / "docs" / "howto" / "deployment.md").read_text()
 BLOCKS = [block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)]
 [PROGRAM] = re.findall(r"```lf\n(.*?)```", TEXT, re.DOTALL)
 OUTPUT = "".join(f"{time} 600000\n" for time in range(0, 100_000_001, 20_000_000))

@@ -20,7 +20,7 @@ SIZE = 60_000
 """In one piece just small enough to travel in a message; all of them are 120 MB."""
 
 LIMIT = 8 << 20
-"""What may be under way when a tag begins, as in docs/federations.md."""
+"""What may be under way when a tag begins, as in docs/concepts/federations.md."""
 
 # The number of a message is in its first bytes. The source says how many it has sent, as the length
 # of a file.

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "python.md"
 BLOCK = re.compile(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", re.DOTALL)
-PROGRAMS = [match.groups(default="") for match in BLOCK.finditer((DOCS / "python.md").read_text())]
+PROGRAMS = [match.groups(default="") for match in BLOCK.finditer(PAGE.read_text())]
 
 
 @pytest.mark.parametrize(("text", "expected"), PROGRAMS)

@@ -1,7 +1,7 @@
 """What does not answer and what breaks: federates that hang, an RTI that does, a direct link.
 
 A hang may be a long computation, so by default it is only reported; with ``--hang-timeout`` it is a
-failure. The table in docs/failures.md names these tests.
+failure. The table in docs/concepts/failures.md names these tests.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ FEDERATES = ["sender", "receiver", "bystander"]
 MOMENTS = ["start", "steady", "stop"]
 
 ENDS_WITHIN_S = 5.0
-"""How soon the others end, by docs/failures.md."""
+"""How soon the others end, by docs/concepts/failures.md."""
 
 ORPHANS_END_WITHIN_S = 1.0
 """How soon federates end if the command that has started them is killed."""

@@ -1,4 +1,4 @@
-"""The log for debugging, which `HPRM_LOG` turns on (docs/failures.md)."""
+"""The log for debugging, which `HPRM_LOG` turns on (docs/concepts/failures.md)."""
 
 from __future__ import annotations
 

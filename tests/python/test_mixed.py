@@ -221,7 +221,7 @@ def test_federates_are_started_one_by_one(folder: Path, bench: Bench, program: s
 
 
 def test_the_programs_of_the_document_run(folder: Path, bench: Bench) -> None:
-    text = (ROOT / "docs" / "mixed.md").read_text()
+    text = (ROOT / "docs" / "howto" / "mixed.md").read_text()
     for language, name in [("lf", "Main.lf"), ("python", "app.py")]:
         (program,) = re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
         (folder / name).write_text(program)

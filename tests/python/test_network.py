@@ -151,7 +151,7 @@ def test_an_encrypted_federation(start: Start, tmp_path: Path, coordination: str
     assert finish(rti)[1:] == ("", 0)
 
 
-# As in docs/deployment.md.
+# As in docs/howto/deployment.md.
 CERTIFICATES = [
     "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 365"
     " -subj /CN=federation -keyout ca.key -out ca.pem",

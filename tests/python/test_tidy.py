@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
 GENERATED = {"target", "out", "__pycache__", "corpus"}
 LONGEST_FILE = 800
 UNSAFE_ROOMS = {
@@ -99,7 +100,7 @@ def headings(text: str) -> list[str]:
 
 def retired_words() -> dict[str, str]:
     """The words that the glossary retires, each with the standard term."""
-    text = (ROOT / "docs" / "glossary.md").read_text().partition("## Retired words")[2]
+    text = (DOCS / "reference" / "glossary.md").read_text().partition("## Retired words")[2]
     rows = re.findall(r"^\| (`.+`) \| (.+) \|$", text, flags=re.MULTILINE)
     return {word: term for words, term in rows for word in re.findall(r"`([^`]+)`", words)}
 
@@ -151,7 +152,7 @@ def test_every_test_that_the_readme_names_exists() -> None:
 
 
 def test_every_test_that_the_table_of_failures_names_exists() -> None:
-    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "failures.md").read_text()))
+    named = set(re.findall(r"`(test_\w+)`", (DOCS / "concepts" / "failures.md").read_text()))
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
     assert len(named) > 10
     assert {name for name in named if f"def {name}(" not in tests} == set()
@@ -193,7 +194,7 @@ def test_retired_words_stay_away() -> None:
     found = [
         f"{path}:{number}: {word!r}; the glossary has: {term}"
         for path, text in sources(".rs", ".py", ".pyi", ".lf", ".md")
-        if path.startswith(CLEANED_UP) and path != "docs/glossary.md"
+        if path.startswith(CLEANED_UP) and path != "docs/reference/glossary.md"
         for number, line in enumerate(text.splitlines(), start=1)
         for prose in [CODE_SPAN.sub("", line) if path.endswith(".md") else line]
         for word, (pattern, term) in words.items()
@@ -220,6 +221,6 @@ def test_the_document_has_every_code_of_a_diagnostic() -> None:
         if path.startswith(CHECKS)
         for found in code.findall(text)
     }
-    text = (ROOT / "docs" / "diagnostics.md").read_text()
+    text = (DOCS / "reference" / "diagnostics.md").read_text()
     listed = re.findall(r"^\| `(LF\d{4})` \| (?:error|warning) \|", text, flags=re.MULTILINE)
     assert listed == sorted(used)

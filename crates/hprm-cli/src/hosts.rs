@@ -21,11 +21,11 @@ fn warning(placed: &PlacedAt) -> Diagnostic {
         Some(name) => (
             format!("federate `{name}` is to run at `{host}`, and `hprm run` starts it here"),
             "`hprm rti` and `hprm federate` start a federation on several machines \
-             (docs/deployment.md)",
+             (docs/howto/deployment.md)",
         ),
         None => (
             format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),
-            "`hprm rti` starts it alone (docs/deployment.md)",
+            "`hprm rti` starts it alone (docs/howto/deployment.md)",
         ),
     };
     Diagnostic {

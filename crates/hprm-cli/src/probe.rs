@@ -236,7 +236,7 @@ fn pickles() -> Finding {
             "also from other machines, by HPRM_PICKLE=allow",
             "every member of a federation can run code in this user's name",
         ),
-        Err(reason) => Finding::bad(subject, reason, "see docs/serialization.md"),
+        Err(reason) => Finding::bad(subject, reason, "see docs/concepts/serialization.md"),
     }
 }
 

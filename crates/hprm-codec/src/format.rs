@@ -4,7 +4,7 @@
 //! what belongs to it. Numbers are LEB128; a blob is its length, times two, plus one if the bytes
 //! are the payload's next part rather than here. Containers, byte strings, arrays and what is made of
 //! parts are counted as they begin, and [`NodeKind::BackReference`] refers to them by that number. A pickle is
-//! a whole value, never inside of one, so that one byte tells whether there is any. `docs/codec.md` specifies it
+//! a whole value, never inside of one, so that one byte tells whether there is any. `docs/reference/codec.md` specifies it
 //! byte by byte.
 
 use hprm_core::NoMemory;

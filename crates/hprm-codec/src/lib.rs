@@ -1,7 +1,7 @@
 //! Values as they travel between federates, without Python: the format, and serde's way in and out of it.
 //!
 //! [`encode`] makes a head and large buffers of any value that serde can serialize, [`decode`] makes a value of them;
-//! Python federates read and write the same bytes, which `docs/codec.md` specifies. An [`Array`] is never copied on
+//! Python federates read and write the same bytes, which `docs/reference/codec.md` specifies. An [`Array`] is never copied on
 //! the way: its memory is handed to the caller, which may find it in a store already, and one that has arrived is read
 //! where it lies. [`Dynamic`] is a value whose type the receiver does not know.
 //!

@@ -1,4 +1,4 @@
-//! The example of `docs/codec.md` is what it says.
+//! The example of `docs/reference/codec.md` is what it says.
 
 mod common;
 
@@ -18,7 +18,7 @@ struct Example {
 
 /// The bytes of the table below the heading.
 fn documented() -> Vec<u8> {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/codec.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/reference/codec.md");
     let text = fs::read_to_string(path).unwrap();
     let (_, section) = text.split_once("## An example").unwrap();
     let (section, _) = section.split_once("\n## ").unwrap();

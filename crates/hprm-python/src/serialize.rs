@@ -3,7 +3,7 @@
 //! [`encode`] and [`decode`] are inverse to each other for every value that pickle takes, and for
 //! every layout of an array; an array that was decoded is a read-only view of the received bytes. The
 //! argument is never changed (paper, section III-C, adaptive serialization). What needs no pickle is
-//! in `docs/serialization.md`; [`Trust`] says whether one may be sent.
+//! in `docs/concepts/serialization.md`; [`Trust`] says whether one may be sent.
 
 pub(crate) mod array;
 mod decode;

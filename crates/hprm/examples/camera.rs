@@ -1,6 +1,6 @@
 //! A camera that is a federate of a program in Lingua Franca or Python, which names this executable.
 //!
-//! The program states its ports; docs/mixed.md has such programs.
+//! The program states its ports; docs/howto/mixed.md has such programs.
 
 use std::time::Duration;
 

@@ -8,7 +8,7 @@
 
 /// The programs of the document on Rust.
 #[cfg(doctest)]
-#[doc = include_str!("../../../docs/rust.md")]
+#[doc = include_str!("../../../docs/howto/rust.md")]
 struct Document;
 
 mod clock;
