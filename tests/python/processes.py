@@ -6,6 +6,7 @@ import os
 import re
 import select
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -157,6 +158,15 @@ class Federation:
     def finish(self, *names: str) -> dict[str, Outcome]:
         """Return how the members end: those that are named, or all."""
         return {name: finish(self.members[name]) for name in names or self.members}
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports that no process uses at the moment, and that the kernel gives to no process soon."""
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [listener.getsockname()[1] for listener in sockets]
+    for listener in sockets:
+        listener.close()
+    return ports
 
 
 def listens(address: str) -> bool:

@@ -1,11 +1,9 @@
-"""The commands of docs/howto/deployment.md work as they are printed there."""
+"""The commands of docs/howto/deployment.md, in another order than test_handbook_pages.py has."""
 
 from __future__ import annotations
 
-import re
 import shlex
 import shutil
-import socket
 import subprocess
 import sys
 import uuid
@@ -13,21 +11,17 @@ from pathlib import Path
 
 import pytest
 from conftest import Spawn
-from processes import Bench, finish, hear
+from processes import Bench, finish, free_ports, hear
+from stories import blocks, commands
 
-TEXT = (Path(__file__).parents[2] / "docs" / "howto" / "deployment.md").read_text()
-BLOCKS = [block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)]
-[PROGRAM] = re.findall(r"```lf\n(.*?)```", TEXT, re.DOTALL)
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "deployment.md"
+BLOCKS = [
+    [command for command, _ in commands(block.source)]
+    for block in blocks(PAGE)
+    if block.kind == "console"
+]
+[PROGRAM] = [block.source for block in blocks(PAGE) if block.caption == "Main.lf"]
 OUTPUT = "".join(f"{time} 600000\n" for time in range(0, 100_000_001, 20_000_000))
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports that no process uses at the moment, and that the kernel gives to no process soon."""
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [listener.getsockname()[1] for listener in sockets]
-    for listener in sockets:
-        listener.close()
-    return ports
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +76,9 @@ def test_a_secret_that_is_made_as_it_is_written_is_one(tmp_path: Path) -> None:
     assert "error: no RTI at unix:@hprm-nowhere" in done.stderr
 
 
-@pytest.mark.parametrize("backwards", [False, True], ids=["RTI first", "RTI last"])
 @pytest.mark.parametrize("block", FEDERATIONS, ids=lambda block: block[0][13:60])
-def test_a_federation_runs_as_it_is_written(
-    spawn: Spawn, tmp_path: Path, place: dict[str, str], block: list[str], backwards: bool
+def test_a_federation_runs_with_its_rti_last(
+    spawn: Spawn, tmp_path: Path, place: dict[str, str], block: list[str]
 ) -> None:
     (tmp_path / "Main.lf").write_text(PROGRAM)
     if any("--tls-cert" in line for line in block):
@@ -93,7 +86,7 @@ def test_a_federation_runs_as_it_is_written(
     command = str(Path(sys.executable).with_name("hprm"))
     lines = [here(line, place) for line in block]
     started = {}
-    for number in sorted(range(len(lines)), reverse=backwards):
+    for number in reversed(range(len(lines))):
         assert lines[number][0] == "hprm"
         started[number] = spawn(command, *lines[number][1:])
     outcomes = [started[number].communicate(timeout=60) for number in range(len(lines))]
