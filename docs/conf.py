@@ -23,7 +23,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["requirements.txt"]
+exclude_patterns = ["requirements.txt", "_diagrams"]
 highlight_language = "none"
 
 myst_enable_extensions = ["colon_fence", "deflist"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
 import subprocess
 import sys
@@ -62,6 +63,15 @@ def test_the_handbook_builds_without_a_warning(tmp_path: Path) -> None:
     pages = "".join(page.read_text() for page in (tmp_path / "html").rglob("*.html"))
     assert 'src="http' not in pages, "a page fetches something from the net"
     assert 'rel="stylesheet" href="http' not in pages
+
+
+def test_diagrams_are_what_their_script_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS / "_diagrams"))
+    sequences = importlib.import_module("sequences")
+    for draw in sequences.DIAGRAMS:
+        diagram = draw()
+        drawn = (DOCS / "_diagrams" / f"{diagram.name}.svg").read_text()
+        assert drawn == diagram.svg(), "python docs/_diagrams/sequences.py"
 
 
 def test_what_is_printed_is_compared_as_writers_are_told() -> None:
