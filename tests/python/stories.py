@@ -190,7 +190,7 @@ def commands(source: str) -> list[tuple[str, str]]:
     for line in source.splitlines():
         if line.startswith("$ "):
             found.append((line[2:], ""))
-        elif found and line.startswith("> ") and not found[-1][1]:
+        elif found and line.startswith("> ") and found[-1][0].endswith("\\"):
             found[-1] = (f"{found[-1][0]}\n{line[2:]}", "")
         else:
             assert found, f"a console block begins with `$ `, not with {line!r}"
