@@ -15,6 +15,8 @@ export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 WORKERS ?= 3
 
 PYTHON_CODE := python tests bench examples docs
+# Programs that the strictest checks of types must accept, as those of users who run them.
+TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/%,$(wildcard examples/*/*.py))
 RUST_SOURCES := Cargo.toml Cargo.lock \
 	$(shell find crates -name '*.rs' -o -name 'Cargo.toml')
 
@@ -99,7 +101,7 @@ lint: $(VENV)/.requirements ## check the format and the lints; nothing is change
 	$(BIN)/ruff check $(PYTHON_CODE)
 	$(BIN)/ruff format --check $(PYTHON_CODE)
 	$(BIN)/mypy
-	MYPYPATH=python $(BIN)/mypy --strict --config-file= tests/twins
+	MYPYPATH=python $(BIN)/mypy --strict --config-file= $(TYPED_PROGRAMS)
 	$(BIN)/pyright
 
 clean: ## remove everything that the other targets made

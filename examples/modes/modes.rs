@@ -1,5 +1,4 @@
-//! A bank of workers with modes, and a multiport: each worker works for a while, then rests, and the supervisor sees
-//! them all.
+//! Workers with two modes: each works for a while, then rests, and the supervisor sees them all.
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::time::Duration;
@@ -55,7 +54,7 @@ fn main() -> Result<(), Failure> {
         let all = inputs.clone();
         supervisor.reaction().on(&inputs).run(move |(), ctx| {
             for (index, state) in ctx.present(&all) {
-                println!("{:?}: worker {index} is {state}", ctx.elapsed());
+                println!("{} ms: worker {index} is {state}", ctx.elapsed().as_millis());
             }
         });
         inputs

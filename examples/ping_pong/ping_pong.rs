@@ -48,7 +48,7 @@ impl Ping {
     }
 
     fn answer(&mut self, ports: PingPorts, ctx: &mut Context<'_>) {
-        println!("{:?}: {} left", ctx.elapsed(), self.left);
+        println!("{} ms: {} left", ctx.elapsed().as_millis(), self.left);
         if self.left > 0 {
             ctx.schedule(ports.serve, Duration::ZERO, ());
         }
