@@ -20,7 +20,7 @@ use smallvec::SmallVec;
 use self::nodes::Want;
 use crate::cursor::{Blob, Cursor};
 use crate::error::DecodeError;
-use crate::format::{self, DEPTH_LIMIT, Malformed, NodeKind};
+use crate::format::{self, DEPTH_LIMIT, LAYER_LIMIT, Malformed, NodeKind};
 use crate::memory::Memory;
 use crate::slot::{ARRAY, DYNAMIC};
 
@@ -62,6 +62,8 @@ struct Walk<'a> {
     /// The values to which the head may refer.
     seen: SmallVec<[Seen<'a>; 8]>,
     depth: u32,
+    /// How many options and newtypes, of which there is nothing in the bytes, are around the value.
+    layers: u32,
     /// Whether this is a value that has been read before.
     repeating: bool,
     /// How much more may be read again; none if nothing has been read again yet.
@@ -85,7 +87,7 @@ type Number = Option<usize>;
 impl<'a> Walk<'a> {
     fn new(head: Cursor<'a>, parts: &'a [Arc<dyn Memory>]) -> Self {
         let seen = SmallVec::new();
-        Self { head, parts, part: 0, seen, depth: 0, repeating: false, repeatable: None }
+        Self { head, parts, part: 0, seen, depth: 0, layers: 0, repeating: false, repeatable: None }
     }
 
     /// Numbers a value that begins at `start` and has no members.
@@ -127,6 +129,23 @@ impl<'a> Walk<'a> {
         if let Some(number) = number {
             self.seen[number].is_open = false;
         }
+    }
+
+    /// Reads what is in an option or a newtype. A type may contain itself in this way, without end.
+    #[inline]
+    fn layer<R>(
+        &mut self,
+        read: impl FnOnce(&mut Self) -> Result<R, DecodeError>,
+    ) -> Result<R, DecodeError> {
+        self.layers += 1;
+        if self.layers > LAYER_LIMIT {
+            return Err(DecodeError::new(format!(
+                "the receiver's type has more than {LAYER_LIMIT} options and newtypes within one another here"
+            )));
+        }
+        let value = read(self)?;
+        self.layers -= 1;
+        Ok(value)
     }
 
     /// Reads the value again whose number comes in the head.
@@ -255,7 +274,7 @@ impl<'a> Deserializer<'a> for &mut Walk<'a> {
             self.charge(1)?;
             return visitor.visit_none();
         }
-        visitor.visit_some(self)
+        self.layer(|walk| visitor.visit_some(walk))
     }
 
     fn deserialize_unit_struct<V: Visitor<'a>>(
@@ -274,7 +293,7 @@ impl<'a> Deserializer<'a> for &mut Walk<'a> {
         if name == ARRAY || name == DYNAMIC {
             return self.announced(visitor);
         }
-        visitor.visit_newtype_struct(self)
+        self.layer(|walk| visitor.visit_newtype_struct(walk))
     }
 
     fn deserialize_tuple<V: Visitor<'a>>(

@@ -13,7 +13,7 @@ use serde::ser::Serializer;
 use self::members::Members;
 use crate::element::Dtype;
 use crate::error::EncodeError;
-use crate::format::{self, DEPTH_LIMIT, Head, NodeKind, Order, put_number};
+use crate::format::{self, DEPTH_LIMIT, Head, LAYER_LIMIT, NodeKind, Order, put_number};
 use crate::memory::{Draft, Source};
 use crate::slot::{self, ARRAY, Outgoing, Shape};
 
@@ -23,8 +23,14 @@ use crate::slot::{self, ARRAY, Outgoing, Shape};
 ///
 /// If the value is nested too deeply, if its own `Serialize` refuses, or if the system has no memory.
 pub fn encode<T: Serialize + ?Sized>(value: &T) -> Result<Draft, EncodeError> {
-    let mut writer =
-        Writer { head: Head::new(), parts: Vec::new(), depth: 0, numbered: 0, arrays: Vec::new() };
+    let mut writer = Writer {
+        head: Head::new(),
+        parts: Vec::new(),
+        depth: 0,
+        layers: 0,
+        numbered: 0,
+        arrays: Vec::new(),
+    };
     writer.head.push(format::DIRECT);
     value.serialize(&mut writer)?;
     writer.head.check()?;
@@ -41,6 +47,8 @@ struct Writer {
     head: Head,
     parts: Vec<Source>,
     depth: u32,
+    /// How many `Some` and newtypes, which leave no bytes, are around the value.
+    layers: u32,
     /// How many values have begun to which the head may refer.
     numbered: u64,
     /// The large arrays so far.
@@ -80,6 +88,20 @@ impl Writer {
         }
         self.begin(kind);
         self.head.check()?;
+        Ok(())
+    }
+
+    /// Writes what is in a `Some` or a newtype.
+    #[inline]
+    fn layer<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), EncodeError> {
+        self.layers += 1;
+        if self.layers > LAYER_LIMIT {
+            return Err(EncodeError::new(format!(
+                "more than {LAYER_LIMIT} options and newtypes are within one another (hint: send a chain as a list)"
+            )));
+        }
+        value.serialize(&mut *self)?;
+        self.layers -= 1;
         Ok(())
     }
 
@@ -268,7 +290,7 @@ impl<'w> Serializer for &'w mut Writer {
     }
 
     fn serialize_some<T: Serialize + ?Sized>(self, value: &T) -> Result<(), EncodeError> {
-        value.serialize(self)
+        self.layer(value)
     }
 
     fn serialize_unit(self) -> Result<(), EncodeError> {
@@ -300,7 +322,7 @@ impl<'w> Serializer for &'w mut Writer {
             self.array(array);
             return Ok(());
         }
-        value.serialize(self)
+        self.layer(value)
     }
 
     fn serialize_newtype_variant<T: Serialize + ?Sized>(

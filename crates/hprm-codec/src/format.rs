@@ -24,6 +24,10 @@ pub const INDIRECT: u8 = 2;
 /// Values nested deeper than this are left to pickle, which has its own limit.
 pub const DEPTH_LIMIT: u32 = 100;
 
+/// How many options and newtypes of Rust may be within one another. There is nothing of them in the bytes, so the depth
+/// does not bound them.
+pub(crate) const LAYER_LIMIT: u32 = 500;
+
 /// How long most heads are, at most.
 const USUAL_HEAD: usize = 128;
 

@@ -5,6 +5,11 @@ use std::fmt;
 use crate::cursor::{Blob, Cursor};
 use crate::format::{self, NodeKind};
 
+/// How many steps of a long way are shown: those from the value.
+const FIRST: usize = 6;
+/// And those to the place.
+const LAST: usize = 3;
+
 /// The steps from a value to a part of it, the last one first, because errors find their way out.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Place(Vec<String>);
@@ -18,8 +23,15 @@ impl Place {
 
 impl fmt::Display for Place {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let steps = &self.0;
         formatter.write_str("`value")?;
-        self.0.iter().rev().try_for_each(|step| formatter.write_str(step))?;
+        if steps.len() <= FIRST + LAST + 1 {
+            steps.iter().rev().try_for_each(|step| formatter.write_str(step))?;
+        } else {
+            steps.iter().rev().take(FIRST).try_for_each(|step| formatter.write_str(step))?;
+            formatter.write_str("...")?;
+            steps[..LAST].iter().rev().try_for_each(|step| formatter.write_str(step))?;
+        }
         formatter.write_str("`")
     }
 }

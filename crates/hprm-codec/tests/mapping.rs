@@ -269,6 +269,33 @@ fn nesting_has_a_limit() {
     (0..101).for_each(|_| head.extend([10, 1]));
     head.push(0);
     assert_eq!(self::refused::<List>(&head), "malformed payload: values nested too deeply");
+    // So deep a place is cut.
+    let place = "`value[0][0][0][0][0][0]...[0][0][0]`: ";
+    assert!(refused.starts_with(place), "{refused}");
+}
+
+/// What is within one another without a byte of it.
+#[derive(Serialize, Deserialize)]
+struct Chain(Option<Box<Self>>);
+
+#[test]
+fn options_and_newtypes_within_one_another_have_a_limit() {
+    let chain = (0..20_000).fold(Chain(None), |inner, _| Chain(Some(Box::new(inner))));
+    let refused = encode(&chain).map(drop).unwrap_err().to_string();
+    // Its `drop` goes as deep.
+    std::mem::forget(chain);
+    assert_eq!(
+        refused,
+        "`value`: more than 500 options and newtypes are within one another (hint: send a chain as a list)"
+    );
+    let short = (0..200).fold(Chain(None), |inner, _| Chain(Some(Box::new(inner))));
+    assert!(encode(&short).is_ok());
+    // A value that the type would take for ever.
+    let endless = self::refused::<Chain>(&[1, 3, 2]);
+    assert_eq!(
+        endless,
+        "`value`: the receiver's type has more than 500 options and newtypes within one another here"
+    );
 }
 
 #[test]

@@ -42,7 +42,7 @@ pub use frame::{
     Attempt, BadFederationId, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer, Refusal,
 };
 pub use input::{End, Input, Output, Permission};
-pub use rti::{DnetMode, HangTimeout, LinkId, Rti, RtiInput, RtiOutput};
+pub use rti::{DnetMode, HangTimeout, LinkId, Rti, RtiInput, RtiOutput, show_silence};
 pub use slewed::SlewedClock;
 pub use step::{Edge, Step};
 pub use topology::Topology;

@@ -32,8 +32,8 @@ use self::attempts::Attempts;
 use self::ending::Negotiation;
 use self::join::{Candidate, Member};
 use self::traffic::Traffic;
-pub use self::watch::HangTimeout;
 use self::watch::Watch;
+pub use self::watch::{HangTimeout, show_silence};
 use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
 /// A connection that the driver has accepted. The driver never uses a number twice.

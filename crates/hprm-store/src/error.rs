@@ -55,11 +55,7 @@ pub enum SegmentError {
 #[non_exhaustive]
 pub enum StoreError {
     /// The capacity is reached.
-    #[error(
-        "the federate's object store is full: {asked} bytes were asked for and {in_use} bytes of \
-         at most {capacity} are in use; receivers hold them until they drop the values, so drop \
-         values sooner or raise --store-limit"
-    )]
+    #[error("{}", full(*asked, *capacity, *in_use))]
     Full {
         /// The federate whose store it is.
         owner: FederateId,
@@ -111,6 +107,24 @@ pub enum StoreError {
     Hold(#[from] HoldError),
 }
 
+/// How to have a larger store.
+const RAISE: &str =
+    "raise the limit of the object store (--store-limit; `Federation::store_limit` in Rust)";
+
+/// Why a store has no room, and what to do about it.
+fn full(asked: u64, capacity: u64, in_use: u64) -> String {
+    if asked > capacity {
+        return format!(
+            "a value of {asked} bytes is larger than the federate's object store, which takes at most {capacity}; \
+             send it in parts or {RAISE}"
+        );
+    }
+    format!(
+        "the federate's object store is full: {asked} bytes were asked for and {in_use} bytes of at most {capacity} \
+         are in use; receivers hold them until they drop the values, so drop values sooner or {RAISE}"
+    )
+}
+
 /// What to do if shared memory cannot be created.
 fn remedy(cause: Errno) -> &'static str {
     match cause {
@@ -120,7 +134,7 @@ fn remedy(cause: Errno) -> &'static str {
         }
         _ => {
             "free memory on this host, raise its limits, or lower the limit of the object store \
-             (--store-limit)"
+             (--store-limit; `Federation::store_limit` in Rust)"
         }
     }
 }

@@ -219,7 +219,11 @@ impl fmt::Debug for Failure {
         };
         let texts: Vec<_> = reports.iter().map(|report| report.text(Label::Error, false)).collect();
         let text = texts.join("\n");
-        f.write_str(text.strip_prefix("error: ").unwrap_or(&text))
+        // A `main` that returns it has said that it is an error.
+        match text.strip_prefix("error[").and_then(|text| text.split_once(']')) {
+            Some((code, text)) => write!(f, "{code}{text}"),
+            None => f.write_str(text.strip_prefix("error: ").unwrap_or(&text)),
+        }
     }
 }
 

@@ -17,6 +17,7 @@ mod federation;
 mod graph;
 mod handed;
 mod handle;
+mod identity;
 mod launching;
 mod loan;
 mod parts;
@@ -26,6 +27,7 @@ mod sender;
 mod transport;
 mod value;
 
+use std::panic::Location;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -172,7 +174,8 @@ impl Program {
         ReactorBuilder::new(&mut self.graph, main)
     }
 
-    /// Adds a reactor, and returns its ports. `name` is for people.
+    /// Adds a reactor, and returns its ports. The reactors in one reactor have different names.
+    #[track_caller]
     pub fn add<R: Reactor>(&mut self, name: &str, reactor: R) -> R::Ports {
         self.main().add(name, reactor)
     }
@@ -210,6 +213,7 @@ impl Program {
     /// program.run()?;
     /// # Ok::<(), Failure>(())
     /// ```
+    #[track_caller]
     pub fn bank<R: Reactor>(
         &mut self,
         name: &str,
@@ -220,6 +224,7 @@ impl Program {
 
     /// Adds a reactor that is not worth a type: its state, and a closure that gives it its ports, timers, actions and
     /// reactions, and returns what other parts of the program need of it.
+    #[track_caller]
     pub fn reactor<S: Send + 'static, R>(
         &mut self,
         name: &str,
@@ -231,6 +236,7 @@ impl Program {
 
     /// Connects two ports: a value appears at both ends at the same tag, unless more is said about the connection. The
     /// type of their values is the same.
+    #[track_caller]
     pub fn connect<F: Port>(
         &mut self,
         from: F,
@@ -240,17 +246,19 @@ impl Program {
     }
 
     /// Connects the ports of two multiports or banks, one by one. There must be as many on both sides.
+    #[track_caller]
     pub fn connect_each<F: Port, T: Port<Value = F::Value>>(
         &mut self,
         from: impl IntoIterator<Item = F>,
         to: impl IntoIterator<Item = T>,
     ) -> Connections<'_> {
-        self.graph.connect(handle::ports(from), handle::ports(to), None)
+        self.graph.connect(handle::ports(from), handle::ports(to), None, Location::caller())
     }
 
     /// Reaches a physical action from other threads, while the program runs.
+    #[track_caller]
     pub fn sender<T>(&mut self, action: PhysicalAction<T>) -> Sender<T> {
-        self.graph.entrances.sender(action)
+        self.graph.sender(action, Location::caller())
     }
 
     // Running it.

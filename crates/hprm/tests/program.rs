@@ -184,7 +184,7 @@ fn modes_are_entered_anew_or_as_they_were_left() {
         for (mode, name) in [(first, "first"), (second, "second")] {
             let log = log.clone();
             modal.in_mode(mode, |modal| {
-                modal.reactor("inside", (), |inside| {
+                modal.reactor(&format!("in_{name}"), (), |inside| {
                     let tick = inside.timer("tick", MS * 3 / 2, Duration::ZERO);
                     let anew = log.clone();
                     inside.reaction().on(tick).run(move |(), ctx| {
@@ -330,6 +330,164 @@ fn what_is_out_of_reach_is_refused_by_name() {
     assert_eq!(found, expected);
     let found = mistakes(|program, [_, _, c_in], outs| _ = program.connect_each(outs, [c_in]));
     assert_eq!(found, ["cannot connect 3 ports (Main.a.out, …) to one port (Main.c.inp)"]);
+}
+
+/// The reports of a program, each with the line of this file that it names.
+fn located_mistakes(program: Program) -> Vec<(String, u32)> {
+    let reports = program.build().err().expect("there are mistakes").reports();
+    let line = |report: &hprm::Report| {
+        assert_eq!(report.file.as_deref(), Some(file!()));
+        report.line.expect("it names a line")
+    };
+    reports.iter().map(|report| (report.message.clone(), line(report))).collect()
+}
+
+/// Everything in it has a number that parts of another program have as well.
+fn other_program() -> (Program, InputPort<u8>, OutputPort<u8>, PhysicalAction<u8>, Timer, Mode) {
+    let mut program = Program::new("Other").fast();
+    let (inp, out, action, timer, mode) = program.reactor("b", (), |b| {
+        let mode = b.initial_mode("calm");
+        let action = b.physical_action("act", MS);
+        b.reaction().on(action).run(|(), _| ());
+        (b.input("inp"), b.output("out"), action, b.timer("tick", MS, MS), mode)
+    });
+    (program, inp, out, action, timer, mode)
+}
+
+#[test]
+fn a_handle_of_another_program_is_refused_by_name_and_line() {
+    let (other, b_in, b_out, act, tick, calm) = other_program();
+    let mut program = Program::new("Main").fast();
+    let line = line!();
+    program.reactor("a", (), |a| {
+        let (inp, out) = (a.input("inp"), a.output("out"));
+        a.connect(inp, b_in);
+        a.connect(b_out, out).after(MS);
+        a.bound(act, 1, WhenFull::Wait);
+        a.space(act, Spacing { min: 1, policy: Policy::Drop });
+        a.in_mode(calm, |_| ());
+        let reaction = a.reaction().on([tick]).on(act).reads(b_in);
+        reaction.sets([b_out]).schedules(act).enters(calm.reset()).run(|(), _| ());
+    });
+    let sender = program.sender(act);
+    assert!(sender.schedule(MS, 1).is_err());
+    let theirs = |text: &str, after: u32| {
+        (format!("{text}, which belongs to another program"), line + after)
+    };
+    let expected = [
+        theirs("program Main cannot connect port Other.b.inp", 3),
+        theirs("program Main cannot connect port Other.b.out", 4),
+        theirs("reactor Main.a cannot bound action Other.b.act", 5),
+        theirs("reactor Main.a cannot space action Other.b.act", 6),
+        theirs("reactor Main.a cannot put parts into mode Other.b.calm", 7),
+        theirs("a reaction of Main.a cannot be triggered by timer Other.b.tick", 8),
+        theirs("a reaction of Main.a cannot be triggered by action Other.b.act", 8),
+        theirs("a reaction of Main.a cannot read port Other.b.inp", 8),
+        theirs("a reaction of Main.a cannot set port Other.b.out", 9),
+        theirs("a reaction of Main.a cannot schedule action Other.b.act", 9),
+        theirs("a reaction of Main.a cannot enter mode Other.b.calm", 9),
+        theirs("program Main has no sender for action Other.b.act", 11),
+    ];
+    assert_eq!(located_mistakes(program), expected);
+    drop(other);
+    let mut program = Program::new("Main").fast();
+    program.main().reaction().on(b_out).run(|(), _| ());
+    let found = located_mistakes(program);
+    assert_eq!(
+        found[0].0,
+        "a reaction of Main cannot be triggered by a port of a program that has ended"
+    );
+}
+
+#[test]
+#[should_panic(expected = "cannot read port Other.b.inp, which belongs to another program")]
+fn a_body_cannot_read_a_port_of_another_program_of_the_same_number() {
+    let (_other, b_in, ..) = other_program();
+    let mut program = Program::new("Main").fast();
+    program.reactor("a", (), |a| {
+        let inp = a.input::<u8>("inp");
+        a.reaction().on(Startup).reads(inp).run(move |(), ctx| _ = ctx.get(b_in));
+    });
+    program.run().unwrap();
+}
+
+#[test]
+fn parts_of_another_reactor_are_refused_by_name_and_line() {
+    let mut program = Program::new("Main").fast();
+    let (act, mode) =
+        program.reactor("a", (), |a| (a.physical_action::<u8>("act", MS), a.initial_mode("calm")));
+    let line = line!();
+    program.reactor("b", (), |b| {
+        b.space(act, Spacing { min: 1, policy: Policy::Drop });
+        b.bound(act, 1, WhenFull::Wait);
+        b.in_mode(mode, |b| b.timer("tick", MS, MS));
+    });
+    let theirs = |text: &str, after: u32| {
+        (format!("{text}, which belongs to another reactor"), line + after)
+    };
+    let expected = [
+        theirs("reactor Main.b cannot space action Main.a.act", 2),
+        theirs("reactor Main.b cannot bound action Main.a.act", 3),
+        theirs("reactor Main.b cannot put parts into mode Main.a.calm", 4),
+    ];
+    assert_eq!(located_mistakes(program), expected);
+    let mut program = Program::new("Main").fast();
+    let strange = program.reactor("a", (), |a| a.input::<u8>("inp"));
+    let line = line!();
+    program.reactor("b", (), |b| {
+        b.reaction().on(Startup).reads(strange).run(|(), _| ());
+        let inp = b.input("inp");
+        b.connect(strange, inp);
+    });
+    let expected = [
+        (
+            "the connection Main.a.inp -> Main.b.inp does not lie in one reactor".to_owned(),
+            line + 4,
+        ),
+        ("reaction Main.b.1 cannot read Main.a.inp".to_owned(), line + 2),
+    ];
+    assert_eq!(located_mistakes(program), expected);
+}
+
+#[test]
+fn a_name_is_taken_once_in_a_reactor() {
+    let mut program = Program::new("Main").fast();
+    let line = line!();
+    for name in ["a", "a"] {
+        program.reactor(name, (), |_| ());
+    }
+    program.reactor("b", (), |b| {
+        // A reactor inside may have the name of a port, as in an `.lf` file.
+        let (_, _) = (b.input::<u8>("x"), b.reactor("x", (), |_| ()));
+        b.outputs::<u8>("x", 2);
+        b.timer("x", MS, MS);
+        b.logical_action::<u8>("x", MS);
+        b.mode("x");
+        b.reactor("inside", (), |inside| _ = inside.input::<u8>("x"));
+    });
+    program.bank("b", std::iter::empty::<Worker>());
+    let taken = |name: &str, reactor: &str, first: (u32, u32), after: u32| {
+        let (first, column) = (line + first.0, first.1);
+        let at = format!("{}:{first}:{column}", file!());
+        let text = format!("the name `{name}` is already taken in {reactor}, at {at}");
+        (text, line + after)
+    };
+    let expected = [
+        taken("a", "Main", (2, 17), 2),
+        taken("x", "Main.b", (6, 25), 7),
+        taken("x", "Main.b", (6, 25), 8),
+        taken("x", "Main.b", (6, 25), 9),
+        taken("x", "Main.b", (6, 25), 10),
+        taken("b", "Main", (4, 13), 13),
+    ];
+    assert_eq!(located_mistakes(program), expected);
+    let mut federation = Federation::new("Names");
+    for name in ["a", "a"] {
+        federation.reactor(name, (), |_| ());
+    }
+    let reports = federation.run_in_one_process().unwrap_err().reports();
+    let [report] = reports.as_slice() else { panic!("{reports:?}") };
+    assert_eq!(report.diagnostic.as_deref(), Some("LF0201"));
 }
 
 fn with_an_undeclared(body: fn(&mut Context<'_>, OutputPort<u32>, LogicalAction<u8>, Mode)) {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use hprm_core::{ChannelId, Fact, FederateId, Fingerprint, Payload, PhysicalTime, Tag};
 
-use super::{HangTimeout, LinkId, Rti, RtiInput, RtiOutput};
+use super::{HangTimeout, LinkId, Rti, RtiInput, RtiOutput, show_silence};
 use crate::fixture::program;
 use crate::{
     Attempt, Count, Fault, FederationId, Frame, HostId, Missing, PROTOCOL, Refusal, Step, Topology,
@@ -600,6 +600,8 @@ fn silence_is_a_failure_if_the_user_says_so() {
         .iter()
         .any(|output| matches!(output, RtiOutput::Failed { message: said, .. } if said == message));
     assert!(failed, "{outputs:?}");
+    assert_eq!(show_silence(400_700_000), "400 ms");
+    assert_eq!(show_silence(SECOND), "1 s");
 }
 
 #[test]

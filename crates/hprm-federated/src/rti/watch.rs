@@ -62,6 +62,15 @@ impl Watch {
     }
 }
 
+/// A silence in the words of messages: whole seconds, or milliseconds if there are no whole ones.
+#[must_use]
+pub fn show_silence(silence: Nanos) -> String {
+    match silence / 1_000_000_000 {
+        0 => format!("{} ms", silence / 1_000_000),
+        seconds => format!("{seconds} s"),
+    }
+}
+
 impl Rti {
     /// Makes the RTI watch for silent federates.
     #[must_use]
@@ -121,9 +130,8 @@ impl Rti {
     }
 
     fn give_up(&mut self, federate: FederateId, silence: Nanos) {
-        let seconds = silence / 1_000_000_000;
-        let name = self.topology.name(federate);
-        let message = format!("federate {name} has not answered for {seconds} s");
+        let (name, time) = (self.topology.name(federate), show_silence(silence));
+        let message = format!("federate {name} has not answered for {time}");
         if let Some(link) = self.members[federate].link() {
             self.outputs.push_back(RtiOutput::Close { link });
         }

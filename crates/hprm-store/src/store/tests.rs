@@ -140,6 +140,7 @@ fn a_full_store_says_so_and_works_again_after_a_release() {
     let error = a.put(&[0; 1 << 20], &[B]).unwrap_err();
     let (asked, capacity, in_use) = (1 << 20, 8 << 20, 8 << 20);
     assert_eq!(error, StoreError::Full { owner: A, asked, capacity, in_use });
+    assert!(error.to_string().contains("is full: 1048576 bytes were asked for"), "{error}");
     let error_again = StoreError::Full { owner: A, asked, capacity, in_use };
     assert_eq!(a.fall_back(error), Ok(Some(error_again.clone())));
     assert_eq!(a.fall_back(error_again), Ok(None));
@@ -153,7 +154,9 @@ fn a_full_store_says_so_and_works_again_after_a_release() {
 fn a_store_that_may_not_fall_back_refuses() {
     let mut a = Store::new(A, StoreLimits { when_full: WhenFull::Error, ..LIMITS });
     let error = a.put(&[0; 9 << 20], &[B]).unwrap_err();
-    assert!(error.to_string().contains("--store-limit"), "{error}");
+    let said = error.to_string();
+    let larger = "a value of 9437184 bytes is larger than the federate's object store, which takes at most 8388608; ";
+    assert!(said.starts_with(larger) && said.contains("--store-limit"), "{said}");
     assert_eq!(a.fall_back(error.clone()), Err(error));
     assert_eq!(a.stats().inline_fallbacks, 0);
 }

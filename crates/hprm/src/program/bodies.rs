@@ -14,6 +14,7 @@ use hprm_store::{Object, Store, StoreAllocator};
 use super::context::{Access, Context};
 use super::digest::describe;
 use super::handle::{Entry, Key, Slot};
+use super::identity::{GraphNumber, Identity, Of};
 use super::running::Asked;
 use super::sender::{Entrances, running_reactions};
 use super::transport::{Codec, Transport};
@@ -55,6 +56,7 @@ impl Code {
 /// What a reaction may touch.
 pub(super) struct Site {
     reactor: ReactorId,
+    pub(super) graph: GraphNumber,
     /// Sorted.
     reads: Box<[Key]>,
     /// Sorted.
@@ -75,6 +77,8 @@ pub(super) struct Bodies {
     codecs: BTreeMap<PortId, Codec>,
     /// What the process of a federate has beside that.
     federated: Option<Federated>,
+    /// Which program its handles belong to; none while reactors are assembled.
+    _identity: Option<Identity>,
 }
 
 /// What connects the bodies of a federate to others.
@@ -93,6 +97,7 @@ impl Bodies {
             sites: Table::new(),
             codecs: BTreeMap::new(),
             federated: None,
+            _identity: None,
         }
     }
 
@@ -145,8 +150,10 @@ impl Bodies {
     }
 
     /// The same, with what the reactions of `program` declare.
-    pub(super) fn of(mut self, program: &Program) -> Self {
-        self.sites = program.reactions.values().map(Site::of).collect();
+    pub(super) fn of(mut self, program: &Program, identity: Identity) -> Self {
+        let graph = identity.number();
+        self.sites = program.reactions.values().map(|it| Site::of(it, graph)).collect();
+        self._identity = Some(identity);
         while self.codes.len() < program.reactions.len() {
             self.codes.push(Mutex::new(Code::none()));
         }
@@ -158,17 +165,18 @@ impl Bodies {
 }
 
 impl Site {
-    fn of(reaction: &Reaction) -> Self {
+    fn of(reaction: &Reaction, graph: GraphNumber) -> Self {
+        let slot = |id: Slot| Of { id, graph }.key();
         let triggers = reaction.triggers.iter().filter_map(|trigger| match *trigger {
-            Trigger::Port(port) => Some(Slot::Port(port).key()),
-            Trigger::Action(action) => Some(Slot::Action(action).key()),
+            Trigger::Port(port) => Some(slot(Slot::Port(port))),
+            Trigger::Action(action) => Some(slot(Slot::Action(action))),
             _ => None,
         });
-        let sources = reaction.sources.iter().map(|port| Slot::Port(*port).key());
+        let sources = reaction.sources.iter().map(|port| slot(Slot::Port(*port)));
         let effects = reaction.effects.iter().map(|effect| match *effect {
-            Effect::Port(port) => Slot::Port(port).key(),
-            Effect::Action(action) => Slot::Action(action).key(),
-            Effect::Mode(mode, transition) => Entry(mode, transition).key(),
+            Effect::Port(port) => slot(Slot::Port(port)),
+            Effect::Action(action) => slot(Slot::Action(action)),
+            Effect::Mode(id, transition) => Entry(Of { id, graph }, transition).key(),
         });
         let sorted = |keys: &mut dyn Iterator<Item = Key>| {
             let mut keys: Vec<_> = keys.collect();
@@ -177,6 +185,7 @@ impl Site {
         };
         Self {
             reactor: reaction.reactor,
+            graph,
             effects: sorted(&mut effects.clone()),
             reads: sorted(&mut triggers.chain(sources).chain(effects)),
         }

@@ -9,7 +9,8 @@ use hprm_core::{Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
 use hprm_store::StoreAllocator;
 
 use super::bodies::Site;
-use super::handle::{Action, Entry, Port, Readable, Slot};
+use super::handle::{Action, Entry, Key, Port, Readable, Slot};
+use super::identity::{Of, Part};
 use super::loan::Loan;
 use super::value::Value;
 use crate::Clock;
@@ -67,7 +68,7 @@ impl Context<'_> {
             Slot::Action(action) => self.scheduler().action(action).flatten(),
         };
         value.map(|value| {
-            H::read(value).expect("a handle is used in the program that it was made for")
+            H::read(value).expect("a handle has the type that its part was declared with")
         })
     }
 
@@ -124,7 +125,7 @@ impl Context<'_> {
         if !self.site.affects(slot.key()) {
             self.undeclared("set", slot, "sets");
         }
-        let Slot::Port(port) = slot else { return };
+        let Slot::Port(port) = slot.id else { return };
         let value = Value::new(value);
         match &mut self.access {
             Access::Alone(scheduler) => _ = scheduler.set(port, value),
@@ -145,7 +146,7 @@ impl Context<'_> {
         if !self.site.affects(slot.key()) {
             self.undeclared("schedule", slot, "schedules");
         }
-        let Slot::Action(action) = slot else { return };
+        let Slot::Action(action) = slot.id else { return };
         let (extra, value) = (nanoseconds(extra), Some(A::wrap(value)));
         match &mut self.access {
             Access::Alone(scheduler) => _ = scheduler.schedule(action, extra, value, Clock::now),
@@ -163,13 +164,15 @@ impl Context<'_> {
     /// [`ReactionBuilder::enters`](crate::ReactionBuilder::enters).
     #[track_caller]
     pub fn enter(&mut self, entry: Entry) {
+        let Entry(mode, transition) = entry;
         if !self.site.affects(entry.key()) {
-            let mode = &self.scheduler().program().modes[entry.0].name;
+            self.refuse_strange("enter", mode);
+            let mode = &self.scheduler().program().modes[mode.id].name;
             self.undeclared_named("enter mode", mode, "enters");
         }
         match &mut self.access {
-            Access::Alone(scheduler) => scheduler.enter(entry.0, entry.1),
-            Access::Shared(_, effects) => effects.enter(entry.0, entry.1),
+            Access::Alone(scheduler) => scheduler.enter(mode.id, transition),
+            Access::Shared(_, effects) => effects.enter(mode.id, transition),
         }
     }
 
@@ -188,7 +191,7 @@ impl Context<'_> {
     ///
     /// # Panics
     ///
-    /// If an array of that shape is larger than all memory.
+    /// If there is no memory for an array of that shape.
     pub fn loan<T: Element + Pod>(&self, shape: &[usize]) -> Loan<T> {
         Loan::new(self.memory, shape)
     }
@@ -258,7 +261,7 @@ impl Context<'_> {
     fn port(&self, port: PortId) -> Option<&Value> {
         match &self.access {
             Access::Alone(scheduler) => scheduler.port(port),
-            Access::Shared(scheduler, effects) if self.site.affects(Slot::Port(port).key()) => {
+            Access::Shared(scheduler, effects) if self.site.affects(self.key(port)) => {
                 effects.port(scheduler, port)
             }
             Access::Shared(scheduler, _) => scheduler.port(port),
@@ -266,19 +269,34 @@ impl Context<'_> {
     }
 
     #[inline]
+    fn key(&self, port: PortId) -> Key {
+        Of { id: Slot::Port(port), graph: self.site.graph }.key()
+    }
+
+    #[inline]
     #[track_caller]
-    fn readable(&self, slot: Slot) -> Slot {
+    fn readable(&self, slot: Of<Slot>) -> Slot {
         if !self.site.reads(slot.key()) {
             self.undeclared("read", slot, "reads");
         }
-        slot
+        slot.id
+    }
+
+    /// Panics if a part belongs to another program.
+    #[track_caller]
+    fn refuse_strange<I: Copy + Into<Part>>(&self, verb: &str, part: Of<I>) {
+        if part.graph != self.site.graph {
+            let reaction = self.scheduler().program().reaction_name(self.reaction);
+            panic!("reaction {reaction} cannot {verb} {}", part.stranger());
+        }
     }
 
     #[cold]
     #[track_caller]
-    fn undeclared(&self, verb: &str, slot: Slot, method: &str) -> ! {
+    fn undeclared(&self, verb: &str, slot: Of<Slot>, method: &str) -> ! {
+        self.refuse_strange(verb, slot);
         let program = self.scheduler().program();
-        match slot {
+        match slot.id {
             Slot::Port(port) => self.undeclared_named(verb, &program.port_name(port), method),
             Slot::Action(action) => {
                 // An action is read only if it triggers the reaction.

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 
 use hprm_core::{
     Connection, Coordination, Delay, Direction, Effect, ModeId, Nanos, Origin, Overflow, Policy,
-    PortId, Program, Properties, ReactionId, ReactorId, Transition, Trigger,
+    PortId, Program, Properties, ReactionId, ReactorId, Spin, StoreOptions, Transition, Trigger,
+    WhenFull,
 };
 use serde_json::{Value, json};
 
@@ -20,9 +21,9 @@ use crate::describing::DESCRIBE;
 /// # Errors
 ///
 /// If the file cannot be written.
-pub(super) fn answer(program: &Program) -> Result<(), Failure> {
+pub(super) fn answer(program: &Program, store: StoreOptions) -> Result<(), Failure> {
     let Some(file) = std::env::var_os(DESCRIBE).map(PathBuf::from) else { return Ok(()) };
-    let text = Describe::new(program).document().to_string();
+    let text = Describe::new(program).document(store).to_string();
     fs::write(&file, text).map_err(|error| {
         Failure::system(format!("cannot write the declaration {}", file.display()), &error)
     })?;
@@ -60,12 +61,12 @@ impl<'p> Describe<'p> {
         }
     }
 
-    fn document(&self) -> Value {
+    fn document(&self, store: StoreOptions) -> Value {
         let path = std::env::current_exe().unwrap_or_default();
         let reactors: Vec<_> = self.program.reactors.ids().map(|id| self.reactor(id)).collect();
         json!({
             "files": [{"path": path.display().to_string(), "text": ""}],
-            "properties": properties(&self.program.properties),
+            "properties": properties(&self.program.properties, store),
             "main": 0,
             "reactors": reactors,
         })
@@ -290,7 +291,7 @@ fn policy(policy: Policy) -> &'static str {
 }
 
 /// The target properties that the Rust API states.
-fn properties(properties: &Properties) -> Vec<Value> {
+fn properties(properties: &Properties, store: StoreOptions) -> Vec<Value> {
     let mut all = Vec::new();
     let mut add =
         |name: &str, value: Value| all.push(json!({"name": name, "at": AT, "value": value}));
@@ -308,6 +309,15 @@ fn properties(properties: &Properties) -> Vec<Value> {
     }
     if properties.coordination == Coordination::Decentralized {
         add("coordination", json!({"word": "decentralized"}));
+    }
+    if let Spin::For(time) = properties.spin {
+        add("spin", json!({"time": time}));
+    }
+    if let Some(limit) = store.limit {
+        add("store-limit", json!(limit));
+    }
+    if store.when_full == WhenFull::Error {
+        add("store-full", json!({"word": WhenFull::Error.word()}));
     }
     all
 }

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use hprm_codec::Transfer;
-use hprm_core::{PortId, Properties, ReactorId};
+use hprm_core::{PortId, Properties, ReactorId, StoreOptions};
 
-use super::bodies::Bodies;
 use super::builder::{Reactor, ReactorBuilder};
 use super::describe;
 use super::graph::Graph;
 use super::handed::Handed;
 use super::handle::{InputPort, OutputPort, Slotted};
+use super::identity::Of;
 use super::parts::Parts;
 use super::running::run_federate;
 use super::transport::Codec;
@@ -37,6 +37,11 @@ use crate::{Failure, Kind, Report};
 ///     }
 /// }
 /// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say how the values of its ports travel",
+    note = "`Reactor::Ports` of a reactor that is a federate is a port whose values are `Transfer`, a tuple, an array or a \
+            vector of those, or a type of your own that implements `hprm::Interface`"
+)]
 pub trait Interface {
     /// Calls `add` with each port, or with each group of them.
     fn each(&self, add: &mut dyn FnMut(&dyn Interface));
@@ -50,7 +55,7 @@ pub trait Interface {
 
 /// A port, and how its values travel.
 #[doc(hidden)]
-pub struct CarriedPort(PortId, Codec);
+pub struct CarriedPort(Of<PortId>, Codec);
 
 macro_rules! ports {
     ($($name:ident)*) => {$(
@@ -144,7 +149,7 @@ where
     let root = graph.parts.root();
     let ports = reactor.assemble(&mut ReactorBuilder::new(&mut graph, root));
     graph.bodies.insert(root, Box::new(reactor));
-    collect(&ports, &mut graph.bodies);
+    collect(&ports, &mut graph);
     let built = graph.build(Properties::default());
     if let Some(handover) = handover {
         run_federate(&handover, built);
@@ -156,15 +161,15 @@ where
     if !mistakes.is_empty() {
         return Err(Failure::Mistakes(mistakes));
     }
-    describe::answer(&program)?;
+    describe::answer(&program, StoreOptions::default())?;
     Err(alone(name))
 }
 
-fn collect(ports: &dyn Interface, bodies: &mut Bodies) {
+fn collect(ports: &dyn Interface, graph: &mut Graph) {
     if let Some(CarriedPort(port, codec)) = ports.port() {
-        bodies.carry(port, codec);
+        graph.carry(port, codec);
     }
-    ports.each(&mut |inner| collect(inner, bodies));
+    ports.each(&mut |inner| collect(inner, graph));
 }
 
 fn untyped(port: &str) -> Report {

@@ -4,12 +4,13 @@
 //! which of them it is. What is handed, and how the parts are found in it, is in `handover.rs` and `handed.rs`.
 
 use std::collections::BTreeSet;
+use std::panic::Location;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hprm_codec::Transfer;
-use hprm_core::{Coordination, Properties, ReactorId, Spin};
+use hprm_core::{Coordination, Properties, ReactorId, Spin, WhenFull};
 
 use super::builder::{Reactor, ReactorBuilder};
 use super::claim::{self, Role};
@@ -147,6 +148,22 @@ impl Federation {
         self
     }
 
+    /// The most bytes that the object store of each federate takes: large arrays lie there for the receivers of this
+    /// machine. Without this, it is 2 GiB, or less in a small container. What has no room travels inside its message,
+    /// which costs copies, unless [`store_full_fails`](Self::store_full_fails) is called.
+    #[must_use]
+    pub fn store_limit(mut self, bytes: u64) -> Self {
+        self.launching.store.limit = Some(bytes);
+        self
+    }
+
+    /// Ends the federation with an error if the object store of a federate has no room for a large array.
+    #[must_use]
+    pub fn store_full_fails(mut self) -> Self {
+        self.launching.store.when_full = WhenFull::Error;
+        self
+    }
+
     /// Writes what reactions do to a file, which `hprm diff` compares with that of another run.
     #[must_use]
     pub fn logical_trace(mut self, file: impl Into<PathBuf>) -> Self {
@@ -157,19 +174,23 @@ impl Federation {
     // What is in it.
 
     /// Adds a federate that is a reactor, and returns its ports. The federate is a name, or a [`Federate`].
+    #[track_caller]
     pub fn add<R: Reactor>(&mut self, federate: impl Into<Federate>, reactor: R) -> R::Ports {
         let federate = federate.into();
         let name = federate.name.clone();
+        self.declare(&name, Location::caller());
         self.add_named(&name, federate, reactor)
     }
 
     /// Adds a bank: a federate for each item. Their reactors are `name[0]` and so on, the federates `name__0`.
+    #[track_caller]
     pub fn bank<R: Reactor>(
         &mut self,
         federate: impl Into<Federate>,
         reactors: impl IntoIterator<Item = R>,
     ) -> Vec<R::Ports> {
         let federate = federate.into();
+        self.declare(&federate.name, Location::caller());
         let members = reactors.into_iter().enumerate();
         let add = |(index, reactor)| {
             let name = format!("{}[{index}]", federate.name);
@@ -179,6 +200,7 @@ impl Federation {
     }
 
     /// Adds a federate whose reactor is not worth a type: its state, and a closure that assembles it.
+    #[track_caller]
     pub fn reactor<S: Send + 'static, R>(
         &mut self,
         federate: impl Into<Federate>,
@@ -187,6 +209,7 @@ impl Federation {
     ) -> R {
         let federate = federate.into();
         let name = federate.name.clone();
+        self.declare(&name, Location::caller());
         let id = self.federate(&name, federate);
         self.graph.bodies.insert(id, Box::new(state));
         assemble(&mut ReactorBuilder::new(&mut self.graph, id))
@@ -204,8 +227,15 @@ impl Federation {
         ports
     }
 
+    /// Notes the name of a federate, or of a bank of federates.
+    fn declare(&mut self, name: &str, at: &'static Location<'static>) {
+        self.graph.declare_reactor(self.graph.parts.root(), name, at);
+    }
+
     fn federate(&mut self, name: &str, federate: Federate) -> ReactorId {
-        if !self.names.insert(federate.name.clone()) {
+        // Of equal names of reactors there is a mistake already.
+        let is_reported = !self.graph.mistakes.is_empty();
+        if !self.names.insert(federate.name.clone()) && !is_reported {
             let what = format!("two federates have the name {}", federate.name);
             let report = Report::new(Kind::Program, what);
             self.graph.mistakes.push(report.hint("give each federate a name of its own"));
@@ -223,6 +253,7 @@ impl Federation {
 
     /// Connects a port of one federate to one of another: a value appears at both ends at the same tag, unless more is
     /// said about the connection. The type of their values is the same, and such values can travel.
+    #[track_caller]
     pub fn connect<F: Port>(&mut self, from: F, to: impl Port<Value = F::Value>) -> Connections<'_>
     where
         F::Value: Transfer,
@@ -231,6 +262,7 @@ impl Federation {
     }
 
     /// Connects the ports of two multiports or banks, one by one. There must be as many on both sides.
+    #[track_caller]
     pub fn connect_each<F: Port, T: Port<Value = F::Value>>(
         &mut self,
         from: impl IntoIterator<Item = F>,
@@ -241,9 +273,9 @@ impl Federation {
     {
         let (from, to) = (ports(from), ports(to));
         for port in from.iter().chain(&to) {
-            self.graph.bodies.carry(*port, Codec::of::<F::Value>());
+            self.graph.carry(*port, Codec::of::<F::Value>());
         }
-        self.graph.connect(from, to, None)
+        self.graph.connect(from, to, None, Location::caller())
     }
 
     // Running it.
@@ -268,7 +300,7 @@ impl Federation {
             Role::Other => return Ok(()),
         };
         let (program, ..) = built?;
-        describe::answer(&program)?;
+        describe::answer(&program, launching.store)?;
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }

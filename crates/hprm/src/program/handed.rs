@@ -75,6 +75,10 @@ impl Handed {
         self.root
     }
 
+    pub(super) fn program_name(&self) -> &str {
+        &self.program.name
+    }
+
     pub(super) fn reactor_name(&self, reactor: ReactorId) -> &str {
         self.program.reactors.get(reactor).map_or("?", |reactor| &reactor.name)
     }

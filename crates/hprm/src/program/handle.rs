@@ -2,39 +2,40 @@
 //! them.
 //!
 //! A handle knows the type of its values, so the compiler refuses a connection between different types and a value of
-//! the wrong type. Names are for people and are nowhere looked up.
+//! the wrong type; and it knows its program (`identity.rs`). Names are for people and are nowhere looked up.
 
 use std::fmt;
 use std::marker::PhantomData;
 
 use hprm_core::{ActionId, ModeId, PortId, TimerId, Transition, Trigger};
 
+use super::identity::{GraphNumber, Of, Part};
 use super::sender::Sent;
 use super::value::{Message, Value};
 
 /// An input port of a reactor, for values of the type `T`.
-pub struct InputPort<T>(pub(super) PortId, PhantomData<fn() -> T>);
+pub struct InputPort<T>(pub(super) Of<PortId>, PhantomData<fn() -> T>);
 
 /// An output port of a reactor, for values of the type `T`.
-pub struct OutputPort<T>(pub(super) PortId, PhantomData<fn() -> T>);
+pub struct OutputPort<T>(pub(super) Of<PortId>, PhantomData<fn() -> T>);
 
 /// An action that is scheduled relative to the current tag, with values of the type `T`.
-pub struct LogicalAction<T>(pub(super) ActionId, PhantomData<fn() -> T>);
+pub struct LogicalAction<T>(pub(super) Of<ActionId>, PhantomData<fn() -> T>);
 
 /// An action that is scheduled by the clock, also from other threads, with values of the type `T`.
-pub struct PhysicalAction<T>(pub(super) ActionId, PhantomData<fn() -> T>);
+pub struct PhysicalAction<T>(pub(super) Of<ActionId>, PhantomData<fn() -> T>);
 
 /// A timer of a reactor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Timer(pub(super) TimerId);
+pub struct Timer(pub(super) Of<TimerId>);
 
 /// A mode of a reactor: a part of it that is active only while the reactor is in this mode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Mode(pub(super) ModeId);
+pub struct Mode(pub(super) Of<ModeId>);
 
 /// A way to enter a mode; see [`Mode::reset`] and [`Mode::history`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Entry(pub(super) ModeId, pub(super) Transition);
+pub struct Entry(pub(super) Of<ModeId>, pub(super) Transition);
 
 /// Triggers a reaction when the program starts, or the mode of the reaction is entered for the first time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -75,7 +76,7 @@ pub trait Readable: Copy + Slotted {
 pub trait Port: Readable {}
 
 /// The ports that these handles name.
-pub(super) fn ports<P: Port>(handles: impl IntoIterator<Item = P>) -> Vec<PortId> {
+pub(super) fn ports<P: Port>(handles: impl IntoIterator<Item = P>) -> Vec<Of<PortId>> {
     handles.into_iter().filter_map(|handle| handle.slot().port()).collect()
 }
 
@@ -87,15 +88,25 @@ pub trait Action: Readable {
 
 /// What can trigger a reaction: a timer, a port, an action, [`Startup`], [`Shutdown`], [`Reset`]; or an array, a slice
 /// or a vector of those, of which any one triggers it.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not trigger a reaction",
+    note = "a timer, a port, an action, `Startup`, `Shutdown` and `Reset` do; several are an array or a vector of one \
+            type, or several calls of `on`"
+)]
 pub trait Triggers {
+    /// Calls `add` with each trigger, and with the program of a trigger that is part of one.
     #[doc(hidden)]
-    fn each(&self, add: &mut dyn FnMut(Trigger));
+    fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>));
 }
 
 /// A port, or an array, a slice or a vector of ports.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a port",
+    note = "several ports are an array or a vector of one type, or several calls"
+)]
 pub trait Ports {
     #[doc(hidden)]
-    fn each_port(&self, add: &mut dyn FnMut(PortId));
+    fn each_port(&self, add: &mut dyn FnMut(Of<PortId>));
 }
 
 /// A port or an action, without the type of its values.
@@ -109,28 +120,50 @@ pub enum Slot {
 mod sealed {
     /// What only handles have.
     pub trait Slotted {
-        fn slot(self) -> super::Slot;
+        fn slot(self) -> super::Of<super::Slot>;
     }
 }
 
 pub(super) use sealed::Slotted;
 
-/// A slot, or an entry of a mode, that can be compared at once.
+/// A slot of a program, or an entry of a mode, that can be compared at once.
 pub(super) type Key = u64;
 
-impl Slot {
+/// From the top: 29 bits for the program, 32 for the part, and three that say what it is.
+#[inline]
+fn key(graph: GraphNumber, part: u32, kind: Key) -> Key {
+    Key::from(graph.get()) << 35 | Key::from(part) << 3 | kind
+}
+
+impl Of<Slot> {
     #[inline]
     pub(super) fn key(self) -> Key {
-        match self {
-            Self::Port(port) => Key::from(port.0) << 2,
-            Self::Action(action) => Key::from(action.0) << 2 | 1,
+        match self.id {
+            Slot::Port(port) => key(self.graph, port.0, 0),
+            Slot::Action(action) => key(self.graph, action.0, 1),
         }
     }
 
-    pub(super) fn port(self) -> Option<PortId> {
-        match self {
-            Self::Port(port) => Some(port),
-            Self::Action(_) => None,
+    pub(super) fn port(self) -> Option<Of<PortId>> {
+        match self.id {
+            Slot::Port(port) => Some(Of { id: port, graph: self.graph }),
+            Slot::Action(_) => None,
+        }
+    }
+
+    pub(super) fn action(self) -> Option<Of<ActionId>> {
+        match self.id {
+            Slot::Port(_) => None,
+            Slot::Action(action) => Some(Of { id: action, graph: self.graph }),
+        }
+    }
+}
+
+impl From<Slot> for Part {
+    fn from(slot: Slot) -> Self {
+        match slot {
+            Slot::Port(port) => port.into(),
+            Slot::Action(action) => action.into(),
         }
     }
 }
@@ -142,14 +175,14 @@ impl Entry {
             Transition::Reset => 2,
             Transition::History => 3,
         };
-        Key::from(mode.0) << 2 | way
+        key(mode.graph, mode.id.0, way)
     }
 }
 
 macro_rules! slots {
     ($($name:ident($id:ident) = $kind:ident;)*) => {$(
         impl<T> $name<T> {
-            pub(super) fn new(id: $id) -> Self {
+            pub(super) fn new(id: Of<$id>) -> Self {
                 Self(id, PhantomData)
             }
         }
@@ -172,20 +205,20 @@ macro_rules! slots {
 
         impl<T> fmt::Debug for $name<T> {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, concat!(stringify!($name), "({})"), self.0.0)
+                write!(f, concat!(stringify!($name), "({})"), self.0.id.0)
             }
         }
 
         impl<T: Message> Slotted for $name<T> {
             #[inline]
-            fn slot(self) -> Slot {
-                Slot::$kind(self.0)
+            fn slot(self) -> Of<Slot> {
+                Of { id: Slot::$kind(self.0.id), graph: self.0.graph }
             }
         }
 
         impl<T: Message> Triggers for $name<T> {
-            fn each(&self, add: &mut dyn FnMut(Trigger)) {
-                add(Trigger::$kind(self.0));
+            fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>)) {
+                add(Trigger::$kind(self.0.id), Some(self.0.graph));
             }
         }
     )*};
@@ -239,7 +272,7 @@ macro_rules! ports {
         impl<T: Message> Port for $name<T> {}
 
         impl<T: Message> Ports for $name<T> {
-            fn each_port(&self, add: &mut dyn FnMut(PortId)) {
+            fn each_port(&self, add: &mut dyn FnMut(Of<PortId>)) {
                 add(self.0);
             }
         }
@@ -248,34 +281,34 @@ macro_rules! ports {
 
 ports! { InputPort OutputPort }
 
+impl Triggers for Timer {
+    fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>)) {
+        add(Trigger::Timer(self.0.id), Some(self.0.graph));
+    }
+}
+
 macro_rules! triggers {
-    ($($name:ident: $of:expr;)*) => {$(
+    ($($name:ident)*) => {$(
         impl Triggers for $name {
-            fn each(&self, add: &mut dyn FnMut(Trigger)) {
-                let of: fn(&Self) -> Trigger = $of;
-                add(of(self));
+            fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>)) {
+                add(Trigger::$name, None);
             }
         }
     )*};
 }
 
-triggers! {
-    Timer: |timer| Trigger::Timer(timer.0);
-    Startup: |_| Trigger::Startup;
-    Shutdown: |_| Trigger::Shutdown;
-    Reset: |_| Trigger::Reset;
-}
+triggers! { Startup Shutdown Reset }
 
 macro_rules! several {
     ($([$($generics:tt)*] $several:ty;)*) => {$(
         impl<H: Triggers, $($generics)*> Triggers for $several {
-            fn each(&self, add: &mut dyn FnMut(Trigger)) {
+            fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>)) {
                 self.iter().for_each(|one| one.each(add));
             }
         }
 
         impl<H: Ports, $($generics)*> Ports for $several {
-            fn each_port(&self, add: &mut dyn FnMut(PortId)) {
+            fn each_port(&self, add: &mut dyn FnMut(Of<PortId>)) {
                 self.iter().for_each(|one| one.each_port(add));
             }
         }

@@ -6,7 +6,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
-use hprm_core::Program;
+use hprm_core::{Program, StoreOptions};
 
 use crate::handover::{Handover, Meeting};
 use crate::launch::{Launch, Membership};
@@ -19,6 +19,8 @@ pub(super) struct Launching {
     pub(super) join_timeout: Duration,
     pub(super) hang_timeout: HangTimeout,
     pub(super) logical_trace: Option<PathBuf>,
+    /// The object store of each federate.
+    pub(super) store: StoreOptions,
 }
 
 impl Default for Launching {
@@ -27,6 +29,7 @@ impl Default for Launching {
             join_timeout: Duration::from_secs(60),
             hang_timeout: HangTimeout::default(),
             logical_trace: None,
+            store: StoreOptions::default(),
         }
     }
 }
@@ -55,6 +58,7 @@ impl Launching {
             let meeting = Meeting { rti: member.rti, federation, security: &security };
             let mut handover = Handover::new(member.name, program, &fingerprint, &meeting);
             handover.before = before;
+            handover.store = self.store;
             let share = member.share.as_ref();
             handover.logical_trace = share.map(|it| (it.file.clone(), Some(it.trace.clone())));
             let mut command = Command::new(&executable);

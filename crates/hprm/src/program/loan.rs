@@ -34,7 +34,7 @@ impl<T: Element + Pod> Loan<T> {
             let loan = allocator.store().loan_of::<T>(count).ok()?;
             Some(Memory::Store(loan, Arc::clone(allocator)))
         });
-        let memory = loaned.unwrap_or_else(|| Memory::Heap(vec![T::zeroed(); count]));
+        let memory = loaned.unwrap_or_else(|| Memory::Heap(on_heap(count, shape)));
         Self { memory, shape: shape.into() }
     }
 
@@ -55,6 +55,17 @@ fn count_of<T>(shape: &[usize]) -> usize {
     match (count, bytes.and_then(|bytes| isize::try_from(bytes).ok())) {
         (Some(count), Some(_)) => count,
         _ => panic!("an array of the shape {shape:?} is larger than all memory"),
+    }
+}
+
+/// Elements of an array of that shape, in memory of this process.
+fn on_heap<T: Pod>(count: usize, shape: &[usize]) -> Vec<T> {
+    match bytemuck::allocation::try_zeroed_slice_box(count) {
+        Ok(elements) => elements.into_vec(),
+        Err(()) => panic!(
+            "there is no memory for an array of the shape {shape:?}, which has {} bytes",
+            count * size_of::<T>()
+        ),
     }
 }
 
@@ -100,6 +111,14 @@ mod tests {
     fn an_array_without_elements_may_be_long_in_other_dimensions() {
         assert_eq!(count_of::<u64>(&[usize::MAX, 2, 0]), 0);
         assert_eq!(count_of::<u64>(&[]), 1);
+    }
+
+    #[test]
+    #[should_panic(
+        expected = "there is no memory for an array of the shape [70368744177664, 2], which has 140737488355328 bytes"
+    )]
+    fn an_array_for_which_there_is_no_memory_is_named_by_its_shape() {
+        let _ = Loan::<u8>::new(None, &[1 << 46, 2]);
     }
 
     #[test]

@@ -79,6 +79,14 @@ impl Parts {
         }
     }
 
+    /// The name of the program.
+    pub(super) fn program_name(&self) -> &str {
+        match self {
+            Self::New(builder) => builder.reactor_name(builder.main()),
+            Self::Handed(handed) => handed.program_name(),
+        }
+    }
+
     /// The full name of a reactor.
     pub(super) fn reactor_name(&self, reactor: ReactorId) -> &str {
         match self {

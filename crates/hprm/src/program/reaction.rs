@@ -1,6 +1,7 @@
 //! Declaring a reaction: what triggers it, what it may touch, and its body.
 
 use std::error::Error;
+use std::panic::Location;
 use std::time::Duration;
 
 use hprm_core::{Effect, ModalElement, ReactionSpec};
@@ -8,7 +9,8 @@ use hprm_core::{Effect, ModalElement, ReactionSpec};
 use super::bodies::{BodyFn, Code};
 use super::builder::ReactorBuilder;
 use super::context::Context;
-use super::handle::{Action, Entry, Ports, Slot, Triggers};
+use super::handle::{Action, Entry, Ports, Triggers};
+use super::identity::{Of, Part};
 use crate::nanoseconds;
 
 /// What a body returns: nothing, or a result whose error ends the program.
@@ -83,42 +85,80 @@ pub struct ReactionBuilder<'r, 'a, S> {
     spec: ReactionSpec,
     late: Option<BodyFn>,
     tardy: Option<BodyFn>,
+    /// Where it begins.
+    at: &'static Location<'static>,
 }
 
 impl<'r, 'a, S: Send + 'static> ReactionBuilder<'r, 'a, S> {
+    #[track_caller]
     pub(super) fn new(reactor: &'r mut ReactorBuilder<'a, S>) -> Self {
-        Self { reactor, spec: ReactionSpec::default(), late: None, tardy: None }
+        let (spec, at) = (ReactionSpec::default(), Location::caller());
+        Self { reactor, spec, late: None, tardy: None, at }
+    }
+
+    /// A part that it names, if that is one of its own program; otherwise it is a mistake.
+    fn own<I: Copy + Into<Part>>(
+        &mut self,
+        part: Of<I>,
+        verb: &str,
+        at: &Location<'_>,
+    ) -> Option<I> {
+        let reactor = self.reactor.id;
+        self.reactor.graph.own(part, at, |graph| {
+            format!("a reaction of {} cannot {verb}", graph.parts.reactor_name(reactor))
+        })
     }
 
     /// Runs it when this is present, or one of these; see [`Triggers`].
+    #[track_caller]
     pub fn on(mut self, triggers: impl Triggers) -> Self {
-        triggers.each(&mut |trigger| self.spec.triggers.push(trigger));
+        let at = Location::caller();
+        triggers.each(&mut |trigger, graph| {
+            let part = Part::of_trigger(trigger).zip(graph).map(|(id, graph)| Of { id, graph });
+            if part.is_none_or(|part| self.own(part, "be triggered by", at).is_some()) {
+                self.spec.triggers.push(trigger);
+            }
+        });
         self
     }
 
     /// Lets it read ports that do not trigger it.
+    #[track_caller]
     pub fn reads(mut self, ports: impl Ports) -> Self {
-        ports.each_port(&mut |port| self.spec.sources.push(port));
+        let at = Location::caller();
+        ports.each_port(&mut |port| {
+            let port = self.own(port, "read", at);
+            self.spec.sources.extend(port);
+        });
         self
     }
 
     /// Lets it set ports.
+    #[track_caller]
     pub fn sets(mut self, ports: impl Ports) -> Self {
-        ports.each_port(&mut |port| self.spec.effects.push(Effect::Port(port)));
+        let at = Location::caller();
+        ports.each_port(&mut |port| {
+            let port = self.own(port, "set", at);
+            self.spec.effects.extend(port.map(Effect::Port));
+        });
         self
     }
 
     /// Lets it schedule an action.
+    #[track_caller]
     pub fn schedules(mut self, action: impl Action) -> Self {
-        if let Slot::Action(action) = action.slot() {
-            self.spec.effects.push(Effect::Action(action));
-        }
+        let at = Location::caller();
+        let action = action.slot().action().and_then(|action| self.own(action, "schedule", at));
+        self.spec.effects.extend(action.map(Effect::Action));
         self
     }
 
     /// Lets it have its reactor enter a mode, in the way that is named here.
+    #[track_caller]
     pub fn enters(mut self, entry: Entry) -> Self {
-        self.spec.effects.push(Effect::Mode(entry.0, entry.1));
+        let Entry(mode, transition) = entry;
+        let mode = self.own(mode, "enter", Location::caller());
+        self.spec.effects.extend(mode.map(|mode| Effect::Mode(mode, transition)));
         self
     }
 
@@ -182,7 +222,7 @@ impl<'r, 'a, S: Send + 'static> ReactionBuilder<'r, 'a, S> {
     /// Adds the reaction, with its body: it gets the reactor's state and the running program. An error that it returns
     /// ends the program.
     pub fn run<O: Outcome>(self, body: impl FnMut(&mut S, &mut Context<'_>) -> O + Send + 'static) {
-        let reaction = self.reactor.graph.parts.reaction(self.reactor.id, self.spec);
+        let reaction = self.reactor.graph.reaction(self.reactor.id, self.spec, self.at);
         self.reactor.put_in_mode(ModalElement::Reaction(reaction));
         self.reactor.graph.bodies.insert_code(
             reaction,

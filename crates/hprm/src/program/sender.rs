@@ -11,7 +11,6 @@ use std::time::Duration;
 
 use hprm_core::ActionId;
 
-use super::handle::PhysicalAction;
 use super::value::{Message, Value};
 use crate::{EventLimit, Failure, Inbox, nanoseconds};
 
@@ -145,6 +144,13 @@ impl<T: Message> Sender<T> {
 }
 
 impl<T> Sender<T> {
+    /// A sender for an action of another program: this one has a mistake, and never runs.
+    pub(super) fn to_nothing(action: ActionId) -> Self {
+        let places = Places::new("of another program".to_owned());
+        places.state().ended = true;
+        Self { inbox: None, action, places: Arc::new(places), values: PhantomData }
+    }
+
     /// Asks the program to stop at its next tag.
     pub fn request_stop(&self) {
         if let Some(inbox) = &self.inbox {
@@ -178,6 +184,11 @@ impl<T: Clone> Clone for Sent<T> {
 }
 
 impl Places {
+    fn new(action: String) -> Self {
+        let state = State { waiting: 0, bound: default_bound(), ended: false };
+        Self { action: action.into(), state: Mutex::new(state), freed: Condvar::new() }
+    }
+
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -213,10 +224,7 @@ impl Drop for Place {
 impl Entrances {
     /// Makes room for the events of an action of that full name.
     pub(super) fn add(&mut self, action: ActionId, name: String) {
-        let state = State { waiting: 0, bound: default_bound(), ended: false };
-        let places =
-            Places { action: name.into(), state: Mutex::new(state), freed: Condvar::new() };
-        self.places.push((action, Arc::new(places)));
+        self.places.push((action, Arc::new(Places::new(name))));
     }
 
     /// States how many events of the action may wait; at least one may.
@@ -225,12 +233,12 @@ impl Entrances {
     }
 
     /// A sender for the action.
-    pub(super) fn sender<T>(&mut self, action: PhysicalAction<T>) -> Sender<T> {
-        let places = Arc::clone(self.of(action.0));
+    pub(super) fn sender<T>(&mut self, action: ActionId) -> Sender<T> {
+        let places = Arc::clone(self.of(action));
         if self.inbox.is_none() {
             self.open();
         }
-        Sender { inbox: self.inbox.clone(), action: action.0, places, values: PhantomData }
+        Sender { inbox: self.inbox.clone(), action, places, values: PhantomData }
     }
 
     /// The inbox of the program.
@@ -258,7 +266,7 @@ impl Entrances {
 
     fn of(&self, action: ActionId) -> &Arc<Places> {
         let found = self.places.iter().find(|(other, _)| *other == action);
-        &found.expect("a physical action is used in the program that it was made for").1
+        &found.expect("each physical action of the program was added").1
     }
 }
 

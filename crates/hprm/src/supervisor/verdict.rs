@@ -5,6 +5,7 @@
 //! federate has caused the failure, and when it knows enough.
 
 use hprm_core::Nanos;
+use hprm_federated::show_silence;
 
 use super::{Advice, Signal};
 use crate::{Failure, Kind, Report, exit_code};
@@ -98,10 +99,8 @@ impl Verdict {
 /// A federate does not answer.
 #[must_use]
 pub fn on_silent(name: &str, silence: Nanos) -> String {
-    let seconds = silence / SECOND;
-    format!(
-        "federate {name} has not answered for {seconds} s; federates that need its messages wait"
-    )
+    let time = show_silence(silence);
+    format!("federate {name} has not answered for {time}; federates that need its messages wait")
 }
 
 /// A federate that did not answer does so again.

@@ -26,6 +26,8 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
             coordination => values::values(of("Values", coordination)).logical_trace(trace).run(),
         },
         ("bank", _) => bank(),
+        ("large", [_]) => large(Federation::new("Large").store_limit(4_000_000)),
+        ("large", _) => large(Federation::new("Large").store_limit(4_000_000).store_full_fails()),
         ("delays", _) => delays(of("Delays", word)),
         ("error", _) => failing(of("Failing", word), |text| text.parse::<u8>().map(drop)),
         ("panic", _) => failing(Federation::new("Failing"), |_| -> Result<(), Infallible> {
@@ -138,6 +140,28 @@ fn bank() -> Result<(), Failure> {
         inputs
     });
     federation.connect_each(outs, inputs);
+    federation.run()
+}
+
+/// Sends an array that is larger than the object store.
+fn large(mut federation: Federation) -> Result<(), Failure> {
+    federation = federation.timeout(MS);
+    let out = federation.reactor("source", (), |source| {
+        let out = source.output("out");
+        source.reaction().on(Startup).sets(out).run(move |(), ctx| {
+            ctx.set(out, Array::from(ctx.loan::<u8>(&[8, 1_000_000])));
+        });
+        out
+    });
+    let inp = federation.reactor("sink", (), |sink| {
+        let inp = sink.input("inp");
+        sink.reaction().on(inp).run(move |(), ctx| {
+            let array: &Array<u8> = ctx.get(inp).unwrap();
+            println!("{:?}", array.shape());
+        });
+        inp
+    });
+    federation.connect(out, inp);
     federation.run()
 }
 
