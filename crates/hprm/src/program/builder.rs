@@ -212,7 +212,7 @@ impl<'a, S: Send + 'static> ReactorBuilder<'a, S> {
     ///     let on = heater.mode("on");
     ///     for (here, there, name) in [(off, on, "off"), (on, off, "on")] {
     ///         heater.in_mode(here, |heater| {
-    ///             let wait = heater.timer("wait", Duration::from_millis(20), Duration::ZERO);
+    ///             let wait = heater.timer(&format!("{name}_for"), Duration::from_millis(20), Duration::ZERO);
     ///             heater.reaction().on(wait).enters(there.reset()).run(move |log: &mut Vec<_>, ctx| {
     ///                 log.push((ctx.elapsed().as_millis(), name));
     ///                 ctx.enter(there.reset());
