@@ -64,7 +64,8 @@ impl<T: Sample> Reactor for Filter<T> {
 
 /// A source of such values, a filter, and a printer.
 fn filtered<T: Sample + std::fmt::Debug>(program: &mut Program, name: &str, values: [T; 4]) {
-    let out = program.reactor("source", values.into_iter(), |source| {
+    let source = format!("{name}_source");
+    let out = program.reactor(&source, values.into_iter(), |source| {
         let tick = source.timer("tick", Duration::ZERO, MS);
         let out = source.output("out");
         source.reaction().on(tick).sets(out).run(move |values, ctx| match values.next() {
