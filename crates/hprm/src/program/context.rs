@@ -287,7 +287,7 @@ impl Context<'_> {
     fn refuse_strange<I: Copy + Into<Part>>(&self, verb: &str, part: Of<I>) {
         if part.graph != self.site.graph {
             let reaction = self.scheduler().program().reaction_name(self.reaction);
-            panic!("reaction {reaction} cannot {verb} {}", part.stranger());
+            panic!("reaction {reaction} cannot {verb} {}", part.told_elsewhere());
         }
     }
 

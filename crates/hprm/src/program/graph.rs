@@ -134,7 +134,7 @@ impl Graph {
         if self.has(part) {
             return Some(part.id);
         }
-        let message = format!("{} {}", subject(self), part.stranger());
+        let message = format!("{} {}", subject(self), part.told_elsewhere());
         let hint = "what one program has declared cannot be used in another one: use what this program's own reactors \
                     return";
         self.mistake(at, message, hint);

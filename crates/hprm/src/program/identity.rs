@@ -97,7 +97,7 @@ impl<I: Copy + Into<Part>> Of<I> {
     }
 
     /// What is said of it in another program.
-    pub(super) fn stranger(self) -> String {
+    pub(super) fn told_elsewhere(self) -> String {
         let part = self.id.into();
         match self.named() {
             Some(Named { name, .. }) => {
