@@ -6,6 +6,7 @@ CONTRIBUTING.md tells their writers how the tests run the code blocks.
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -45,6 +46,17 @@ copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
 
 
+def changelog(app: Sphinx, name: str, source: list[str]) -> None:
+    """Puts CHANGELOG.md in the place of its page; its links start at the root of the repository."""
+    if name == "changelog":
+        text = (Path(__file__).parents[1] / "CHANGELOG.md").read_text()
+        inside = re.sub(r"\]\(docs/", "](", text)
+        # What is not a page stays words.
+        source[0] = re.sub(r"\[([^]]+)\]\((?!http)(?:examples|crates|tests)/[^)]*\)", r"\1", inside)
+
+
 def setup(app: Sphinx) -> None:
-    """Names a block that the tests of Rust compile and do not run."""
+    """Adds what settings cannot say."""
+    # A block that the tests of Rust compile and do not run.
     app.add_lexer("rust,no_run", RustLexer)
+    app.connect("source-read", changelog)

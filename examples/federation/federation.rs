@@ -1,4 +1,4 @@
-//! A camera and a detector, each a process of this executable: the first program of the README.
+//! A camera and a detector, each a process of this executable: the first program of the handbook.
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::time::Duration;

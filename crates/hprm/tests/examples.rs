@@ -1,4 +1,4 @@
-//! The examples print what they say, the README has the first of them, and a crate outside of this workspace can use
+//! The examples print what they say, the handbook has the first of them, and a crate outside of this workspace can use
 //! the library.
 
 use std::fs;
@@ -96,18 +96,18 @@ fn a_federate_that_is_started_alone_says_what_it_is() {
     }
 }
 
-/// The first code block of the README in Rust.
-fn readme_program() -> String {
-    let readme = fs::read_to_string(root().join("README.md")).unwrap();
-    let (_, block) = readme.split_once("```rust\n").unwrap();
-    block.split_once("```\n").unwrap().0.to_owned()
+/// The program that the handbook shows: the first example, without what it says of itself.
+fn first_program() -> String {
+    let example = fs::read_to_string(root().join("examples/federation/federation.rs")).unwrap();
+    let (_, program) = example.split_once("\nuse std").unwrap();
+    format!("use std{program}")
 }
 
 #[test]
-fn the_first_example_is_that_of_the_readme() {
-    let example = fs::read_to_string(root().join("examples/federation/federation.rs")).unwrap();
-    assert!(example.ends_with(&readme_program()));
-    assert!(fs::read_to_string(root().join("README.md")).unwrap().contains(FEDERATION));
+fn the_handbook_shows_the_first_example_and_what_it_prints() {
+    let page = fs::read_to_string(root().join("docs/index.md")).unwrap();
+    assert!(page.contains("```{literalinclude} ../examples/federation/federation.rs\n"));
+    assert!(page.contains(FEDERATION));
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn a_crate_outside_of_the_workspace_adds_the_library_and_runs() {
     let library = root().join("crates/hprm");
     cargo(folder.path(), &["new", "--quiet", "--vcs", "none", "counting"]);
     cargo(&outside, &["add", "--quiet", "--offline", "--path", library.to_str().unwrap()]);
-    fs::write(outside.join("src/main.rs"), readme_program()).unwrap();
+    fs::write(outside.join("src/main.rs"), first_program()).unwrap();
     // The same versions as here: they have been downloaded.
     fs::copy(root().join("Cargo.lock"), outside.join("Cargo.lock")).unwrap();
     let target = root().join("target/outside");
