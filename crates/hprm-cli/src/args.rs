@@ -3,17 +3,19 @@
 //! Nothing is decided here but whether the words are well formed; clap answers the rest with usage
 //! and exit code 2.
 
+mod texts;
+
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use clap_complete::Shell;
 use hprm::{Address, TlsFiles};
 use hprm::{FederationId, HangTimeout};
 use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
+pub(crate) use self::texts::{Completions, Explain, Man};
 use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
@@ -33,6 +35,7 @@ impl Arguments {
             Command::Rti(rti) => &mut rti.properties,
             Command::Federate(federate) => &mut federate.properties,
             Command::Check(_)
+            | Command::Explain(_)
             | Command::Diff(_)
             | Command::Sim(_)
             | Command::Doctor(_)
@@ -54,6 +57,7 @@ Examples:
   hprm run Main.lf            run a program, in one process or as a federation
   hprm run app.py             the same, of a program in Python
   hprm check src/*.lf         say what is wrong, and run nothing
+  hprm explain LF0503         what a mistake with this code is, and its cure
   hprm verify Main.lf         run a program several times, and compare what it did
   hprm doctor                 see whether this machine has what HPRM needs
 
@@ -64,6 +68,7 @@ Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 3 tw
 pub(crate) enum Command {
     Run(Run),
     Check(Check),
+    Explain(Explain),
     Diff(Diff),
     Verify(Verify),
     Rti(RtiArguments),
@@ -72,24 +77,6 @@ pub(crate) enum Command {
     Doctor(Doctor),
     Completions(Completions),
     Man(Man),
-}
-
-/// Print what a shell needs to complete the words of this command.
-#[derive(Args, Clone, PartialEq, Eq, Debug)]
-#[command(
-    after_help = "For bash: hprm completions bash > ~/.local/share/bash-completion/completions/hprm"
-)]
-pub(crate) struct Completions {
-    /// The shell.
-    pub(crate) shell: Shell,
-}
-
-/// Write the manual pages: hprm.1, and one for each command.
-#[derive(Args, Clone, PartialEq, Eq, Debug)]
-#[command(after_help = "hprm man ~/.local/share/man/man1, then: man hprm-run")]
-pub(crate) struct Man {
-    /// The folder for them, which is made if it is missing.
-    pub(crate) folder: PathBuf,
 }
 
 /// Which interpreter runs the bodies.

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::args::Check;
 use crate::message::{self, Error};
 use crate::source::{Outcome, Program};
-use crate::{bodies, declare, executable};
+use crate::{bodies, declare, executable, explain};
 
 /// The program, compiled; if it has errors, which have been shown then, what the command ends with.
 ///
@@ -29,6 +29,7 @@ pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode
                 reports.into_iter().for_each(|report| Error::from(report).show());
             } else {
                 show(&failure.diagnostics, &failure.sources);
+                explain::offer(failure.diagnostics.iter().map(|it| it.code));
             }
             Ok(Err(ExitCode::FAILURE))
         }
@@ -62,6 +63,7 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
     };
     let output = Output { json: arguments.json };
     let mut count = Count::default();
+    let mut codes = Vec::new();
     for (path, outcome) in found {
         let (mut diagnostics, sources) = match outcome {
             Ok(Outcome::Right(compiled)) => (compiled.warnings, compiled.sources),
@@ -86,6 +88,7 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         diagnostics.extend(mistakes.filter_map(|mistake| mistake.diagnostic(&sources)));
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
         count.add(&diagnostics);
+        codes.extend(diagnostics.iter().map(|it| it.code));
         output.diagnostics(&diagnostics, &sources);
     }
     if let Err(error) = &bodies {
@@ -93,6 +96,7 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         output.error(error, None);
     }
     if !arguments.json {
+        explain::offer(codes.into_iter());
         message::print_line(&count.summary(arguments.files.len()));
     }
     if count.errors == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }

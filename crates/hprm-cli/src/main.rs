@@ -14,6 +14,7 @@ mod declare;
 mod diff;
 mod doctor;
 mod executable;
+mod explain;
 mod generate;
 mod hosts;
 mod join;
@@ -64,6 +65,7 @@ fn command() -> ExitCode {
         Command::Run(run) => run.failures.json,
         Command::Rti(rti) => rti.failures.json,
         Command::Federate(federate) => federate.failures.json,
+        Command::Explain(wanted) => wanted.json,
         _ => false,
     });
     // If the system refuses, a file that is too long ends the process, as it does others.
@@ -74,6 +76,7 @@ fn command() -> ExitCode {
     let outcome = match arguments.command {
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),
+        Command::Explain(wanted) => explain::explain(&wanted),
         Command::Diff(diff) => diff::diff(&diff),
         Command::Verify(verify) => verify::verify(&verify),
         Command::Rti(rti) => rti::rti(rti),

@@ -2,8 +2,8 @@
 //!
 //! Codes are stable: `LF00` text, `LF01` files, `LF02` declarations, `LF03` references, `LF04`
 //! values, `LF05` connections, `LF06` target, `LF07` not supported yet, `LF08` federations, `LF09`
-//! modes, `LF10` Python, which other crates check, `LF11` executables; docs/reference/diagnostics.md lists all. [`render()`](crate::render())
-//! makes text of them for a terminal.
+//! modes, `LF10` Python, which other crates check, `LF11` executables. [`explanation`](crate::explanation) has what each
+//! means, and [`render()`](crate::render()) makes text of them for a terminal.
 
 use std::collections::BTreeSet;
 

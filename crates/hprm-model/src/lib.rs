@@ -53,6 +53,7 @@ pub mod declaration;
 mod diagnostic;
 mod environment;
 mod executable;
+pub mod explanation;
 mod fingerprint;
 mod inherit;
 mod instance;
