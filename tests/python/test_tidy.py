@@ -211,7 +211,7 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert headings("# One\n```sh\n# a comment\n```\n# Two\n") == ["# One", "# Two"]
 
 
-def test_the_document_has_every_code_of_a_diagnostic() -> None:
+def test_every_code_of_a_diagnostic_is_explained_and_every_explanation_has_a_code() -> None:
     code = re.compile(r'"(LF\d{4})"')
     used = {
         found
@@ -219,6 +219,10 @@ def test_the_document_has_every_code_of_a_diagnostic() -> None:
         if path.startswith(CHECKS)
         for found in code.findall(text)
     }
-    text = (DOCS / "reference" / "diagnostics.md").read_text()
-    listed = re.findall(r"^\| `(LF\d{4})` \| (?:error|warning) \|", text, flags=re.MULTILINE)
-    assert listed == sorted(used)
+    texts = sorted((ROOT / "crates/hprm-model/src/explanation").iterdir())
+    explained = re.findall(
+        r"^## (?:error|warning)\[(LF\d{4})\]: ",
+        "".join(path.read_text() for path in texts),
+        flags=re.MULTILINE,
+    )
+    assert explained == sorted(used)

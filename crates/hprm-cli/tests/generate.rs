@@ -33,7 +33,8 @@ fn each_command_has_a_manual_page() {
     let folder = place.path().join("share/man1");
     let output = hprm(&["man", folder.to_str().unwrap()]);
     assert_eq!((output.status.code(), text(&output.stderr).as_str()), (Some(0), ""));
-    for command in ["run", "check", "diff", "verify", "rti", "federate", "sim", "doctor"] {
+    for command in ["run", "check", "explain", "diff", "verify", "rti", "federate", "sim", "doctor"]
+    {
         let page = fs::read_to_string(folder.join(format!("hprm-{command}.1"))).unwrap();
         assert!(page.contains(".SH NAME") && page.contains(".SH OPTIONS"), "{page}");
     }

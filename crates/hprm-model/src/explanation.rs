@@ -244,7 +244,7 @@ mod tests {
         for word in ["LF0503", "lf0503", "lf503", "503", "0503", "error[LF0503]", " Lf503 "] {
             assert_eq!(explanation(word).unwrap().code, "LF0503", "{word}");
         }
-        for word in ["", "LF", "LF9999", "LF05033", "cycle", "E0503", "-1"] {
+        for word in ["", "LF", "lf9999", "LF05033", "cycle", "E0503", "-1"] {
             assert_eq!(explanation(word), None, "{word}");
         }
     }
@@ -252,10 +252,10 @@ mod tests {
     #[test]
     fn what_is_no_code_has_neighbours() {
         let codes = |word| nearest(word).iter().map(|it| it.code).collect::<Vec<_>>();
-        assert_eq!(codes("LF0508")[..3], ["LF0501", "LF0502", "LF0503"]);
-        assert_eq!(codes("LF1201")[..2], ["LF0201", "LF1001"]);
+        assert_eq!(codes("lf508")[..3], ["LF0501", "LF0502", "LF0503"]);
+        assert_eq!(codes("lf1201")[..2], ["LF0201", "LF1001"]);
         assert_eq!(codes("cycle"), ["LF0503"]);
-        assert_eq!(codes("LF9999"), [""; 0]);
+        assert_eq!(codes("lf9999"), [""; 0]);
         assert_eq!(codes("nothing of the kind"), [""; 0]);
     }
 
