@@ -239,7 +239,7 @@ def test_a_federation_ends_when_nothing_is_left_to_do(launch: Run, coordination:
 def test_the_example_of_waits_in_the_docs(launch: Run) -> None:
     text = (Path(__file__).parents[2] / "docs" / "concepts" / "federations.md").read_text()
     [example] = [block for block in text.split("```")[1::2] if "absent_after" in block]
-    outcome = launch(example)
+    outcome = launch(example.removeprefix("lf"))
     assert (outcome.code, outcome.err) == (0, ""), outcome.err
     lines = [line.removeprefix("[controller] ") for line in outcome.out.splitlines()]
     kinds = [line.removesuffix(", too late") for line in lines]
