@@ -10,6 +10,8 @@
 mod args;
 mod bodies;
 mod check;
+#[cfg(test)]
+mod commands_page;
 mod declare;
 mod diff;
 mod doctor;

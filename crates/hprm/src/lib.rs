@@ -6,10 +6,15 @@
 //!
 //! A program written in Rust starts at [`Program`], and with `use hprm::prelude::*`.
 
-/// The programs of the document on Rust.
+/// The programs in Rust of the handbook.
 #[cfg(doctest)]
 #[doc = include_str!("../../../docs/howto/rust.md")]
-struct Document;
+#[doc = include_str!("../../../docs/reference/language/index.md")]
+#[doc = include_str!("../../../docs/reference/language/reactions.md")]
+#[doc = include_str!("../../../docs/reference/language/connections.md")]
+#[doc = include_str!("../../../docs/reference/language/modes.md")]
+#[doc = include_str!("../../../docs/reference/language/federations.md")]
+struct Handbook;
 
 mod clock;
 pub mod console;
