@@ -31,6 +31,7 @@ from figures import Measurements
 from goals import judge
 from launch import Failed, Launcher
 from progress import ProgressBar
+from rich.console import Console, RenderableType
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out"
@@ -56,8 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("stopped", file=sys.stderr)
         return 130
     about = machine.describe(hprm)
-    for line in report(run, about, options.out):
-        print(line)
+    # A file has room for wide tables.
+    width = None if sys.stdout.isatty() else 200
+    console = Console(markup=False, highlight=False, width=width)
+    for part in report(run, about, options.out):
+        console.print(part)
     return 0
 
 
@@ -200,8 +204,8 @@ class Run:
         return notes
 
 
-def report(run: Run, about: dict[str, Any], out: Path) -> list[str]:
-    """Writes the files; the lines for the terminal."""
+def report(run: Run, about: dict[str, Any], out: Path) -> list[RenderableType]:
+    """Writes the files; what the terminal shows."""
     verdicts = judge(run.measurements, run.workloads)
     shown = tables.all_tables(run.measurements, run.workloads) + [tables.of_verdicts(verdicts)]
     out.mkdir(parents=True, exist_ok=True)
@@ -218,8 +222,8 @@ def report(run: Run, about: dict[str, Any], out: Path) -> list[str]:
     }
     data.write_text(json.dumps(document, indent=1) + "\n")
     sheet.write_text(page.html(run.measurements, run.workloads, shown, about, run.notes()))
-    lines = [tables.text(table) for table in shown]
-    return [*lines, *run.notes(), *(f"wrote {path}" for path in (data, sheet))]
+    for_terminal = [tables.shown(table) for table in shown]
+    return [*for_terminal, *run.notes(), *(f"wrote {path}" for path in (data, sheet))]
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import contenders as who
+import rich.box
+import rich.table
 from figures import UNITS, Figure, Measurements, Spread
 from goals import Goal, Verdict
 from plan import WORKLOADS
@@ -142,12 +144,11 @@ def _relation(goal: Goal) -> str:
     return f"{word} {goal.bound:g}{unit}"
 
 
-def text(table: Table) -> str:
+def shown(table: Table) -> rich.table.Table:
     """A table for a terminal."""
-    lines = [table.columns, *table.rows]
-    widths = [max(len(line[place]) for line in lines) for place in range(len(table.columns))]
-    shown = [
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    ]
-    return "\n".join([table.title, "", *shown, ""])
+    lines = rich.table.Table(title=table.title, title_justify="left", box=rich.box.SIMPLE_HEAD)
+    for column in table.columns:
+        lines.add_column(column)
+    for row in table.rows:
+        lines.add_row(*row)
+    return lines

@@ -15,6 +15,7 @@ from typing import Any
 import chart
 import federation
 import machine
+import rich
 import summary
 from progress import ProgressBar
 
@@ -40,9 +41,9 @@ def main() -> int:
         return 1
     summaries = {name: summaries_of(run) for name, run in runs.items()}
     files = write(runs, summaries)
-    print(f"{TITLE}: latency of a round in ms\n")
-    print(summary.table(summaries))
-    print(f"\nAll gathered arrays were equal to the one sent. {time.monotonic() - started:.0f} s.")
+    print(f"{TITLE}: latency of a round in ms")
+    rich.print(summary.table(summaries))
+    print(f"All gathered arrays were equal to the one sent. {time.monotonic() - started:.0f} s.")
     for file in files:
         print(f"wrote {file.relative_to(ROOT)}")
     return 0

@@ -2,40 +2,40 @@
 
 from __future__ import annotations
 
-import sys
-from typing import TextIO
-
-_WIDTH = 40
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 
 class ProgressBar:
-    """Shows how far a sequence of equal steps has come."""
+    """Shows how far a sequence of equal steps has come, on the error stream."""
 
-    def __init__(self, steps: int, stream: TextIO = sys.stderr) -> None:
-        """Starts at zero of ``steps`` steps; draws on ``stream``."""
+    def __init__(self, steps: int) -> None:
+        """Starts at zero of ``steps`` steps."""
         self._steps = steps
-        self._stream = stream
         self._done = 0
-        self._terminal = stream.isatty()
+        columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}"))
+        # No thread redraws it: that would disturb what is measured meanwhile.
+        self._progress = Progress(
+            *columns, console=Console(stderr=True), auto_refresh=False, transient=True
+        )
+        self._terminal = self._progress.console.is_terminal
+        self._task = self._progress.add_task("", total=steps)
+        if self._terminal:
+            self._progress.start()
 
     def show(self, label: str, fraction: float) -> None:
         """Draws the current step, which is called ``label``, at this fraction of its own work."""
-        if not self._terminal:
-            return
-        overall = (self._done + fraction) / self._steps
-        filled = round(overall * _WIDTH)
-        bar = "█" * filled + "░" * (_WIDTH - filled)
-        self._stream.write(f"\r{bar} {overall:4.0%}  {label}\x1b[K")
-        self._stream.flush()
+        if self._terminal:
+            completed = self._done + fraction
+            self._progress.update(self._task, completed=completed, description=label, refresh=True)
 
     def step_done(self, label: str) -> None:
         """Counts the current step as done."""
         self._done += 1
         if not self._terminal:
-            self._stream.write(f"{label}: done ({self._done} of {self._steps})\n")
+            self._progress.console.print(f"{label}: done ({self._done} of {self._steps})")
 
     def close(self) -> None:
         """Takes the bar off the terminal, so that what follows starts on a clean line."""
         if self._terminal:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
+            self._progress.stop()

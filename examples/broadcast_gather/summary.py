@@ -1,4 +1,4 @@
-"""Numbers and text for people: what latencies amount to, and the table of them."""
+"""Numbers for people: what latencies amount to, and the table of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+from rich import box
+from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -30,17 +33,15 @@ def summarize(latencies_ns: Sequence[int]) -> Summary:
     )
 
 
-def table(results: Mapping[str, Mapping[int, Summary]]) -> str:
+def table(results: Mapping[str, Mapping[int, Summary]]) -> Table:
     """One line per size, three columns per coordination, in milliseconds."""
-    columns = ("min", "median", "p99")
-    group_width = len(columns) * 10
-    lines = [
-        f"{'':>8}" + "".join(f"{name:>{group_width}}" for name in results),
-        f"{'size':>8}" + "".join(f"{column:>10}" for _ in results for column in columns),
-    ]
-    sizes = next(iter(results.values())).keys()
-    for size in sizes:
+    shown = Table(box=box.SIMPLE_HEAD)
+    shown.add_column("size")
+    for name in results:
+        for column in ("\nmin", f"{name}\nmedian", "\np99"):
+            shown.add_column(column, justify="right")
+    for size in next(iter(results.values())):
         row = [results[name][size] for name in results]
-        cells = [f"{ms:10.2f}" for s in row for ms in (s.minimum, s.median, s.p99)]
-        lines.append(f"{size:>5} MB" + "".join(cells))
-    return "\n".join(lines)
+        cells = [f"{ms:.2f}" for it in row for ms in (it.minimum, it.median, it.p99)]
+        shown.add_row(f"{size} MB", *cells)
+    return shown

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "peers"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "peers" / "worker"))
@@ -156,7 +157,10 @@ def test_tables_show_every_contender_the_best_first() -> None:
     values, ratios = tables.all_tables(measurements, ["W2"])
     assert values.rows == [["limit", "10 (10–10) / 10"], ["slow", "31 (30–32) / 31"]]
     assert ratios.rows == [["slow", "3.1 (3–3.2)"]]
-    assert "64 B" in tables.text(values)
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(tables.shown(values))
+    assert "64 B" in (text := console.export_text())
+    assert "10 (10–10) / 10" in text
 
 
 def test_the_page_is_well_formed_and_has_a_picture_for_each_table_of_values() -> None:
