@@ -27,7 +27,7 @@ class Viewer(hprm.Reactor):
 
     @hprm.reaction(hprm.startup)
     def begin(self) -> None:
-        time.sleep(0.5)  # Busy, while ten frames arrive.
+        time.sleep(1)  # Busy, while ten frames arrive.
 
     @hprm.reaction(frame)
     def show(self) -> None:
@@ -38,7 +38,7 @@ class Viewer(hprm.Reactor):
         print("frames", self.seen)
 
 
-class Overload(hprm.Federation, timeout="1 s"):
+class Overload(hprm.Federation, timeout="2 s"):
     def __init__(self) -> None:
         self.camera = Camera()
         self.newest = Viewer()

@@ -19,7 +19,7 @@ impl Reactor for Viewer {
     fn assemble(&mut self, viewer: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
         let frame = viewer.input("frame");
         viewer.reaction().on(Startup).run(|_, _| {
-            thread::sleep(500 * MS); // Busy, while ten frames arrive.
+            thread::sleep(1000 * MS); // Busy, while ten frames arrive.
         });
         viewer.reaction().on(frame).run(move |viewer, ctx| viewer.seen.extend(ctx.get(frame)));
         viewer.reaction().on(Shutdown).run(|viewer, _| println!("frames {:?}", viewer.seen));
@@ -28,7 +28,7 @@ impl Reactor for Viewer {
 }
 
 fn main() -> Result<(), Failure> {
-    let mut program = Federation::new("Overload").timeout(1000 * MS);
+    let mut program = Federation::new("Overload").timeout(2000 * MS);
     let frame = program.reactor("camera", 0, |camera| {
         let tick = camera.timer("tick", Duration::ZERO, 10 * MS);
         let frame = camera.output("frame");

@@ -7,7 +7,7 @@ import hprm
 
 class Camera(hprm.Reactor):
     frame = hprm.Output(int)
-    tick = hprm.Timer("500 ms")
+    tick = hprm.Timer("1 s")
 
     def __init__(self) -> None:
         self.number = 0
@@ -42,7 +42,7 @@ class Planner(hprm.Reactor):
     @hprm.reaction(distance, effects=[target])
     def plan(self) -> None:
         if self.distance.value == 8:
-            time.sleep(0.48)  # A plan that takes too long.
+            time.sleep(0.95)  # A plan that takes too long.
         self.target.set(min(self.last_speed + 2, self.distance.value))
 
 
@@ -50,7 +50,7 @@ class Motor(hprm.Reactor):
     target = hprm.Input(int)
     speed = hprm.Output(int)
 
-    @hprm.reaction(target, effects=[speed], deadline="400 ms", late="stop")
+    @hprm.reaction(target, effects=[speed], deadline="800 ms", late="stop")
     def drive(self) -> None:
         print(f"drive at {self.target.value}")
         self.speed.set(self.target.value)
@@ -60,7 +60,7 @@ class Motor(hprm.Reactor):
         self.speed.set(0)
 
 
-class Pipeline(hprm.Federation, timeout="1500 ms"):
+class Pipeline(hprm.Federation, timeout="3 s"):
     def __init__(self) -> None:
         self.camera = Camera()
         self.detector = Detector()

@@ -17,7 +17,7 @@ impl Reactor for Camera {
     type Ports = OutputPort<i32>;
 
     fn assemble(&mut self, camera: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
-        let tick = camera.timer("tick", Duration::ZERO, 500 * MS);
+        let tick = camera.timer("tick", Duration::ZERO, 1000 * MS);
         let frame = camera.output("frame");
         camera.reaction().on(tick).sets(frame).run(move |camera, ctx| {
             ctx.set(frame, camera.number);
@@ -68,7 +68,7 @@ impl Reactor for Planner {
         planner.reaction().on(distance).sets(target).run(move |planner, ctx| {
             let Some(&distance) = ctx.get(distance) else { return };
             if distance == 8 {
-                thread::sleep(480 * MS); // A plan that takes too long.
+                thread::sleep(950 * MS); // A plan that takes too long.
             }
             ctx.set(target, distance.min(planner.speed + 2));
         });
@@ -88,7 +88,7 @@ impl Reactor for Motor {
             println!("too late: stop");
             ctx.set(speed, 0);
         };
-        motor.reaction().on(target).sets(speed).deadline(400 * MS, too_late).run(move |_, ctx| {
+        motor.reaction().on(target).sets(speed).deadline(800 * MS, too_late).run(move |_, ctx| {
             let Some(&target) = ctx.get(target) else { return };
             println!("drive at {target}");
             ctx.set(speed, target);
@@ -98,7 +98,7 @@ impl Reactor for Motor {
 }
 
 fn main() -> Result<(), Failure> {
-    let mut pipeline = Federation::new("Pipeline").timeout(1500 * MS);
+    let mut pipeline = Federation::new("Pipeline").timeout(3000 * MS);
     let frame = pipeline.add("camera", Camera { number: 0 });
     let (seen, distance) = pipeline.add("detector", Detector);
     let planner = pipeline.add("planner", Planner { speed: 0 });
