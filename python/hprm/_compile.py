@@ -14,6 +14,9 @@ from hprm._source import Code
 
 Namespace = dict[str, Any]
 
+# A time as the language writes it, which Python does not understand.
+_TIME = re.compile(r"\b\d+ ?(?:[num]?s|[num]?secs?|seconds?|min|minutes?|hours?)\b")
+
 
 def register(files: dict[str, str]) -> None:
     """Let tracebacks show lines of these files, whatever becomes of them on disk."""
@@ -159,6 +162,10 @@ def _located(error: SyntaxError, code: Code) -> SyntaxError:
     error.msg = re.sub(
         r"\bon line (\d+)", lambda at: f"on line {int(at[1]) + code.line - 1}", error.msg
     )
+    at = (error.offset or 1) - 1
+    if any(it.start() <= at <= it.end() for it in _TIME.finditer(error.text or "")):
+        hint = "in Python, a time is written as `MSEC(100)`, with one of NSEC, USEC, MSEC, SEC, MINUTE"
+        error.hint = hint  # type: ignore[attr-defined]
     error.filename = code.path
     error.lineno = code.line + line - 1
     error.text = linecache.getline(code.path, error.lineno)

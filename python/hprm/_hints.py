@@ -125,6 +125,8 @@ def _attribute(error: AttributeError, frames: list[FrameType]) -> str | None:
             instance = vars(thing)[""].partition("[")[0]
             return None if cls is None else _names.of_reactor(instance, cls, reaction, name)
         case ReactorBase() if cls is not None and cls is type(thing)._source:
+            if reaction is not None and name in reaction.arguments:
+                return f"write `{name}`: a body gets what its reaction names"
             meant = _names.of_reactor(name, cls, reaction)
             if meant is not None and reaction is not None:
                 return f"a body gets what its reaction names, without `self.`: {meant}"

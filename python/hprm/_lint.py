@@ -333,7 +333,7 @@ def _of_self(
     if name in known or name in _OWN or name in module.attributes or name.startswith("__"):
         return
     part = next((kind for part, kind, _ in cls.parts if part == name), None)
-    if part is not None and part not in ("timer", "mode"):
+    if part is not None and part != "timer":
         message = f"`self` has no `{name}`"
         hint = f"write `{name}`: a body gets what its reaction names"
         if reaction is None:

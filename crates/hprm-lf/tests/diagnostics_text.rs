@@ -80,6 +80,8 @@ main reactor {
       |
     3 |   print(§)
       |        ^
+      |
+      = help: Python code belongs into the body of a reaction: `reaction(startup) {= ... =}`
 
     error[LF0001]: `§` means nothing here
      --> Main.lf:3:9

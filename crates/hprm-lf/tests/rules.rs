@@ -184,7 +184,11 @@ const WARNINGS: &[(&str, &str)] = &[
     ("LF0803", "reactor A { } federated reactor { a = new A() at 10.0.0.256; }"),
     (
         "LF0908",
-        "main reactor { timer t initial mode A { reaction(t) -> B {= pass =} } mode B { } }",
+        "main reactor { timer t initial mode A { reaction(t) -> B {= B.set() =} } mode B { } }",
+    ),
+    (
+        "LF0911",
+        "main reactor { timer t initial mode A { reaction(t) -> reset(B) {= pass =} } mode B { } }",
     ),
 ];
 
@@ -292,6 +296,6 @@ const ALLOWED: &[&str] = &[
     "reactor A { output x state x = 0 } main reactor { x = new A() }",
     // An effect and a connection to one port, in different modes.
     "reactor A { input i output o } main reactor { a = new A() b = new A() timer t(0, 1 s)
-       initial mode One { a.o -> b.i  reaction(t) -> reset(Two) {= pass =} }
-       mode Two { reaction(t) -> b.i, history(One) {= pass =} } }",
+       initial mode One { a.o -> b.i  reaction(t) -> reset(Two) {= Two.set() =} }
+       mode Two { reaction(t) -> b.i, history(One) {= One.set() =} } }",
 ];

@@ -104,6 +104,10 @@ impl<'a> Environment<'a> {
                     .hint(format!("write `{number} ms`, for example; only `0` needs none"))
             }
             ExpressionKind::Code(_) => in_python(expression, "a time"),
+            ExpressionKind::String(text) if text.starts_with(|c: char| c.is_ascii_digit()) => {
+                Diagnostic::error("LF0403", expression.span, "this is a text, not a time")
+                    .hint(format!("write it without quotation marks: `{text}`"))
+            }
             _ => Diagnostic::error("LF0403", expression.span, "this is not a time")
                 .hint("write a number and a unit: `10 ms`"),
         };

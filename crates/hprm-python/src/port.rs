@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use hprm_core::PortId;
+use hprm_core::{Direction, PortId};
 use pyo3::exceptions::{PyAttributeError, PyIndexError, PyTypeError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -117,10 +117,17 @@ impl Port {
         let Some(reaction) = self.runtime.running_reaction() else {
             return PyValueError::new_err(format!("port {} is absent", self.name));
         };
-        let name = users::port_as_seen(program, program.reactions[reaction].reactor, port);
+        let reactor = program.reactions[reaction].reactor;
+        let name = users::port_as_seen(program, reactor, port);
+        let spec = &program.ports[port];
+        let advice = if spec.reactor == reactor && spec.direction == Direction::Output {
+            "an output has a value only at the tag at which it is set; keep what the next tag needs in an attribute"
+                .to_owned()
+        } else {
+            format!("ask {name}.is_present first, or read {name}.get(default)")
+        };
         PyValueError::new_err(format!(
-            "port {name} is absent at this tag, so reaction {} cannot read its value: ask \
-             {name}.is_present first, or read {name}.get(default)",
+            "port {name} is absent at this tag, so reaction {} cannot read its value: {advice}",
             program.reaction_label(reaction)
         ))
     }

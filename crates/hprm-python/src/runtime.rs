@@ -487,7 +487,8 @@ impl Runtime {
 
     fn outside_error(&self, what: &str) -> PyErr {
         PyRuntimeError::new_err(format!(
-            "{what} can be used only inside a reaction, and none is running"
+            "{what} can be used only inside a reaction, and none is running; a thread or a callback schedules a \
+             physical action, and a reaction to that does the rest"
         ))
     }
 

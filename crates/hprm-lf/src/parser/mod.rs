@@ -5,6 +5,7 @@
 //! It gives no meaning to what it parses.
 
 mod expression;
+mod meant;
 mod reactor;
 mod statement;
 mod target;

@@ -1,14 +1,14 @@
 //! The members of a reactor that have parts: ports, actions, reactions, instances, connections.
 
 use hprm_core::Transition;
+use hprm_model::Diagnostic;
 use hprm_model::declaration::{
     ActionNode, ArgumentNode, Assignment, Attribute, ConnectionNode, Deadline, EffectNode,
     Instantiation, Late, MethodNode, PortKind, PortNode, ReactionNode, Reference, TimerNode,
     TriggerNode, Watchdog,
 };
-use hprm_model::{Diagnostic, did_you_mean};
 
-use super::{MEMBERS, Parsed, Parser};
+use super::{Parsed, Parser};
 use crate::token::TokenKind;
 
 impl Parser<'_> {
@@ -129,6 +129,7 @@ impl Parser<'_> {
         } else {
             Vec::new()
         };
+        self.no_arrow_back()?;
         let header = start.to(self.previous());
         let body = self.maybe_body()?;
         let late = self.late()?;
@@ -202,6 +203,7 @@ impl Parser<'_> {
         self.expect('(')?;
         let delay = self.expression()?;
         self.expect(')')?;
+        self.handler_follows()?;
         Ok(Some(Deadline { delay, body: self.body()? }))
     }
 
@@ -218,6 +220,12 @@ impl Parser<'_> {
         let width = self.width()?;
         let class = self.name("the name of a reactor")?;
         let type_arguments = self.maybe_types()?;
+        if let Some(width) = self.width()? {
+            let message = "the width of a bank stands behind `new`";
+            let text = &self.text[width.span.start as usize..width.span.end as usize];
+            let hint = format!("write `new{text} {}(...)`", class.text);
+            return self.lose(Diagnostic::error("LF0003", width.span, message).hint(hint));
+        }
         if !self.is_mark('(') {
             let message = format!("`new {}` lacks its parentheses", class.text);
             let hint = format!("write `new {}()`", class.text);
@@ -256,9 +264,7 @@ impl Parser<'_> {
             (self.list(Self::reference)?, false)
         };
         if left.is_empty() || !(self.is(TokenKind::Arrow) || self.is(TokenKind::Squiggle)) {
-            // Perhaps it was meant to be a statement of another kind.
-            let word = left.first().filter(|reference| reference.container.is_none());
-            let hint = word.and_then(|word| did_you_mean(&word.variable.text, MEMBERS));
+            let hint = self.meant_instead(&left);
             return self.fail_with("`->` or `~>`", hint);
         }
         let physical = self.advance().kind == TokenKind::Squiggle;

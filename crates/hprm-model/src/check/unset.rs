@@ -1,6 +1,7 @@
-//! Outputs that nothing ever sets, neither a body nor a contained reactor.
+//! Outputs that nothing ever sets, neither a body nor a contained reactor; and modes that reactions name and never
+//! enter.
 //!
-//! A body is text here. One that does not contain the name of an output cannot set it; one that does
+//! A body is text here. One that does not contain the name of an output or a mode cannot set it; one that does
 //! is believed.
 
 use std::collections::BTreeSet;
@@ -10,12 +11,13 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::model::{Entity, Held, Model, ResolvedReaction};
 use crate::source::Sources;
 
-/// Warns about outputs of a class that has instances.
+/// Warns about outputs and modes of a class that has instances.
 pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
     if model.reactions.is_empty() && model.declared.instances.is_empty() {
         // A sketch, or what others extend.
         return;
     }
+    check_modes(model, sources, report);
     let connected: BTreeSet<usize> = model
         .connections
         .iter()
@@ -50,6 +52,34 @@ pub(crate) fn check(model: &Model<'_>, sources: &Sources, report: &mut Report) {
                 .hint(format!("call `{}.set(value)` in its body", called(reaction, index))),
             None => warning.hint(report.syntax().set_output(name)),
         });
+    }
+}
+
+/// Warns about modes that some reaction names as an effect, and none enters.
+fn check_modes(model: &Model<'_>, sources: &Sources, report: &mut Report) {
+    for (index, mode) in model.declared.modes.iter().enumerate() {
+        let Some(name) = &mode.name else { continue };
+        let names_it = |reaction: &&ResolvedReaction<'_>| {
+            reaction.effects.iter().any(|it| matches!(it, Entity::Mode(mode, _) if *mode == index))
+        };
+        let mut reactions = model.reactions.iter().filter(names_it);
+        let enters = |reaction: &ResolvedReaction<'_>| {
+            let is_bound = bodies(reaction).any(|body| body == Body::Bound);
+            is_bound || says(reaction, &[name.text.as_str(), "locals"], sources)
+        };
+        let Some(first) = reactions.next() else { continue };
+        if enters(first) || reactions.any(enters) {
+            continue;
+        }
+        report.add(
+            Diagnostic::warning(
+                "LF0911",
+                name.span,
+                format!("nothing enters the mode `{}`", name.text),
+            )
+            .label(first.decl.header, "this names it as an effect")
+            .hint(format!("call `{}.set()` in its body", name.text)),
+        );
     }
 }
 

@@ -1,0 +1,25 @@
+"""A port is taken from the class instead of the instance."""
+
+import hprm
+
+
+class Source(hprm.Reactor):
+    out = hprm.Output(int)
+
+    @hprm.reaction(hprm.startup, effects=[out])
+    def begin(self) -> None:
+        self.out.set(1)
+
+
+class Sink(hprm.Reactor):
+    number = hprm.Input(int)
+
+    @hprm.reaction(number)
+    def show(self) -> None:
+        print(self.number.value)
+
+
+class Main(hprm.Reactor):
+    def __init__(self) -> None:
+        self.source, self.sink = Source(), Sink()
+        hprm.connect(Source.out, Sink.number)
