@@ -128,7 +128,7 @@ impl Files<'_> {
         if let Some(second) = import.reactors.get(1)
             && !wanted.names_a_file()
         {
-            let message = "without the name of a file, an import is of one reactor";
+            let message = "an import from a package names one reactor, unless it names the file";
             return Err(Box::new(
                 Diagnostic::error("LF0106", second.name.span, message)
                     .hint("name the file, `<package/File.lf>`, or write two imports"),

@@ -335,6 +335,8 @@ main reactor Other { }
       | ------------ the first one
     3 | main reactor Other { }
       | ^^^^^^^^^^^^^^^^^^
+      |
+      = help: make one of the two a plain reactor
     "#);
     assert_snapshot!(errors("
 main reactor { input inp }
@@ -344,6 +346,8 @@ main reactor { input inp }
       |
     2 | main reactor { input inp }
       |                      ^^^
+      |
+      = help: what comes from outside of the program is a physical action
     "#);
     assert_snapshot!(errors("
 reactor A { }
@@ -364,6 +368,8 @@ main reactor Main { m = new Main() }
       |
     2 | main reactor Main { m = new Main() }
       |                             ^^^^
+      |
+      = help: put what both need into a plain reactor
     "#);
     assert_snapshot!(errors("
 reactor { }

@@ -136,7 +136,7 @@ main reactor { }";
       |
       = help: looked for `nowhere/src/lib/B.lf` in build/lfc_include, lf-packages; the environment variable LF_PACKAGES names more folders
 
-    error[LF0106]: without the name of a file, an import is of one reactor
+    error[LF0106]: an import from a package names one reactor, unless it names the file
      --> Main.lf:4:11
       |
     4 | import C, D from <nowhere>

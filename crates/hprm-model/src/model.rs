@@ -433,7 +433,10 @@ fn class_of(
         }
         _ => {
             let message = syntax.is_main(&name.text);
-            Err(Box::new(Diagnostic::error("LF0307", name.span, message)))
+            Err(Box::new(
+                Diagnostic::error("LF0307", name.span, message)
+                    .hint("put what both need into a plain reactor"),
+            ))
         }
     }
 }

@@ -78,7 +78,8 @@ pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<Class
         let message = "a file has one main or federated reactor";
         report.add(
             Diagnostic::error("LF0205", library.reactor(*other).header, message)
-                .label(first.header, "the first one"),
+                .label(first.header, "the first one")
+                .hint("make one of the two a plain reactor"),
         );
     }
     let path = library.sources.path(FileId::MAIN);
@@ -113,15 +114,18 @@ fn header(model: &Model<'_>, report: &mut Report) {
             if OPTIONS.contains(&name.text.as_str()) {
                 let message =
                     format!("the parameter `{}` has the name of a command-line option", name.text);
-                report.add(
-                    Diagnostic::warning("LF0218", name.span, message)
-                        .hint("programs that Lingua Franca compiles have this option themselves"),
-                );
+                report.add(Diagnostic::warning("LF0218", name.span, message).hint(format!(
+                    "choose another name, or set it with `--property main.{}=VALUE`",
+                    name.text
+                )));
             }
         }
         for port in &model.declared.ports {
             let message = "the main reactor cannot have ports: nothing contains it";
-            report.add(Diagnostic::error("LF0207", port.name.span, message));
+            report.add(
+                Diagnostic::error("LF0207", port.name.span, message)
+                    .hint("what comes from outside of the program is a physical action"),
+            );
         }
     }
     if let Some(host) = host
@@ -248,7 +252,10 @@ fn unused_imports(library: &Library, report: &mut Report) {
     for name in library.imported(FileId::MAIN) {
         if !used.contains(name.text.as_str()) {
             let message = format!("`{}` is imported and not used", name.text);
-            report.add(Diagnostic::warning("LF0104", name.span, message));
+            report.add(
+                Diagnostic::warning("LF0104", name.span, message)
+                    .hint(format!("remove it, or make an instance: `new {}()`", name.text)),
+            );
         }
     }
 }
