@@ -163,8 +163,10 @@ def _located(error: SyntaxError, code: Code) -> SyntaxError:
         r"\bon line (\d+)", lambda at: f"on line {int(at[1]) + code.line - 1}", error.msg
     )
     at = (error.offset or 1) - 1
-    if any(it.start() <= at <= it.end() for it in _TIME.finditer(error.text or "")):
-        hint = "in Python, a time is written as `MSEC(100)`, with one of NSEC, USEC, MSEC, SEC, MINUTE"
+    if any(it.start() <= at <= it.end() for it in _TIME.finditer(code.text.split("\n")[line - 1])):
+        hint = (
+            "in Python, a time is written as `MSEC(100)`, with one of NSEC, USEC, MSEC, SEC, MINUTE"
+        )
         error.hint = hint  # type: ignore[attr-defined]
     error.filename = code.path
     error.lineno = code.line + line - 1

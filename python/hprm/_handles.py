@@ -47,7 +47,9 @@ class Handle:
         """Return the handle of one channel of a multiport."""
         width = self._width()
         if not isinstance(index, int) or not -width <= index < width:
-            raise IndexError(f"{self} has {width} channels; there is no {index!r}")
+            raise IndexError(
+                f"{self} has {width} channels, from 0 to {width - 1}; there is no channel {index!r}"
+            )
         return Handle(self._owner, self._part, index % width)
 
     def __len__(self) -> int:

@@ -274,10 +274,9 @@ def _adopt(reactor: Reactor, construction: Construction) -> None:
         if inner.container is None:
             raise ProgramError(
                 f"{type(reactor).__name__} makes this {type(child).__name__} and does not contain"
-                " it",
+                " it, so it would never run",
                 inner.place,
-                "assign it to an attribute of self, or to a list of reactors of its class: it"
-                " would never run",
+                "assign it to an attribute of self, or to a list of reactors of its class",
             )
 
 

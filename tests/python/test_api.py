@@ -98,8 +98,8 @@ def attempt(run: Any, statement: str) -> str:
     [
         ("a.set(1)", "TypeError: port a cannot be set here; only the effects"),
         ("m[0].set(1)", "TypeError: port m[0] cannot be set here"),
-        ("m[3]", "IndexError: m has 3 channels; there is no 3"),
-        ("m[-4]", "IndexError: m has 3 channels; there is no -4"),
+        ("m[3]", "IndexError: m has 3 channels, from 0 to 2; there is no channel 3"),
+        ("m[-4]", "IndexError: m has 3 channels, from 0 to 2; there is no channel -4"),
         ("m['x']", "TypeError: the channels of m have whole numbers, and this is a str"),
         ("m[0] = 1", "TypeError: a channel is set by its method: m[0].set(...)"),
         ("m.value", "TypeError: multiport m has no value of its own; read one of its channels"),

@@ -168,7 +168,7 @@ class Main(hprm.Reactor):
         {made}
 """,
     )
-    assert found.message == "Main makes this Source and does not contain it"
+    assert found.message == "Main makes this Source and does not contain it, so it would never run"
     assert found.hint is not None and "assign it to an attribute of self" in found.hint
 
 

@@ -269,7 +269,10 @@ impl Port {
             let name = &port.name;
             if error.is_instance_of::<PyIndexError>(py) {
                 let width = channels.len();
-                PyIndexError::new_err(format!("{name} has {width} channels; there is no {index}"))
+                PyIndexError::new_err(format!(
+                    "{name} has {width} channels, from 0 to {}; there is no channel {index}",
+                    width.saturating_sub(1)
+                ))
             } else if error.is_instance_of::<PyTypeError>(py) {
                 let kind = kind(index);
                 PyTypeError::new_err(format!(
