@@ -21,6 +21,7 @@ extensions = [
     "lingua_franca",
     "myst_parser",
     "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
     "sphinx_copybutton",
     "sphinx_design",
 ]
@@ -30,6 +31,13 @@ highlight_language = "none"
 myst_enable_extensions = ["colon_fence", "deflist"]
 # Headings that links from other pages may name: `[ending](../concepts/federations.md#ending)`.
 myst_heading_anchors = 4
+
+autodoc_member_order = "bysource"
+# Types as programs write them, and not where they are defined.
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Time": "hprm.Time"}
+napoleon_google_docstring = False
+napoleon_use_rtype = False
 
 html_theme = "furo"
 html_title = "HPRM handbook"

@@ -1,7 +1,39 @@
 """Deterministic, zero-copy middleware for robots and autonomous agents.
 
-Programs are reactor classes in plain Python, or ``.lf`` files; both are run by ``hprm run``. What
-the bodies of ``.lf`` files use is here as well, for the modules that they import.
+A program is reactors that exchange messages with logical tags. A reactor is a class:
+
+>>> import hprm
+>>> class Counter(hprm.Reactor, timeout="20 ms", fast=True):
+...     tick = hprm.Timer("10 ms")
+...
+...     @hprm.reaction(tick)
+...     def show(self):
+...         print(self.elapsed() // 1_000_000, "ms")
+>>> hprm.run(Counter())
+0 ms
+10 ms
+20 ms
+
+A reactor
+    ``Reactor``, ``Federation`` (whose parts are processes), ``federate``
+What its class declares
+    ``Input``, ``Output``, ``Timer``, ``Action``, ``PhysicalAction``, ``Mode``, ``reaction``,
+    ``startup``, ``shutdown``, ``reset``
+What its constructor calls
+    ``connect``
+Running and testing
+    ``run``, ``check``, ``hprm.testing``; the command ``hprm``
+In bodies
+    ``background`` (what outlives a tag), ``empty`` and ``empty_like`` (arrays that are sent without
+    a copy), ``Tag``
+Errors
+    ``ProgramError``, ``ProgramFailed``, ``ProgramWarning``
+
+Times are a text with a unit (``"10 ms"``), a ``datetime.timedelta``, or whole numbers of
+nanoseconds (``Time``); ``MSEC(10)`` and the like make nanoseconds.
+
+What bodies of ``.lf`` files know without an import is here as well, for modules that they import:
+``MSEC``, ``FOREVER``, ``Make``, ``ReactorBase``, ``port_capsule`` and so on.
 """
 
 # ruff: noqa: E402, I001
@@ -36,8 +68,8 @@ from hprm._time import (
     USECS,
     WEEK,
     WEEKS,
-    instant_t,
-    interval_t,
+    instant_t as instant_t,
+    interval_t as interval_t,
 )
 
 if TYPE_CHECKING:
@@ -121,8 +153,6 @@ __all__ = [
     "empty",
     "empty_like",
     "federate",
-    "instant_t",
-    "interval_t",
     "port_capsule",
     "reaction",
     "reset",

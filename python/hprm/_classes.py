@@ -7,7 +7,13 @@ from hprm._source import ClassSource
 
 
 class Make:
-    """An object with whatever attributes are set; a missing one comes into being as another."""
+    """An object with whatever attributes are set; a missing one comes into being as another.
+
+    >>> made = Make()
+    >>> made.box.width = 3
+    >>> made.box.width
+    3
+    """
 
     def __getattr__(self, name: str) -> Any:
         """Make the missing attribute."""

@@ -51,22 +51,34 @@ def connect(
 
     Parameters
     ----------
-    source
+    source : port or list of ports
         An output of a contained reactor, or an own input.
-    destination
+    destination : port or list of ports
         An input of a contained reactor, or an own output.
-    after
-        The delay of the connection. ``"0 s"`` delays by a microstep.
-    physical
-        Whether the receiver gets a tag from its clock.
-    repeated
-        Whether the source is repeated until all destinations have one.
-    absent_after
-        How long a decentralized federate waits for the input beyond its ``maxwait``.
-    bound
-        How many messages of a physical connection may wait, and what happens to the next one.
-    serializer
-        The module that encodes the values.
+    after : Time, optional
+        The delay of the connection. Zero delays by a microstep.
+    physical : bool, default False
+        Whether messages get a tag from the receiver's clock.
+    repeated : bool, default False
+        Whether the source is repeated until all destinations have one: a broadcast.
+    absent_after : Time, optional
+        How long reactions of a decentralized federate wait for the input beyond its ``maxwait``.
+    bound : tuple of int and {"drop", "replace", "block"}, optional
+        How many messages of a physical connection may wait, and what happens when another one
+        comes: it is dropped, it replaces the one that has waited longest, or the sender waits.
+    serializer : str, optional
+        The module that encodes the values, or ``"proto"``.
+
+    Raises
+    ------
+    ProgramError
+        If a side is no port, the types of two ports differ, or this is not called in a
+        constructor.
+
+    Examples
+    --------
+    ``self.camera.image >> self.detector.image`` is short for
+    ``hprm.connect(self.camera.image, self.detector.image)``.
 
     """
     place = _places.here()

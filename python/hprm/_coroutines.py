@@ -86,9 +86,10 @@ def background(coroutine: Any, action: Any = None) -> None:
 
     Parameters
     ----------
-    coroutine
-        The coroutine, which goes on after the tag of the reaction that starts it.
-    action
+    coroutine : coroutine
+        What goes on after the tag of the reaction that starts it, on an event loop of this process
+        in a thread of its own. An exception that it raises ends the program.
+    action : physical action, optional
         The physical action that is scheduled with the result, such as ``self.answer``.
 
     """

@@ -36,17 +36,17 @@ def run(
 
     Parameters
     ----------
-    program
+    program : Reactor or type
         The main reactor, or its class if the constructor needs no arguments.
-    timeout
-        When the program ends, after its start.
-    fast
+    timeout : Time, optional
+        The last tag of the program, as a time after its start.
+    fast : bool, optional
         Whether logical time runs ahead of the clock.
-    properties
-        Other target properties, which override those of the class.
-    processes
+    properties : dict, optional
+        Other target properties by their names, which override those of the class.
+    processes : bool, default True
         Whether the federates of a federation are processes. Otherwise all reactors run here.
-    logical_trace
+    logical_trace : str or path, optional
         The file that gets the logical trace.
 
     Raises
@@ -87,6 +87,13 @@ def run(
 
 def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | None = None) -> None:
     """Check a program by the rules of the language, without running it.
+
+    Parameters
+    ----------
+    program : Reactor or type
+        The main reactor, or its class if the constructor needs no arguments.
+    properties : list of str, optional
+        Target properties that override those of the class, each as ``KEY=VALUE``.
 
     Raises
     ------

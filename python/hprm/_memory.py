@@ -27,6 +27,21 @@ def empty(
 
     One whose elements have fields begins with zeros, because writing the fields does not write the
     bytes between them.
+
+    Parameters
+    ----------
+    shape : int or sequence of int
+        The number of elements in each dimension.
+    dtype : data-type, default float
+        The type of the elements.
+    order : {"C", "F"}, default "C"
+        Whether the last or the first index changes fastest in memory.
+
+    Returns
+    -------
+    numpy.ndarray
+        An array of that shape; of a federate, in its object store.
+
     """
     import numpy as np
 
@@ -39,7 +54,25 @@ def empty_like(
     order: str = "K",
     shape: int | Sequence[int] | None = None,
 ) -> np.ndarray[Any, Any]:
-    """Return a new array like another one, as ``empty`` does."""
+    """Return a new array like another one, as ``empty`` does.
+
+    Parameters
+    ----------
+    prototype : array_like
+        What has the shape and the type of elements.
+    dtype : data-type, optional
+        Another type of elements.
+    order : {"C", "F", "A", "K"}, default "K"
+        The order of elements in memory, as of ``numpy.empty_like``.
+    shape : int or sequence of int, optional
+        Another shape.
+
+    Returns
+    -------
+    numpy.ndarray
+        The array, never of a subclass.
+
+    """
     import numpy as np
 
     # An array of a subclass has a state of its own, and is copied.

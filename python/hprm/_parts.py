@@ -100,12 +100,23 @@ class Input(_Port, Generic[T]):
 
     Parameters
     ----------
-    type_
-        The type of its values; any, if it is left out. Connections and editors check it.
-    width
-        The number of channels of a multiport, or a function of the reactor that gives it.
-    mutable
+    type_ : type, optional
+        The type of its values, such as ``int`` or ``np.ndarray``; any, if it is left out.
+        Connections and type checkers compare it.
+    width : int or callable, optional
+        The number of channels, from 1 to 100,000, which makes it a multiport; or a function of the
+        reactor that gives it: ``lambda self: self.width``.
+    mutable : bool, default False
         Whether reactions may change the value in place: each gets a copy of its own.
+
+    Raises
+    ------
+    ProgramError
+        If the type is a value, such as ``0`` for ``int``.
+
+    See Also
+    --------
+    port_capsule : What ``self.image`` offers in a body.
 
     """
 
@@ -140,10 +151,21 @@ class Output(_Port, Generic[T]):
 
     Parameters
     ----------
-    type_
-        The type of its values; any, if it is left out. To set another one is a ``TypeError``.
-    width
-        The number of channels of a multiport, or a function of the reactor that gives it.
+    type_ : type, optional
+        The type of its values, such as ``int`` or ``np.ndarray``; any, if it is left out.
+        To set a value of another type is a ``TypeError``.
+    width : int or callable, optional
+        The number of channels, from 1 to 100,000, which makes it a multiport; or a function of the
+        reactor that gives it: ``lambda self: self.width``.
+
+    Raises
+    ------
+    ProgramError
+        If the type is a value, such as ``0`` for ``int``.
+
+    See Also
+    --------
+    port_capsule : What ``self.boxes`` offers in a body.
 
     """
 
@@ -172,6 +194,30 @@ class Mode(Part):
     Reactions, timers and actions with ``mode=idle`` are active in it only, and so are reactors that
     the constructor makes below ``with self.idle:``. A reaction that may enter it has it among its
     effects, or ``idle.history``, and calls ``self.idle.enter()``.
+
+    Parameters
+    ----------
+    initial : bool, default False
+        Whether the reactor starts in this mode. One of its modes is the initial one.
+
+    Examples
+    --------
+    >>> import hprm
+    >>> class Lamp(hprm.Reactor, fast=True):
+    ...     off = hprm.Mode(initial=True)
+    ...     on = hprm.Mode()
+    ...     begin = hprm.Timer(offset="1 s", mode=off)
+    ...
+    ...     @hprm.reaction(begin, effects=[on], mode=off)
+    ...     def switch(self):
+    ...         self.on.enter()
+    ...
+    ...     @hprm.reaction(hprm.reset, mode=on)
+    ...     def shine(self):
+    ...         print("on at", self.elapsed())
+    >>> hprm.run(Lamp())
+    on at 1000000000
+
     """
 
     kind = "mode"
@@ -219,13 +265,20 @@ class Timer(Part):
 
     Parameters
     ----------
-    period
-        How often it is due; once, if it is left out.
-    offset
-        When it is due for the first time, after the start.
-    mode
-        The mode in which its time passes.
+    period : Time or callable, optional
+        The time between two events; without it, the timer is due once.
+    offset : Time or callable, default 0
+        The time from the start to the first event.
+    mode : Mode, optional
+        The mode in which its time passes; always, if it is left out.
 
+    Raises
+    ------
+    ProgramError
+        If a time is none, or negative.
+
+    Notes
+    -----
     A time that depends on the reactor's parameters is a function of the reactor:
     ``hprm.Timer(lambda self: self.period)``.
 
@@ -280,17 +333,22 @@ class Action(_Action, Generic[T]):
 
     Parameters
     ----------
-    type_
-        The type of its values; any, if it is left out.
-    min_delay
+    type_ : type, optional
+        The type of its values, such as ``int`` or ``np.ndarray``; any, if it is left out.
+    min_delay : Time or callable, default 0
         What is added to the delay of each event.
-    spacing
+    spacing : Time or callable, optional
         The least time between two events.
-    policy
-        What happens to an event that is too close: ``"defer"`` (the default), ``"drop"``,
-        ``"replace"`` or ``"update"``.
-    mode
-        The mode in which its time passes.
+    policy : {"defer", "drop", "replace", "update"}, default "defer"
+        What happens to an event that is too close to the one before: it is delayed; it is dropped;
+        it gives its value to the one before, if that is still to come; or it takes its place, at
+        its own tag.
+    mode : Mode, optional
+        The mode in which its time passes; always, if it is left out.
+
+    See Also
+    --------
+    action_capsule_t : What ``self.again`` offers in a body.
 
     """
 
@@ -339,8 +397,16 @@ class Action(_Action, Generic[T]):
 class PhysicalAction(Action[T]):
     """A physical action: events from outside, such as those of a sensor's thread.
 
-    Any thread may schedule it at any time; the tag of the event is taken from the clock then.
-    Parameters are those of ``Action``.
+    Any thread may schedule it at any time; the tag of the event is taken from the clock then. A
+    program with a physical action does not end because nothing is left to do. Parameters are those
+    of ``Action``.
+
+    Raises
+    ------
+    queue.Full
+        By ``schedule``, if as many events wait as the environment variable ``HPRM_EVENT_LIMIT``
+        allows.
+
     """
 
     physical = True

@@ -83,21 +83,33 @@ def reaction(
 
     Parameters
     ----------
-    triggers
+    *triggers
         Inputs, actions, timers, ``hprm.startup``, ``hprm.shutdown``, ``hprm.reset``. Ports of what
         the reactor contains are functions of it: ``lambda self: self.detector.boxes``.
-    sources
+    sources : list, optional
         What it reads beside its triggers, without being triggered by it.
-    effects
+    effects : list, optional
         Outputs that it may set, actions that it may schedule, modes that it may enter.
-    deadline
-        How long after its tag the reaction may begin.
-    late
-        The method that runs instead if it would begin later: its name, or the function.
-    tardy
-        The method that runs instead if an input is tardy; ``True`` if the body itself handles that.
-    mode
-        The mode in which it is active.
+    deadline : Time or callable, optional
+        How long after its tag the reaction may begin; ``late`` is needed, too.
+    late : str or function, optional
+        The method that runs instead if the reaction would begin later: its name, or the function.
+    tardy : str, function or bool, optional
+        The method that runs instead if an input is tardy, under decentralized coordination;
+        ``True`` if the body itself handles that.
+    mode : Mode, optional
+        The mode in which it is active; always, if it is left out.
+
+    Returns
+    -------
+    callable
+        The decorator, which returns the method as it is.
+
+    Raises
+    ------
+    ProgramError
+        If what is decorated is no method, or ``deadline`` is stated without ``late``; when the
+        class is made, if the body uses a part of the reactor that the reaction does not declare.
 
     """
     place = _places.here()

@@ -84,16 +84,51 @@ class _Constructed(_Metaclass):
 class Reactor(Running, metaclass=_Constructed):
     """A reactor: subclasses declare ports and reactions, and what they contain.
 
-    The constructor gives a reactor its parameters, and makes and connects what it contains. It runs
-    in every process of a federation, so it only declares: a reaction to ``hprm.startup`` opens
-    devices and loads models.
+    The constructor gives a reactor its parameters and its state, and makes and connects the
+    reactors that it contains. It runs in every process of a federation, so it only declares: a
+    reaction to ``hprm.startup`` opens devices and loads models.
 
-    Keywords of the class statement are target properties, which count for the main reactor:
-    ``class Vision(hprm.Federation, coordination="decentralized", timeout="10 s")``.
+    Other Parameters
+    ----------------
+    timeout : Time
+        The last tag of the program, as a time after its start. This and the following are keywords
+        of the class statement, ``class Main(hprm.Reactor, timeout="10 s")``, and count for the main
+        reactor.
+    fast : bool
+        Whether logical time runs ahead of the clock. Not for federations, and not for programs with
+        physical actions.
+    keepalive : bool
+        Whether the program goes on when nothing is left to do.
+    workers : int
+        How many reactions that do not depend on one another may run at the same time; 0 is as many
+        as there are processors.
+    coordination : {"centralized", "decentralized"}
+        How the federates of a federation wait for one another.
+    properties : dict
+        Other target properties, by their names: ``properties={"store-limit": "2 GB"}``.
+    executable : str, path or list
+        For a class that declares ports only: the executable that is this federate, such as one in
+        Rust, relative to the file of the class; a list has arguments behind the path.
 
-    With ``executable``, a class states only the ports of a federate, which is a program of its
-    own, for example in Rust: ``class Camera(hprm.Reactor, executable="target/release/camera")``.
-    The path is relative to the file of the class; a list has arguments behind it.
+    Raises
+    ------
+    ProgramError
+        If the class or its constructor declares what is no program. The text says what, where and
+        what to do.
+
+    Examples
+    --------
+    >>> import hprm
+    >>> class Greeter(hprm.Reactor):
+    ...     def __init__(self, name="world"):
+    ...         self.name = name
+    ...
+    ...     @hprm.reaction(hprm.startup)
+    ...     def greet(self):
+    ...         print(f"Hello, {self.name}!")
+    >>> hprm.run(Greeter("robot"))
+    Hello, robot!
+
     """
 
     _hprm_parts_: ClassVar[dict[str, Part]] = {}
@@ -188,11 +223,40 @@ def _refuse_keyword(name: str, place: Place) -> None:
     raise ProgramError(f"a reactor class has no keyword `{name}`", place, hint)
 
 
+# What `help` shows; subclasses have the signatures of their constructors.
+Reactor.__signature__ = inspect.Signature()  # type: ignore[attr-defined]
+
+
 class Federation(Reactor):
     """A main reactor whose contained reactors are federates: processes of their own.
 
     Each reactor that the constructor assigns to an attribute is a federate; each member of a list
-    is one, too.
+    is one, too. A federation has no ports and no reactions of its own. Define it at the top level
+    of a file, and call ``hprm.run`` below ``if __name__ == "__main__":``, because the processes
+    import that file. Keywords of the class statement are those of ``Reactor``.
+
+    Examples
+    --------
+    >>> import hprm
+    >>> class Camera(hprm.Reactor):
+    ...     image = hprm.Output(int)
+    ...
+    ...     @hprm.reaction(hprm.startup, effects=[image])
+    ...     def capture(self):
+    ...         self.image.set(7)
+    >>> class Detector(hprm.Reactor):
+    ...     image = hprm.Input(int)
+    ...
+    ...     @hprm.reaction(image)
+    ...     def detect(self):
+    ...         print(self.image.value)
+    >>> class Vision(hprm.Federation, timeout="10 ms"):
+    ...     def __init__(self):
+    ...         self.camera, self.detector = Camera(), Detector()
+    ...         hprm.connect(self.camera.image, self.detector.image)
+    >>> hprm.run(Vision(), processes=False)
+    7
+
     """
 
 
@@ -209,14 +273,26 @@ def federate(
 
     Parameters
     ----------
-    reactor
-        The reactor, which is returned.
-    host
-        The host on which it is to run.
-    maxwait
-        How long the beginning of a tag waits, under decentralized coordination.
-    transient
-        Whether it may join and leave while the federation runs.
+    reactor : Reactor
+        The reactor.
+    host : str, optional
+        The host on which it is to run, as ``name``, ``user@name:port``, or an address. ``hprm run``
+        starts all federates on this machine, and warns of another host.
+    maxwait : Time, optional
+        How long the beginning of a tag waits for messages of earlier ones, under decentralized
+        coordination; as long as it takes, if it is left out.
+    transient : bool, default False
+        Whether it may join late, leave, fail and come back while the federation runs.
+
+    Returns
+    -------
+    Reactor
+        The same reactor.
+
+    Raises
+    ------
+    ProgramError
+        If an argument is of another type.
 
     """
     place = _places.here()

@@ -14,12 +14,24 @@ FOREVER = 0x7FFFFFFFFFFFFFFF
 NEVER = -0xFFFFFFFFFFFFFFFF
 
 
+def _words(name: str) -> str:
+    """Return the name of a unit in words."""
+    short = {
+        "NSEC": "nanoseconds",
+        "USEC": "microseconds",
+        "MSEC": "milliseconds",
+        "SEC": "seconds",
+    }
+    base = name.removesuffix("S")
+    return short.get(base, "seconds" if base == "SEC" else f"{base.lower()}s")
+
+
 def _unit(name: str, nanoseconds: int) -> Callable[[Number], Number]:
     def unit(number: Number) -> Number:
         return number * nanoseconds
 
     unit.__name__ = unit.__qualname__ = name
-    unit.__doc__ = f"Nanoseconds of that many {name}."
+    unit.__doc__ = f"Return the nanoseconds of that many {_words(name)}: a float of a float."
     return unit
 
 

@@ -12,9 +12,16 @@ _RUNS = pytest.StashKey[list[tuple[str, list[str]]]]()
 
 @pytest.fixture
 def run_reactor(request: pytest.FixtureRequest) -> Callable[..., Any]:
-    """Run a reactor in virtual time, as ``hprm.testing.run`` does.
+    """Run a reactor in virtual time, as ``hprm.testing.run`` does: a fixture of pytest.
 
-    If the test fails, its report has the logical traces of the runs.
+    If the test fails, its report has the logical traces of the runs. Nothing needs to be imported
+    or configured: pytest finds the fixture when the package is installed.
+
+    Returns
+    -------
+    callable
+        A function with the parameters and the result of ``hprm.testing.run``.
+
     """
     from hprm import testing
 

@@ -39,12 +39,19 @@ _DEFAULT = 10 * 10**9
 
 @dataclass(frozen=True)
 class Result:
-    """What a reactor has done."""
+    """What a reactor has done.
 
-    #: By output: the values that were set, each with its time in nanoseconds after the start. Of
-    #: a multiport, a value is a list with None for absent channels.
+    Attributes
+    ----------
+    outputs : dict of str to list of (int, object)
+        By output: the values that were set, each with its time in nanoseconds after the start. Of a
+        multiport, a value is a list with None for absent channels.
+    trace : list of str
+        The logical trace: what happened at each tag, line by line.
+
+    """
+
     outputs: dict[str, list[tuple[int, Any]]]
-    #: The logical trace: what happened at each tag, line by line.
     trace: list[str] = field(repr=False)
 
 
@@ -58,13 +65,18 @@ def run(
 
     Parameters
     ----------
-    reactor
+    reactor : Reactor
         The reactor, or a whole program, also a federation.
-    inputs
-        By input: the values that it gets, each with its time after the start. Two values at one
-        time are an error.
-    timeout
-        When the run ends, if nothing has ended it before.
+    inputs : dict of str to list of (Time, object), optional
+        By input: the values that it gets, each with its time after the start; of a multiport, lists
+        with None for absent channels. Two values at one time are an error.
+    timeout : Time, default 10 s
+        When the run ends, if nothing has ended it before. Nothing is waited for.
+
+    Returns
+    -------
+    Result
+        What was set, and the logical trace.
 
     Raises
     ------
@@ -72,6 +84,8 @@ def run(
         If something is wrong with the program.
     ProgramFailed
         If a reaction fails; what has happened is told on the standard error.
+    ValueError
+        If the reactor has no input of that name, or it gets two values at one time.
 
     """
     events = _events(reactor, inputs or {})

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import pydoc
 import re
+import subprocess
+import sys
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any
 
 import pytest
 
 import hprm
-from hprm import _hprm, _lf, _main
+from hprm import _hprm, _lf, _main, testing
 from hprm._classes import ReactorBase
 from hprm._ports import MutableInput
 
@@ -94,6 +98,63 @@ def test_every_name_that_a_body_knows_is_on_the_page() -> None:
     plain = {code for code in stated if re.fullmatch(r"\w+", code)}
     python = {"len", "hash", "for"}
     assert plain - python - {"__file__"} == set(_main.NAMES)
+
+
+def test_every_public_name_is_on_a_page() -> None:
+    text = page("python-api.md")
+    stated = re.findall(r"\.\. auto\w+:: (\S+)", text)
+    assert len(stated) == len(set(stated)), "a name is documented twice"
+    own = {"Result", "run"}
+    defined = {name for name, it in vars(testing).items() if it in _defined_in(testing)}
+    assert {name for name in defined if not name.startswith("_")} == own
+    expected = {f"hprm.{name}" for name in hprm.__all__}
+    expected |= {f"hprm.testing.{name}" for name in own}
+    expected |= {"hprm.pytest_plugin.run_reactor", "hprm._hprm.mode_capsule_t"}
+    assert set(stated) == expected
+
+
+def _defined_in(module: ModuleType) -> list[Any]:
+    """The functions and classes that a module defines itself."""
+    return [
+        it
+        for it in vars(module).values()
+        if isinstance(it, FunctionType | type) and it.__module__ == module.__name__
+    ]
+
+
+@pytest.mark.parametrize("name", hprm.__all__)
+def test_every_public_name_has_help(name: str) -> None:
+    thing = getattr(hprm, name)
+    if callable(thing):
+        assert thing.__doc__
+        assert thing.__doc__[0].isupper()
+
+
+def test_the_help_of_the_package_is_about_the_package() -> None:
+    text = pydoc.plain(pydoc.render_doc(hprm))
+    assert "A reactor is a class:" in text
+    assert "conjugate(" not in text, "it explains numbers"
+    assert "*arguments" not in pydoc.plain(pydoc.render_doc(hprm.Reactor))
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["hprm", "hprm._classes", "hprm._parts", "hprm._reactor", "hprm.testing"],
+)
+def test_examples_in_docstrings_run(module: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DOCTEST, module], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+# As a program, because a program that runs changes its process.
+DOCTEST = """
+import doctest, importlib, sys
+failed, tried = doctest.testmod(importlib.import_module(sys.argv[1]))
+assert tried
+sys.exit(failed)
+"""
 
 
 LIMITS = [row for row in rows(page("limits.md")) if len(row) == 4]

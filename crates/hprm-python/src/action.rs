@@ -13,7 +13,7 @@ use crate::time::nanos;
 use crate::users::{Access, Users};
 use crate::value::Value;
 
-/// An action.
+/// An action: what schedules events, and has their values.
 #[pyclass(frozen, name = "action_capsule_t", module = "hprm")]
 pub(crate) struct Action {
     runtime: Arc<Runtime>,
@@ -63,8 +63,10 @@ impl Action {
 
 #[pymethods]
 impl Action {
-    /// The value with which it was scheduled; None if it had none. While it is absent, that is None if it is an
-    /// argument, and an error if it is an attribute.
+    /// The value with which it was scheduled; None if it had none.
+    ///
+    /// While the action is absent, that is None in the body of an `.lf` file, where the action is an argument,
+    /// and a `ValueError` in plain Python, where it is an attribute of `self`.
     #[getter]
     fn value<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         match self.read()? {
@@ -73,7 +75,7 @@ impl Action {
         }
     }
 
-    /// The value with which it was scheduled, or the default while it is absent.
+    /// Returns the value with which it was scheduled, or the default while it is absent.
     #[pyo3(signature = (default = None))]
     fn get<'py>(
         &self,
@@ -100,8 +102,11 @@ impl Action {
         Ok(self.read()?.is_some())
     }
 
-    /// Schedules it `offset` from now, and its minimum delay: nanoseconds, a text such as "10 ms", or a
-    /// `timedelta`.
+    /// Schedules an event, `offset` and the minimum delay after the current tag; of a physical action, after
+    /// what the clock shows, and from any thread.
+    ///
+    /// The offset is a whole number of nanoseconds, a text such as "10 ms", or a `timedelta`; zero if it is
+    /// left out. Raises `queue.Full` if a thread schedules more than `HPRM_EVENT_LIMIT` allows.
     #[pyo3(signature = (offset = None, value = None))]
     fn schedule(
         &self,

@@ -135,7 +135,10 @@ impl Port {
 
 #[pymethods]
 impl Port {
-    /// The value. While the port is absent, that is None if it is an argument, and an error if it is an attribute.
+    /// The value at this tag.
+    ///
+    /// While the port is absent, that is None in the body of an `.lf` file, where the port is an argument, and
+    /// a `ValueError` in plain Python, where it is an attribute of `self`.
     #[getter]
     fn value<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         match self.read(py)? {
@@ -144,7 +147,7 @@ impl Port {
         }
     }
 
-    /// The value, or the default while the port is absent.
+    /// Returns the value, or the default while the port is absent.
     #[pyo3(signature = (default = None))]
     fn get<'py>(
         &self,

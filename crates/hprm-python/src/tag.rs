@@ -5,12 +5,14 @@ use pyo3::prelude::*;
 
 use hprm_core::PhysicalTime;
 
-/// A point in superdense time; `time` is in nanoseconds since the Unix epoch.
+/// A point in superdense time: a time, and a microstep within it. Tags are ordered, and may be keys of a dict.
 #[pyclass(frozen, eq, ord, hash, module = "hprm")]
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Tag {
+    /// The time, in nanoseconds since the Unix epoch.
     #[pyo3(get)]
     time: i64,
+    /// The place among the tags of that time, from zero.
     #[pyo3(get)]
     microstep: u32,
 }
