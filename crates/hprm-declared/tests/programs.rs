@@ -401,7 +401,7 @@ fn hints_have_the_words_of_python() {
     LF0802 only an instance in a federated reactor has a host
       extend `hprm.Federation`, or remove `host=`
     LF0307 `Detector` is a federation: no other reactor can contain it
-      -
+      put what both need into a plain reactor
     LF0901 none of the modes is the initial one
       write `hprm.Mode(initial=True)` for the one where the reactor starts
     LF0506 nothing sets the output `boxes`
