@@ -3,6 +3,8 @@
 //! Nothing is decided here but whether the words are well formed; clap answers the rest with usage
 //! and exit code 2.
 
+mod compose;
+mod new;
 mod texts;
 
 use std::ffi::OsString;
@@ -16,6 +18,8 @@ use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
 pub(crate) use self::texts::{Completions, Explain, Man};
+pub(crate) use crate::args::compose::Compose;
+pub(crate) use crate::args::new::{Language, New};
 use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
@@ -34,7 +38,9 @@ impl Arguments {
             Command::Verify(verify) => &mut verify.properties,
             Command::Rti(rti) => &mut rti.properties,
             Command::Federate(federate) => &mut federate.properties,
-            Command::Check(_)
+            Command::Compose(compose) => &mut compose.properties,
+            Command::New(_)
+            | Command::Check(_)
             | Command::Explain(_)
             | Command::Diff(_)
             | Command::Sim(_)
@@ -54,6 +60,7 @@ const JOIN_TIMEOUT: Duration = Duration::from_secs(30);
 
 const EXAMPLES: &str = "\
 Examples:
+  hprm new robot              make a project with a program and a test
   hprm run Main.lf            run a program, in one process or as a federation
   hprm run app.py             the same, of a program in Python
   hprm check src/*.lf         say what is wrong, and run nothing
@@ -66,6 +73,7 @@ Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 3 tw
 
 #[derive(Subcommand, Debug)]
 pub(crate) enum Command {
+    New(New),
     Run(Run),
     Check(Check),
     Explain(Explain),
@@ -73,6 +81,7 @@ pub(crate) enum Command {
     Verify(Verify),
     Rti(RtiArguments),
     Federate(FederateArguments),
+    Compose(Compose),
     Sim(Sim),
     Doctor(Doctor),
     Completions(Completions),

@@ -12,6 +12,7 @@ mod bodies;
 mod check;
 #[cfg(test)]
 mod commands_page;
+mod compose;
 mod declare;
 mod diff;
 mod doctor;
@@ -24,6 +25,7 @@ mod launch;
 mod launcher;
 mod limits;
 mod message;
+mod new;
 mod parameters;
 mod probe;
 mod python;
@@ -76,6 +78,7 @@ fn command() -> ExitCode {
         return usage::show(wrong, &words);
     }
     let outcome = match arguments.command {
+        Command::New(new) => new::new(&new),
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),
         Command::Explain(wanted) => explain::explain(&wanted),
@@ -83,6 +86,7 @@ fn command() -> ExitCode {
         Command::Verify(verify) => verify::verify(&verify),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
+        Command::Compose(compose) => compose::compose(&compose),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
         Command::Completions(wanted) => Ok(generate::completions(&wanted)),

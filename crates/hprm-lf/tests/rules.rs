@@ -128,6 +128,9 @@ const ERRORS: &[(&str, &str)] = &[
     ),
     // Target properties.
     ("LF0603", "target Python { docker: 1 } main reactor { }"),
+    ("LF0603", "target Python { docker: { runner-bas: \"x\" } } main reactor { }"),
+    ("LF0603", "target Python { docker: { env-file: true } } main reactor { }"),
+    ("LF0603", "target Python { docker: { no-build: \"x\" } } main reactor { }"),
     ("LF0603", "target Python { clock-sync: maybe } main reactor { }"),
     ("LF0603", "target Python { cmake-include: { a: 1 } } main reactor { }"),
     ("LF0603", "target Python { store-limit: \"2 parsec\" } main reactor { }"),
@@ -178,7 +181,6 @@ const WARNINGS: &[(&str, &str)] = &[
     ("LF0606", "target Python { tracing: { trace-file-name: \"x\" } } main reactor { }"),
     ("LF0606", "target Python { logging: debug } main reactor { }"),
     ("LF0606", "target Python { scheduler: STATIC } main reactor { }"),
-    ("LF0607", "target Python { docker: true } main reactor { }"),
     ("LF0607", "target Python { build-type: Debug } main reactor { }"),
     ("LF0607", "target Python { cmake-include: [\"a\", b/c.cmake] } main reactor { }"),
     ("LF0803", "reactor A { } federated reactor { a = new A() at 10.0.0.256; }"),
@@ -291,6 +293,9 @@ const ALLOWED: &[&str] = &[
     "target Python { Docker: false, auth: false, clock-sync: off, comm-type: TCP, DNET: false,
        no-compile: False, single-threaded: false, workers: 2, tracing: false, logging: Info,
        scheduler: NP }
+     main reactor { }",
+    // Properties for containers, which only `hprm compose` reads.
+    "target Python { docker: { Runner-Base: \"a/b:1\", rti-image: \"c\", no-build: true, builder-base: \"d\" } }
      main reactor { }",
     // The same name for a state variable, a port and an instance.
     "reactor A { output x state x = 0 } main reactor { x = new A() }",

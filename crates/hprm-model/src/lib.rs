@@ -49,6 +49,7 @@ mod code;
 mod compile;
 mod compiled;
 mod connections;
+mod container_property;
 pub mod declaration;
 mod diagnostic;
 mod environment;
@@ -85,6 +86,7 @@ pub use compiled::{
     Method, ParameterDecl, PlacedAt, Ports, ReactionBody, ReactionCode, ReactorPart, Runs,
     StateDecl,
 };
+pub use container_property::Containers;
 pub use diagnostic::{Diagnostic, Label, Report, Severity, did_you_mean, existing};
 pub use executable::Executable;
 pub use library::{ClassId, Library};

@@ -6,6 +6,7 @@
 use hprm_core::{Coordination, Nanos, Properties, Spin, StoreOptions, WhenFull};
 
 use crate::clock_property;
+use crate::container_property::{self, Containers};
 use crate::declaration::{Element, ElementKind, Property};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::library::Library;
@@ -30,6 +31,8 @@ pub struct Settings {
     pub encrypt: bool,
     /// `store-limit` and `store-full`: how much memory an object store may take, and what then.
     pub store: StoreOptions,
+    /// `docker`: what the containers of the federation are made of, if it is to have some.
+    pub containers: Option<Containers>,
 }
 
 /// A file that a target property names.
@@ -46,13 +49,12 @@ pub struct StatedFile<'a> {
 }
 
 /// Known, and without effect where nothing is generated or compiled; a warning says so.
-const IGNORED: [&str; 11] = [
+const IGNORED: [&str; 10] = [
     "build",
     "build-type",
     "cmake-args",
     "cmake-include",
     "compile-definitions",
-    "docker",
     "no-compile",
     "no-source-mapping",
     "python-version",
@@ -63,7 +65,7 @@ const IGNORED: [&str; 11] = [
 /// Known, and not obeyed yet: a warning tells the user.
 const NOT_YET: [&str; 3] = ["coordination-options", "sst", "trace-plugin"];
 
-const OBEYED: [&str; 22] = [
+const OBEYED: [&str; 23] = [
     "auth",
     "clock-sync",
     "clock-sync-options",
@@ -71,6 +73,7 @@ const OBEYED: [&str; 22] = [
     "coordination",
     "cpus",
     "dnet",
+    "docker",
     "fast",
     "files",
     "keepalive",
@@ -169,6 +172,8 @@ impl TargetProperties {
                 let options = &mut self.properties.clock_sync;
                 clock_property::options(value, options, syntax, report)
             }
+            "docker" => container_property::read(value, syntax, report)
+                .map(|containers| self.settings.containers = containers),
             // SST is not supported.
             "comm-type" if !property_rules::is_sst(value) => {
                 comm_type(value).map(|tls| self.settings.encrypt = tls)

@@ -18,18 +18,16 @@ enum Form {
     Text,
     Texts,
     Dictionary,
-    BoolOrDictionary,
     OneOf(&'static [&'static str]),
 }
 
-const FORMS: [(&str, Form); 14] = [
+const FORMS: [(&str, Form); 13] = [
     ("build", Form::Texts),
     ("build-type", Form::OneOf(&["debug", "minsizerel", "release", "relwithdebinfo", "test"])),
     ("cmake-args", Form::Dictionary),
     ("cmake-include", Form::Texts),
     ("compile-definitions", Form::Dictionary),
     ("coordination-options", Form::Dictionary),
-    ("docker", Form::BoolOrDictionary),
     ("no-compile", Form::Bool),
     ("no-source-mapping", Form::Bool),
     ("protobufs", Form::Texts),
@@ -54,10 +52,6 @@ pub(crate) fn check_value(name: &str, value: &Element, syntax: Syntax, report: &
             (all, "a text or a list of texts".to_owned())
         }
         Form::Dictionary => (dictionary, "`{ name: value, ... }`".to_owned()),
-        Form::BoolOrDictionary => {
-            let right = dictionary || boolean(value).is_some();
-            (right, "`true`, `false` or `{ name: value, ... }`".to_owned())
-        }
         Form::OneOf(words) => {
             let right = word(value).is_some_and(|w| words.contains(&w.as_str()));
             let words: Vec<_> = words.iter().map(|word| format!("`{word}`")).collect();
@@ -73,7 +67,7 @@ pub(crate) fn check_value(name: &str, value: &Element, syntax: Syntax, report: &
 /// Whether the property states what holds without it.
 pub(crate) fn is_no_change(name: &str, value: &Element) -> bool {
     match name {
-        "docker" | "no-compile" | "no-source-mapping" | "verify" => boolean(value) == Some(false),
+        "no-compile" | "no-source-mapping" | "verify" => boolean(value) == Some(false),
         _ => false,
     }
 }
@@ -94,7 +88,6 @@ pub(crate) fn ignored(property: &Property, name: &str, syntax: Syntax, report: &
         "protobufs" => {
             "compile it with `protoc --python_out=.`, and import the module that it makes"
         }
-        "docker" => "no containers are made",
         "python-version" => "a program runs in the interpreter in which `hprm` is installed",
         "threading" => "use `workers` or `single-threaded`",
         "verify" => "there is no verifier",

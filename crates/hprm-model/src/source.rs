@@ -146,6 +146,11 @@ impl Sources {
         &self.files[file.index()].path
     }
 
+    /// The paths of all files.
+    pub fn paths(&self) -> impl Iterator<Item = &str> {
+        self.files.iter().filter(|file| !file.stated).map(|file| file.path.as_str())
+    }
+
     /// The text of a file.
     #[must_use]
     pub fn text(&self, file: FileId) -> &str {

@@ -1,0 +1,1 @@
+"""A sensor, a filter and a display, each a process of its own."""
