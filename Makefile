@@ -9,12 +9,12 @@ BIN := $(VENV)/bin
 TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)
 
 # One interpreter for every compilation of the Python module, so that none undoes another's work.
-export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
+export PYO3_PYTHON := $(shell $(PY) -c 'import os, sys; print(os.path.realpath(sys._base_executable))' 2>/dev/null)
 
 # How many tests in Python run at a time: they wait more than they compute.
 WORKERS ?= 3
 
-PYTHON_CODE := python tests bench examples docs
+PYTHON_CODE := python tests bench examples docs packaging
 # Programs that the strictest checks of types must accept, as those of users who run them.
 TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/%,$(wildcard examples/*/*.py))
 RUST_SOURCES := Cargo.toml Cargo.lock \
@@ -22,21 +22,32 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build demo docs test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo docs test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
 
-docs: build ## build the handbook into out/handbook
+# With the C library of zig, so that the wheel runs on other distributions and older ones.
+WHEEL_FOR ?= manylinux_2_28
+wheel: $(VENV)/.wheel-requirements ## build a wheel for this version of Python, for any Linux, into out/wheels
+	MATURIN_PEP517_ARGS="--zig --compatibility $(WHEEL_FOR)" PATH="$(CURDIR)/$(BIN):$$PATH" \
+	  $(BIN)/python -m pip wheel --verbose --disable-pip-version-check --no-build-isolation --no-deps \
+	  --wheel-dir out/wheels .
+
+docs: build $(VENV)/.requirements ## build the handbook into out/handbook
 	$(BIN)/sphinx-build -W --keep-going -q docs out/handbook
 	@echo "open out/handbook/index.html"
 
-demo: build ## run the broadcast and gather example, print its table, draw its picture
+try-wheel: $(VENV)/.requirements ## install the wheel of out/wheels where there is no compiler, test it there, time its import
+	HPRM_WHEEL="$$(ls -t out/wheels/hprm-*.whl | head -n 1)" $(BIN)/python -m pytest tests/python/test_wheel.py
+	$(BIN)/python bench/importing.py "$$(ls -t out/wheels/hprm-*.whl | head -n 1)"
+
+demo: build $(VENV)/.demo-requirements ## run the broadcast and gather example, print its table, draw its picture
 	@$(BIN)/python examples/broadcast_gather/demo.py
 
-test: lint build ## check format and lints, then run all Rust and Python tests
+test: lint build $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
 	$(BIN)/python tests/mutants/run.py
@@ -47,7 +58,7 @@ mutants: $(VENV)/.requirements ## put faults into copies of the coordination; si
 check-model: toolchain ## go every way in which small federations can go, for some minutes
 	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2
 
-acceptance: build ## the long form of some tests: pauses, orders of starting, equal runs, kills
+acceptance: build $(VENV)/.requirements ## the long form of some tests: pauses, orders of starting, equal runs, kills
 	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py \
 		tests/python/test_memory.py tests/python/test_readers.py \
 		tests/python/test_random_programs.py
@@ -56,19 +67,19 @@ FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed
 	cargo run --quiet --release -p hprm-cli -- sim --seed $(FIRST) --seeds 1000000
 
-conformance: build ## run Lingua Franca's own tests; LF= names a checkout of its repository
+conformance: build $(VENV)/.requirements ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
 	$(BIN)/python tests/conformance/run.py "$(LF)" --single-threaded
 
 BENCH ?=
-bench: build ## compare with all peers side by side, half an hour; BENCH= options; then bench-ordering
+bench: build $(VENV)/.requirements ## compare with all peers side by side, half an hour; BENCH= options; then bench-ordering
 	@$(BIN)/python bench/peers/run.py $(BENCH)
 	@$(BIN)/python bench/ordering.py
 
-bench-quick: build ## a few minutes of that comparison, to see that everything works
+bench-quick: build $(VENV)/.requirements ## a few minutes of that comparison, to see that everything works
 	@$(BIN)/python bench/peers/run.py --quick $(BENCH)
 
-bench-ordering: build ## count messages out of order on a loaded machine, with tags and without
+bench-ordering: build $(VENV)/.requirements ## count messages out of order on a loaded machine, with tags and without
 	@$(BIN)/python bench/ordering.py
 
 # Boomerang needs features that its compiler's version still calls unstable.
@@ -78,10 +89,10 @@ bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, sid
 bench-rust-federations: toolchain ## compare federations in Rust with iceoryx2, side by side; needs libclang
 	@cargo run --quiet --release --manifest-path bench/iceoryx2/Cargo.toml
 
-bench-python: build ## measure the scheduler with Python bodies
+bench-python: build $(VENV)/.requirements ## measure the scheduler with Python bodies
 	@$(BIN)/python bench/python_bodies.py
 
-bench-in-process: build ## compare federates as threads with federates as processes
+bench-in-process: build $(VENV)/.requirements ## compare federates as threads with federates as processes
 	@$(BIN)/python bench/in_process.py
 
 bench-frames: toolchain ## count the frames between federates and the RTI
@@ -104,6 +115,17 @@ lint: $(VENV)/.requirements ## check the format and the lints; nothing is change
 	MYPYPATH=python $(BIN)/mypy --strict --config-file= $(TYPED_PROGRAMS)
 	$(BIN)/pyright
 
+# cargo-deny is compiled once, into out/tools. Advisories are the only check that needs the net.
+DENY ?= bans licenses sources
+deny: out/tools/bin/cargo-deny ## check licenses and origins of all crates; DENY='advisories ...' chooses the checks
+	out/tools/bin/cargo-deny --locked $(if $(findstring advisories,$(DENY)),,--offline) check $(DENY)
+
+out/tools/bin/cargo-deny: | toolchain
+	cargo install --quiet --locked --root out/tools cargo-deny --version 0.20.2
+
+hooks: $(VENV)/.requirements ## have git check the format before each commit
+	$(BIN)/pre-commit install
+
 clean: ## remove everything that the other targets made
 	rm -rf $(VENV) out
 	cargo clean
@@ -123,14 +145,27 @@ toolchain:
 	  echo "error: $(PY) cannot make virtual environments" >&2; \
 	  echo "  hint: on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 
-$(VENV)/.requirements: requirements-dev.txt docs/requirements.txt | toolchain
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
+
+$(VENV)/.build-requirements: requirements-build.txt | toolchain
 	$(PY) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	$(INSTALL) --quiet -r requirements-build.txt
 	@touch $@
 
-# maturin refuses to choose between two environments, so a surrounding conda is hidden from it.
-$(VENV)/.built: $(VENV)/.requirements pyproject.toml $(RUST_SOURCES) | toolchain
-	env -u CONDA_PREFIX VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/maturin develop --release
-	cargo build --release -p hprm-cli
-	install -m 755 $(TARGET)/release/hprm $(BIN)/hprm
+# What tests, lints and benchmarks need beyond that.
+$(VENV)/.requirements: requirements-dev.txt requirements-demo.txt docs/requirements.txt $(VENV)/.build-requirements
+	$(INSTALL) --quiet -r requirements-dev.txt
+	@touch $@
+
+$(VENV)/.demo-requirements: requirements-demo.txt $(VENV)/.build-requirements
+	$(INSTALL) --quiet -r requirements-demo.txt
+	@touch $@
+
+$(VENV)/.wheel-requirements: requirements-wheel.txt $(VENV)/.build-requirements
+	$(INSTALL) --quiet -r requirements-wheel.txt
+	@touch $@
+
+# Extension, package and command; pip says nothing of what cargo does unless it is verbose.
+$(VENV)/.built: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolation --no-deps --editable .
 	@touch $@
