@@ -16,10 +16,11 @@
 mod chunks;
 
 use hprm_core::limits::FRAME_LIMIT;
-use hprm_core::{ChannelId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
+use hprm_core::{ChannelId, FederateId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
 use serde::{Deserialize, Serialize};
 
-use crate::Frame;
+use crate::FederationId;
+use crate::frame::{Attempt, Frame, HostId, PROTOCOL};
 pub use chunks::Outgoing;
 use chunks::{CHUNK_LIMIT, Incoming};
 
@@ -274,9 +275,35 @@ fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
 fn control(body: &[u8]) -> Result<(Frame, usize), CodecError> {
     match postcard::take_from_bytes(body) {
         // A message has a body of its own kind.
-        Ok((Frame::Message { .. }, _)) | Err(_) => Err(CodecError::Malformed),
-        Ok((frame, rest)) => Ok((frame, rest.len())),
+        Ok((Frame::Message { .. }, _)) => Err(CodecError::Malformed),
+        Ok((frame, [])) => Ok((frame, 0)),
+        other => match hello_of_another_version(body) {
+            Some(hello) => Ok((hello, 0)),
+            None => {
+                other.map(|(frame, rest)| (frame, rest.len())).map_err(|_| CodecError::Malformed)
+            }
+        },
     }
+}
+
+/// The first frame of a federate of another version, whose form may differ behind what all versions begin with. The RTI
+/// refuses it because of its protocol, and needs no more of it.
+fn hello_of_another_version(body: &[u8]) -> Option<Frame> {
+    #[derive(Deserialize)]
+    enum First {
+        Hello { protocol: u32, federation: FederationId, fingerprint: u64, federate: FederateId },
+    }
+    let (First::Hello { protocol, federation, fingerprint, federate }, _) =
+        postcard::take_from_bytes(body).ok()?;
+    (protocol != PROTOCOL).then_some(Frame::Hello {
+        protocol,
+        federation,
+        fingerprint,
+        federate,
+        host: HostId(0),
+        listen: None,
+        attempt: Attempt { process: 0, number: 0 },
+    })
 }
 
 fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
@@ -451,6 +478,29 @@ mod tests {
             1 => (any::<String>(), prop::collection::vec(fact(), 0..4))
                 .prop_map(|(name, facts)| Frame::ProgramReply { name, facts }),
         ]
+    }
+
+    #[test]
+    fn a_federate_of_an_older_version_is_told_apart_by_its_first_frame() {
+        // As it was before an attempt had a number: the form ends with the address.
+        #[derive(Serialize)]
+        enum Older {
+            Hello(u32, FederationId, u64, FederateId, HostId, Option<String>),
+        }
+        let hello = |protocol| {
+            let hello = Older::Hello(protocol, FederationId(7), 8, FederateId(1), HostId(9), None);
+            let mut bytes = Vec::new();
+            let start = begin(CONTROL, &mut bytes);
+            append(&hello, &mut bytes);
+            end(start, &mut bytes);
+            decode(&bytes)
+        };
+        let Ok(Some((Frame::Hello { protocol, federate, .. }, _))) = hello(PROTOCOL - 1) else {
+            panic!("it is no first frame: {:?}", hello(PROTOCOL - 1));
+        };
+        assert_eq!((protocol, federate), (PROTOCOL - 1, FederateId(1)));
+        // One of this version is as it should be, or no frame.
+        assert_eq!(hello(PROTOCOL), Err(CodecError::Malformed));
     }
 
     proptest! {
