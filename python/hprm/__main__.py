@@ -22,6 +22,8 @@ def main() -> NoReturn:
     parent = getattr(options, "die_with_parent", None)
     if parent is not None and not _hprm.die_with_parent(parent):
         leave(1)
+    # Programs that this one starts are none of the launcher's.
+    os.environ.pop(_hprm.read_descriptions(), None)
     if options.command == "syntax":
         from hprm import _syntax
 

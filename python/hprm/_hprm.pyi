@@ -149,9 +149,15 @@ class Declared(Protocol):
         """Return an instance; and body, deadline handler and tardy handler of a reaction of it."""
 
 def run_declared(
-    declared: Declared, properties: list[str] = ..., *, logical_trace: str | None = None
+    declared: Declared,
+    properties: list[str] = ...,
+    *,
+    logical_trace: str | None = None,
+    failures: list[str] | None = None,
 ) -> int:
     """Run a declared program in this process, which goes on. Return the exit code.
+
+    What has failed is appended to ``failures``, as JSON.
 
     What is wrong is told on the standard error, but no warnings: ``check_declared`` returns them.
     Signals that ask for the end stop the program, if this is the main thread and the process does
@@ -184,6 +190,12 @@ def run_program(
 
     It is an ``.lf`` file, or a Python file, perhaps with the name of a reactor: ``app.py:NAME``.
     Target properties, each as ``KEY=VALUE``, override those of the program.
+    """
+
+def read_descriptions() -> str:
+    """Read what the launcher hands to this process of executables.
+
+    Return the environment variable that has told it.
     """
 
 def run_federate(path: str, federate: str, membership: Membership) -> int:

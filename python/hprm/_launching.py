@@ -77,12 +77,13 @@ def run(
         # How it was found is of no help to the user.
         raise error.with_traceback(None) from error.__cause__
     trace = None if logical_trace is None else os.fspath(logical_trace)
+    failures: list[str] = []
     if isinstance(main, Federation) and processes:
-        code = _launch(main, options, trace)
+        code = _launch(main, options, trace, failures)
     else:
-        code = _hprm.run_declared(declared, options, logical_trace=trace)
+        code = _hprm.run_declared(declared, options, logical_trace=trace, failures=failures)
     if code:
-        raise ProgramFailed(code)
+        raise ProgramFailed(code, *failures[:1])
 
 
 def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | None = None) -> None:
@@ -124,15 +125,23 @@ def _property(name: str, value: Any) -> str:
     return f"{name}={value}" if plain else f'{name}="{value}"'
 
 
-def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
-    """Run a federation as processes, by the command ``hprm``. Return its exit code."""
+def _launch(
+    main: Federation, properties: list[str], trace: str | None, failures: list[str]
+) -> int:
+    """Run a federation as processes, by the command ``hprm``. Return its exit code.
+
+    What has failed is added to ``failures``, as JSON.
+    """
     command = _command()
     program = _importable(main)
     options = [option for it in properties for option in ("--property", it)]
     if trace is not None:
         options += ["--logical-trace", trace]
     # A file without a name, of which nothing is left however the processes end.
-    with os.fdopen(os.memfd_create("hprm-call"), "wb") as file:
+    with (
+        os.fdopen(os.memfd_create("hprm-call"), "wb") as file,
+        os.fdopen(os.memfd_create("hprm-failures"), "r+", encoding="utf-8") as told,
+    ):
         try:
             pickle.dump(_construction.of(main).call, file)
             file.flush()
@@ -142,20 +151,27 @@ def _launch(main: Federation, properties: list[str], trace: str | None) -> int:
                 _construction.of(main).place,
                 "federates are processes: pass what can be pickled",
             ) from None
-        return launch(command, [*options, program], file.fileno())
+        options.append(f"--failures-to=/proc/self/fd/{told.fileno()}")
+        descriptors = (file.fileno(), told.fileno())
+        code = launch(command, [*options, program], descriptors)
+        failures += told.read().splitlines()
+        return code
 
 
-def launch(command: str, words: list[str], call: int | None = None) -> int:
-    """Have the command run a federation, whose arguments a file may have. Return its exit code."""
+def launch(command: str, words: list[str], descriptors: tuple[int, ...] = ()) -> int:
+    """Have the command run a federation. Return its exit code.
+
+    It gets these descriptors, of which the first one has the arguments of the federation.
+    """
     environment = os.environ | {WARNED: "1"}
-    if call is not None:
-        environment[_loading.CALL] = f"/proc/self/fd/{call}"
+    if descriptors:
+        environment[_loading.CALL] = f"/proc/self/fd/{descriptors[0]}"
     parent = os.getpid()
     return _wait(
         subprocess.Popen(
             [command, "run", "--python", sys.executable, "--federation-known", *words],
             env=environment,
-            pass_fds=() if call is None else (call,),
+            pass_fds=descriptors,
             # However this process ends, none is left behind.
             preexec_fn=lambda: _hprm.die_with_parent(parent),
         )

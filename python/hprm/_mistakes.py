@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import warnings
+from typing import Any
 
 from hprm import _hprm
 from hprm._places import Place
@@ -49,10 +51,53 @@ class ProgramError(Exception):
 
 
 class ProgramFailed(SystemExit):
-    """A program has ended with a failure, which has been told; ``code`` is its exit code.
+    """A program has ended with a failure, which has been told on the standard error.
 
-    A script that does not handle it ends with that exit code.
+    It is a ``SystemExit``: a script that does not handle it ends with the exit code.
+
+    Attributes
+    ----------
+    code
+        The exit code.
+    message
+        What has happened, in a sentence; empty if only the exit code tells it, as after a signal.
+    kind
+        What kind of failure it is, as ``hprm run --json`` names it: ``"reaction"``, for example.
+    place
+        Where it has happened, as ``FILE:LINE``; empty if that is not known.
+    hint
+        What to do about it, or None.
+    details
+        More about it, such as the traceback, or None.
+    federate
+        The name of the federate that has failed, or None.
+    reaction
+        The full name of the reaction that has failed, or None.
+    tag
+        When it ran, in nanoseconds since the start and the microstep, or None.
+
     """
+
+    code: int
+
+    def __init__(self, code: int, report: str = "") -> None:
+        """Take an exit code, and what ``hprm run --json`` tells, which may be missing."""
+        super().__init__(code)
+        told: dict[str, Any] = json.loads(report) if report else {}
+        self.message: str = told.get("message") or ""
+        self.kind: str = told.get("kind") or ""
+        place = [str(it) for it in (told.get("file"), told.get("line")) if it is not None]
+        self.place: str = ":".join(place)
+        self.hint: str | None = told.get("hint")
+        self.details: str | None = told.get("details")
+        self.federate: str | None = told.get("federate")
+        self.reaction: str | None = told.get("reaction")
+        tag = told.get("tag")
+        self.tag: tuple[int, int] | None = None if tag is None else (tag[0], tag[1])
+
+    def __str__(self) -> str:
+        """Return the message, or else the exit code."""
+        return self.message or f"exit code {self.code}"
 
 
 class ProgramWarning(UserWarning):

@@ -98,9 +98,10 @@ def run(
     check(declared, properties)
     with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
         path = os.path.join(folder, "trace")
-        code = _hprm.run_declared(declared, properties, logical_trace=path)
+        failures: list[str] = []
+        code = _hprm.run_declared(declared, properties, logical_trace=path, failures=failures)
         if code:
-            raise ProgramFailed(code)
+            raise ProgramFailed(code, *failures[:1])
         with open(path, encoding="utf-8") as file:
             trace = file.read().splitlines()
     return Result(outputs, trace)

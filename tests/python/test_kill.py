@@ -178,6 +178,25 @@ def test_the_rti_does_not_wait_for_a_reaction_that_does_not_return(
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_by_hand_does_not_outlive_its_federation(
+    bench: Bench, coordination: str
+) -> None:
+    """Its reaction never returns, so nothing but the process itself can end it."""
+    stage = Stage(bench, "steady", ["sender", "bystander"])
+    federation = bench.by_hand(program(coordination), *FEDERATES)
+    stage.await_held()
+    federation.members["sender"].kill()
+    outcomes = federation.finish()
+    bystander = outcomes["bystander"]
+    assert bystander.code == 1
+    bystander.assert_one_error(
+        "error: the federation Main has ended, and a reaction of this federate has not returned 5 s later: "
+        "the process ends now"
+    )
+    assert not bench.left()
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_the_rti_is_killed(bench: Bench, coordination: str, moment: str) -> None:
     # The receiver cannot reach its last tag before the sender has.

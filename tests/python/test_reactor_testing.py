@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import pickle
 import subprocess
 import sys
 import textwrap
@@ -42,7 +43,7 @@ def test_inputs_at_tags_and_outputs_with_times() -> None:
     samples = [("0 ms", 1.0), ("50 ms", 2.0), ("150 ms", 6.0), ("160 ms", 10.0)]
     result = hprm.testing.run(Average(), inputs={"sample": samples}, timeout="250 ms")
     assert result.outputs == {"mean": [(100_000_000, 1.5), (200_000_000, 6.0)]}
-    assert len([line for line in result.trace if "Bench.reactor.1" in line]) == 4
+    assert len([line for line in result.trace if "Bench.reactor.keep" in line]) == 4
 
 
 def test_no_time_is_waited_for() -> None:
@@ -120,7 +121,18 @@ def test_a_failing_reaction_is_an_exception(capfd: pytest.CaptureFixture[str]) -
 
     with pytest.raises(hprm.ProgramFailed) as raised:
         hprm.testing.run(Fails())
-    assert raised.value.code == 1
+    failed = raised.value
+    assert (failed.code, failed.kind, failed.tag) == (1, "reaction", (0, 0))
+    assert failed.message == str(failed)
+    assert failed.message.endswith("raised ValueError: no device")
+    assert failed.reaction is not None
+    assert failed.reaction.endswith(".fail")
+    assert failed.federate is None
+    assert Path(__file__).name in failed.place
+    assert failed.details is not None
+    assert "ValueError: no device" in failed.details
+    again = pickle.loads(pickle.dumps(failed))
+    assert (again.code, again.message, again.place) == (1, failed.message, failed.place)
     assert "raised ValueError: no device" in capfd.readouterr().err
 
 
@@ -218,4 +230,4 @@ def test_a_failed_test_shows_the_logical_trace(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "1 failed, 1 passed" in done.stdout
     assert done.stdout.count("logical trace of Hello") == 1
-    assert '"reaction":"Bench.reactor.1"' in done.stdout
+    assert '"reaction":"Bench.reactor.greet"' in done.stdout

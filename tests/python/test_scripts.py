@@ -293,3 +293,38 @@ except (hprm.ProgramFailed, KeyboardInterrupt) as error:
     script.send_signal(signal.SIGTERM)
     out, err = script.communicate(timeout=60)
     assert (script.returncode, out) == (0, "goes on after ProgramFailed\n"), err
+
+
+@pytest.mark.parametrize("processes", [True, False])
+def test_a_script_learns_what_has_failed(tmp_path: Path, processes: bool) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(f"""
+import hprm
+
+class Camera(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    def open(self):
+        raise OSError("no device")
+
+class Vision(hprm.Federation):
+    def __init__(self):
+        self.camera = Camera()
+
+if __name__ == "__main__":
+    try:
+        hprm.run(Vision(), processes={processes})
+    except hprm.ProgramFailed as error:
+        print(error.code, error.kind, error.federate, error.reaction, error.tag, error.place)
+        print(error, error.details is not None)
+""")
+    done = subprocess.run(
+        [sys.executable, str(program)], capture_output=True, text=True, timeout=60, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    federate = "camera" if processes else None
+    assert first == f"1 reaction {federate} Vision.camera.open (0, 0) program.py:7"
+    before = "federate camera: " if processes else ""
+    assert second == f"{before}reaction Vision.camera.open raised OSError: no device True"
+    # It is told as well.
+    assert "raised OSError: no device" in done.stderr

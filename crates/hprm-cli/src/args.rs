@@ -247,6 +247,9 @@ pub(crate) struct Run {
     /// The program is a federation for sure.
     #[arg(long, hide = true)]
     pub(crate) federation_known: bool,
+    /// A file to which failures are written as JSON, whatever is told on the standard error.
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub(crate) failures_to: Option<PathBuf>,
     /// Run the federates as threads of one process. Arrays go from one to the other without a copy,
     /// and are read-only from then on.
     #[arg(long)]

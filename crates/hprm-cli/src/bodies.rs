@@ -5,6 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
+use hprm::Descriptions;
 use hprm_model::{Diagnostic, Position, Severity, Sources};
 use serde::Deserialize;
 
@@ -49,6 +50,9 @@ pub(crate) fn mistakes(
     };
     let python = python::find(interpreter).map_err(|error| unchecked(&error.report().message))?;
     let mut command = python::module(&python, "syntax");
+    // It compiles the programs again, and need not ask executables again.
+    let known = Descriptions::known().map_err(|error| unchecked(&error))?;
+    known.hand_to(&mut command);
     let answer = command.arg("--").args(programs).stdin(Stdio::null()).output();
     let answer = answer.map_err(|error| unchecked(&error))?;
     if !answer.status.success() {

@@ -175,5 +175,7 @@ fn started(executable: &ExecutableFederate) -> Command {
     let mut words = executable.command.iter();
     let mut command = Command::new(words.next().map_or("", String::as_str));
     command.args(words);
+    // What it starts is not of this program.
+    command.env_remove(hprm::DESCRIPTIONS);
     command
 }

@@ -72,6 +72,9 @@ fn command() -> ExitCode {
         Command::Explain(wanted) => wanted.json,
         _ => false,
     });
+    if let Command::Run(run) = &arguments.command {
+        message::also_write_to(run.failures_to.as_deref());
+    }
     // If the system refuses, a file that is too long ends the process, as it does others.
     let _ = signals::survive_long_files();
     if let Err(wrong) = variables::obey(&arguments.command) {

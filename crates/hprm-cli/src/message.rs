@@ -3,8 +3,11 @@
 //!
 //! Diagnostics of programs look different; they come from the renderer of the front end.
 
-use std::io::{self, ErrorKind};
+use std::fs::File;
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::console::{self, show};
@@ -50,6 +53,10 @@ impl Error {
 
     /// Writes it to the standard error, in one piece.
     pub(crate) fn show(&self) {
+        if let Some(mut file) = ALSO.get() {
+            // The process that reads it gets less then, and the exit code.
+            let _ = writeln!(file, "{}", self.0.json());
+        }
         match speaks_json() {
             true => print_error(format!("{}\n", self.0.json()).as_bytes()),
             false => show(Label::Error, &self.0),
@@ -97,6 +104,16 @@ pub(crate) fn tell(label: Label, report: Report) {
     match label {
         Label::Error => error.show(),
         Label::Warning => error.show_as_warning(),
+    }
+}
+
+/// Where failures are written besides.
+static ALSO: OnceLock<File> = OnceLock::new();
+
+/// Has failures written to a file from now on, as JSON, one object a line. If it cannot be written, that is no failure.
+pub(crate) fn also_write_to(path: Option<&Path>) {
+    if let Some(file) = path.and_then(|path| File::options().append(true).open(path).ok()) {
+        ALSO.get_or_init(|| file);
     }
 }
 

@@ -18,11 +18,13 @@ use hprm_core::Scope;
 use hprm_model::{Compiled, ExecutableFederate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
 use crate::checked::Checked;
 use crate::console::{say, tell, tell_caller};
 use crate::embedded;
 use crate::failure::failure_at;
+use crate::forced_end;
 use crate::interrupt::Interrupt;
 use crate::load::{Care, load};
 use crate::program;
@@ -59,13 +61,14 @@ pub(crate) fn run_program(
 /// [`check_declared`](crate::checked::check_declared) returns them.
 ///
 /// Signals that ask for the end stop the program in order, if this is the main thread and the process has no
-/// handlers for them.
+/// handlers for them. What has failed is appended to `failures`, as JSON.
 #[pyfunction]
-#[pyo3(signature = (declared, properties = vec![], *, logical_trace = None))]
+#[pyo3(signature = (declared, properties = vec![], *, logical_trace = None, failures = None))]
 pub(crate) fn run_declared(
     declared: &Bound<'_, PyAny>,
     properties: Vec<String>,
     logical_trace: Option<PathBuf>,
+    failures: Option<&Bound<'_, PyList>>,
 ) -> i32 {
     let py = declared.py();
     let outcome = Checked::of(declared, &properties).and_then(|checked| {
@@ -73,6 +76,10 @@ pub(crate) fn run_declared(
     });
     outcome.err().map_or(0, |failure| {
         tell_caller(py, &failure);
+        if let Some(failures) = failures {
+            // Only a lack of memory keeps it out of the list.
+            let _ = failure.reports().iter().try_for_each(|report| failures.append(report.json()));
+        }
         failure.exit_code()
     })
 }
@@ -246,6 +253,14 @@ pub(crate) fn tell_exception(py: Python<'_>, error: Bound<'_, PyAny>, what: &str
     exit_code(&Err(failure_at(py, PyErr::from_value(error), source, ("", true))))
 }
 
+/// Reads what the launcher hands to this process of executables. Returns the environment variable that has told it, which
+/// is of no use then, and wrong for programs that this one starts.
+#[pyfunction]
+pub(crate) fn read_descriptions() -> &'static str {
+    hprm::read_descriptions();
+    hprm::DESCRIPTIONS
+}
+
 /// Has the kernel end this process when the one that started it ends. Returns whether that is
 /// still alive: `parent` is its process id.
 ///
@@ -270,7 +285,8 @@ fn options(
         connect_timeout,
         advertise,
         tls,
-        ..
+        launched,
+        properties: _,
     } = membership;
     let program = &compiled.program;
     let Some(id) = program.federate_named(federate) else {
@@ -304,6 +320,7 @@ fn options(
         },
         store: hprm::store_limits(compiled.settings.store),
         trace: logical_trace.map(|file| TraceShare::new(file, share_of)),
+        end_process: (!launched).then_some(forced_end::after_failure as hprm::EndProcess),
     })
 }
 

@@ -156,6 +156,7 @@ impl Plan {
                 trace: traces.map(|folder| {
                     TraceShare::new(folder.join(&federate.name), self.share_of.clone())
                 }),
+                end_process: None,
             };
             let (checked, exchange) = (Arc::clone(&self.checked), exchange.clone());
             let reports = events.clone();

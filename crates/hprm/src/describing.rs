@@ -11,10 +11,11 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::os::fd::{AsFd, AsRawFd};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -31,7 +32,7 @@ use crate::console::reason;
 pub(crate) const DESCRIBE: &str = "HPRM_DESCRIBE";
 
 /// Where the processes of a program find what its executables have declared.
-const DESCRIPTIONS: &str = "HPRM_DESCRIPTIONS";
+pub const DESCRIPTIONS: &str = "HPRM_DESCRIPTIONS";
 
 /// For how long an executable may declare itself. It opens nothing meanwhile.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -63,7 +64,36 @@ pub(crate) fn describe(executable: &Executable) -> Result<Described, String> {
 ///
 /// Why that is not known; a second line says what to do.
 pub fn declaration_of(command: &[String]) -> Result<String, String> {
-    handed(command).map_or_else(|| ask(command, PATIENCE), Ok)
+    let known = handed(command).or_else(|| answered(command));
+    known.map_or_else(|| ask_and_remember(command), Ok)
+}
+
+/// What executables have answered in this process, and which file each was then.
+static ANSWERS: Mutex<BTreeMap<String, (FileState, String)>> = Mutex::new(BTreeMap::new());
+
+/// What changes when an executable is built again.
+type FileState = (u64, u64, i64, i64, u64);
+
+fn file_state(path: &str) -> Option<FileState> {
+    let found = Path::new(path).metadata().ok()?;
+    Some((found.dev(), found.ino(), found.mtime(), found.mtime_nsec(), found.size()))
+}
+
+/// What the same executable has answered before.
+fn answered(command: &[String]) -> Option<String> {
+    let answers = ANSWERS.lock().unwrap_or_else(PoisonError::into_inner);
+    let (state, text) = answers.get(&key(command))?;
+    (Some(*state) == file_state(command.first()?)).then(|| text.clone())
+}
+
+fn ask_and_remember(command: &[String]) -> Result<String, String> {
+    let state = command.first().and_then(|path| file_state(path));
+    let text = ask(command, PATIENCE)?;
+    if let Some(state) = state {
+        let mut answers = ANSWERS.lock().unwrap_or_else(PoisonError::into_inner);
+        answers.insert(key(command), (state, text.clone()));
+    }
+    Ok(text)
 }
 
 /// What the executables of a program have declared, for the processes that are started while this exists.
@@ -81,11 +111,25 @@ impl Descriptions {
             return Ok(None);
         }
         let known = compiled.executables.values();
-        let known: BTreeMap<_, _> =
-            known.map(|it| (key(&it.command), it.declaration.as_str())).collect();
+        Self::with(&known.map(|it| (key(&it.command), it.declaration.as_str())).collect()).map(Some)
+    }
+
+    /// All that this process knows.
+    ///
+    /// # Errors
+    ///
+    /// If the system has no memory for them.
+    pub fn known() -> io::Result<Self> {
+        let answers = ANSWERS.lock().unwrap_or_else(PoisonError::into_inner);
+        let answers = answers.iter().map(|(key, (_, text))| (key.clone(), text.as_str()));
+        let handed = HANDED.get().into_iter().flatten();
+        Self::with(&handed.map(|(key, text)| (key.clone(), text.as_str())).chain(answers).collect())
+    }
+
+    fn with(known: &BTreeMap<String, &str>) -> io::Result<Self> {
         let mut memory = memory()?;
-        memory.write_all(&serde_json::to_vec(&known).map_err(io::Error::other)?)?;
-        Ok(Some(Self(memory)))
+        memory.write_all(&serde_json::to_vec(known).map_err(io::Error::other)?)?;
+        Ok(Self(memory))
     }
 
     /// Lets a process that this one starts have them.
@@ -94,11 +138,22 @@ impl Descriptions {
     }
 }
 
+/// What executables have declared to the launcher of this process; empty if there is none.
+static HANDED: OnceLock<BTreeMap<String, String>> = OnceLock::new();
+
+/// Reads what the launcher hands to this process, so that the environment variable can be removed: programs that this
+/// process starts are none of the launcher's.
+pub fn read_descriptions() {
+    HANDED.get_or_init(|| {
+        let text = std::env::var_os(DESCRIPTIONS).and_then(|file| std::fs::read(file).ok());
+        text.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+    });
+}
+
 /// What a launcher was told by the executable; none if there is no launcher.
 fn handed(command: &[String]) -> Option<String> {
-    let text = std::fs::read(std::env::var_os(DESCRIPTIONS)?).ok()?;
-    let mut known: BTreeMap<String, String> = serde_json::from_slice(&text).ok()?;
-    known.remove(&key(command))
+    read_descriptions();
+    HANDED.get()?.get(&key(command)).cloned()
 }
 
 fn key(command: &[String]) -> String {

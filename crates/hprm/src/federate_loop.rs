@@ -12,6 +12,7 @@ mod links;
 mod membership;
 mod objects;
 mod openings;
+mod outlive;
 mod pace;
 mod reach;
 mod search;
@@ -32,11 +33,13 @@ use crate::trace::Trace;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
 pub use membership::FederateOptions;
+pub use outlive::EndProcess;
 pub use reach::Reach;
 
 use links::LinkSerial;
 use membership::Membership;
 use objects::Changes;
+use outlive::OutliveWatch;
 use pace::{LINGER, Pace, ThreadUsage};
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
@@ -120,6 +123,8 @@ where
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
         pace: Pace::new(),
+        end_process: options.end_process,
+        outlive: None,
     };
     if federate.exchange.is_none() {
         federate.host.set_allocator(federate.federation.objects.allocator());
@@ -128,6 +133,7 @@ where
         federate.scheduler.start_recording();
     }
     let outcome = federate.run();
+    federate.outlive = None;
     inbox.close();
     federate.workers.report_dropped(&federate.scheduler, &mut federate.host);
     federate.leave(outcome)
@@ -154,6 +160,10 @@ struct FederateLoop<'a, H: Host> {
     looked_at: PhysicalTime,
     /// Decides whether outbound messages may wait for those of the next tags.
     pace: Pace,
+    /// What ends this process if it outlives the federation; none if the launcher does that.
+    end_process: Option<EndProcess>,
+    /// Watches for that, while the program runs.
+    outlive: Option<OutliveWatch>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -481,6 +491,13 @@ where
             Output::Rejoin => links.drop_rti_link()?,
             Output::Start { at, first } => {
                 links.become_busy();
+                if let Some((end_process, link)) = self.end_process.zip(links.rti_socket()) {
+                    let federation = &self.scheduler.program().name;
+                    let watch = OutliveWatch::start(link, federation, end_process);
+                    self.outlive = Some(watch.map_err(|error| {
+                        Failure::system("cannot watch the link to the RTI", &error)
+                    })?);
+                }
                 self.scheduler.start_late(at, first);
                 self.phase = Phase::Running;
             }

@@ -18,7 +18,10 @@ use rustix::fs::{MemfdFlags, memfd_create};
 use serde::{Deserialize, Serialize};
 
 use crate::trace::TraceShare;
-use crate::{Address, Failure, FederateOptions, Reach, Security, TlsFiles, store_limits};
+use crate::{
+    Address, Failure, FederateOptions, Label, Reach, Report, Security, TlsFiles, console,
+    store_limits,
+};
 
 /// The environment variable that says that there is one, and from which process.
 const VARIABLE: &str = "HPRM_HANDOVER";
@@ -57,10 +60,21 @@ pub struct Handover {
     pub logical_trace: Option<(PathBuf, Option<PathBuf>)>,
     /// The program of the federation.
     pub program: Program,
-    /// How many federations of the same name the launcher has assembled before this one.
-    pub before: usize,
+    /// Which of the federations of the same name in the launcher it is; none if that is the first one.
+    pub which: Option<Which>,
     /// What must be equal in all its processes.
     pub facts: Vec<Fact>,
+}
+
+/// One of several federations of the same name in one executable.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+pub struct Which {
+    /// Where its `Federation::new` is.
+    pub site: String,
+    /// The name of the thread that assembles it: that of the test, if tests run in threads.
+    pub thread: Option<String>,
+    /// How many there were before it, of the same site and thread.
+    pub before: usize,
 }
 
 /// Where a federation is, for the federates that join it.
@@ -99,7 +113,7 @@ impl Handover {
             launched: true,
             logical_trace: None,
             program: program.clone(),
-            before: 0,
+            which: None,
             facts: fingerprint.facts().to_vec(),
         }
     }
@@ -186,7 +200,14 @@ impl Handover {
             Ok(handover) => Err(other(&handover.version)),
             Err(error) => match serde_json::from_str::<Versioned>(text) {
                 Ok(Versioned { version }) if version != VERSION => Err(other(&version)),
-                _ => Err(Failure::option(format!(
+                Ok(_) => Err(Failure::Option {
+                    message: format!(
+                        "the launcher and this executable are different builds of HPRM {VERSION}, and do not \
+                         understand each other: {error}"
+                    ),
+                    hint: Some("build both from the same source: `hprm`, and then the executable"),
+                }),
+                Err(_) => Err(Failure::option(format!(
                     "the handover of the launcher is malformed: {error}"
                 ))),
             },
@@ -228,13 +249,49 @@ impl Handover {
             },
             store: store_limits(self.store),
             trace: self.logical_trace.clone().map(|(file, of)| TraceShare::new(file, of)),
+            end_process: (!self.launched).then_some(end_process as crate::EndProcess),
             program,
         })
     }
+}
+
+/// Ends this process while a body runs: neither destructors nor what the program does at its exit can run.
+fn end_process(report: &Report) {
+    console::show(Label::Error, report);
+    signal_hook::low_level::exit(report.code);
 }
 
 /// Whether the standard input of this process is a handover, read already or not.
 fn has_handover_as_stdin() -> bool {
     let link = std::fs::read_link("/proc/self/fd/0").unwrap_or_default();
     link.to_string_lossy().contains(NAME)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(text: &str) -> String {
+        Handover::read(text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_launcher_of_another_version_or_build_is_told_so() {
+        assert_eq!(
+            said(r#"{"version": "0.0.1"}"#),
+            format!(
+                "the launcher has version 0.0.1 of HPRM, and this executable was built with {VERSION}"
+            )
+        );
+        let other_build = Handover::read(&format!(r#"{{"version": "{VERSION}"}}"#)).unwrap_err();
+        assert!(
+            other_build.to_string().starts_with(&format!(
+                "the launcher and this executable are different builds of HPRM {VERSION}, and do not understand each \
+                 other: missing field"
+            )),
+            "{other_build}"
+        );
+        assert!(other_build.report().hint.is_some());
+        assert!(said("{").starts_with("the handover of the launcher is malformed: "));
+    }
 }

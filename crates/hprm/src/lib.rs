@@ -52,11 +52,11 @@ mod wait;
 mod workers;
 
 pub use clock::{Clock, nanoseconds};
-pub use describing::{Descriptions, declaration_of};
+pub use describing::{DESCRIPTIONS, Descriptions, declaration_of, read_descriptions};
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
-pub use federate_loop::{FederateOptions, Reach, run_federate, run_federate_in};
-pub use handover::{Handover, Meeting};
+pub use federate_loop::{EndProcess, FederateOptions, Reach, run_federate, run_federate_in};
+pub use handover::{Handover, Meeting, Which};
 pub use host::{Host, SharedBodies};
 pub use hprm_codec::{Array, Dtype, Dynamic, DynamicArray, Element, ShapeError, Transfer};
 pub use inbox::Inbox;

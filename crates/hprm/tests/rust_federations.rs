@@ -59,6 +59,10 @@ fn tests() -> Vec<Trial> {
         ("federates_have_names_of_their_own", federates_have_names_of_their_own),
         ("a_federate_has_a_name_of_one_line", a_federate_has_a_name_of_one_line),
         ("a_main_may_run_several_federations", a_main_may_run_several_federations),
+        (
+            "federations_of_one_name_in_threads_are_told_apart",
+            federations_of_one_name_in_threads_are_told_apart,
+        ),
         ("a_federation_has_one_name_in_all_processes", a_federation_has_one_name_in_all_processes),
         ("an_executable_may_be_deleted_while_it_runs", an_executable_may_be_deleted_while_it_runs),
         (
@@ -364,6 +368,19 @@ fn a_main_may_run_several_federations() {
     let output = run(&["several"]);
     assert_eq!(errors(&output), (String::new(), Some(0)));
     assert_eq!(text(&output.stdout), "[speaker] first\n[speaker] second\n[speaker] third\n");
+}
+
+fn federations_of_one_name_in_threads_are_told_apart() {
+    let output = run(&["threads", "named"]);
+    assert_eq!(errors(&output), (String::new(), Some(0)));
+    assert_eq!(text(&output.stdout), "[speaker] first\n[speaker] second\n");
+    let output = run(&["threads"]);
+    let shown = text(&output.stderr);
+    assert!(
+        shown.contains("Error: two threads assemble a federation with the name Same at "),
+        "{shown}"
+    );
+    assert_eq!(output.status.code(), Some(1));
 }
 
 fn a_federation_has_one_name_in_all_processes() {

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
@@ -16,7 +16,7 @@ use super::FederateOptions;
 use super::openings::Openings;
 use super::reach;
 use super::search::Search;
-use crate::link::{Keys, LinkAcceptor, Network, Purpose};
+use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
 use crate::wait::{Deadline, Interest, wait};
@@ -197,6 +197,14 @@ impl FederateLinks {
     /// When to look for the RTI again, if the link to it is lost.
     pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
         self.rti_link_lost.then(|| self.search.next_attempt())
+    }
+
+    /// The socket of the link to the RTI; none if the RTI is in this process.
+    pub(super) fn rti_socket(&self) -> Option<BorrowedFd<'_>> {
+        match &self.polled.rti.as_ref()?.link {
+            Link::Stream(link) => Some(link.as_fd()),
+            Link::Queue(_) => None,
+        }
     }
 
     /// Notes that the federation runs: from now on the loop serves members before pending connections.

@@ -11,6 +11,7 @@ use hprm_store::{Store, StoreLimits};
 
 use super::links::{FederateLinks, LinkSerial};
 use super::objects::Objects;
+use super::outlive::EndProcess;
 use super::reach::Reach;
 use super::time::Time;
 use crate::link::Network;
@@ -41,6 +42,9 @@ pub struct FederateOptions {
     pub store: StoreLimits,
     /// Where its share of the logical trace goes, if it is wanted.
     pub trace: Option<TraceShare>,
+    /// Ends the process if a reaction does not return for long after the federation has ended; none if a launcher does
+    /// that, or the process has more to do.
+    pub end_process: Option<EndProcess>,
 }
 
 /// What connects a federate to its federation.

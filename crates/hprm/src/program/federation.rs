@@ -64,25 +64,28 @@ pub struct Federation {
     launching: Launching,
     names: BTreeSet<String>,
     role: Role,
+    /// Why it cannot run as processes.
+    unread: Option<Report>,
 }
 
 impl Federation {
     /// A federation without federates. `name` must be the same in each process: it tells a federate which of several
     /// federations in one `main` is its own.
     #[must_use]
+    #[track_caller]
     pub fn new(name: &str) -> Self {
-        let (role, unread) = match claim::role(name) {
+        let (role, unread) = match claim::role(name, Location::caller()) {
             Ok(role) => (role, None),
-            Err(report) => (Role::Launcher(0), Some(*report)),
+            // The report is an error of `run`.
+            Err(report) => (Role::Other, Some(*report)),
         };
-        let mut graph = match &role {
+        let graph = match &role {
             Role::Federate(handover) => {
                 let program = Arc::new(handover.program.clone());
                 Graph::of(Parts::Handed(Handed::new(program, ReactorId(0))))
             }
             Role::Launcher(_) | Role::Other => Graph::new(name),
         };
-        graph.mistakes.extend(unread);
         Self {
             name: name.to_owned(),
             graph,
@@ -90,6 +93,7 @@ impl Federation {
             launching: Launching::default(),
             names: BTreeSet::new(),
             role,
+            unread,
         }
     }
 
@@ -292,19 +296,21 @@ impl Federation {
     /// Rules that the program breaks; the first failure of a federate, [`Failure::FederateFailed`]; that Ctrl-C or
     /// SIGTERM has stopped it, [`Failure::Interrupted`].
     pub fn run(self) -> Result<(), Failure> {
-        let Self { name, graph, properties, role, launching, .. } = self;
+        let Self { name, graph, properties, role, unread, launching, .. } = self;
         let built = graph.build(properties);
-        let before = match role {
+        let which = match role {
             Role::Federate(handover) => run_federate(&handover, built),
-            Role::Launcher(before) => before,
-            Role::Other => return Ok(()),
+            Role::Launcher(which) => which,
+            Role::Other => {
+                return unread.map_or(Ok(()), |report| Err(Failure::Mistakes(vec![report])));
+            }
         };
         let (program, ..) = built?;
         describe::answer(&program, launching.store)?;
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }
-        launching.launch(&program, before)
+        launching.launch(&program, &which)
     }
 
     /// Runs all federates in this process, one reaction after the other: for tests, and to see what the federation does

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use hprm_core::{Program, StoreOptions};
 
-use crate::handover::{Handover, Meeting};
+use crate::handover::{Handover, Meeting, Which};
 use crate::launch::{Launch, Membership};
 use crate::supervisor::Advice;
 use crate::{Failure, HangTimeout, Label, Security, console, random_federation};
@@ -36,8 +36,8 @@ impl Default for Launching {
 
 impl Launching {
     /// Launches all federates of a program, and supervises them to their end.
-    /// The process has assembled so many of the same name before.
-    pub(super) fn launch(self, program: &Arc<Program>, before: usize) -> Result<(), Failure> {
+    /// `which` tells the federates which one it is of those of its name.
+    pub(super) fn launch(self, program: &Arc<Program>, which: &Which) -> Result<(), Failure> {
         let unable = |what: &str, error: &std::io::Error| Failure::system(what, error);
         let executable =
             executable().map_err(|error| unable("cannot find this executable", &error))?;
@@ -57,7 +57,7 @@ impl Launching {
         let command = |member: &Membership<'_>| {
             let meeting = Meeting { rti: member.rti, federation, security: &security };
             let mut handover = Handover::new(member.name, program, &fingerprint, &meeting);
-            handover.before = before;
+            handover.which = Some(which.clone());
             handover.store = self.store;
             let share = member.share.as_ref();
             handover.logical_trace = share.map(|it| (it.file.clone(), Some(it.trace.clone())));

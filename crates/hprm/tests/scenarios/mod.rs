@@ -43,6 +43,7 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
             federation.run()
         }
         ("several", _) => several(),
+        ("threads", _) => in_threads(!word.is_empty()),
         ("renamed", _) => saying(&format!("Renamed{}", std::process::id()), "it runs").run(),
         ("nested", _) => nested(),
         ("orphan", _) => orphan(),
@@ -104,6 +105,22 @@ fn saying(name: &str, line: &'static str) -> Federation {
 fn several() -> Result<(), Failure> {
     for (name, line) in [("A", "first"), ("A", "second"), ("B", "third")] {
         saying(name, line).run()?;
+    }
+    Ok(())
+}
+
+/// Federations of one name and from one place, in threads, which federates start in another order than their launcher:
+/// as the tests of a harness.
+fn in_threads(named: bool) -> Result<(), Failure> {
+    let mut order = ["first", "second"];
+    if std::env::var_os("HPRM_HANDOVER").is_some() {
+        order.reverse();
+    }
+    for word in order {
+        let thread = thread::Builder::new();
+        let thread = if named { thread.name(word.to_owned()) } else { thread };
+        let running = thread.spawn(move || saying("Same", word).run());
+        running.unwrap().join().unwrap()?;
     }
     Ok(())
 }
