@@ -211,6 +211,13 @@ def test_an_executable_is_asked_once_for_a_run_and_all_its_federates(
     assert asked(camera) == 1
 
 
+def test_an_executable_is_asked_once_by_a_check(camera: Path, tmp_path: Path) -> None:
+    write(camera, document(CAMERA))
+    done = call(tmp_path, "check", "Main.lf", "app.py")
+    assert done.code == 0, done.err
+    assert asked(camera) == 1
+
+
 PYTHON_MISTAKES = {
     'executable=""': "`executable` is a list of texts",
     "executable=3": "`executable` is a path, or a list of a path and arguments, not 3",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import uuid
 from pathlib import Path
+from typing import Any
 
 import pytest
-from processes import COORDINATIONS, Bench
+from processes import COORDINATIONS, Bench, hear
+from test_network import CERTIFICATES
 
 ROOT = Path(__file__).parents[2]
 
@@ -113,7 +117,8 @@ COMMANDED = (
 @pytest.fixture(scope="module")
 def examples() -> Path:
     """The folder of the executables."""
-    names = [word for it in ("camera", "controller", "federation") for word in ("--example", it)]
+    executables = ("brighten", "camera", "controller", "federation")
+    names = [word for it in executables for word in ("--example", it)]
     built = ["cargo", "build", "--quiet", "--offline", "-p", "hprm", *names]
     subprocess.run(built, cwd=ROOT, check=True, timeout=600)
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
@@ -229,3 +234,268 @@ def test_the_programs_of_the_document_run(folder: Path, bench: Bench) -> None:
         out, err = process.communicate(timeout=60)
         assert process.returncode == 0, err
         assert out.splitlines() == [f"[detector] {number} 0.5" for number in range(1, 7)]
+
+
+# Python on both sides of an executable, or executables one after the other.
+BRIGHTEN = """\
+@executable("bin/camera")
+reactor Camera {
+  output image
+  output number
+}
+
+@executable("bin/brighten")
+reactor Brighten {
+  input image
+  input gain
+  output bright
+  output mean
+}
+
+reactor Source {
+  output image
+  output gain
+  timer t(0, 10 ms)
+  state n = 0
+  reaction(t) -> image, gain {=
+    # In shared memory, or in the message; and a bare integer for a float.
+    image.set(numpy.full((480, 640) if self.n % 2 == 0 else (2, 3), 0.25))
+    self.n += 1
+    gain.set(self.n)
+  =}
+}
+
+reactor Sink {
+  input bright
+  input[2] mean
+  reaction(bright, mean) {=
+    image = bright.value
+    means = [it.value for it in mean if it.is_present]
+    print(image.shape, image.min(), image.max(), means, image.flags.writeable, flush=True)
+  =}
+}
+"""
+
+
+def target(properties: str) -> str:
+    """Return the beginning of a program."""
+    return f"target Python {{ {properties} }}\npreamble {{= import numpy, os =}}\n"
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_arrays_and_bare_numbers_go_from_python_to_rust(
+    folder: Path, bench: Bench, coordination: str
+) -> None:
+    main = """
+federated reactor {
+  source = new Source()
+  filter = new Brighten()
+  sink = new Sink()
+  source.image, source.gain -> filter.image, filter.gain
+  filter.bright, filter.mean -> sink.bright, sink.mean
+}
+"""
+    text = target(f"timeout: 20 ms, coordination: {coordination}") + BRIGHTEN + main
+    outcome = bench.run(text)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines() == [
+        "[sink] (480, 640) 0.25 0.25 [0.25] False",
+        "[sink] (2, 3) 0.5 0.5 [0.5] False",
+        "[sink] (480, 640) 0.75 0.75 [0.75] False",
+    ]
+
+
+CHAIN = """
+federated reactor {
+  camera = new Camera()
+  filter = new[2] Brighten()
+  sink = new Sink()
+  camera.image, filter.bright -> filter.image, sink.bright
+  filter.mean -> sink.mean
+}
+"""
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_bank_of_executables_is_a_chain_of_processes(
+    folder: Path, bench: Bench, coordination: str
+) -> None:
+    text = target(f"timeout: 10 ms, coordination: {coordination}") + BRIGHTEN + CHAIN
+    outcome = bench.run(text)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines() == ["[sink] (480, 640) 2.0 2.0 [1.0, 2.0] False"] * 2
+
+
+def test_a_transient_executable_comes_goes_and_comes_back(folder: Path, bench: Bench) -> None:
+    main = """
+reactor Viewer {
+  input number
+  state starts = 0
+  reaction(number) {=
+    print(number.value, flush=True)
+    self.starts += number.value == 1
+    if self.starts == 2: request_stop()
+  =}
+}
+
+federated reactor {
+  @transient
+  camera = new Camera()
+  viewer = new Viewer()
+  camera.number -> viewer.number
+}
+"""
+    federation = bench.by_hand(target("keepalive: true") + BRIGHTEN + main, "viewer")
+    federation.await_joined("viewer")
+    federation.start("camera")
+    hear(federation.members["viewer"].stdout, "3\n")
+    camera = federation.members["camera"]
+    camera.kill()
+    camera.communicate(timeout=60)
+    federation.start("camera")
+    outcomes = federation.finish()
+    # That one was killed is told at the end, and disturbs no other federate.
+    assert {name: outcome.code for name, outcome in outcomes.items()} == {
+        "rti": 1,
+        "viewer": 0,
+        "camera": 0,
+    }, outcomes
+    assert "error: the process of federate camera ended before its last tag" in outcomes["rti"].err
+
+
+@pytest.mark.skipif(not shutil.which("openssl"), reason="openssl makes the certificates")
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_executables_join_over_tls_by_hand(folder: Path, bench: Bench, coordination: str) -> None:
+    for line in CERTIFICATES:
+        subprocess.run(["openssl", *line.split()], cwd=folder, check=True, capture_output=True)
+    tls = ["--tls-cert", "robot.pem", "--tls-key", "robot.key", "--tls-ca", "ca.pem"]
+    properties = f"timeout: 10 ms, comm-type: TLS, coordination: {coordination}"
+    main = CHAIN.replace("new Camera()", "new Camera() at camera.local")
+    (folder / "Main.lf").write_text(target(properties) + BRIGHTEN + main)
+    federation = bench.federation("127.0.0.1:0")
+    federation.start("rti", *tls)
+    names = ["camera", "filter__0", "filter__1", "sink"]
+    for name in names:
+        federation.start(name, *tls)
+    outcomes = federation.finish()
+    assert {outcome.code for outcome in outcomes.values()} == {0}, outcomes
+    seen = outcomes["sink"].out.splitlines()
+    assert seen == ["(480, 640) 2.0 2.0 [1.0, 2.0] False"] * 2
+
+
+def test_a_value_has_one_digest_in_both_languages(folder: Path, bench: Bench) -> None:
+    """What the one end sets, in a logical trace, is what the other end reads."""
+    process = bench.call("run", "--logical-trace", "trace", "Main.lf")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    steps = [json.loads(line) for line in (folder / "trace").read_text().splitlines()[1:-1]]
+    sets, reads = values(steps, "sets", "port"), values(steps, "reads", "from")
+    compared = [
+        ("Main.camera.image", "Main.detector.image"),
+        ("Main.camera.number", "Main.detector.number"),
+        ("Main.detector.found", "Main.controller.found"),
+        ("Main.controller.command", "Main.motor.command"),
+    ]
+    for sender, receiver in compared:
+        assert len(sets[sender]) == 6, sets
+        assert sets[sender] == reads[receiver], (sender, receiver)
+        assert not any(value.get("opaque") for value in sets[sender])
+
+
+def values(steps: list[dict[str, Any]], what: str, name: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the values in a trace without their texts, by port."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for step in steps:
+        for it in step.get(what, []):
+            value = {key: part for key, part in it["value"].items() if key != "text"}
+            found.setdefault(it[name], []).append(value)
+    return found
+
+
+def test_programs_that_bodies_start_learn_nothing_of_executables(
+    folder: Path, bench: Bench
+) -> None:
+    main = """
+reactor Viewer {
+  input number
+  reaction(number) {=
+    print([it for it in os.environ if it.startswith("HPRM_DESCRI")])
+    request_stop()
+  =}
+}
+
+federated reactor {
+  camera = new Camera()
+  viewer = new Viewer()
+  camera.number -> viewer.number
+}
+"""
+    outcome = bench.run(target("") + BRIGHTEN + main)
+    assert outcome.code == 0, outcome.err
+    # Some more may come before the stop.
+    assert set(outcome.out.splitlines()) == {"[viewer] []"}
+
+
+NUMBERS = """
+reactor Viewer {
+  input number
+  reaction(number) {= print(number.value) =}
+}
+
+federated reactor {
+  camera = new Camera()
+  viewer = new Viewer()
+  camera.number -> viewer.number
+}
+"""
+
+
+def wrap(path: Path, script: str) -> None:
+    """Write a script that becomes an executable."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+
+
+def test_an_executable_is_found_on_the_path_and_gets_its_arguments_and_the_folder(
+    folder: Path, bench: Bench, examples: Path
+) -> None:
+    noted = '[ -n "$HPRM_DESCRIBE" ] || echo "$PWD $*" > "$0.noted"'
+    wrap(folder / "tools" / "some-camera", f'{noted}; exec "{examples}/camera"')
+    text = BRIGHTEN.replace('"bin/camera"', '"some-camera", "--mode", "two words"')
+    program = folder / "programs" / "Main.lf"
+    program.parent.mkdir()
+    program.write_text(target("timeout: 10 ms") + text + NUMBERS)
+    program.with_name("bin").symlink_to(examples)
+    path = f"{folder / 'tools'}:{os.environ['PATH']}"
+    process = bench.call("run", "programs/Main.lf", environment={"PATH": path})
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (0, "[viewer] 1\n[viewer] 2\n"), err
+    noted = (folder / "tools" / "some-camera.noted").read_text()
+    assert noted == f"{folder} --mode two words\n"
+    process = bench.call("run", "programs/Main.lf")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode != 0
+    assert "then on PATH" in err
+
+
+def test_an_executable_that_declares_something_else_when_it_runs_refuses_to_join(
+    folder: Path, bench: Bench, examples: Path
+) -> None:
+    other = f'[ -n "$HPRM_DESCRIBE" ] || exec "{examples}/controller"; exec "{examples}/camera"'
+    wrap(folder / "tools" / "camera", other)
+    text = BRIGHTEN.replace("bin/camera", "tools/camera")
+    outcome = bench.run(target("timeout: 10 ms") + text + NUMBERS)
+    assert outcome.code == 1
+    said = "this executable assembles another program than it has declared to its launcher"
+    assert f"error: federate camera: {said}" in outcome.err
+    assert "is not in the program of the launcher" in outcome.err
+
+
+def test_an_executable_that_is_a_federation_needs_no_interpreter(
+    folder: Path, bench: Bench
+) -> None:
+    process = bench.call("run", "bin/federation", environment={"HPRM_PYTHON": "/nowhere/python"})
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "[detector] 100000000 0.5" in out

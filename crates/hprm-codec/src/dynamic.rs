@@ -4,6 +4,7 @@
 //! dict of its attributes, a member of an enumeration as its name, a set as a list.
 
 use std::fmt;
+use std::sync::Arc;
 
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeTuple};
@@ -11,6 +12,7 @@ use serde::{Serialize, Serializer};
 
 use crate::array::Array;
 use crate::element::Dtype;
+use crate::memory::Memory;
 use crate::slot::{self, DYNAMIC, Incoming, IncomingArray};
 
 /// A value of any type that both Rust and Python know.
@@ -204,6 +206,14 @@ macro_rules! dynamic_array {
             pub fn shape(&self) -> &[usize] {
                 match self {
                     $(Self::$dtype(array) => array.shape(),)*
+                }
+            }
+
+            /// The memory in which its elements lie, in the order of C.
+            #[must_use]
+            pub fn memory(&self) -> Arc<dyn Memory> {
+                match self {
+                    $(Self::$dtype(array) => array.memory(),)*
                 }
             }
         }

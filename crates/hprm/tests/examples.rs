@@ -23,7 +23,7 @@ const EXAMPLES: [(&str, &str); 2] = [
 const FEDERATION: &str = "[detector] 0 0.5\n[detector] 100000000 0.5\n[detector] 200000000 0.5\n";
 
 /// Examples that are federates of programs in other languages, whose tests run them: `tests/python/test_mixed.py`.
-const FEDERATES: [&str; 2] = ["camera", "controller"];
+const FEDERATES: [&str; 3] = ["brighten", "camera", "controller"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()

@@ -12,7 +12,7 @@ use hprm_core::{
 use hprm_store::{Object, Store, StoreAllocator};
 
 use super::context::{Access, Context};
-use super::digest::describe;
+use super::digest::Describer;
 use super::handle::{Entry, Key, Slot};
 use super::identity::{GraphNumber, Identity, Of};
 use super::running::Asked;
@@ -75,6 +75,8 @@ pub(super) struct Bodies {
     sites: Table<ReactionId, Site>,
     /// How the values of ports travel that are connected to other federates.
     codecs: BTreeMap<PortId, Codec>,
+    /// Describes values for the logical trace.
+    describer: Describer,
     /// What the process of a federate has beside that.
     federated: Option<Federated>,
     /// Which program its handles belong to; none while reactors are assembled.
@@ -96,6 +98,7 @@ impl Bodies {
             codes: Table::new(),
             sites: Table::new(),
             codecs: BTreeMap::new(),
+            describer: Describer::default(),
             federated: None,
             _identity: None,
         }
@@ -104,6 +107,7 @@ impl Bodies {
     /// States how the values of a port travel to other federates.
     pub(super) fn carry(&mut self, port: PortId, codec: Codec) {
         self.codecs.insert(port, codec);
+        self.describer.add(codec);
     }
 
     /// Whether it is stated how the values of a port travel.
@@ -266,7 +270,7 @@ impl Host for Bodies {
     }
 
     fn describe(&mut self, value: &Value) -> Described {
-        describe(value)
+        self.describer.describe(value)
     }
 
     fn interrupted(&mut self) -> bool {
@@ -303,7 +307,7 @@ impl SharedBodies<Value> for Bodies {
     }
 
     fn describe(&self, value: &Value) -> Described {
-        describe(value)
+        self.describer.describe(value)
     }
 }
 

@@ -3,6 +3,7 @@
 //! Which type a channel has is known where it was connected. Large arrays lie in the object store, where receivers read
 //! them; this file decides what of a value is there already, and what is copied.
 
+use std::any::TypeId;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 
@@ -10,7 +11,8 @@ use hprm_codec::{DecodeError, Draft, EncodeError, Memory, Source, Transfer};
 use hprm_core::{ChannelId, Connection, FederateId, Part, Payload, PortId, Program, Table};
 use hprm_store::{Object, Store, StoreAllocator};
 
-use super::value::Value;
+use super::sender::Sent;
+use super::value::{Value, stored_type};
 use crate::Failure;
 use crate::failure::Source as Code;
 
@@ -24,6 +26,7 @@ type Decode = fn(&[u8], &[Arc<dyn Memory>]) -> Result<Value, DecodeError>;
 #[derive(Clone, Copy)]
 pub(super) struct Codec {
     name: fn() -> &'static str,
+    stored: fn() -> [TypeId; 2],
     encode: Encode,
     decode: Decode,
 }
@@ -32,9 +35,23 @@ impl Codec {
     pub(super) fn of<T: Transfer>() -> Self {
         Self {
             name: std::any::type_name::<T>,
-            encode: |value| value.get::<T>().map(hprm_codec::encode),
+            stored: || [stored_type::<T>(), stored_type::<Sent<T>>()],
+            encode: |value| {
+                let value = value.get::<T>().or_else(|| value.get::<Sent<T>>().map(Sent::value));
+                value.map(hprm_codec::encode)
+            },
             decode: |head, parts| hprm_codec::decode::<T>(head, parts).map(Value::new),
         }
+    }
+
+    /// What tells that a value has the type, at a port or of a physical action.
+    pub(super) fn stored(self) -> [TypeId; 2] {
+        (self.stored)()
+    }
+
+    /// Encodes a value, if it has the type.
+    pub(super) fn encode(self, value: &Value) -> Option<Result<Draft, EncodeError>> {
+        (self.encode)(value)
     }
 
     /// The name of the type.
@@ -106,7 +123,7 @@ impl Transport {
         value: &Value,
     ) -> Result<Payload, Failure> {
         self.holds.clear();
-        let draft = match self.codecs[channel].and_then(|codec| (codec.encode)(value)) {
+        let draft = match self.codecs[channel].and_then(|codec| codec.encode(value)) {
             Some(Ok(draft)) => draft,
             Some(Err(error)) => return Err(self.unsent(channel, &error)),
             None => return Err(self.unsent(channel, &"the port has no type that can be sent")),

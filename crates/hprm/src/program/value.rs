@@ -6,7 +6,7 @@
 //! A scheduler moves values often, and its events are as large as its values can be. So a [`Value`] has two words:
 //! numbers are in place, other small values in boxes of one size, which are used again, and large ones are shared.
 
-use std::any::Any;
+use std::any::{Any, TypeId};
 use std::cell::RefCell;
 use std::slice;
 use std::sync::Arc;
@@ -88,6 +88,14 @@ macro_rules! values {
                     return Self::$kind(bits(*number));
                 })*
                 Self::Boxed(Boxed::new(value))
+            }
+
+            /// What tells the type of a value that is in a box: [`stored_type`].
+            pub(super) fn stored_type(&self) -> Option<TypeId> {
+                match self {
+                    Self::Boxed(boxed) => boxed.content().map(|content| (&**content as &dyn Any).type_id()),
+                    _ => None,
+                }
             }
 
             /// The value, if it has this type.
@@ -185,6 +193,11 @@ fn recycle(mut boxed: Box<Content>) {
             spare.push(boxed);
         }
     });
+}
+
+/// What [`Value::stored_type`] is for values of this type.
+pub(super) fn stored_type<T: Message>() -> TypeId {
+    if is_small::<T>() { TypeId::of::<T>() } else { TypeId::of::<Arc<T>>() }
 }
 
 /// Whether a value has room in a box.
