@@ -125,9 +125,7 @@ def _property(name: str, value: Any) -> str:
     return f"{name}={value}" if plain else f'{name}="{value}"'
 
 
-def _launch(
-    main: Federation, properties: list[str], trace: str | None, failures: list[str]
-) -> int:
+def _launch(main: Federation, properties: list[str], trace: str | None, failures: list[str]) -> int:
     """Run a federation as processes, by the command ``hprm``. Return its exit code.
 
     What has failed is added to ``failures``, as JSON.

@@ -190,8 +190,8 @@ def test_a_federate_by_hand_does_not_outlive_its_federation(
     bystander = outcomes["bystander"]
     assert bystander.code == 1
     bystander.assert_one_error(
-        "error: the federation Main has ended, and a reaction of this federate has not returned 5 s later: "
-        "the process ends now"
+        "error: the federation Main has ended, and a reaction of this federate has not returned"
+        " 5 s later: the process ends now"
     )
     assert not bench.left()
 
