@@ -27,7 +27,7 @@ pub(super) fn merge<R: BufRead + Seek>(
     let places: BTreeMap<String, (u32, ReactionId)> = program
         .reactions
         .iter()
-        .map(|(id, reaction)| (program.reaction_label(id), (reaction.level, id)))
+        .map(|(id, reaction)| (program.reaction_name(id), (reaction.level, id)))
         .collect();
     let header = Header {
         hprm_logical_trace: VERSION,

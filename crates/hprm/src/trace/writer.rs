@@ -199,7 +199,7 @@ impl Trace {
         };
         Entry {
             tag: at(record.tag),
-            reaction: program.reaction_label(record.reaction),
+            reaction: program.reaction_name(record.reaction),
             body: record.body.into(),
             reads,
             sets,
