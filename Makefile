@@ -18,7 +18,7 @@ PYTHON_CODE := python tests bench examples docs packaging
 # Programs that the strictest checks of types must accept, as those of users who run them.
 TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/%,$(wildcard examples/*/*.py))
 RUST_SOURCES := Cargo.toml Cargo.lock \
-	$(shell find crates -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md')
+	$(shell find crates -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md' -o -path '*/templates/*' -type f)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
