@@ -22,7 +22,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo docs test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -39,6 +39,10 @@ wheel: $(VENV)/.wheel-requirements ## build a wheel for this version of Python, 
 docs: build $(VENV)/.requirements ## build the handbook into out/handbook
 	$(BIN)/sphinx-build -W --keep-going -q docs out/handbook
 	@echo "open out/handbook/index.html"
+
+docs-rust: toolchain ## build the reference of the Rust library into target/doc
+	cargo doc --quiet --no-deps -p hprm
+	@echo "open $(TARGET)/doc/hprm/prelude/index.html"
 
 try-wheel: $(VENV)/.requirements ## install the wheel of out/wheels where there is no compiler, test it there, time its import
 	HPRM_WHEEL="$$(ls -t out/wheels/hprm-*.whl | head -n 1)" $(BIN)/python -m pytest tests/python/test_wheel.py

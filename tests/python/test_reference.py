@@ -157,6 +157,13 @@ sys.exit(failed)
 """
 
 
+def test_every_type_of_the_rust_library_is_on_the_page() -> None:
+    prelude = (ROOT / "crates" / "hprm" / "src" / "prelude.rs").read_text()
+    known = re.findall(r"\w+", prelude.split("pub use crate::{")[1].split("}")[0])
+    table = [code for row in rows(page("rust-api.md")) for code in re.findall(r"`(\w+)`", row[1])]
+    assert sorted(table) == sorted(known)
+
+
 LIMITS = [row for row in rows(page("limits.md")) if len(row) == 4]
 UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "s": 10**9, "ms": 10**6, "characters": 1}
 

@@ -23,9 +23,20 @@ pub use report::{Kind, Label, Report};
 /// Why a program ends before its last tag.
 ///
 /// A new kind of failure is a new variant, with its kind in [`Self::kind`] and, if people can do
-/// something about it, its hint in [`Self::hint`].
+/// something about it, its hint in the [`Report`].
 ///
 /// Its `Debug` text is that for people, because that is what a `main` that returns it prints.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Failing");
+/// program.reactor("a", (), |reactor| {
+///     reactor.reaction().on(Startup).run(|(), _| Err::<(), _>("no camera"));
+/// });
+/// let failure = program.run().unwrap_err();
+/// assert!(failure.to_string().contains("no camera"));
+/// ```
 #[derive(Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// This federate has left the federation by itself, for example by `sys.exit(0)`. That is no error.

@@ -8,6 +8,8 @@
 
 /// The programs in Rust of the handbook.
 #[cfg(doctest)]
+// Blocks with file names have attributes that are Sphinx's.
+#[allow(rustdoc::invalid_codeblock_attributes)]
 #[doc = include_str!("../../../docs/howto/rust.md")]
 #[doc = include_str!("../../../docs/reference/language/index.md")]
 #[doc = include_str!("../../../docs/reference/language/reactions.md")]

@@ -1,7 +1,7 @@
 //! The logical trace: what every reaction of a run did, in an order that depends on the program
 //! alone.
 //!
-//! The file is JSON Lines; [`line`] is its vocabulary and `docs/reference/logical-trace.md` describes it for
+//! The file is JSON Lines; [`mod@line`] is its vocabulary and `docs/reference/logical-trace.md` describes it for
 //! people. Here are the digest of a value, the writer that the loops use, the reader, and what makes
 //! one trace of the shares of federates. Comparing two traces is for commands.
 

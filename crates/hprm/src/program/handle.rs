@@ -14,22 +14,96 @@ use super::sender::Sent;
 use super::value::{Message, Value};
 
 /// An input port of a reactor, for values of the type `T`.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Ports");
+/// let out = program.reactor("source", (), |source| {
+///     let out = source.output("out");
+///     source.reaction().on(Startup).sets(out).run(move |(), ctx| ctx.set(out, 7));
+///     out
+/// });
+/// let input: InputPort<i64> = program.reactor("sink", (), |sink| {
+///     let input = sink.input("in");
+///     sink.reaction().on(input).run(move |(), ctx| assert_eq!(ctx.get(input), Some(&7)));
+///     input
+/// });
+/// program.connect(out, input);
+/// # program.run().unwrap();
+/// ```
 pub struct InputPort<T>(pub(super) Of<PortId>, PhantomData<fn() -> T>);
 
 /// An output port of a reactor, for values of the type `T`.
+///
+/// [`InputPort`] has an example.
 pub struct OutputPort<T>(pub(super) Of<PortId>, PhantomData<fn() -> T>);
 
 /// An action that is scheduled relative to the current tag, with values of the type `T`.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Countdown").fast();
+/// program.reactor("countdown", (), |reactor| {
+///     let again: LogicalAction<u32> = reactor.logical_action("again", Duration::from_millis(10));
+///     reactor.reaction().on(Startup).schedules(again).run(move |(), ctx| {
+///         ctx.schedule(again, Duration::ZERO, 3);
+///     });
+///     reactor.reaction().on(again).schedules(again).run(move |(), ctx| match ctx.get(again) {
+///         Some(&left) if left > 0 => ctx.schedule(again, Duration::ZERO, left - 1),
+///         _ => assert_eq!(ctx.elapsed(), Duration::from_millis(40)),
+///     });
+/// });
+/// # program.run().unwrap();
+/// ```
 pub struct LogicalAction<T>(pub(super) Of<ActionId>, PhantomData<fn() -> T>);
 
 /// An action that is scheduled by the clock, also from other threads, with values of the type `T`.
+///
+/// [`Sender`](crate::Sender) has an example.
 pub struct PhysicalAction<T>(pub(super) Of<ActionId>, PhantomData<fn() -> T>);
 
 /// A timer of a reactor.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Ticks").fast().timeout(Duration::from_millis(20));
+/// program.reactor("ticks", 0, |ticks| {
+///     let tick: Timer = ticks.timer("tick", Duration::ZERO, Duration::from_millis(10));
+///     ticks.reaction().on(tick).run(|count, _| *count += 1);
+///     ticks.reaction().on(Shutdown).run(|count, _| assert_eq!(*count, 3));
+/// });
+/// # program.run().unwrap();
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Timer(pub(super) Of<TimerId>);
 
 /// A mode of a reactor: a part of it that is active only while the reactor is in this mode.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Lamp").fast();
+/// program.reactor("lamp", (), |lamp| {
+///     let (off, on) = (lamp.initial_mode("off"), lamp.mode("on"));
+///     lamp.in_mode(off, |lamp| {
+///         let begin = lamp.timer("begin", Duration::from_secs(1), Duration::ZERO);
+///         lamp.reaction().on(begin).enters(on.reset()).run(move |(), ctx| ctx.enter(on.reset()));
+///     });
+///     lamp.in_mode(on, |lamp| {
+///         lamp.reaction().on(Reset).run(|(), ctx| assert_eq!(ctx.elapsed().as_secs(), 1));
+///     });
+/// });
+/// # program.run().unwrap();
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Mode(pub(super) Of<ModeId>);
 
@@ -38,14 +112,20 @@ pub struct Mode(pub(super) Of<ModeId>);
 pub struct Entry(pub(super) Of<ModeId>, pub(super) Transition);
 
 /// Triggers a reaction when the program starts, or the mode of the reaction is entered for the first time.
+///
+/// [`InputPort`] has an example.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Startup;
 
 /// Triggers a reaction at the last tag of the program.
+///
+/// [`Timer`] has an example.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Shutdown;
 
 /// Triggers a reaction when its mode is entered by [`Mode::reset`].
+///
+/// [`Mode`] has an example.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Reset;
 
