@@ -16,10 +16,14 @@ impl Reactor for Sensor {
     fn assemble(&mut self, sensor: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
         let reading = sensor.output("reading");
         let t = sensor.timer("t", Duration::ZERO, Duration::from_millis(100));
-        sensor.reaction().on(t).sets(reading).run(move |sensor, ctx| {
-            sensor.count += 1;
-            ctx.set(reading, sensor.count);
-        });
+        sensor
+            .reaction()
+            .on(t)
+            .sets(reading)
+            .run(move |sensor, ctx| {
+                sensor.count += 1;
+                ctx.set(reading, sensor.count);
+            });
         reading
     }
 }
@@ -35,12 +39,19 @@ impl Reactor for Filter {
 
     fn assemble(&mut self, filter: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
         let (reading, mean) = (filter.input("reading"), filter.output("mean"));
-        filter.reaction().on(reading).sets(mean).run(move |filter, ctx| {
-            filter.last.extend(ctx.get(reading));
-            let start = filter.last.len().saturating_sub(filter.size);
-            filter.last.drain(..start);
-            ctx.set(mean, f64::from(filter.last.iter().sum::<u32>()) / filter.last.len() as f64);
-        });
+        filter
+            .reaction()
+            .on(reading)
+            .sets(mean)
+            .run(move |filter, ctx| {
+                filter.last.extend(ctx.get(reading));
+                let start = filter.last.len().saturating_sub(filter.size);
+                filter.last.drain(..start);
+                ctx.set(
+                    mean,
+                    f64::from(filter.last.iter().sum::<u32>()) / filter.last.len() as f64,
+                );
+            });
         (reading, mean)
     }
 }
@@ -70,14 +81,23 @@ mod tests {
     fn the_filter_gives_the_mean_of_the_last_readings() -> Result<(), Failure> {
         // Without federates and `fast`, a program waits for nothing.
         let mut program = Program::new("Test").fast();
-        let (reading, mean) = program.add("filter", Filter { size: 2, last: Vec::new() });
+        let (reading, mean) = program.add(
+            "filter",
+            Filter {
+                size: 2,
+                last: Vec::new(),
+            },
+        );
         let mut main = program.main();
         let t = main.timer("t", Duration::ZERO, Duration::from_secs(3600));
         let mut readings = [4, 8, 20].into_iter();
-        main.reaction().on(t).sets(reading).run(move |(), ctx| match readings.next() {
-            Some(value) => ctx.set(reading, value),
-            None => ctx.request_stop(),
-        });
+        main.reaction()
+            .on(t)
+            .sets(reading)
+            .run(move |(), ctx| match readings.next() {
+                Some(value) => ctx.set(reading, value),
+                None => ctx.request_stop(),
+            });
         let mut means = [4.0, 6.0, 14.0].into_iter();
         main.reaction().on(mean).run(move |(), ctx| {
             assert_eq!(ctx.get(mean).copied(), means.next());

@@ -8,7 +8,13 @@ use new_project::{Display, Filter, Sensor};
 fn main() -> Result<(), Failure> {
     let mut program = Federation::new("NewProject").timeout(Duration::from_secs(1));
     let readings = program.add("sensor", Sensor::default());
-    let (reading, mean) = program.add("filter", Filter { size: 3, last: Vec::new() });
+    let (reading, mean) = program.add(
+        "filter",
+        Filter {
+            size: 3,
+            last: Vec::new(),
+        },
+    );
     let means = program.add("display", Display);
     program.connect(readings, reading);
     program.connect(mean, means);
