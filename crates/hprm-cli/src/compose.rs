@@ -47,7 +47,11 @@ pub(crate) fn compose(wanted: &Compose) -> Result<ExitCode, Error> {
     }
     refuse_existing(wanted, &places, &files)?;
     write(wanted, &places, &files).map_err(|error| {
-        Error::new(format!("cannot write in {}: {}", places.output.display(), error.kind()))
+        Error::new(format!(
+            "cannot write in {}: {}",
+            places.output.display(),
+            message::reason(&error)
+        ))
     })?;
     let output = places.output.display();
     message::print_line(&format!(
@@ -264,5 +268,5 @@ fn replace(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> io::Resu
 }
 
 fn unreadable(path: &Path, error: &io::Error) -> Error {
-    Error::new(format!("cannot read {}: {}", path.display(), error.kind()))
+    Error::new(format!("cannot read {}: {}", path.display(), message::reason(error)))
 }

@@ -29,7 +29,11 @@ pub(crate) fn completions(wanted: &Completions) -> ExitCode {
 pub(crate) fn man(wanted: &Man) -> Result<ExitCode, Error> {
     let folder = &wanted.folder;
     write(folder).map_err(|error| {
-        Error::new(format!("cannot write manual pages in {}: {}", folder.display(), error.kind()))
+        Error::new(format!(
+            "cannot write manual pages in {}: {}",
+            folder.display(),
+            message::reason(&error)
+        ))
     })?;
     Ok(ExitCode::SUCCESS)
 }

@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::console::{self, show};
-pub(crate) use hprm::console::{color, print, print_error};
+pub(crate) use hprm::console::{color, print, print_error, reason};
 use hprm::{Failure, Kind, Label, Report};
 use serde_json::{Value, json};
 

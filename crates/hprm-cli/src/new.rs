@@ -82,7 +82,7 @@ pub(crate) fn new(wanted: &New) -> Result<ExitCode, Error> {
         (name.instead_of_template(path), text)
     });
     make(folder, files).map_err(|error| {
-        Error::new(format!("cannot make {}: {}", folder.display(), error.kind()))
+        Error::new(format!("cannot make {}: {}", folder.display(), message::reason(&error)))
     })?;
     message::print_line(&next_steps(folder, &name, wanted.lang));
     Ok(ExitCode::SUCCESS)

@@ -74,8 +74,9 @@ fn await_file(path: &Path, mut pause: impl FnMut() -> bool) -> Result<Federation
 }
 
 fn read(path: &Path) -> Result<FederationId, Error> {
-    let failed =
-        |error: io::Error| Error::option(format!("cannot read {}: {error}", path.display()));
+    let failed = |error: io::Error| {
+        Error::option(format!("cannot read {}: {}", path.display(), message::reason(&error)))
+    };
     let file = std::fs::File::open(path).map_err(failed)?;
     let metadata = file.metadata().map_err(failed)?;
     if !metadata.is_file() {
@@ -118,19 +119,26 @@ fn write(path: &Path) -> Result<FederationId, Error> {
         .mode(0o600)
         .open(draft)
         .and_then(|mut file| writeln!(file, "{secret}"))
-        // Unlike a rename, this does not replace a file that another process has made meanwhile.
-        .and_then(|()| std::fs::hard_link(draft, path))
-        .or_else(|error| match error.kind() {
-            // Some file systems know no links.
-            ErrorKind::PermissionDenied | ErrorKind::Unsupported if !path.exists() => {
-                std::fs::rename(draft, path)
-            }
-            _ => Err(error),
-        });
+        .and_then(|()| put(draft, path));
     // There may be none.
     let _ = std::fs::remove_file(draft);
-    written.map_err(|error| Error::option(format!("cannot write {}: {error}", path.display())))?;
+    written.map_err(|error| {
+        Error::option(format!("cannot write {}: {}", path.display(), message::reason(&error)))
+            .hint("--federation-file names a file in a folder that you may write to")
+    })?;
     Ok(secret)
+}
+
+/// Gives the draft its name, unless another process has made such a file meanwhile.
+fn put(draft: &Path, path: &Path) -> io::Result<()> {
+    // Unlike a rename, a link does not replace a file.
+    std::fs::hard_link(draft, path).or_else(|error| match error.kind() {
+        // Some file systems know no links.
+        ErrorKind::PermissionDenied | ErrorKind::Unsupported if !path.exists() => {
+            std::fs::rename(draft, path)
+        }
+        _ => Err(error),
+    })
 }
 
 #[cfg(test)]
@@ -201,6 +209,14 @@ mod tests {
         let path = folder.path().join("secret");
         let first = make(&path).unwrap();
         assert_eq!(make(&path).unwrap(), first);
+    }
+
+    #[test]
+    fn the_first_reason_is_told() {
+        // Neither this user nor root may make a file there.
+        let error = format!("{:?}", write(Path::new("/sys/secret")).unwrap_err());
+        assert!(error.contains("cannot write /sys/secret: "), "{error}");
+        assert!(!error.contains("No such file"), "{error}");
     }
 
     #[test]

@@ -249,7 +249,7 @@ impl Folder {
 }
 
 fn unwritable(path: &Path, error: &std::io::Error) -> Error {
-    Error::new(format!("cannot write traces to {}: {error}", path.display()))
+    Error::new(format!("cannot write traces to {}: {}", path.display(), message::reason(error)))
 }
 
 impl Drop for Folder {

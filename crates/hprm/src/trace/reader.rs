@@ -3,11 +3,11 @@
 //! How a run ended stands in the last line, but says which tags are complete, so it is read first.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::line::{At, End, Entry, Header, Line, RunEnding, VERSION};
-use crate::Failure;
+use crate::{Failure, console};
 
 /// Bytes at the end of a file among which the last line is found.
 const TAIL: u64 = 1 << 16;
@@ -38,6 +38,11 @@ pub struct Group {
     pub entries: Vec<Entry>,
 }
 
+/// The failure that a trace cannot be read.
+fn unreadable(name: &str, error: &io::Error) -> Failure {
+    Failure::command(format!("cannot read the trace {name}: {}", console::reason(error)))
+}
+
 impl Reader<BufReader<File>> {
     /// Opens a file.
     ///
@@ -46,8 +51,7 @@ impl Reader<BufReader<File>> {
     /// If it cannot be read, or does not begin like a trace.
     pub fn open(path: &Path) -> Result<Self, Failure> {
         let name = path.display().to_string();
-        let file = File::open(path)
-            .map_err(|error| Failure::command(format!("cannot read the trace {name}: {error}")))?;
+        let file = File::open(path).map_err(|error| unreadable(&name, &error))?;
         Self::new(&name, BufReader::new(file))
     }
 }
@@ -59,8 +63,7 @@ impl<R: BufRead + Seek> Reader<R> {
     ///
     /// If it does not begin like a trace.
     pub fn new(name: &str, mut source: R) -> Result<Self, Failure> {
-        let (end, whole) = tail(&mut source)
-            .map_err(|error| Failure::command(format!("cannot read the trace {name}: {error}")))?;
+        let (end, whole) = tail(&mut source).map_err(|error| unreadable(name, &error))?;
         let header = Header { hprm_logical_trace: 0, program: String::new(), federated: false };
         let name = name.to_owned();
         let mut reader = Self { name, header, end, whole, source, line: 0, next: None };
@@ -132,7 +135,7 @@ impl<R: BufRead + Seek> Reader<R> {
 }
 
 /// How the run ended, as far as the last complete line tells, and whether it tells that at all.
-fn tail(source: &mut (impl Read + Seek)) -> std::io::Result<(End, bool)> {
+fn tail(source: &mut (impl Read + Seek)) -> io::Result<(End, bool)> {
     let len = source.seek(SeekFrom::End(0))?;
     source.seek(SeekFrom::Start(len.saturating_sub(TAIL)))?;
     let mut bytes = Vec::new();
