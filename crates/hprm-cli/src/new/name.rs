@@ -130,6 +130,7 @@ mod tests {
             ("class", "a meaning of its own"),
             ("Self", "a meaning of its own"),
             ("hprm", "a meaning of its own"),
+            ("pytest", "a meaning of its own"),
             ("signal", "standard library"),
             ("..", "ends with no name"),
         ] {
