@@ -97,6 +97,15 @@ def test_all_codes_are_listed_by_their_subjects() -> None:
     assert listed == [[code, kind] for found in sections().values() for kind, code, _ in found]
 
 
+def test_the_beginning_of_codes_stands_for_all_of_them() -> None:
+    lines = hprm("explain", "lf08").stdout.splitlines()
+    assert lines[0] == "LF08: federations"
+    assert [line.split()[0] for line in lines[1:]] == ["LF0801", "LF0802", "LF0803", "LF0804"]
+    codes = [it["code"] for it in explained("LF08", "LF0503")]
+    assert codes == ["LF0801", "LF0802", "LF0803", "LF0804", "LF0503"]
+    assert hprm("explain", "LF08", "LF0503").stdout.count("LF0804") == 1
+
+
 def test_a_code_is_explained_in_the_width_of_the_terminal() -> None:
     done = hprm("explain", "lf503", COLUMNS="60")
     assert done.returncode == 0

@@ -29,27 +29,49 @@ const WIDEST: usize = 100;
 ///
 /// If there is no such code.
 pub(crate) fn explain(wanted: &Explain) -> Result<ExitCode, Error> {
-    let found =
-        wanted.codes.iter().map(|code| explanation::explanation(code).ok_or_else(|| unknown(code)));
-    let found = found.collect::<Result<Vec<_>, _>>()?;
     let groups = explanation::groups();
-    let all = || groups.iter().flat_map(|group| group.explanations.iter().copied());
-    let found = if found.is_empty() && wanted.json { all().collect() } else { found };
-    let texts: Vec<_> = match found.as_slice() {
-        [] if wanted.markdown => groups.iter().map(group_as_markdown).collect(),
-        [] => groups.iter().map(listed).collect(),
-        found if wanted.json => {
-            found.iter().for_each(|it| message::print_line(&as_json(it).to_string()));
-            return Ok(ExitCode::SUCCESS);
-        }
-        found if wanted.markdown => found.iter().map(|it| as_markdown(it, 1)).collect(),
-        found => {
-            let page = Page::of_terminal();
-            found.iter().map(|it| page.explanation(it)).collect()
-        }
+    let found: Vec<_> = match wanted.codes.as_slice() {
+        [] => groups.into_iter().map(Found::Group).collect(),
+        codes => codes.iter().map(|code| find(code, &groups)).collect::<Result<_, _>>()?,
     };
-    message::print_line(texts.join("\n").trim_end());
+    if wanted.json {
+        let all = found.iter().flat_map(Found::explanations);
+        all.for_each(|it| message::print_line(&as_json(it).to_string()));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let page = Page::of_terminal();
+    let texts = found.iter().map(|found| match found {
+        Found::Group(group) if wanted.markdown => group_as_markdown(group),
+        Found::Group(group) => listed(group),
+        Found::One(one) if wanted.markdown => as_markdown(one, 1),
+        Found::One(one) => page.explanation(one),
+    });
+    message::print_line(texts.collect::<Vec<_>>().join("\n").trim_end());
     Ok(ExitCode::SUCCESS)
+}
+
+/// What is shown for a word of the command line.
+#[derive(Debug)]
+enum Found {
+    One(Explanation),
+    Group(Group),
+}
+
+impl Found {
+    fn explanations(&self) -> &[Explanation] {
+        match self {
+            Self::One(one) => std::slice::from_ref(one),
+            Self::Group(group) => &group.explanations,
+        }
+    }
+}
+
+/// A group, if the word is how its codes begin (`LF05`), or one code.
+fn find(code: &str, groups: &[Group]) -> Result<Found, Error> {
+    if let Some(group) = groups.iter().find(|group| group.prefix.eq_ignore_ascii_case(code)) {
+        return Ok(Found::Group(group.clone()));
+    }
+    explanation::explanation(code).map(Found::One).ok_or_else(|| unknown(code))
 }
 
 /// Says at the end of a report, on the standard error, how to read more about its codes.

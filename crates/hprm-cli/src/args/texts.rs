@@ -13,6 +13,7 @@ use clap_complete::Shell;
 Examples:
   hprm explain LF0503
   hprm explain lf503                  the same
+  hprm explain LF05                   all codes that begin with it
   hprm explain | grep port            the codes whose titles speak of ports")]
 pub(crate) struct Explain {
     /// The codes, as `hprm check` prints them.
