@@ -3,6 +3,7 @@
 use hprm::Address;
 
 use crate::args::FederateArguments;
+use crate::declare;
 use crate::message::Error;
 use crate::registry::{self, Record};
 
@@ -25,6 +26,10 @@ pub(crate) fn running(arguments: &FederateArguments) -> Result<Option<Record>, E
     let mut found = registry::of_program(&arguments.file);
     if let Some(federation) = secret.federation {
         found.retain(|record| record.federation() == Some(federation));
+    }
+    if found.is_empty() {
+        // A mistyped path is told first.
+        declare::is_readable(declare::file_of(&arguments.file))?;
     }
     one(found, &arguments.file.display().to_string()).map(Some)
 }
@@ -67,9 +72,21 @@ fn one(mut found: Vec<Record>, file: &str) -> Result<Record, Error> {
 mod tests {
     use std::path::Path;
 
+    use clap::Parser;
     use hprm::FederationId;
 
     use super::*;
+    use crate::args::{Arguments, Command};
+
+    #[test]
+    fn a_program_that_is_not_there_is_told_first() {
+        let words = ["hprm", "federate", "/nowhere/Main.lf", "motor"];
+        let Command::Federate(arguments) = Arguments::parse_from(words).command else {
+            panic!("another command")
+        };
+        let error = format!("{:?}", running(&arguments).unwrap_err());
+        assert!(error.contains("cannot read /nowhere/Main.lf: No such file"), "{error}");
+    }
 
     #[test]
     fn of_several_federations_none_is_chosen() {

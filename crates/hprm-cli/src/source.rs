@@ -127,7 +127,11 @@ fn utf8(path: &Path) -> Result<&str, Error> {
 fn read(path: &Path) -> Result<(&str, Disk), Error> {
     let name = utf8(path)?;
     if path.extension().is_none_or(|extension| extension != "lf") {
-        return Err(Error::new(format!("{name} is not a program"))
+        let error = Error::new(format!("{name} is not a program"));
+        if let Some((file, _)) = name.rsplit_once(':').filter(|(file, _)| file.ends_with(".lf")) {
+            return Err(error.hint(format!("an .lf file has one main reactor: write {file} alone")));
+        }
+        return Err(error
             .hint("programs are files whose name ends in .lf or .py, and executables that are federations"));
     }
     let mut disk = Disk::from_environment();
@@ -182,6 +186,12 @@ mod tests {
             let error = error(Path::new(name));
             assert!(format!("{error:?}").contains("is not a program"), "{error:?}");
         }
+    }
+
+    #[test]
+    fn a_name_behind_a_file_of_lingua_franca_is_too_much() {
+        let error = format!("{:?}", error(Path::new("src/Main.lf:Main")));
+        assert!(error.contains("write src/Main.lf alone"), "{error}");
     }
 
     #[test]
