@@ -42,6 +42,6 @@ fn each_command_has_a_manual_page() {
     let output = hprm(&["man", "/dev/null/man1"]);
     assert_eq!(
         text(&output.stderr),
-        "error: cannot write manual pages in /dev/null/man1: not a directory\n"
+        "error: cannot write manual pages in /dev/null/man1: Not a directory\n"
     );
 }
