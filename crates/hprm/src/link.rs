@@ -32,6 +32,7 @@ use crate::notifier::Notifier;
 use crate::wait::Deadline;
 pub(crate) use acceptor::LinkAcceptor;
 pub use address::{Address, AddressError};
+pub(crate) use ends::CloseInChild;
 pub(crate) use keys::Keys;
 pub use keys::Security;
 pub(crate) use proof::Purpose;

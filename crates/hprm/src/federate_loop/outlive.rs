@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::{Errno, write};
 
+use crate::link::CloseInChild;
 use crate::{Kind, Report};
 
 /// How long the loop may still run after the link has ended.
@@ -41,7 +42,7 @@ impl OutliveWatch {
         federation: &str,
         end_process: EndProcess,
     ) -> io::Result<Self> {
-        let link = link.try_clone_to_owned()?;
+        let link = OwnLink::of(link)?;
         let over = eventfd(0, EventfdFlags::CLOEXEC)?;
         let seen = over.try_clone()?;
         let federation = federation.to_owned();
@@ -62,6 +63,27 @@ impl Drop for OutliveWatch {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// A descriptor of the link for the thread alone. Child processes that the program forks close it, as they close the
+/// loop's: otherwise the RTI would not see that this process has ended.
+struct OwnLink {
+    // Dropped first: the list of the descriptors that a child closes never has one that is closed here.
+    _close_in_child: CloseInChild,
+    socket: OwnedFd,
+}
+
+impl OwnLink {
+    fn of(link: BorrowedFd<'_>) -> io::Result<Self> {
+        let socket = link.try_clone_to_owned()?;
+        Ok(Self { _close_in_child: CloseInChild::of(&socket), socket })
+    }
+}
+
+impl AsFd for OwnLink {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }
 

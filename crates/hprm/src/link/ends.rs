@@ -38,10 +38,10 @@ extern "C" fn in_child() {
 
 /// Keeps a socket in the list, as long as this lives: it is dropped before the descriptor is closed.
 #[derive(Debug)]
-pub(super) struct CloseInChild(RawFd);
+pub(crate) struct CloseInChild(RawFd);
 
 impl CloseInChild {
-    pub(super) fn of(socket: &impl AsRawFd) -> Self {
+    pub(crate) fn of(socket: &impl AsRawFd) -> Self {
         // If the system does not report forks, children keep links open.
         WATCHING.call_once(|| drop(at_fork(prepare, in_parent, in_child)));
         let descriptor = socket.as_raw_fd();
