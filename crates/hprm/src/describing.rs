@@ -324,9 +324,12 @@ mod tests {
     /// A script in a folder of its own.
     fn script(text: &str) -> (tempfile::TempDir, Vec<String>) {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("camera");
-        fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        let [path, source] = ["camera", "source"].map(|name| folder.path().join(name));
+        fs::write(&source, format!("#!/bin/sh\n{text}\n")).unwrap();
+        // Another process writes what is executed: this one's descriptor could be inherited by a process that another
+        // test starts in that moment, and the system executes no file that is open for writing.
+        let install = Command::new("install").args(["-m", "755"]).args([&source, &path]).status();
+        assert!(install.unwrap().success());
         let command = vec![path.to_str().unwrap().to_owned(), "one two".to_owned()];
         (folder, command)
     }
