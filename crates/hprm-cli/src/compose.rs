@@ -15,8 +15,8 @@ use std::process::ExitCode;
 use hprm_model::{Compiled, Containers};
 
 use crate::args::Compose;
-use crate::check;
 use crate::message::{self, Error};
+use crate::{check, declare, draft};
 use texts::{Image, Plan};
 
 /// The file in which compose looks for values of variables: it has the secret.
@@ -74,7 +74,7 @@ struct Places {
 
 impl Places {
     fn of(wanted: &Compose, compiled: &Compiled) -> Result<Self, Error> {
-        let file = without_name(&wanted.file);
+        let file = declare::file_of(&wanted.file);
         let found = |path: &Path| path.canonicalize().map_err(|error| unreadable(path, &error));
         let folder = match file.parent() {
             Some(folder) if folder != Path::new("") => folder,
@@ -96,7 +96,7 @@ impl Places {
         let output = wanted.output.clone().unwrap_or_else(beside);
         // A program without folder is shown without one, too.
         let output = output.strip_prefix(".").map_or(output.clone(), Path::to_owned);
-        Ok(Self { file: found(&file)?, context, output })
+        Ok(Self { file: found(file)?, context, output })
     }
 
     /// Where the files go, without links; the folder may be missing.
@@ -112,14 +112,6 @@ impl Places {
 
     fn program_folder(&self) -> &Path {
         self.file.parent().expect("a file is in a folder")
-    }
-}
-
-/// The file of `FILE.py:NAME`.
-fn without_name(typed: &Path) -> PathBuf {
-    match typed.to_str().and_then(|text| text.rsplit_once(".py:")) {
-        Some((file, _)) => format!("{file}.py").into(),
-        None => typed.to_owned(),
     }
 }
 
@@ -156,8 +148,8 @@ fn plan(
     };
     let inside = places.file.strip_prefix(&places.context).expect("all files are in the context");
     let mut file = text(inside)?;
-    if let Some((_, name)) = wanted.file.to_str().and_then(|typed| typed.rsplit_once(".py:")) {
-        file = format!("{file}:{name}");
+    if let Some(reactor) = declare::reactor_of(&wanted.file) {
+        file = format!("{file}:{reactor}");
     }
     let output = places.absolute_output()?;
     let env_file = stated.env_file.as_ref().map(|path| places.program_folder().join(path));
@@ -235,36 +227,25 @@ fn write(wanted: &Compose, places: &Places, files: &[Text]) -> io::Result<()> {
     for (path, text) in files {
         let path = output.join(path);
         fs::create_dir_all(path.parent().expect("it is in a folder"))?;
-        replace(&path, |draft| fs::write(draft, text))?;
+        draft::replace(&path, |draft| fs::write(draft, text))?;
     }
     if let Some(wheel) = &wanted.wheel {
         let name = wheel.file_name().expect("its name was looked at");
-        replace(&output.join(name), |draft| fs::copy(wheel, draft).map(|_| ()))?;
+        draft::replace(&output.join(name), |draft| fs::copy(wheel, draft).map(|_| ()))?;
     }
     let environment = output.join(ENVIRONMENT);
     if environment.symlink_metadata().is_ok() {
         return Ok(());
     }
     let secret = hprm::random_federation().map_err(|_| io::Error::other("no random numbers"))?;
-    let mut file =
-        fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(environment)?;
-    writeln!(
-        file,
-        "# The secret of the federation: a process that knows it can join.\nHPRM_FEDERATION_ID={secret}"
-    )
-}
-
-/// Puts a file into its place when it is whole.
-fn replace(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> io::Result<()> {
-    let mut draft = path.as_os_str().to_owned();
-    draft.push(format!(".{}", std::process::id()));
-    let draft = PathBuf::from(draft);
-    let written = write(&draft).and_then(|()| fs::rename(&draft, path));
-    if written.is_err() {
-        // The error that is told is the first one.
-        let _ = fs::remove_file(&draft);
-    }
-    written
+    draft::replace(&environment, |draft| {
+        let mut file =
+            fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(draft)?;
+        writeln!(
+            file,
+            "# The secret of the federation: a process that knows it can join.\nHPRM_FEDERATION_ID={secret}"
+        )
+    })
 }
 
 fn unreadable(path: &Path, error: &io::Error) -> Error {

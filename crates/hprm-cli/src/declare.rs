@@ -26,6 +26,11 @@ pub(crate) fn file_of(path: &Path) -> &Path {
     named(path).map_or(path, |named| Path::new(named.file))
 }
 
+/// The reactor that the name of a program in Python has behind its file.
+pub(crate) fn reactor_of(path: &Path) -> Option<&str> {
+    named(path)?.reactor
+}
+
 /// Whether a program is in Python, by its path.
 pub(crate) fn is_python(path: &Path) -> bool {
     named(path).is_some()

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use hprm_core::Program;
 
 use crate::message::Error;
-use crate::registry;
+use crate::{draft, registry};
 
 /// The commands of a program whose federation runs. They go away with it.
 #[derive(Debug)]
@@ -88,10 +88,10 @@ fn install(path: &Path, text: &str) -> io::Result<()> {
     if fs::read_to_string(path).is_ok_and(|there| there == text) {
         return Ok(());
     }
-    let draft = path.with_extension(format!("{}.tmp", std::process::id()));
-    fs::write(&draft, text)?;
-    fs::set_permissions(&draft, fs::Permissions::from_mode(0o755))?;
-    fs::rename(&draft, path)
+    draft::replace(path, |draft| {
+        fs::write(draft, text)?;
+        fs::set_permissions(draft, fs::Permissions::from_mode(0o755))
+    })
 }
 
 /// What contains the nearest folder named `src`, or else the program's own folder: the same as

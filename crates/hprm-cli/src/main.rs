@@ -16,6 +16,7 @@ mod compose;
 mod declare;
 mod diff;
 mod doctor;
+mod draft;
 mod executable;
 mod explain;
 mod generate;
