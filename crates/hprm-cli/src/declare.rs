@@ -4,14 +4,14 @@
 //! interpreter says itself.
 
 use std::ffi::OsString;
-use std::fs::{self, DirBuilder, File};
+use std::fs::{self, File};
 use std::io;
 use std::os::fd::AsFd;
-use std::os::unix::fs::DirBuilderExt;
 use std::os::unix::process::ExitStatusExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{ExitCode, ExitStatus, Stdio};
 
+use hprm::Answer;
 use hprm_declared::NamedProgram;
 
 use crate::args::Interpreter;
@@ -67,11 +67,17 @@ pub(crate) fn declare<'a>(
     interpreter: &Interpreter,
 ) -> Result<Result<String, ExitCode>, Error> {
     is_readable(file_of(path))?;
-    let folder = Folder::new()?;
-    let answer = folder.path.join("declared.json");
+    let unable = |error: io::Error| {
+        Error::new(format!(
+            "cannot have {} declared: {}",
+            path.display(),
+            hprm::console::reason(&error)
+        ))
+    };
+    let mut answer = Answer::new().map_err(unable)?;
     let python = python::find(interpreter)?;
     let mut command = python::module(&python, "declare");
-    command.arg("--out").arg(&answer);
+    command.arg("--out").arg(answer.path());
     command.args(message::json_option());
     command.args(properties.iter().map(|stated| format!("--property={stated}")));
     command.arg("--").arg(path).args(arguments);
@@ -82,9 +88,9 @@ pub(crate) fn declare<'a>(
     if !status.success() {
         return Ok(Err(exit_code(status, path)));
     }
-    match fs::read_to_string(&answer) {
-        Ok(text) => Ok(Ok(text)),
-        Err(_) => Err(Error::new(format!("{} has not declared a program", path.display()))
+    match answer.read().map_err(unable)? {
+        text if !text.is_empty() => Ok(Ok(text)),
+        _ => Err(Error::new(format!("{} has not declared a program", path.display()))
             .hint("does it end the interpreter when it is imported?")),
     }
 }
@@ -121,31 +127,5 @@ pub(crate) fn is_readable(file: &Path) -> Result<(), Error> {
     match file.try_exists() {
         Ok(false) => Err(error.hint("is the path right? It is relative to the current directory")),
         _ => Err(error),
-    }
-}
-
-/// A folder that only this user can enter, and that goes away.
-struct Folder {
-    path: PathBuf,
-}
-
-impl Folder {
-    fn new() -> Result<Self, Error> {
-        let name = u64::from_ne_bytes(hprm::random_bytes()?);
-        let path = std::env::temp_dir().join(format!("hprm-declared-{name:016x}"));
-        match DirBuilder::new().mode(0o700).create(&path) {
-            Ok(()) => Ok(Self { path }),
-            Err(error) => {
-                Err(Error::new(format!("cannot make the folder {}: {error}", path.display()))
-                    .hint("a folder for temporary files is needed: TMPDIR names another one"))
-            }
-        }
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // If it fails, only a temporary file is left.
-        let _ = fs::remove_dir_all(&self.path);
     }
 }

@@ -102,6 +102,8 @@ fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
     let mut asked: Option<Instant> = None;
     loop {
         if let Some(status) = process.try_wait()? {
+            // They asked for the end of the process, so they must not end this one, too.
+            while asked.is_some() && signals.read_signal()?.is_some() {}
             return Ok(status);
         }
         if let Some(came) = signals.read_signal()? {

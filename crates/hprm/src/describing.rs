@@ -1,16 +1,14 @@
 //! Asking executables what they declare, for programs that name them.
 //!
 //! An executable is started with the environment variable `HPRM_DESCRIBE`, which names a file: it writes its
-//! declaration there, as the JSON that `hprm-declared` reads, and ends. What the file is, is up to this: it has no
-//! name in a file system, so nothing of it is ever left.
+//! declaration there, as the JSON that `hprm-declared` reads, and ends.
 //!
 //! A launcher hands what it was told to the processes that it starts, by the environment variable
 //! `HPRM_DESCRIPTIONS`, so that each executable is asked once.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read, Seek, Write};
-use std::os::fd::{AsFd, AsRawFd};
+use std::io;
+use std::os::fd::AsFd;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
@@ -24,8 +22,8 @@ use hprm_model::{Compiled, Executable};
 use nix::sys::signal::{SigSet, Signal, kill, killpg};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
-use rustix::fs::{MemfdFlags, memfd_create};
 
+use crate::answer::Answer;
 use crate::console::reason;
 
 /// The environment variable that asks an executable what it declares: the file that it writes.
@@ -39,9 +37,6 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// How often to look whether it has ended.
 const GLANCE: Duration = Duration::from_millis(2);
-
-/// The longest declaration that is read, in bytes.
-const MAX: u64 = 64 << 20;
 
 /// What to do about an executable that does not declare itself.
 const HINT: &str = "asked by HPRM_DESCRIBE=FILE, an executable writes what it declares into that file and exits with \
@@ -98,7 +93,7 @@ fn ask_and_remember(command: &[String]) -> Result<String, String> {
 
 /// What the executables of a program have declared, for the processes that are started while this exists.
 #[derive(Debug)]
-pub struct Descriptions(File);
+pub struct Descriptions(Answer);
 
 impl Descriptions {
     /// Those of a program; none if it has no executables.
@@ -127,14 +122,12 @@ impl Descriptions {
     }
 
     fn with(known: &BTreeMap<String, &str>) -> io::Result<Self> {
-        let mut memory = memory()?;
-        memory.write_all(&serde_json::to_vec(known).map_err(io::Error::other)?)?;
-        Ok(Self(memory))
+        Answer::with(&serde_json::to_vec(known).map_err(io::Error::other)?).map(Self)
     }
 
     /// Lets a process that this one starts have them.
     pub fn hand_to(&self, command: &mut Command) {
-        command.env(DESCRIPTIONS, path_of(&self.0));
+        command.env(DESCRIPTIONS, self.0.path());
     }
 }
 
@@ -158,15 +151,6 @@ fn handed(command: &[String]) -> Option<String> {
 
 fn key(command: &[String]) -> String {
     command.join("\0")
-}
-
-fn memory() -> io::Result<File> {
-    Ok(memfd_create("hprm-declared", MemfdFlags::CLOEXEC)?.into())
-}
-
-/// Where other processes of this user find a file without a name.
-fn path_of(file: &File) -> PathBuf {
-    PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), file.as_raw_fd()))
 }
 
 /// The command of an executable, by which it is started from anywhere.
@@ -229,10 +213,10 @@ fn is_executable(path: &str, is_path: bool) -> Result<(), String> {
 pub(crate) fn ask(command: &[String], patience: Duration) -> Result<String, String> {
     let path = &command[0];
     let unable = |error: io::Error| format!("the executable {path} cannot run: {}", reason(&error));
-    let mut answer = memory().map_err(unable)?;
+    let mut answer = Answer::new().map_err(unable)?;
     let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(unable)?;
     let mut process = Command::new(path);
-    process.args(&command[1..]).env(DESCRIBE, path_of(&answer)).env_remove(DESCRIPTIONS);
+    process.args(&command[1..]).env(DESCRIBE, answer.path()).env_remove(DESCRIPTIONS);
     // A group of its own, so that nothing of it is left if it takes too long.
     process.stdin(Stdio::null()).stdout(stderr).process_group(0);
     let status = run(process, patience).map_err(unable)?;
@@ -242,9 +226,9 @@ pub(crate) fn ask(command: &[String], patience: Duration) -> Result<String, Stri
             "the executable {path} does not say within {seconds} s what it declares\n{HINT}"
         ));
     };
-    let mut text = String::new();
-    let read = answer.rewind().and_then(|()| (&answer).take(MAX).read_to_string(&mut text));
-    read.map_err(|error| format!("the declaration of the executable {path}: {}", reason(&error)))?;
+    let read = answer.read();
+    let text = read
+        .map_err(|error| format!("the declaration of the executable {path}: {}", reason(&error)))?;
     let how = match (status.success(), status.code(), status.signal()) {
         (true, ..) if text.is_empty() => "has ended without saying what it declares".to_owned(),
         (true, ..) => return Ok(text),

@@ -18,6 +18,7 @@
 #[doc = include_str!("../../../docs/reference/language/federations.md")]
 struct Handbook;
 
+mod answer;
 mod clock;
 pub mod console;
 mod describing;
@@ -53,6 +54,7 @@ mod variables;
 mod wait;
 mod workers;
 
+pub use answer::Answer;
 pub use clock::{Clock, nanoseconds};
 pub use describing::{DESCRIPTIONS, Descriptions, declaration_of, read_descriptions};
 pub use disk::{Disk, Unreadable};
