@@ -111,10 +111,13 @@ impl Writer {
         put_number(&mut self.head, format::zigzag(number));
     }
 
-    /// Writes an integer whose two's complement is `digits`, with as many bytes as Python takes.
-    fn long(&mut self, digits: &[u8; 17], bits: u32) {
+    /// Writes an integer of so many bits, with as many bytes as Python takes. Its two's complement is `digits`, and then
+    /// bytes that are `sign`.
+    fn long(&mut self, digits: [u8; 16], sign: u8, bits: u32) {
+        let mut complement = [sign; 17];
+        complement[..16].copy_from_slice(&digits);
         self.kind(NodeKind::Long);
-        self.inline(&digits[..bits as usize / 8 + 1]);
+        self.inline(&complement[..bits as usize / 8 + 1]);
     }
 
     #[inline]
@@ -229,9 +232,8 @@ impl<'w> Serializer for &'w mut Writer {
         if let Ok(value) = i64::try_from(value) {
             return self.serialize_i64(value);
         }
-        let mut digits = [if value < 0 { 0xff } else { 0 }; 17];
-        digits[..16].copy_from_slice(&value.to_le_bytes());
-        self.long(&digits, 128 - value.unsigned_abs().leading_zeros());
+        let sign = if value < 0 { 0xff } else { 0 };
+        self.long(value.to_le_bytes(), sign, 128 - value.unsigned_abs().leading_zeros());
         Ok(())
     }
 
@@ -255,9 +257,7 @@ impl<'w> Serializer for &'w mut Writer {
         if let Ok(value) = i64::try_from(value) {
             return self.serialize_i64(value);
         }
-        let mut digits = [0; 17];
-        digits[..16].copy_from_slice(&value.to_le_bytes());
-        self.long(&digits, 128 - value.leading_zeros());
+        self.long(value.to_le_bytes(), 0, 128 - value.leading_zeros());
         Ok(())
     }
 
