@@ -20,7 +20,7 @@ from processes import until
 
 COMMAND = str(Path(sys.executable).with_name("hprm"))
 
-# For how long a repeated signal counts as the same one, in seconds: as `hprm::supervisor::SIGNAL_DEBOUNCE`.
+# Signals that come closer to one another count as one, in seconds: `hprm::supervisor` says it.
 SIGNAL_DEBOUNCE = 0.1
 
 INTERPRETER = """\
