@@ -95,17 +95,21 @@ def _launch(options: argparse.Namespace, arguments: list[str]) -> int:
 
 
 def _declare(options: argparse.Namespace) -> int:
-    """Write the structure of a program of Python objects to a file. Return the exit code."""
+    """Write the structure of a program of Python objects to a file, or what is wrong with it.
+
+    Return the exit code.
+    """
     from hprm import _loading
 
     sys.argv = [options.file, *options.arguments]
     try:
         declared = _loading.load(options.file, options.property)
-        with open(options.out, "w", encoding="utf-8") as file:
-            file.write(declared.text)
+        code, lines = 0, [declared.text]
     except BaseException as error:
-        return _hprm.tell_exception(error, f"loading {options.file}")
-    return 0
+        code, lines = _hprm.loading_failed(error, options.file)
+    with open(options.out, "w", encoding="utf-8") as file:
+        file.write("\n".join(lines))
+    return code
 
 
 def _tls(
@@ -147,7 +151,7 @@ def _parser() -> argparse.ArgumentParser:
         "declare", help="write the structure of a program of Python objects"
     )
     declare.add_argument("--out", required=True, metavar="FILE", help="the file that gets it")
-    declare.add_argument("--json", action="store_true", help="print failures as JSON")
+    declare.set_defaults(json=False)
     declare.add_argument(
         "--property", action="append", default=[], help="a target property: KEY=VALUE"
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_origin
 
 from hprm import _construction, _duration, _places
+from hprm._arguments import checked
 from hprm._duration import Time
 from hprm._handles import Handle, parts
 from hprm._mistakes import ProgramError, one
@@ -34,6 +35,7 @@ class Connection(NamedTuple):
     place: Place
 
 
+@checked("connect")
 def connect(
     source: OutputOf[T] | InputOf[T] | Iterable[OutputOf[T]] | Iterable[InputOf[T]],
     destination: InputOf[T] | OutputOf[T] | Iterable[InputOf[T]] | Iterable[OutputOf[T]],

@@ -3,6 +3,7 @@
 from datetime import timedelta
 from typing import TypeAlias
 
+from hprm import _findings
 from hprm._hprm import nanoseconds
 from hprm._mistakes import ProgramError, warn
 from hprm._places import Place
@@ -24,7 +25,7 @@ def stated(name: str, time: Time | None, place: Place) -> int | None:
     try:
         number = nanoseconds(time)
     except (TypeError, ValueError) as error:
-        raise ProgramError(f"`{name}`: {error}", place) from None
+        raise ProgramError(f"`{name}`: {error}", place, code=_findings.NO_TIME) from None
     if 0 < number < _LEAST and not isinstance(time, str | timedelta):
         warn(
             f"`{name}` is {number} ns: a number without a unit counts nanoseconds",

@@ -204,8 +204,11 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     If it was launched, then the launcher reports warnings and failures.
     """
 
-def tell_exception(error: BaseException, what: str) -> int:
-    """Tell the user of an exception that has ended ``what``. Return the exit code that follows."""
+def loading_failed(error: BaseException, path: str) -> tuple[int, list[str]]:
+    """Return what an exception means that has ended the loading of the program at ``path``.
+
+    That is the exit code that follows, and the reports, as JSON.
+    """
 
 def tell_programs() -> None:
     """Have failures told as JSON from now on: one object a line, on the standard error."""

@@ -107,7 +107,7 @@ def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | N
     declared = program if isinstance(program, Declared) else Declared(program)
     is_right, text = _hprm.check_declared(declared, properties or [])
     if not is_right:
-        raise ProgramError(text.strip())
+        raise ProgramError(text.strip(), code="")
     if text.strip():
         print(text.rstrip(), file=sys.stderr)
 
@@ -208,6 +208,7 @@ def _command() -> str:
         raise ProgramError(
             "there is no command `hprm` to start the federates with",
             hint="it is installed with the package; or run all in this process: processes=False",
+            code="",
         )
     return found
 

@@ -18,7 +18,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any, BinaryIO
 
-from hprm import _hprm, _parameters, _places, _threads
+from hprm import _findings, _hprm, _parameters, _places, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
@@ -136,7 +136,9 @@ def _named(module: ModuleType, file: str, name: str) -> Any:
     for part in name.split("."):
         if not hasattr(found, part):
             raise ProgramError(
-                f"{file} has no {name}", hint=f"it has: {', '.join(_programs(module)) or 'none'}"
+                f"{file} has no {name}",
+                hint=f"it has: {', '.join(_programs(module)) or 'none'}",
+                code=_findings.NO_REACTOR,
             )
         found = getattr(found, part)
     return found
@@ -169,11 +171,13 @@ def _only(module: ModuleType, file: str) -> Any:
         raise ProgramError(
             f"{file} defines no reactor",
             hint="a program is a class that extends hprm.Reactor or hprm.Federation",
+            code=_findings.NO_MAIN,
         )
     names = ", ".join(programs)
     raise ProgramError(
         f"{file} defines several reactors: {names}",
         hint=f"name the program: {file}:{list(whole or programs)[-1]}",
+        code=_findings.SEVERAL_MAINS,
     )
 
 

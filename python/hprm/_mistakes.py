@@ -7,6 +7,7 @@ import warnings
 from typing import Any
 
 from hprm import _hprm
+from hprm._findings import DECLARED
 from hprm._places import Place
 
 
@@ -27,12 +28,12 @@ class ProgramError(Exception):
     hint
         What to do about it, or None.
     code
-        The code of the diagnostic.
+        The code of the diagnostic; empty if the fault is not in the program itself.
 
     """
 
     def __init__(
-        self, message: str, place: Place | None = None, hint: str | None = None, code: str = ""
+        self, message: str, place: Place | None = None, hint: str | None = None, code: str = DECLARED
     ) -> None:
         """Say what is wrong at a place."""
         self.message = message

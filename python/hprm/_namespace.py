@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hprm import _places
+from hprm import _findings, _places
 from hprm._mistakes import ProgramError
 from hprm._parts import Action, Input, Mode, Output, Part, PhysicalAction, Timer
 from hprm._reactions import MARK
@@ -43,4 +43,5 @@ def _refuse_to_lose(name: str, earlier: Any, value: Any) -> None:
         f"this replaces the {what}, which line {place.line} declares",
         _places.here(),
         "give one of them another name",
+        _findings.TAKEN,
     )

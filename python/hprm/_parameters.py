@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+from hprm import _findings
 from hprm._mistakes import ProgramError, one
 
 #: The options of ``hprm run``, one of which may be meant by a name that is none.
@@ -40,7 +41,7 @@ def _unknown(name: str, option: str, known: list[str]) -> ProgramError:
     for near in get_close_matches(name.replace("_", "-"), [*parameters, *OPTIONS], 1):
         hint = f"did you mean --{near}?"
     message = f"{option} is neither an option of `hprm run` nor a parameter of the program"
-    return ProgramError(message, hint=hint)
+    return ProgramError(message, hint=hint, code=_findings.NO_PARAMETER)
 
 
 def _value(parameter: inspect.Parameter, text: str, option: str) -> Any:

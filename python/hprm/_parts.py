@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, overload
 
-from hprm import _duration, _places
+from hprm import _duration, _findings, _places
+from hprm._arguments import checked
 from hprm._duration import Time
 from hprm._handles import Handle
 from hprm._mistakes import ProgramError
@@ -80,7 +81,11 @@ class _Port(Part):
         if width is None:
             return None
         if isinstance(width, bool) or not isinstance(width, int):
-            raise ProgramError(f"the width of {self.name} is {width!r}, not an integer", self.place)
+            raise ProgramError(
+                f"the width of {self.name} is {width!r}, not an integer",
+                self.place,
+                code=_findings.NO_WIDTH,
+            )
         return width
 
 
@@ -130,6 +135,7 @@ class Input(_Port, Generic[T]):
     def __init__(
         self, type_: type[T], *, width: Late[int] | None = None, mutable: bool = False
     ) -> None: ...
+    @checked("Input")
     def __init__(
         self, type_: Any = Any, *, width: Late[int] | None = None, mutable: bool = False
     ) -> None:
@@ -175,6 +181,7 @@ class Output(_Port, Generic[T]):
     def __init__(self: Output[Any], *, width: Late[int] | None = None) -> None: ...
     @overload
     def __init__(self, type_: type[T], *, width: Late[int] | None = None) -> None: ...
+    @checked("Output")
     def __init__(self, type_: Any = Any, *, width: Late[int] | None = None) -> None:
         """Declare an output."""
         super().__init__(type_, width)
@@ -222,6 +229,7 @@ class Mode(Part):
 
     kind = "mode"
 
+    @checked("Mode")
     def __init__(self, *, initial: bool = False) -> None:
         """Declare a mode; a reactor starts in the initial one."""
         super().__init__()
@@ -286,6 +294,7 @@ class Timer(Part):
 
     kind = "timer"
 
+    @checked("Timer")
     def __init__(
         self,
         period: Late[Time] | None = None,
@@ -373,6 +382,7 @@ class Action(_Action, Generic[T]):
         policy: Policy | None = None,
         mode: Mode | None = None,
     ) -> None: ...
+    @checked("Action")
     def __init__(
         self,
         type_: Any = Any,

@@ -8,6 +8,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from hprm import _places
+from hprm._arguments import checked
 from hprm._duration import Time
 from hprm._handles import Handle
 from hprm._mistakes import ProgramError, one
@@ -68,6 +69,7 @@ class Reaction(NamedTuple):
     place: Place
 
 
+@checked("reaction")
 def reaction(
     *triggers: Trigger,
     sources: Iterable[Source] = (),

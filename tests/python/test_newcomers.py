@@ -7,6 +7,7 @@ anew, to be read before they are committed.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -50,6 +51,27 @@ def test_the_answer_to_a_mistake(name: str) -> None:
     if os.environ.get("HPRM_WRITE_SNAPSHOTS"):
         snapshot.write_text(text)
     assert text == snapshot.read_text()
+
+
+@pytest.mark.parametrize("name", [name for name in PROGRAMS if name.endswith(".py")])
+def test_programs_are_told_the_same_of_a_mistake_in_python(name: str) -> None:
+    _, told = answer("check", name)
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("hprm")), "check", "--json", name],
+        cwd=FOLDER,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.stderr == ""
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    shown = [f"{it['severity']}[{it['code']}]: {it['message'].splitlines()[0]}" for it in found]
+    assert shown == re.findall(r"(?m)^(?:error|warning)\[.*", told)
+    for it in found:
+        assert it["at"]["file"].endswith(".py"), it
+        assert f"{it['at']['file']}:{it['at']['line']}" in told, it
+        assert it["hint"] is None or it["hint"].splitlines()[0] in told, it
 
 
 def test_no_answer_is_left_of_a_program_that_is_gone() -> None:

@@ -89,7 +89,7 @@ def test_a_value_that_a_reaction_returns_is_an_error(
         check(tmp_path, text)
     assert raised.value.location is not None
     path = raised.value.location.path
-    assert f"{path}:{line_of(path)}: {message}" in str(raised.value)
+    assert f"{path}:{line_of(path)}: [LF1008] {message}" in str(raised.value)
 
 
 @pytest.mark.parametrize(

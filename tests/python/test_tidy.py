@@ -54,6 +54,7 @@ CHECKS = (
     "crates/hprm-declared/src",
     "crates/hprm-lf/src",
     "crates/hprm-model/src",
+    "crates/hprm-python/src",
     "python/hprm",
 )
 # Public names that have a retired word and stay.

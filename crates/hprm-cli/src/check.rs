@@ -6,13 +6,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use hprm::{Label, Report};
 use hprm_model::{Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
 use crate::args::Check;
+use crate::declare::{self, Undeclared};
 use crate::message::{self, Error};
 use crate::source::{Outcome, Program};
-use crate::{bodies, declare, executable, explain};
+use crate::{bodies, executable, explain};
 
 /// The program, compiled; if it has errors, which have been shown then, what the command ends with.
 ///
@@ -22,7 +24,15 @@ use crate::{bodies, declare, executable, explain};
 pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode>, Error> {
     match program.compile()? {
         Outcome::Right(compiled) => Ok(Ok(*compiled)),
-        Outcome::Ended(code) => Ok(Err(code)),
+        Outcome::Undeclared(Undeclared { code, reports }) => {
+            if !message::speaks_json() {
+                show_reports(&reports);
+                explain::offer(codes_of(&reports));
+            } else {
+                reports.into_iter().for_each(|report| Error::from(report).show());
+            }
+            Ok(Err(code))
+        }
         Outcome::Wrong(failure) => {
             if message::speaks_json() {
                 let reports = hprm::Failure::mistakes(&failure, false).reports();
@@ -68,13 +78,10 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         let (mut diagnostics, sources) = match outcome {
             Ok(Outcome::Right(compiled)) => (compiled.warnings, compiled.sources),
             Ok(Outcome::Wrong(failure)) => (failure.diagnostics, failure.sources),
-            Ok(Outcome::Ended(_)) => {
-                count.errors += 1;
-                if arguments.json {
-                    let what = format!("{} does not declare a program", path.display());
-                    let error = Error::new(what).hint("the standard error says why");
-                    output.error(&error, Some(declare::file_of(path)));
-                }
+            Ok(Outcome::Undeclared(Undeclared { reports, .. })) => {
+                count.errors += reports.len().max(1);
+                codes.extend(codes_of(&reports).map(str::to_owned));
+                output.undeclared(&reports, path);
                 continue;
             }
             // The other files are of interest all the same.
@@ -88,7 +95,7 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         diagnostics.extend(mistakes.filter_map(|mistake| mistake.diagnostic(&sources)));
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
         count.add(&diagnostics);
-        codes.extend(diagnostics.iter().map(|it| it.code));
+        codes.extend(diagnostics.iter().map(|it| it.code.to_owned()));
         output.diagnostics(&diagnostics, &sources);
     }
     if let Err(error) = &bodies {
@@ -96,7 +103,7 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         output.error(error, None);
     }
     if !arguments.json {
-        explain::offer(codes.into_iter());
+        explain::offer(codes);
         message::print_line(&count.summary(arguments.files.len()));
     }
     if count.errors == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -114,6 +121,21 @@ impl Output {
             print_json(diagnostics, sources);
         } else {
             show(diagnostics, sources);
+        }
+    }
+
+    /// Why the Python of a program does not declare it.
+    fn undeclared(self, reports: &[Report], path: &Path) {
+        if !self.json {
+            return show_reports(reports);
+        }
+        let file = declare::file_of(path);
+        if reports.is_empty() {
+            let what = format!("{} does not declare a program", path.display());
+            return self.error(&Error::new(what).hint("the standard error says why"), Some(file));
+        }
+        for report in reports {
+            message::print_line(&report_as_json(report, file).to_string());
         }
     }
 
@@ -175,6 +197,41 @@ pub(crate) fn show(diagnostics: &[Diagnostic], sources: &Sources) {
         let text = hprm_model::render(diagnostic, sources, color);
         message::print_error(format!("{}\n\n", text.trim_end()).as_bytes());
     }
+}
+
+/// Shows what an interpreter has answered on the standard error.
+fn show_reports(reports: &[Report]) {
+    for report in reports {
+        let text = report.text(Label::Error, message::color(&io::stderr()));
+        message::print_error(format!("{text}\n\n").as_bytes());
+    }
+}
+
+fn codes_of(reports: &[Report]) -> impl Iterator<Item = &str> {
+    reports.iter().filter_map(|report| report.diagnostic.as_deref())
+}
+
+/// As a diagnostic, at a place in the program's `file` if the report names no other.
+fn report_as_json(report: &Report, file: &Path) -> Value {
+    let mut at = json!({ "file": file.display().to_string() });
+    if let (Some(file), Some(line)) = (&report.file, report.line) {
+        let column = report.column.unwrap_or(1);
+        at = json!({
+            "file": file,
+            "line": line,
+            "column": column,
+            "end_line": line,
+            "end_column": column,
+        });
+    }
+    json!({
+        "code": report.diagnostic.as_deref().unwrap_or("LF0101"),
+        "severity": "error",
+        "message": report.message,
+        "at": at,
+        "hint": report.hint,
+        "labels": [],
+    })
 }
 
 fn print_json(diagnostics: &[Diagnostic], sources: &Sources) {

@@ -1,7 +1,7 @@
 //! Programs in plain Python: an interpreter makes their reactors and declares them, as JSON.
 //!
 //! What the program prints meanwhile goes to the standard error. What is wrong with it as Python, the
-//! interpreter says itself.
+//! interpreter answers as data.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -11,11 +11,11 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{ExitCode, ExitStatus, Stdio};
 
-use hprm::Answer;
+use hprm::{Answer, Report};
 use hprm_declared::NamedProgram;
 
 use crate::args::Interpreter;
-use crate::message::{self, Error};
+use crate::message::Error;
 use crate::{python, signals};
 
 /// The class that a federation extends, itself or by another file.
@@ -54,8 +54,17 @@ pub(crate) fn is_alone(path: &Path) -> Result<bool, Error> {
     Ok(!is_named)
 }
 
-/// Has an interpreter declare the program at `path`. Returns the declaration, or what the interpreter has
-/// ended with, if it has none; then it has said why.
+/// Why there is no declaration of a program.
+#[derive(Debug)]
+pub(crate) struct Undeclared {
+    /// What the command ends with.
+    pub(crate) code: ExitCode,
+    /// What is wrong with the program; nothing if the interpreter has been ended, and has said why, or a signal has
+    /// ended it.
+    pub(crate) reports: Vec<Report>,
+}
+
+/// Has an interpreter declare the program at `path`. Returns the declaration, or why there is none.
 ///
 /// # Errors
 ///
@@ -65,7 +74,7 @@ pub(crate) fn declare<'a>(
     properties: &[String],
     arguments: impl IntoIterator<Item = &'a OsString>,
     interpreter: &Interpreter,
-) -> Result<Result<String, ExitCode>, Error> {
+) -> Result<Result<String, Undeclared>, Error> {
     is_readable(file_of(path))?;
     let unable = |error: io::Error| {
         Error::new(format!(
@@ -78,7 +87,6 @@ pub(crate) fn declare<'a>(
     let python = python::find(interpreter)?;
     let mut command = python::module(&python, "declare");
     command.arg("--out").arg(answer.path());
-    command.args(message::json_option());
     command.args(properties.iter().map(|stated| format!("--property={stated}")));
     command.arg("--").arg(path).args(arguments);
     let failed = |error: io::Error| Error::new(format!("cannot run {}: {error}", python.display()));
@@ -86,7 +94,9 @@ pub(crate) fn declare<'a>(
     command.stdin(Stdio::null()).stdout(stderr);
     let status = signals::run_to_end(command).map_err(failed)?;
     if !status.success() {
-        return Ok(Err(exit_code(status, path)));
+        let reports = answer.read().unwrap_or_default();
+        let reports = reports.lines().filter_map(|line| serde_json::from_str(line).ok());
+        return Ok(Err(Undeclared { code: exit_code(status, path), reports: reports.collect() }));
     }
     match answer.read().map_err(unable)? {
         text if !text.is_empty() => Ok(Ok(text)),

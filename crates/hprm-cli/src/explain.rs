@@ -1,7 +1,6 @@
 //! `hprm explain`: what a code of a diagnostic means. The texts are those of `hprm-model`; this lays them out for a
 //! terminal.
 
-use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io;
 use std::process::ExitCode;
@@ -12,9 +11,6 @@ use serde_json::{Value, json};
 
 use crate::args::Explain;
 use crate::message::{self, Error};
-
-/// The most codes that a report offers to explain.
-const OFFERED: usize = 4;
 
 /// How wide text is where no terminal says how wide it is.
 const WIDTH: usize = 80;
@@ -75,11 +71,9 @@ fn find(code: &str, groups: &[Group]) -> Result<Found, Error> {
 }
 
 /// Says at the end of a report, on the standard error, how to read more about its codes.
-pub(crate) fn offer(codes: impl Iterator<Item = &'static str>) {
-    let mut seen = BTreeSet::new();
-    let codes: Vec<_> = codes.filter(|code| seen.insert(*code)).take(OFFERED).collect();
-    if !codes.is_empty() {
-        message::print_error(format!("`hprm explain {}` says more\n", codes.join(" ")).as_bytes());
+pub(crate) fn offer<Code: AsRef<str>>(codes: impl IntoIterator<Item = Code>) {
+    if let Some(offer) = explanation::offer(codes) {
+        message::print_error(format!("{offer}\n").as_bytes());
     }
 }
 

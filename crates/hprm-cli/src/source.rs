@@ -3,14 +3,14 @@
 
 use std::ffi::OsString;
 use std::path::Path;
-use std::process::ExitCode;
 
 use hprm::{Disk, Kind, Report, Unreadable};
 use hprm_model::{CompileFailure, Compiled, Purpose};
 
 use crate::args::Interpreter;
+use crate::declare::{self, Undeclared};
+use crate::executable;
 use crate::message::Error;
-use crate::{declare, executable};
 
 /// A program, and what decides what it is.
 #[derive(Clone, Debug)]
@@ -32,8 +32,8 @@ pub(crate) enum Outcome {
     Right(Box<Compiled>),
     /// It has mistakes.
     Wrong(CompileFailure),
-    /// Its Python has failed, and has said so.
-    Ended(ExitCode),
+    /// Its Python has failed.
+    Undeclared(Undeclared),
 }
 
 impl From<Result<Compiled, CompileFailure>> for Outcome {
@@ -103,7 +103,7 @@ impl Program<'_> {
         let declared = declare::declare(path, properties, arguments.iter().copied(), interpreter)?;
         let text = match declared {
             Ok(text) => text,
-            Err(code) => return Ok(Outcome::Ended(code)),
+            Err(undeclared) => return Ok(Outcome::Undeclared(undeclared)),
         };
         match hprm_lf::compile_declared(&text, properties, &mut Disk::from_environment(), purpose) {
             Ok(compiled) => Ok(compiled.into()),

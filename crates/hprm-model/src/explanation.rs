@@ -96,6 +96,21 @@ pub fn explanation(code: &str) -> Option<Explanation> {
     all.find(|explanation| explanation.code == wanted)
 }
 
+/// The most codes that the end of a report offers to explain.
+const OFFERED: usize = 4;
+
+/// The line at the end of a report that says how to read more about its codes; none if it has none.
+#[must_use]
+pub fn offer<Code: AsRef<str>>(codes: impl IntoIterator<Item = Code>) -> Option<String> {
+    let mut offered: Vec<String> = Vec::new();
+    for code in codes {
+        if offered.len() < OFFERED && !offered.iter().any(|it| it == code.as_ref()) {
+            offered.push(code.as_ref().to_owned());
+        }
+    }
+    (!offered.is_empty()).then(|| format!("`hprm explain {}` says more", offered.join(" ")))
+}
+
 /// The codes whose spelling is the nearest to what is no code, or whose titles contain it as a word.
 #[must_use]
 pub fn nearest(word: &str) -> Vec<Explanation> {

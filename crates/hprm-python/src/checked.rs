@@ -10,7 +10,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 
 use crate::console::{replaced_stderr, say_to_caller};
-use crate::failure::failure_at;
+use crate::failure::{failure_at, failure_in_loading};
 
 /// A checked program.
 pub(crate) struct Checked {
@@ -109,9 +109,7 @@ pub(crate) fn named_program(path: &str) -> Option<(&str, Option<&str>)> {
 fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Py<PyAny>, Failure> {
     let module = py.import(intern!(py, "hprm._declared"));
     let loaded = module.and_then(|it| it.call_method1(intern!(py, "load"), (path, properties)));
-    let raised =
-        |error| failure_at(py, error, Source::Other(format!("loading {path}")), ("", true));
-    Ok(loaded.map_err(raised)?.unbind())
+    Ok(loaded.map_err(|error| failure_in_loading(py, error, path))?.unbind())
 }
 
 fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {

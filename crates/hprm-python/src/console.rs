@@ -58,7 +58,8 @@ pub(crate) fn tell_caller(py: Python<'_>, failure: &Failure) {
         return tell(failure);
     }
     let reports = failure.reports();
-    let texts: Vec<_> = reports.iter().map(|it| it.text(Label::Error, false)).collect();
+    let mut texts: Vec<_> = reports.iter().map(|it| it.text(Label::Error, false)).collect();
+    texts.extend(offer(&reports));
     if !texts.is_empty() {
         say_to_caller(py, &texts.join("\n\n"));
     }
@@ -75,6 +76,14 @@ pub(crate) fn tell(failure: &Failure) {
             say("");
         }
     }
+    if let Some(offer) = offer(&reports).filter(|_| !JSON.load(Ordering::Relaxed)) {
+        say(&format!("\n{offer}"));
+    }
+}
+
+/// How to read more about the codes of reports.
+fn offer(reports: &[Report]) -> Option<String> {
+    hprm_model::explanation::offer(reports.iter().filter_map(|it| it.diagnostic.as_deref()))
 }
 
 /// Reports to the supervisor of federates that are threads, while there is one.

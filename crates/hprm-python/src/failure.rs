@@ -3,8 +3,13 @@
 use hprm::supervisor::Signal;
 use hprm::{Failure, Kind, Raised, Report, Source};
 use hprm_core::NoMemory;
-use pyo3::exceptions::PyMemoryError;
+use pyo3::exceptions::{PyMemoryError, PySyntaxError};
 use pyo3::prelude::*;
+
+/// The code of Python that Python cannot compile.
+const SYNTAX: &str = "LF1001";
+/// The code of Python that raises an exception while the program is loaded.
+const LOADING: &str = "LF1009";
 
 /// What `hprm._errors` makes of an exception.
 #[derive(FromPyObject)]
@@ -50,6 +55,17 @@ pub(crate) fn no_memory(error: NoMemory) -> PyErr {
 /// `sys.exit` is a choice and has nothing to say; Ctrl-C neither.
 pub(crate) fn failure_in(py: Python<'_>, error: PyErr, what: &str) -> Failure {
     failure_at(py, error, Source::Other(what.to_owned()), ("", false))
+}
+
+/// The failure that `error` means, while the program in Python at `path` was loaded. It has the code of a diagnostic,
+/// whatever has raised it.
+pub(crate) fn failure_in_loading(py: Python<'_>, error: PyErr, path: &str) -> Failure {
+    let code = if error.is_instance_of::<PySyntaxError>(py) { SYNTAX } else { LOADING };
+    let mut failure = failure_at(py, error, Source::Other(format!("loading {path}")), ("", true));
+    if let Failure::Raised(raised) = &mut failure {
+        raised.report.diagnostic.get_or_insert_with(|| code.to_owned());
+    }
+    failure
 }
 
 /// The same, in this part of the program, about the `place` of the program that this stems from, if the error names

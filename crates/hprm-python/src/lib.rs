@@ -77,8 +77,8 @@ mod _hprm {
     use crate::port::Port;
     #[pymodule_export]
     use crate::run::{
-        describe_program, die_with_parent, read_descriptions, run_declared, run_federate,
-        run_program, tell_exception,
+        describe_program, die_with_parent, loading_failed, read_descriptions, run_declared,
+        run_federate, run_program,
     };
     #[pymodule_export]
     use crate::serialize::array::own;

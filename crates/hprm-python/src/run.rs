@@ -11,9 +11,7 @@ use std::time::Duration;
 
 use hprm::supervisor::Signal;
 use hprm::trace::{Trace, TraceShare};
-use hprm::{
-    Disk, Failure, FederateOptions, Handover, Inbox, Meeting, Reach, Security, Source, TlsFiles,
-};
+use hprm::{Disk, Failure, FederateOptions, Handover, Inbox, Meeting, Reach, Security, TlsFiles};
 use hprm_core::Scope;
 use hprm_model::{Compiled, ExecutableFederate};
 use pyo3::exceptions::PyValueError;
@@ -23,7 +21,7 @@ use pyo3::types::PyList;
 use crate::checked::Checked;
 use crate::console::{say, tell, tell_caller};
 use crate::embedded;
-use crate::failure::failure_at;
+use crate::failure::failure_in_loading;
 use crate::forced_end;
 use crate::interrupt::Interrupt;
 use crate::load::{Care, load};
@@ -246,11 +244,17 @@ pub(crate) fn describe_program<'py>(
     program::describe(py, &compiled, instances.then_some(Scope::Whole))
 }
 
-/// Tells the user of an exception that has ended `what`. Returns the exit code that follows.
+/// What an exception means that has ended the loading of the program at `path`: the exit code that follows, and the
+/// reports, as JSON.
 #[pyfunction]
-pub(crate) fn tell_exception(py: Python<'_>, error: Bound<'_, PyAny>, what: &str) -> i32 {
-    let source = Source::Other(what.to_owned());
-    exit_code(&Err(failure_at(py, PyErr::from_value(error), source, ("", true))))
+pub(crate) fn loading_failed(
+    py: Python<'_>,
+    error: Bound<'_, PyAny>,
+    path: &str,
+) -> (i32, Vec<String>) {
+    let failure = failure_in_loading(py, PyErr::from_value(error), path);
+    let reports = failure.reports().iter().map(|report| report.json()).collect();
+    (failure.exit_code(), reports)
 }
 
 /// Reads what the launcher hands to this process of executables. Returns the environment variable that has told it, which
