@@ -33,7 +33,11 @@ class ProgramError(Exception):
     """
 
     def __init__(
-        self, message: str, place: Place | None = None, hint: str | None = None, code: str = DECLARED
+        self,
+        message: str,
+        place: Place | None = None,
+        hint: str | None = None,
+        code: str = DECLARED,
     ) -> None:
         """Say what is wrong at a place."""
         self.message = message

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from hprm import _class_body, _construction, _duration, _places
+from hprm._arguments import checked
 from hprm._construction import Construction
 from hprm._duration import Time
-from hprm._arguments import checked
 from hprm._mistakes import ProgramError, one
 from hprm._namespace import Namespace
 from hprm._parts import Part

@@ -245,3 +245,38 @@ def test_the_time_to_join_includes_loading(folder: Path, options: list[str]) -> 
     assert (done.returncode, found["kind"]) == (1, "absent")
     assert found["message"] == "federate a did not load its program within 1.5 s"
     assert "--join-timeout" in found["hint"]
+
+
+APP = """
+import hprm
+
+
+class Part(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    def begin(self) -> None:
+        pass
+
+
+class Main(hprm.Federation):
+    def __init__(self) -> None:
+        self.a, self.b = Part(), Part()
+"""
+
+
+@pytest.mark.parametrize("secret", [[], ["--rti", "unix:@x", "--federation-file", "missing"]])
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["Fed.lf", "c"], "Fed.lf has no federate c"),
+        (["Main.lf", "a"], "Main.lf is not a federation"),
+        (["app.py", "c"], "app.py has no federate c"),
+        (["app.py:Part", "a"], "app.py:Part is not a federation"),
+    ],
+)
+def test_a_federate_that_does_not_exist_is_refused_before_the_rti_is_waited_for(
+    folder: Path, words: list[str], secret: list[str], message: str
+) -> None:
+    (folder / "app.py").write_text(APP)
+    done = hprm(folder, "federate", *words, *secret)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith(f"error: {message}\n  hint: "), done.stderr

@@ -108,16 +108,18 @@ fn library(checkout: Option<&Path>) -> Result<String, Error> {
 
 /// Writes all files, or none.
 fn make(folder: &Path, files: impl Iterator<Item = (String, String)>) -> io::Result<()> {
-    let parent = folder.parent().unwrap_or(Path::new(""));
-    if parent != Path::new("") {
-        fs::create_dir_all(parent)?;
-    }
+    let parent = folder.parent().filter(|it| *it != Path::new("")).unwrap_or(Path::new("."));
+    let missing = |it: &&Path| *it != Path::new("") && it.symlink_metadata().is_err();
+    let missing: Vec<_> = parent.ancestors().take_while(missing).collect();
     let unfinished = parent.join(format!(".hprm-new-{}", std::process::id()));
-    fs::create_dir(&unfinished)?;
-    let made = write(&unfinished, files).and_then(|()| fs::rename(&unfinished, folder));
+    let made = fs::create_dir_all(parent)
+        .and_then(|()| fs::create_dir(&unfinished))
+        .and_then(|()| write(&unfinished, files))
+        .and_then(|()| fs::rename(&unfinished, folder));
     if made.is_err() {
-        // The error that is told is the first one.
+        // The error that is told is the first one; a folder that another process has put something into stays.
         let _ = fs::remove_dir_all(&unfinished);
+        missing.iter().all(|it| fs::remove_dir(it).is_ok() || it.symlink_metadata().is_err());
     }
     made
 }
@@ -147,4 +149,27 @@ fn next_steps(folder: &Path, name: &Name, language: Language) -> String {
     };
     let folder = folder.display();
     format!("made {folder}: {what}, and its tests\n  cd {folder}\n  {run}\n  {test}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_made_leaves_nothing_not_even_the_folders_above_it() {
+        let within = tempfile::tempdir().unwrap();
+        let of = |path: &str| (path.to_owned(), String::new());
+        let folder = within.path().join("old/new/newer/project");
+        fs::create_dir(within.path().join("old")).unwrap();
+        // A file cannot be in a file.
+        make(&folder, [of("src"), of("src/main.rs")].into_iter()).unwrap_err();
+        assert_eq!(within.path().join("old").read_dir().unwrap().count(), 0);
+        // A folder cannot either.
+        fs::write(within.path().join("old/file"), "").unwrap();
+        make(&within.path().join("old/file/new/project"), [of("src")].into_iter()).unwrap_err();
+        assert_eq!(within.path().join("old").read_dir().unwrap().count(), 1);
+        make(&folder, [of("src/main.rs")].into_iter()).unwrap();
+        assert!(folder.join("src/main.rs").is_file());
+        assert_eq!(folder.parent().unwrap().read_dir().unwrap().count(), 1);
+    }
 }

@@ -112,7 +112,16 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error> {
     let mut properties = arguments.properties.clone();
-    let running = join::running(arguments)?;
+    let running = match join::running(arguments) {
+        Ok(running) => running,
+        // Nothing is to be joined. If the program cannot be, that is the reason to tell.
+        Err(error) => {
+            return match has_federate(arguments, &properties, &arguments.interpreter)? {
+                Ok(_) => Err(error),
+                Err(code) => Ok(code),
+            };
+        }
+    };
     if let Ok(inherited) = std::env::var(PROPERTIES) {
         properties.inherit(inherited.lines());
     } else if let Some(running) = &running {
@@ -123,7 +132,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
         interpreter.python.get_or_insert_with(|| running.python.clone());
     }
     let mut known = None;
-    if declare::is_python(&arguments.file) {
+    if declare::is_python(&arguments.file) && !secret::is_awaited(&arguments.secret) {
         // The one process that runs it makes its reactors, and says what is wrong.
         declare::is_readable(declare::file_of(&arguments.file))?;
     } else {
@@ -137,6 +146,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
     };
+    let is_declared = known.is_some() && declare::is_python(&arguments.file);
     if let Some(compiled) = known {
         let place = (&rti, secret);
         let command = executable::replacing(&compiled, arguments, place, connect_timeout)?;
@@ -149,6 +159,9 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     let python = python::find(&interpreter)?;
     let mut command = python::module(&python, "federate");
     command.args(message::json_option());
+    if is_declared {
+        command.env(python::WARNED, "1");
+    }
     command.arg("--rti").arg(rti.to_string());
     command.arg("--connect-timeout").arg(connect_timeout.as_secs_f64().to_string());
     if let Some(advertise) = &arguments.advertise {
@@ -164,7 +177,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     Err(replace(command))
 }
 
-/// The program, which is not in Python, if it has the federate; what the command ends with if it has mistakes, which
+/// The program, if it has the federate; what the command ends with if it has mistakes, which
 /// have been shown.
 fn has_federate(
     arguments: &FederateArguments,

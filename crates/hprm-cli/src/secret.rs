@@ -33,6 +33,11 @@ pub(crate) fn of_rti(secret: &Secret) -> Result<Option<FederationId>, Error> {
     }
 }
 
+/// Whether [`of_federate`] would wait for the file with the secret.
+pub(crate) fn is_awaited(secret: &Secret) -> bool {
+    secret.federation_file.as_ref().is_some_and(|path| !path.exists())
+}
+
 /// The secret of a federation that another process has started, or starts within `timeout`: until then
 /// the file may be missing. Returns what is left of that time, too.
 ///

@@ -5,6 +5,7 @@
 use crate::declaration::{Element, ElementKind};
 use crate::diagnostic::{Diagnostic, Report, did_you_mean};
 use crate::property_values::{Read, boolean, word};
+use crate::source::Span;
 use crate::syntax::Syntax;
 
 /// What the program says of its containers.
@@ -24,6 +25,8 @@ pub struct Containers {
     pub pre_run_script: Option<String>,
     /// `docker-compose-override`: a file that replaces parts of the one that is written.
     pub compose_override: Option<String>,
+    /// Where the paths of files are stated.
+    pub(crate) files: Vec<(String, Span)>,
 }
 
 /// The keys of the dictionary. Those for a compilation say nothing here.
@@ -38,6 +41,9 @@ const KEYS: [&str; 9] = [
     "rti-image",
     "runner-base",
 ];
+
+/// Those that name a file of this machine, beside the file that states it.
+const FILES: [&str; 2] = ["docker-compose-override", "env-file"];
 
 /// Reads the property; none is `false`.
 pub(crate) fn read(
@@ -84,7 +90,12 @@ pub(crate) fn read(
             Some(text) if text.contains(char::is_control) => {
                 wrong(&key, &entry.value, "a text in one line", report);
             }
-            Some(text) => *place = Some(text),
+            Some(text) => {
+                if FILES.contains(&key.as_str()) {
+                    containers.files.push((text.clone(), entry.value.span));
+                }
+                *place = Some(text);
+            }
             None => wrong(&key, &entry.value, "a text", report),
         }
     }

@@ -238,17 +238,22 @@ impl TargetProperties {
         true
     }
 
-    /// The files that the properties name: `files`, and then `protobufs`.
+    /// The files that the properties name: `files`, then `protobufs`, and then those of `docker`.
     pub fn files(&self) -> impl Iterator<Item = StatedFile<'_>> {
         let [files, protobufs] = &self.places;
         let files = self.files.iter().zip(files).map(|it| (it, false));
         let protobufs = self.protobufs.iter().zip(protobufs).map(|it| (it, true));
-        files.chain(protobufs).map(|(((path, stated_in), span), is_needed)| StatedFile {
+        let copied = files.chain(protobufs).map(|(((path, stated_in), span), is_needed)| {
+            StatedFile { path, stated_in: *stated_in, span: *span, is_needed }
+        });
+        let containers = self.settings.containers.iter().flat_map(|it| &it.files);
+        copied.chain(containers.map(|(path, span)| StatedFile {
             path,
-            stated_in: *stated_in,
+            // Also if a command line states it.
+            stated_in: FileId::MAIN,
             span: *span,
-            is_needed,
-        })
+            is_needed: false,
+        }))
     }
 
     /// Properties that follow from the program, and those that contradict it.
