@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import queue
 import re
 import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,6 +81,7 @@ class Copy:
         manifest = (ROOT / "Cargo.toml").read_text()
         # Many builds and short runs: optimizing more takes longer than it saves.
         manifest = manifest.replace("opt-level = 3", "opt-level = 1")
+        manifest = manifest.replace('debug = "line-tables-only"', "debug = 0")
         (self.folder / "Cargo.toml").write_text(manifest)
         shutil.copy(ROOT / "Cargo.lock", self.folder)
 
@@ -124,6 +127,41 @@ class Copy:
         )
 
 
+class Copies:
+    """Copies of the pure crates, each of which has one mutant at a time."""
+
+    def __init__(self, folder: Path, number: int) -> None:
+        self.number = number
+        self.free: queue.SimpleQueue[Copy] = queue.SimpleQueue()
+        first, *others = (Copy(folder / str(index)) for index in range(number))
+        built = first.cargo("--no-run")
+        if built.returncode != 0:
+            raise Unusable(f"without a mutant, the tests do not compile:\n{built.stderr}")
+        self.free.put(first)
+        for copy in others:
+            # So what the crates depend on is compiled once.
+            shutil.rmtree(copy.target, ignore_errors=True)
+            shutil.copytree(first.target, copy.target, symlinks=True)
+            self.free.put(copy)
+
+    def hunt(self, mutants: list[Mutant], hunts: tuple[str, ...]) -> list[str | None]:
+        """Check mutants side by side; return of each what finds it, and None if nothing does."""
+
+        def checked(mutant: Mutant) -> str | None:
+            copy = self.free.get()
+            begun = time.monotonic()
+            try:
+                found = copy.hunt(mutant, hunts)
+            finally:
+                self.free.put(copy)
+            seconds = time.monotonic() - begun
+            print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
+            return found
+
+        with ThreadPoolExecutor(self.number) as pool:
+            return list(pool.map(checked, mutants))
+
+
 def shortened(text: str) -> str:
     """Return the beginning of a text, if it does not fit into the table."""
     return text if len(text) <= 70 else text[:67] + "..."
@@ -139,17 +177,12 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "mutants")
     options = parser.parse_args()
     paths = sorted(Path(__file__).parent.glob("*.txt"))
-    alive = 0
     try:
         mutants = [Mutant.read(path) for path in paths]
         chosen = [mutant for mutant in mutants if mutant.name in (options.names or [mutant.name])]
-        copy = Copy(options.folder)
-        for mutant in chosen:
-            begun = time.monotonic()
-            found = copy.hunt(mutant, (options.hunt,) if options.hunt else HUNTS)
-            alive += found is None
-            seconds = time.monotonic() - begun
-            print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
+        copies = Copies(options.folder, min(os.cpu_count() or 1, max(1, len(chosen))))
+        hunts = (options.hunt,) if options.hunt else HUNTS
+        alive = copies.hunt(chosen, hunts).count(None)
     except Unusable as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
