@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from sybil import Document, Region, Sybil
@@ -28,6 +29,7 @@ INFO = re.compile(r"(?P<info>[^\n]*)\n")
 DIRECTIVE = re.compile(r"\{(?P<name>[\w-]+)\}\s*(?P<argument>.*)")
 OPTION = re.compile(r":(?P<name>[\w-]+):[ ]*(?P<value>.*)\n")
 NOT_RUN = re.compile(r"<!-- not run: (?P<reason>[^>]+?) -->\s*\Z")
+EXAMPLE = re.compile(r"cargo run --quiet --example (?P<name>\w+)")
 SPEAKER = re.compile(r"\[[\w.\[\]-]+\]")
 
 
@@ -132,6 +134,14 @@ def same(expected: str, printed: str) -> bool:
     if pattern(expected).fullmatch(printed):
         return True
     return bool(pattern(by_speaker(expected)).fullmatch(by_speaker(printed)))
+
+
+@cache
+def examples() -> Path:
+    """Where the examples in Rust are, which are built together, once."""
+    built = ["cargo", "build", "--quiet", "--offline", "-p", "hprm", "--examples"]
+    subprocess.run(built, cwd=ROOT, check=True, timeout=600)
+    return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "debug" / "examples"
 
 
 @dataclass
@@ -265,7 +275,8 @@ class Story:
         """A text of the page, with names and ports that this machine has."""
         for name, what in self.stand_ins.items():
             text = text.replace(name, what)
-        return text
+        # Cargo would do the same, after it has looked for changes.
+        return EXAMPLE.sub(lambda found: str(examples() / found["name"]), text)
 
     def expect(self, known: Block, command: str, expected: str, printed: str) -> None:
         """Compare what was printed with what the page shows."""

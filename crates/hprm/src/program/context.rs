@@ -204,6 +204,27 @@ impl Context<'_> {
         }
     }
 
+    /// Ends this federate at its next tag, while the others go on. If it is transient, it may join again. A program
+    /// without federates ends.
+    ///
+    /// ```
+    /// use hprm::prelude::*;
+    ///
+    /// let mut program = Program::new("Leaving");
+    /// let mut main = program.main();
+    /// main.timer("tick", std::time::Duration::ZERO, std::time::Duration::from_millis(1));
+    /// main.reaction().on(Startup).run(|(), ctx| ctx.leave());
+    /// main.reaction().on(Shutdown).run(|(), ctx| assert_eq!(ctx.tag().microstep, 1));
+    /// program.run()?;
+    /// # Ok::<(), Failure>(())
+    /// ```
+    pub fn leave(&mut self) {
+        match &mut self.access {
+            Access::Alone(scheduler) => scheduler.leave(),
+            Access::Shared(_, effects) => effects.leave(),
+        }
+    }
+
     /// The current tag.
     #[must_use]
     pub fn tag(&self) -> Tag {
