@@ -157,9 +157,19 @@ sys.exit(failed)
 """
 
 
+# Documentation, and attributes, of an item in Rust.
+DOCUMENTED = r"(?P<text>(?:^///.*\n)*)(?:^#\[(?:[^\]\n]|\][^\n])*(?:\n[^\n]*?)*?\]\n)*"
+
+
+def prelude() -> dict[str, str]:
+    """The items of the prelude in Rust, with what documents them there."""
+    text = (ROOT / "crates" / "hprm" / "src" / "prelude.rs").read_text()
+    listed = re.findall(rf"(?m){DOCUMENTED}^pub use crate::\{{?([^;]*?)\}}?;", text)
+    return {name: text for text, names in listed for name in re.findall(r"\w+", names)}
+
+
 def test_every_type_of_the_rust_library_is_on_the_page() -> None:
-    prelude = (ROOT / "crates" / "hprm" / "src" / "prelude.rs").read_text()
-    known = re.findall(r"\w+", prelude.split("pub use crate::{")[1].split("}")[0])
+    known = prelude()
     table = [code for row in rows(page("rust-api.md")) for code in re.findall(r"`(\w+)`", row[1])]
     assert sorted(table) == sorted(known)
 
@@ -197,6 +207,7 @@ def test_a_limit_is_that_of_the_code(row: list[str]) -> None:
 NOT_STATED = {
     "hprm-core/src/fingerprint.rs": "what is told of programs that differ",
     "hprm-core/src/tag_map.rs": "memory that is kept for later",
+    "hprm-model/src/explanation.rs": "what a message offers",
     "hprm-model/src/lower.rs": "what a message shows",
     "hprm-model/src/python.rs": "how a program is read that is cut off",
     "hprm-model/src/render.rs": "what an excerpt shows",
@@ -222,3 +233,23 @@ def test_every_variable_is_on_the_page() -> None:
     read = set(re.findall(r'"((?:HPRM|LF)_[A-Z_]+)"', text)) - {"HPRM_TEST_INNER"}
     stated = {code for code in first_codes(page("environment.md")) if re.match("HPRM_|LF_", code)}
     assert stated == read
+
+
+def test_every_item_of_the_prelude_in_rust_has_an_example() -> None:
+    """Its own documentation has one, or names an item that has; `cargo test --doc` runs them."""
+    crates = ROOT / "crates"
+    texts = prelude()
+    assert len(texts) > 40
+    item = rf"(?m){DOCUMENTED}^pub (?:struct|enum|trait|fn) (?P<name>\w+)"
+    for folder in ("hprm/src/program", "hprm/src/failure.rs", "hprm/src/program.rs", "hprm-codec"):
+        path = crates / folder
+        for file in sorted(path.rglob("*.rs")) if path.is_dir() else [path]:
+            for found in re.finditer(item, file.read_text()):
+                if found["name"] in texts:
+                    texts[found["name"]] += found["text"]
+
+    def has_example(name: str) -> bool:
+        elsewhere = re.search(r"\[`(\w+)`\](?:\([\w:]+\))? has an example", texts[name])
+        return "```" in texts[name] or bool(elsewhere and "```" in texts[elsewhere[1]])
+
+    assert [name for name in texts if not has_example(name)] == []

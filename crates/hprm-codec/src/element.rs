@@ -128,7 +128,7 @@ mod sealed {
 }
 
 /// What the elements of an [`Array`](crate::Array) may be: `bool`, the integers from `i8` to `u64`, `f32`, `f64`,
-/// and `[f32; 2]` and `[f64; 2]` for complex numbers.
+/// and `[f32; 2]` and `[f64; 2]` for complex numbers. [`Array`](crate::Array) has an example.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot be an element of an `Array`",
     note = "elements are bool, i8 to i64, u8 to u64, f32, f64, and [f32; 2] or [f64; 2] for complex numbers; \

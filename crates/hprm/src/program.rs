@@ -106,7 +106,17 @@ pub struct Program {
     logical_trace: Option<PathBuf>,
 }
 
-/// A checked program, ready to run.
+/// A checked program, ready to run. It is made where what is wrong with a program is to be known before it runs.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Checked");
+/// program.main().reaction().on(Startup).run(|(), _| println!("it runs"));
+/// let runnable: Runnable = program.build()?;
+/// runnable.run()?;
+/// # Ok::<(), Failure>(())
+/// ```
 pub struct Runnable {
     program: Arc<hprm_core::Program>,
     bodies: Bodies,

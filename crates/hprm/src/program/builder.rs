@@ -72,6 +72,8 @@ pub trait Reactor: Sized + Send + 'static {
 }
 
 /// A reactor that is being assembled. `S` is its state, which its reactions share.
+///
+/// [`Reactor`] has an example; [`Program::reactor`](crate::Program::reactor) gives one to a closure.
 pub struct ReactorBuilder<'a, S> {
     pub(super) graph: &'a mut Graph,
     pub(super) id: ReactorId,

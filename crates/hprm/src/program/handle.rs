@@ -108,6 +108,8 @@ pub struct Timer(pub(super) Of<TimerId>);
 pub struct Mode(pub(super) Of<ModeId>);
 
 /// A way to enter a mode; see [`Mode::reset`] and [`Mode::history`].
+///
+/// [`Mode`] has an example.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Entry(pub(super) Of<ModeId>, pub(super) Transition);
 
@@ -144,6 +146,23 @@ impl Mode {
 }
 
 /// What holds values: a port or an action.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// /// The value of a port or an action, or zero where it is absent.
+/// fn number(ctx: &Context<'_>, of: impl Readable<Value = u32>) -> u32 {
+///     ctx.get(of).copied().unwrap_or_default()
+/// }
+///
+/// let mut program = Program::new("Reading");
+/// let mut main = program.main();
+/// let action = main.logical_action("action", std::time::Duration::ZERO);
+/// let start = main.reaction().on(Startup).schedules(action);
+/// start.run(move |(), ctx| ctx.schedule(action, std::time::Duration::ZERO, 7));
+/// main.reaction().on(action).run(move |(), ctx| assert_eq!(number(ctx, action), 7));
+/// # program.run().unwrap();
+/// ```
 pub trait Readable: Copy + Slotted {
     /// The type of its values.
     type Value: Message;
@@ -153,6 +172,27 @@ pub trait Readable: Copy + Slotted {
 }
 
 /// An input or an output port.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// /// Sets a port at the start, whatever it holds.
+/// fn begin<P>(reactor: &mut ReactorBuilder<'_, ()>, port: P, value: P::Value)
+/// where
+///     P: Port + Ports + Send + 'static,
+///     P::Value: Clone,
+/// {
+///     reactor.reaction().on(Startup).sets(port).run(move |(), ctx| ctx.set(port, value.clone()));
+/// }
+///
+/// let mut program = Program::new("Beginning");
+/// program.reactor("a", (), |a| {
+///     let (number, text) = (a.output::<u8>("number"), a.output::<String>("text"));
+///     begin(a, number, 3);
+///     begin(a, text, "three".to_owned());
+/// });
+/// # program.run().unwrap();
+/// ```
 pub trait Port: Readable {}
 
 /// The ports that these handles name.
@@ -160,7 +200,7 @@ pub(super) fn ports<P: Port>(handles: impl IntoIterator<Item = P>) -> Vec<Of<Por
     handles.into_iter().filter_map(|handle| handle.slot().port()).collect()
 }
 
-/// A logical or a physical action.
+/// A logical or a physical action. [`LogicalAction`] has an example.
 pub trait Action: Readable {
     #[doc(hidden)]
     fn wrap(value: Self::Value) -> Value;
@@ -168,6 +208,21 @@ pub trait Action: Readable {
 
 /// What can trigger a reaction: a timer, a port, an action, [`Startup`], [`Shutdown`], [`Reset`]; or an array, a slice
 /// or a vector of those, of which any one triggers it.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Triggers").fast().timeout(Duration::from_millis(20));
+/// let mut main = program.main();
+/// let timers = [10, 15].map(|ms| {
+///     main.timer(&format!("every_{ms}_ms"), Duration::ZERO, Duration::from_millis(ms))
+/// });
+/// // At 0, 10, 15 and 20 ms.
+/// main.reaction().on(timers).on(Shutdown).run(|(), ctx| println!("{:?}", ctx.elapsed()));
+/// # program.run().unwrap();
+/// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not trigger a reaction",
     note = "a timer, a port, an action, `Startup`, `Shutdown` and `Reset` do; several are an array or a vector of one \
@@ -179,7 +234,7 @@ pub trait Triggers {
     fn each(&self, add: &mut dyn FnMut(Trigger, Option<GraphNumber>));
 }
 
-/// A port, or an array, a slice or a vector of ports.
+/// A port, or an array, a slice or a vector of ports. [`InputPort`] has an example.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a port",
     note = "several ports are an array or a vector of one type, or several calls"

@@ -14,6 +14,21 @@ use super::transport::InStore;
 ///
 /// It dereferences to the slice of its elements, in the order of C. [`Array::from`] makes a value of it, which cannot be
 /// written any more. If it is dropped instead, its memory is free again.
+///
+/// ```
+/// use hprm::prelude::*;
+///
+/// let mut program = Program::new("Camera");
+/// program.reactor("camera", (), |camera| {
+///     let image = camera.output("image");
+///     camera.reaction().on(Startup).sets(image).run(move |(), ctx| {
+///         let mut pixels: Loan<u8> = ctx.loan(&[1080, 1920, 3]);
+///         pixels.fill(7);
+///         ctx.set(image, Array::from(pixels));
+///     });
+/// });
+/// # program.run().unwrap();
+/// ```
 #[must_use = "dropping a loan gives its memory back"]
 pub struct Loan<T: Element + Pod> {
     memory: Memory<T>,

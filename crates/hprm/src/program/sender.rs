@@ -22,7 +22,7 @@ thread_local! {
     static RUNS_REACTIONS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What [`Sender::schedule`] does when as many events wait as may.
+/// What [`Sender::schedule`] does when as many events wait as may. [`Sender`] has an example.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum WhenFull {
     /// It returns [`ScheduleError::Full`] at once.
@@ -32,7 +32,7 @@ pub enum WhenFull {
     Wait,
 }
 
-/// Why an event was not scheduled.
+/// Why an event was not scheduled. [`Sender`] has an example.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum ScheduleError {
     /// As many events of the action wait as may.
