@@ -160,6 +160,24 @@ class Federation:
         return {name: finish(self.members[name]) for name in names or self.members}
 
 
+def call(
+    *words: str | Path, cwd: Path, code: int = 0, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, which must have this exit code."""
+    outcome = subprocess.run(
+        words,
+        cwd=cwd,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
+    assert outcome.returncode == code, outcome.stdout + outcome.stderr
+    return outcome
+
+
 def free_ports(count: int) -> list[int]:
     """Ports that no process uses at the moment, and that the kernel gives to no process soon."""
     sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]

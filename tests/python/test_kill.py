@@ -157,15 +157,21 @@ def test_a_federate_is_killed(bench: Bench, coordination: str, moment: str, vict
     assert stage.strange_files() == set()
 
 
+def without_sender(bench: Bench, coordination: str) -> tuple[Federation, Stage]:
+    """A federation of which the sender is killed while a reaction of the bystander is held."""
+    stage = Stage(bench, "steady", ["sender", "bystander"])
+    federation = bench.by_hand(program(coordination), *FEDERATES)
+    stage.await_held()
+    federation.members["sender"].kill()
+    return federation, stage
+
+
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_the_rti_does_not_wait_for_a_reaction_that_does_not_return(
     bench: Bench, coordination: str
 ) -> None:
     """It reports the failure at once, and ends; the federate ends when its reaction returns."""
-    stage = Stage(bench, "steady", ["sender", "bystander"])
-    federation = bench.by_hand(program(coordination), *FEDERATES)
-    stage.await_held()
-    federation.members["sender"].kill()
+    federation, stage = without_sender(bench, coordination)
     rti = federation.finish("rti", "receiver")["rti"]
     assert rti.code == 1
     rti.assert_one_error("error: the process of federate sender ended before its last tag")
@@ -182,10 +188,7 @@ def test_a_federate_by_hand_does_not_outlive_its_federation(
     bench: Bench, coordination: str
 ) -> None:
     """Its reaction never returns, so nothing but the process itself can end it."""
-    stage = Stage(bench, "steady", ["sender", "bystander"])
-    federation = bench.by_hand(program(coordination), *FEDERATES)
-    stage.await_held()
-    federation.members["sender"].kill()
+    federation, _ = without_sender(bench, coordination)
     outcomes = federation.finish()
     bystander = outcomes["bystander"]
     assert bystander.code == 1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from processes import call
 
 ROOT = Path(__file__).resolve().parents[2]
 HPRM = Path(sys.executable).with_name("hprm")
@@ -20,26 +20,9 @@ MEANS = [
 ]
 
 
-def run(
-    *words: str | Path, cwd: Path, code: int = 0, **environment: str
-) -> subprocess.CompletedProcess[str]:
-    """Runs a command to its end, which must have this exit code."""
-    outcome = subprocess.run(
-        words,
-        cwd=cwd,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert outcome.returncode == code, outcome.stdout + outcome.stderr
-    return outcome
-
-
 def steps(folder: Path, *words: str) -> list[str]:
     """Makes a project, and returns the commands that are recommended."""
-    lines = run(HPRM, "new", *words, cwd=folder).stdout.splitlines()
+    lines = call(HPRM, "new", *words, cwd=folder).stdout.splitlines()
     assert lines[0].startswith(f"made {words[0]}: a program in ")
     assert lines[1] == f"  cd {words[0]}"
     return [line.strip() for line in lines[2:]]
@@ -50,10 +33,10 @@ def test_a_project_runs_and_its_tests_pass(tmp_path: Path, language: str) -> Non
     program, test = steps(tmp_path, "robot-arm", "--lang", language)
     project = tmp_path / "robot-arm"
     assert (program.split()[:2], test) == (["hprm", "run"], "python -m pytest")
-    printed = run(HPRM, *program.split()[1:], cwd=project).stdout.splitlines()
+    printed = call(HPRM, *program.split()[1:], cwd=project).stdout.splitlines()
     assert printed == [f"[display] {mean}" for mean in MEANS]
-    run(HPRM, "check", program.split()[2], cwd=project)
-    outcome = run(sys.executable, *test.split()[1:], "-p", "no:cacheprovider", cwd=project)
+    call(HPRM, "check", program.split()[2], cwd=project)
+    outcome = call(sys.executable, *test.split()[1:], "-p", "no:cacheprovider", cwd=project)
     assert "2 passed" in outcome.stdout
 
 
@@ -61,8 +44,8 @@ def test_a_project_runs_and_its_tests_pass(tmp_path: Path, language: str) -> Non
 def test_the_python_of_a_project_is_as_ruff_wants_it(tmp_path: Path, language: str) -> None:
     steps(tmp_path, "robot", "--lang", language)
     ruff = [sys.executable, "-m", "ruff"]
-    run(*ruff, "check", "--isolated", "--select=E,F,W,I,B,UP", ".", cwd=tmp_path)
-    run(*ruff, "format", "--isolated", "--check", ".", cwd=tmp_path)
+    call(*ruff, "check", "--isolated", "--select=E,F,W,I,B,UP", ".", cwd=tmp_path)
+    call(*ruff, "format", "--isolated", "--check", ".", cwd=tmp_path)
 
 
 def test_a_project_in_rust_runs_and_its_tests_pass(tmp_path: Path) -> None:
@@ -71,12 +54,12 @@ def test_a_project_in_rust_runs_and_its_tests_pass(tmp_path: Path) -> None:
     project = tmp_path / "robot-arm"
     # The versions that have been downloaded, and what other tests have compiled.
     shutil.copy(ROOT / "Cargo.lock", project)
-    target = {"CARGO_TARGET_DIR": str(ROOT / "target" / "outside")}
-    printed = run("cargo", "run", "--quiet", "--offline", cwd=project, **target).stdout
+    target = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "outside")}
+    printed = call("cargo", "run", "--quiet", "--offline", cwd=project, environment=target).stdout
     assert printed.splitlines() == [f"[display] {mean}" for mean in MEANS]
-    outcome = run("cargo", "test", "--quiet", "--offline", cwd=project, **target)
+    outcome = call("cargo", "test", "--quiet", "--offline", cwd=project, environment=target)
     assert "1 passed" in outcome.stdout
-    run("cargo", "fmt", "--check", cwd=project)
+    call("cargo", "fmt", "--check", cwd=project)
 
 
 def test_no_trace_of_the_template_is_left(tmp_path: Path) -> None:
@@ -91,7 +74,7 @@ def test_no_trace_of_the_template_is_left(tmp_path: Path) -> None:
 
 def test_what_exists_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "robot").mkdir()
-    told = run(HPRM, "new", "robot", cwd=tmp_path, code=1).stderr
+    told = call(HPRM, "new", "robot", cwd=tmp_path, code=1).stderr
     assert told.splitlines() == [
         "error: robot exists already",
         "  hint: choose another name, or remove it first",
@@ -113,7 +96,7 @@ def test_what_exists_is_left_alone(tmp_path: Path) -> None:
 def test_a_mistake_is_one_error_and_nothing_is_made(
     tmp_path: Path, words: list[str], told: str
 ) -> None:
-    lines = run(HPRM, "new", *words, cwd=tmp_path, code=1).stderr.splitlines()
+    lines = call(HPRM, "new", *words, cwd=tmp_path, code=1).stderr.splitlines()
     assert lines[0].startswith("error: ") and told in lines[0]
     assert lines[1].startswith("  hint: ") and len(lines) == 2
     assert list(tmp_path.iterdir()) == []
@@ -121,5 +104,5 @@ def test_a_mistake_is_one_error_and_nothing_is_made(
 
 def test_a_folder_that_cannot_be_written_is_one_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    told = run(HPRM, "new", "file/robot", cwd=tmp_path, code=1).stderr
+    told = call(HPRM, "new", "file/robot", cwd=tmp_path, code=1).stderr
     assert told.startswith("error: cannot make file/robot: ")

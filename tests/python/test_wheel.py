@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import subprocess
 import sys
 import sysconfig
 import venv
@@ -15,6 +14,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from processes import call
 
 ROOT = Path(__file__).resolve().parents[2]
 # What takes longer to import than all of the package, and what programs of `.lf` files do without.
@@ -35,24 +35,6 @@ HEAVY = {
     "tempfile",
     "unittest",
 }
-
-
-def call(
-    *words: str | Path, cwd: Path = ROOT, environment: dict[str, str] | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Runs a command, which must end well."""
-    outcome = subprocess.run(
-        words,
-        cwd=cwd,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-    assert outcome.returncode == 0, outcome.stdout + outcome.stderr
-    return outcome
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +59,7 @@ def build(folder: Path) -> None:
     environment = {**os.environ, "CARGO_NET_OFFLINE": "true"}
     environment["PATH"] = f"{Path(sys.executable).parent}:{environment['PATH']}"
     options = ["--no-build-isolation", "--no-deps", "--wheel-dir", folder]
-    call(*pip, *options, ".", environment=environment)
+    call(*pip, *options, ".", cwd=ROOT, environment=environment)
 
 
 @pytest.fixture(scope="module")
@@ -86,12 +68,14 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("empty") / "environment"
     venv.create(folder, symlinks=True)
     python = folder / "bin" / "python"
-    packages = call(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout
+    packages = call(
+        python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=ROOT
+    ).stdout
     # The NumPy of this environment, which pip would download.
     for path in Path(sysconfig.get_path("platlib")).glob("numpy*"):
         Path(packages.strip(), path.name).symlink_to(path)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python]
-    call(*pip, "install", "--no-index", "--only-binary=:all:", wheel)
+    call(*pip, "install", "--no-index", "--only-binary=:all:", wheel, cwd=ROOT)
     return folder / "bin"
 
 
