@@ -456,6 +456,7 @@ impl Failure {
             | Self::Trace { hint, .. }
             | Self::Protocol { hint, .. } => *hint,
             Self::Command { hint, .. } | Self::System { hint, .. } => hint.as_deref(),
+            Self::Program(error) => program_hint(error),
             Self::NoRti { hint, .. } => Some(hint),
             Self::Missing(_) => Some(
                 "start them with `hprm federate`, or allow more time with `hprm rti --join-timeout`",
@@ -497,6 +498,23 @@ impl From<Fault> for Failure {
             Fault::TooManyParts { .. } => Self::Protocol { reason: fault.to_string(), hint: None },
             fault => Self::protocol(&fault),
         }
+    }
+}
+
+/// What to do about a graph that the scheduler refuses, in a program that is built by calls.
+fn program_hint(error: &ProgramError) -> Option<&'static str> {
+    match error {
+        ProgramError::CausalityLoop { .. } => Some(
+            "give one of the connections a delay, `.after(Duration::ZERO)`, or reorder the reactions",
+        ),
+        ProgramError::TwoSources { .. } => Some(
+            "an input has one source: declare a multiport, `inputs(name, 2)`, and connect each to a channel of its own",
+        ),
+        ProgramError::ConnectionLoop { .. } => Some("remove one of the connections"),
+        ProgramError::InitialMode { .. } => {
+            Some("declare one of the modes by `initial_mode`, and the others by `mode`")
+        }
+        _ => None,
     }
 }
 

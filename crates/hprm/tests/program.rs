@@ -526,3 +526,34 @@ fn reading_what_is_not_declared_is_a_mistake() {
 fn entering_a_mode_in_a_way_that_is_not_declared_is_a_mistake() {
     with_an_undeclared(|ctx, _, _, mode| ctx.enter(mode.history()));
 }
+
+#[test]
+fn what_is_wrong_with_the_graph_has_a_hint() {
+    let hint = |wrong: fn(&mut Program)| {
+        let mut program = Program::new("Main");
+        wrong(&mut program);
+        let failure = program.run().unwrap_err();
+        failure.report().hint.unwrap_or_else(|| panic!("{failure} has no hint"))
+    };
+    let twice = hint(|program| {
+        let input = program.reactor("sink", (), |sink| sink.input::<u8>("inp"));
+        for name in ["first", "second"] {
+            let output = program.reactor(name, (), |source| source.output("out"));
+            program.connect(output, input);
+        }
+    });
+    assert!(twice.contains("`inputs(name, 2)`"), "{twice}");
+    let cycle = hint(|program| {
+        let (input, output) = program.reactor("echo", (), |echo| {
+            let (input, output) = (echo.input::<u8>("inp"), echo.output("out"));
+            echo.reaction().on(input).sets(output).run(move |(), ctx| ctx.set(output, 1));
+            (input, output)
+        });
+        program.connect(output, input);
+    });
+    assert!(cycle.contains("`.after(Duration::ZERO)`"), "{cycle}");
+    let modes = hint(|program| {
+        program.main().mode("idle");
+    });
+    assert!(modes.contains("`initial_mode`"), "{modes}");
+}
