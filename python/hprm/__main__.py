@@ -89,6 +89,8 @@ def _launch(options: argparse.Namespace, arguments: list[str]) -> int:
     words = [f"--property={it}" for it in options.property]
     if options.logical_trace is not None:
         words += ["--logical-trace", options.logical_trace]
+    if options.trace is not None:
+        words += ["--trace", options.trace, "--trace-buffer", options.trace_buffer]
     if options.json:
         words.append("--json")
     return _launching.launch(options.launcher, [*words, options.file, "--", *arguments])
@@ -145,6 +147,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--launcher", metavar="PATH", help="the command that runs the program if it is a federation"
     )
+    run.add_argument("--trace", metavar="FILE", help="for the launcher")
+    run.add_argument("--trace-buffer", metavar="RECORDS", help="for the launcher")
     run.add_argument("file", help="the .lf file")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     declare = commands.add_parser(

@@ -31,6 +31,7 @@ def run(
     properties: Mapping[str, object] | None = None,
     processes: bool = True,
     logical_trace: str | os.PathLike[str] | None = None,
+    trace: str | os.PathLike[str] | None = None,
 ) -> None:
     """Run a program to its end.
 
@@ -48,6 +49,9 @@ def run(
         Whether the federates of a federation are processes. Otherwise all reactors run here.
     logical_trace : str or path, optional
         The file that gets the logical trace.
+    trace : str or path, optional
+        The file that gets the trace of reactions, messages and grants in physical time, for
+        Perfetto.
 
     Raises
     ------
@@ -76,12 +80,19 @@ def run(
     except ProgramError as error:
         # How it was found is of no help to the user.
         raise error.with_traceback(None) from error.__cause__
-    trace = None if logical_trace is None else os.fspath(logical_trace)
+    traces = {"--logical-trace": logical_trace, "--trace": trace}
+    files = {option: os.fspath(path) for option, path in traces.items() if path is not None}
     failures: list[str] = []
     if isinstance(main, Federation) and processes:
-        code = _launch(main, options, trace, failures)
+        code = _launch(main, options, files, failures)
     else:
-        code = _hprm.run_declared(declared, options, logical_trace=trace, failures=failures)
+        code = _hprm.run_declared(
+            declared,
+            options,
+            logical_trace=files.get("--logical-trace"),
+            trace=files.get("--trace"),
+            failures=failures,
+        )
     if code:
         raise ProgramFailed(code, *failures[:1])
 
@@ -125,7 +136,9 @@ def _property(name: str, value: Any) -> str:
     return f"{name}={value}" if plain else f'{name}="{value}"'
 
 
-def _launch(main: Federation, properties: list[str], trace: str | None, failures: list[str]) -> int:
+def _launch(
+    main: Federation, properties: list[str], traces: dict[str, str], failures: list[str]
+) -> int:
     """Run a federation as processes, by the command ``hprm``. Return its exit code.
 
     What has failed is added to ``failures``, as JSON.
@@ -133,8 +146,7 @@ def _launch(main: Federation, properties: list[str], trace: str | None, failures
     command = _command()
     program = _importable(main)
     options = [option for it in properties for option in ("--property", it)]
-    if trace is not None:
-        options += ["--logical-trace", trace]
+    options += [word for option in traces.items() for word in option]
     # A file without a name, of which nothing is left however the processes end.
     with (
         os.fdopen(os.memfd_create("hprm-call"), "wb") as file,

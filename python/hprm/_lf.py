@@ -50,9 +50,9 @@ def make_module(api: Api, source: ProgramSource) -> ModuleType:
         start=_start,
         check_deadline=lambda reactor, invoke=True: api.check_deadline(invoke),
         update_deadline=lambda reactor, deadline: api.update_deadline(deadline),
-        register_user_trace_event=lambda reactor, description: next(handles),
-        tracepoint_user_event=lambda reactor, handle: None,
-        tracepoint_user_value=lambda reactor, handle, value: None,
+        register_user_trace_event=lambda reactor, name: api.tracepoint_name(name) or next(handles),
+        tracepoint_user_event=lambda reactor, handle: api.tracepoint(handle),
+        tracepoint_user_value=lambda reactor, handle, value: api.tracepoint(handle, value),
         store_stats=api.store_stats,
     )
     _threads.publish(lf.__name__, lf)

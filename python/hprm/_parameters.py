@@ -12,7 +12,8 @@ from hprm._mistakes import ProgramError, one
 OPTIONS = (
     *("cpus", "debug", "fast", "hang-timeout", "help", "in-process", "join-timeout", "json"),
     *("keepalive", "logical-trace", "property", "python", "realtime", "spin"),
-    *("start-time-multiple", "store-full", "store-limit", "timeout", "workers"),
+    *("start-time-multiple", "store-full", "store-limit", "timeout", "trace", "trace-buffer"),
+    "workers",
 )
 
 

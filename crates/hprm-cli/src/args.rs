@@ -6,6 +6,7 @@
 mod compose;
 mod new;
 mod texts;
+mod tracing;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,7 @@ use hprm_lf::PARAMETER;
 pub(crate) use self::texts::{Completions, Explain, Man};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::new::{Language, New};
+pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
 use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
@@ -43,6 +45,7 @@ impl Arguments {
             | Command::Check(_)
             | Command::Explain(_)
             | Command::Diff(_)
+            | Command::Trace(_)
             | Command::Sim(_)
             | Command::Doctor(_)
             | Command::Completions(_)
@@ -65,6 +68,7 @@ Examples:
   hprm run app.py             the same, of a program in Python
   hprm check src/*.lf         say what is wrong, and run nothing
   hprm explain LF0503         what a mistake with this code is, and its cure
+  hprm run --trace A.pftrace Main.lf    record when what happens, for Perfetto
   hprm verify Main.lf         run a program several times, and compare what it did
   hprm doctor                 see whether this machine has what HPRM needs
 
@@ -78,6 +82,7 @@ pub(crate) enum Command {
     Check(Check),
     Explain(Explain),
     Diff(Diff),
+    Trace(Trace),
     Verify(Verify),
     Rti(RtiArguments),
     Federate(FederateArguments),
@@ -269,6 +274,8 @@ pub(crate) struct Run {
     /// Write down what every reaction read and did, in a form that does not depend on how the program was run.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) tracing: Tracing,
     #[command(flatten)]
     pub(crate) properties: Properties,
     #[command(flatten)]
@@ -495,6 +502,8 @@ pub(crate) struct RtiArguments {
     #[command(flatten)]
     pub(crate) hang: Hang,
     #[command(flatten)]
+    pub(crate) tracing: Tracing,
+    #[command(flatten)]
     pub(crate) failures: Failures,
     #[command(flatten)]
     pub(crate) properties: Properties,
@@ -547,6 +556,8 @@ pub(crate) struct FederateArguments {
     /// Write down what the reactions of this federate read and did: its share of the logical trace.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) tracing: Tracing,
     #[command(flatten)]
     pub(crate) failures: Failures,
     #[command(flatten)]

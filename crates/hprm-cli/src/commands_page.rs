@@ -30,7 +30,11 @@ fn page() -> String {
         let _ = writeln!(page, "| [`hprm {name}`](#hprm-{name}) | {} |", cell(&about.to_string()));
     }
     for command in commands {
-        section(&mut page, command);
+        section(&mut page, command, command.get_name());
+        for inner in command.get_subcommands().filter(|it| is_shown(it)) {
+            let name = format!("{} {}", command.get_name(), inner.get_name());
+            section(&mut page, inner, &name);
+        }
     }
     page
 }
@@ -39,12 +43,12 @@ fn is_shown(command: &Command) -> bool {
     !command.is_hide_set() && command.get_name() != "help"
 }
 
-fn section(page: &mut String, command: &Command) {
+fn section(page: &mut String, command: &Command, name: &str) {
     let about = command.get_long_about().or(command.get_about()).unwrap_or_default();
     let about: Vec<_> = about.to_string().split("\n\n").map(words).collect();
     let usage = command.clone().render_usage().to_string();
     let usage = usage.trim_start_matches("Usage: ").trim();
-    let _ = write!(page, "\n## hprm {}\n\n{}\n", command.get_name(), about.join("\n\n"));
+    let _ = write!(page, "\n## hprm {name}\n\n{}\n", about.join("\n\n"));
     let _ = write!(page, "\n```\n{usage}\n```\n");
     let arguments: Vec<_> =
         command.get_arguments().filter(|it| !it.is_hide_set() && it.get_id() != "help").collect();

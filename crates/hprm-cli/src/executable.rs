@@ -8,6 +8,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use hprm::launch::Membership;
+use hprm::recorder::TRACE;
 use hprm::{Address, Failure, FederationId, Handover, Meeting, Security, TlsFiles};
 use hprm_core::FederateId;
 use hprm_declared::Declaration;
@@ -149,6 +150,9 @@ pub(crate) fn replacing(
     handover.advertise.clone_from(&arguments.advertise);
     handover.logical_trace = arguments.logical_trace.clone().map(|path| (path, None));
     let mut command = started(executable);
+    if let Some(request) = arguments.tracing.request(None) {
+        command.env(TRACE, request.variable());
+    }
     let kept = handover.attach_beside(&mut command);
     let kept =
         kept.map_err(|error| Error::new(format!("cannot hand the program to {name}: {error}")))?;

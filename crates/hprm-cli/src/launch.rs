@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use hprm::Descriptions;
 use hprm::launch::{Launch, Membership};
+use hprm::recorder::TraceRequest;
 use hprm::supervisor::Advice;
 use hprm::{Address, FederationId, HangTimeout, STAGE, Security, random_federation};
 use hprm_core::{FederateId, Program};
@@ -41,6 +42,7 @@ pub(crate) struct Plan {
     pub(crate) debugged: Option<FederateId>,
     pub(crate) hang_timeout: HangTimeout,
     pub(crate) logical_trace: Option<PathBuf>,
+    pub(crate) trace: Option<TraceRequest>,
     /// Where the files of the program lie side by side, if not beside it.
     pub(crate) stage: Option<PathBuf>,
     pub(crate) security: Security,
@@ -63,6 +65,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         hang_timeout: plan.hang_timeout,
         debugged: plan.debugged,
         logical_trace: plan.logical_trace.clone(),
+        trace: plan.trace.clone(),
         advice: Advice::COMMAND,
     }
     .start()?;

@@ -40,6 +40,7 @@ mod sim;
 mod source;
 mod threads;
 mod trace;
+mod trace_file;
 mod usage;
 mod variables;
 mod verify;
@@ -87,6 +88,7 @@ fn command() -> ExitCode {
         Command::Check(check) => Ok(check::check(&check)),
         Command::Explain(wanted) => explain::explain(&wanted),
         Command::Diff(diff) => diff::diff(&diff),
+        Command::Trace(trace) => trace_file::trace(&trace),
         Command::Verify(verify) => verify::verify(&verify),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),

@@ -55,6 +55,7 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
         },
         hang_timeout: arguments.hang.timeout(),
     })
+    .and_then(|rti| rti.recorded(arguments.tracing.request(None).as_ref()))
     .map_err(|failure| Error::from(&failure))?
     .join_timeout(arguments.join_timeout);
     let interruption = Arc::new(Interruption::default());

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
+use hprm::recorder::TRACE;
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
 use hprm_model::Compiled;
@@ -47,7 +48,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     check::show(&hosts::elsewhere(&compiled), &compiled.sources);
     if arguments.in_process {
         executable::refuse_threads(&compiled)?;
-        return threads::run(&compiled.program, &python, arguments);
+        return threads::run(&compiled, &python, arguments);
     }
     check::show_warnings(&compiled);
     // Dropped, and so removed, when all processes have ended.
@@ -63,6 +64,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         debugged,
         hang_timeout: arguments.hang.timeout(),
         logical_trace: arguments.logical_trace.clone(),
+        trace: arguments.tracing.request(compiled.trace_file()),
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
     };
@@ -77,6 +79,12 @@ fn alone(python: &Path, arguments: &Run, launcher: Option<&Path>) -> Command {
     command.args(message::json_option());
     if let Some(path) = &arguments.logical_trace {
         command.arg("--logical-trace").arg(path);
+    }
+    if let Some(request) = arguments.tracing.request(None) {
+        // Options for a launcher, which a program may need that turns out to have federates.
+        command.arg("--trace").arg(&request.path);
+        command.arg("--trace-buffer").arg(request.capacity.to_string());
+        command.env(TRACE, request.variable());
     }
     match launcher {
         Some(launcher) => command.arg("--launcher").arg(launcher),
@@ -169,6 +177,9 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     }
     if let Some(path) = &arguments.logical_trace {
         command.arg("--logical-trace").arg(path);
+    }
+    if let Some(request) = arguments.tracing.request(None) {
+        command.env(TRACE, request.variable());
     }
     command.args(arguments.tls.options());
     command.args(properties.options());

@@ -8,9 +8,11 @@ use std::path::Path;
 use std::process::{Command, ExitCode, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use hprm::recorder::{Shares, TRACE};
 use hprm::supervisor::Signal;
 use hprm::trace::Parts;
-use hprm_core::Program;
+use hprm::{Failure, Label};
+use hprm_model::Compiled;
 use rustix::process::{Pid, kill_process};
 
 use crate::args::Run;
@@ -25,7 +27,8 @@ use crate::trace::share_options;
 /// # Errors
 ///
 /// If it cannot be started, or the trace cannot be written.
-pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
+pub(crate) fn run(compiled: &Compiled, python: &Path, arguments: &Run) -> Result<ExitCode, Error> {
+    let program = &compiled.program;
     limits::check_files(program.federates.len())?;
     let mut command = crate::python::module(python, "run");
     // Federates that have a process each cannot read the terminal either.
@@ -36,12 +39,19 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
     if let Some(limit) = arguments.hang.limit {
         command.arg("--hang-timeout").arg(limit.as_secs_f64().to_string());
     }
-    let Some(path) = &arguments.logical_trace else {
+    let request = arguments.tracing.request(compiled.trace_file());
+    if arguments.logical_trace.is_none() && request.is_none() {
         command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
         return Err(replace(command));
-    };
-    let parts = Parts::of(path)?;
-    command.args(share_options(&parts.shares()));
+    }
+    let parts = arguments.logical_trace.as_deref().map(Parts::of).transpose()?;
+    command.args(parts.iter().flat_map(|parts| share_options(&parts.shares())));
+    let shares =
+        request.map(|it| Ok::<_, Failure>(Shares::of(&it.path)?.with_capacity(it.capacity)));
+    let shares = shares.transpose()?;
+    if let Some(shares) = &shares {
+        command.env(TRACE, shares.request().variable());
+    }
     command.arg("--die-with-parent").arg(std::process::id().to_string());
     command.arg("--").arg(&arguments.file).args(arguments.arguments.all());
     let status = supervise(command)?;
@@ -58,7 +68,12 @@ pub(crate) fn run(program: &Program, python: &Path, arguments: &Run) -> Result<E
         }
     };
     let interrupted = ways.iter().any(|signal| signal.exit_code() == code);
-    parts.merge(program, interrupted, code, &mut message::tell)?;
+    if let Some(report) = shares.map_or(Ok(None), Shares::merge)? {
+        message::tell(Label::Warning, report);
+    }
+    if let Some(parts) = parts {
+        parts.merge(program, interrupted, code, &mut message::tell)?;
+    }
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))
 }
 

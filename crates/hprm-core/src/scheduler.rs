@@ -136,6 +136,8 @@ pub struct Scheduler<V> {
     modes: Modes<V>,
     /// None while recording is off.
     recorder: Option<Box<Recorder<V>>>,
+    /// What was scheduled since the driver last took this; none unless it has asked for that.
+    schedule_log: Option<Vec<(ActionId, Scheduled)>>,
 }
 
 impl<V: Clone> Scheduler<V> {
@@ -170,6 +172,7 @@ impl<V: Clone> Scheduler<V> {
             outbound: VecDeque::new(),
             modes: Modes::new(&program, &wiring),
             recorder: None,
+            schedule_log: None,
             program,
             wiring,
             scope,

@@ -517,30 +517,22 @@ main reactor { camera = new Camera() }
 
 #[test]
 fn what_has_no_effect_says_so() {
-    assert_snapshot!(warnings("{ tracing: true, logging: debug, scheduler: STATIC }
+    assert_snapshot!(warnings("{ logging: debug, scheduler: STATIC }
 main reactor { reaction(startup) {= pass =} }
 "), @r#"
-    warning[LF0606]: `tracing` writes no trace file yet
+    warning[LF0606]: `logging: debug` has no effect yet
      --> Main.lf:1:17
       |
-    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
+    1 | target Python { logging: debug, scheduler: STATIC }
       |                 ^^^^^^^
-      |
-      = help: `hprm run --logical-trace FILE` writes what every reaction did
-
-    warning[LF0606]: `logging: debug` has no effect yet
-     --> Main.lf:1:32
-      |
-    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
-      |                                ^^^^^^^
       |
       = help: warnings and errors are always shown, and nothing else is
 
     warning[LF0606]: `scheduler: STATIC` has no effect here
-     --> Main.lf:1:48
+     --> Main.lf:1:33
       |
-    1 | target Python { tracing: true, logging: debug, scheduler: STATIC }
-      |                                                ^^^^^^^^^
+    1 | target Python { logging: debug, scheduler: STATIC }
+      |                                 ^^^^^^^^^
       |
       = help: there is one scheduler; `GEDF_NP` lets it prefer reactions with earlier deadlines
     "#);

@@ -301,5 +301,5 @@ fn files_and_settings_come_from_the_targets() {
     assert_eq!(compiled.program.properties.timeout, Some(120_000_000_000));
     assert!(compiled.program.properties.reports_all, "without DNET everything is reported");
     let codes: Vec<_> = compiled.warnings.iter().map(|warning| warning.code).collect();
-    assert_eq!(codes, ["LF0606", "LF0606"], "of `logging` and `tracing`");
+    assert_eq!(codes, ["LF0606"], "of `logging`");
 }

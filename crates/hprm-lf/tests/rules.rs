@@ -177,8 +177,6 @@ const WARNINGS: &[(&str, &str)] = &[
     ("LF0602", "target Python { unknown: 1 } main reactor { }"),
     ("LF0602", "target Python { cmake: \"a.cmake\" } main reactor { }"),
     ("LF0606", "target Python { sst: {} } main reactor { }"),
-    ("LF0606", "target Python { tracing: true } main reactor { }"),
-    ("LF0606", "target Python { tracing: { trace-file-name: \"x\" } } main reactor { }"),
     ("LF0606", "target Python { logging: debug } main reactor { }"),
     ("LF0606", "target Python { scheduler: STATIC } main reactor { }"),
     ("LF0607", "target Python { build-type: Debug } main reactor { }"),

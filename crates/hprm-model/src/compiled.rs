@@ -57,6 +57,15 @@ pub struct Compiled {
 }
 
 impl Compiled {
+    /// The file that gets the trace of a run, if the target property `tracing` asks for one.
+    #[must_use]
+    pub fn trace_file(&self) -> Option<String> {
+        let Settings { tracing, trace_file, .. } = &self.settings;
+        let named = trace_file.as_ref().unwrap_or(&self.program.name);
+        let file = if named.contains('.') { named.clone() } else { format!("{named}.pftrace") };
+        tracing.then_some(file)
+    }
+
     /// The parameters of the main reactor; none in a file without one.
     #[must_use]
     pub fn main_parameters(&self) -> &[ParameterDecl] {

@@ -23,8 +23,10 @@ pub struct Settings {
     pub logging: Option<String>,
     /// `single-threaded`: one worker, whatever `workers` is.
     pub single_threaded: bool,
-    /// `tracing`.
+    /// `tracing`: whether runs write a trace.
     pub tracing: bool,
+    /// Into which file, if `tracing` says that.
+    pub trace_file: Option<String>,
     /// `auth`: links within one machine prove the secret of the federation too.
     pub auth: bool,
     /// `comm-type: TLS`: links between machines are encrypted.
@@ -180,7 +182,10 @@ impl TargetProperties {
             }
             "store-limit" => size(value).map(|limit| self.settings.store.limit = Some(limit)),
             "store-full" => when_full(value).map(|full| self.settings.store.when_full = full),
-            "tracing" => tracing(value).map(|tracing| self.settings.tracing = tracing),
+            "tracing" => tracing(value).map(|(is_on, file)| {
+                self.settings.tracing = is_on;
+                self.settings.trace_file = file;
+            }),
             name if IGNORED.contains(&name) => {
                 property_rules::ignored(property, name, syntax, report);
                 Ok(())
@@ -414,9 +419,12 @@ fn when_full(value: &Element) -> Read<WhenFull> {
     word(value).and_then(WhenFull::read).ok_or("`inline` or `error`")
 }
 
-fn tracing(value: &Element) -> Read<bool> {
-    match &value.kind {
-        ElementKind::Dictionary(_) => Ok(true),
-        _ => boolean(value),
-    }
+/// Whether there is a trace, and the name of its file if that is stated.
+fn tracing(value: &Element) -> Read<(bool, Option<String>)> {
+    let ElementKind::Dictionary(stated) = &value.kind else {
+        return boolean(value).map(|is_on| (is_on, None));
+    };
+    let file = stated.iter().find(|it| it.name.text == "trace-file-name");
+    let name = file.map(|it| word(&it.value).ok_or("{ trace-file-name: \"NAME\" }"));
+    Ok((true, name.transpose()?.map(str::to_owned)))
 }

@@ -101,11 +101,6 @@ pub(crate) fn ignored(property: &Property, name: &str, syntax: Syntax, report: &
 pub(crate) fn unheeded(property: &Property, name: &str, syntax: Syntax, report: &mut Report) {
     let text = word(&property.value).unwrap_or_default();
     let (what, hint) = match (name, text.as_str()) {
-        ("tracing", _) if boolean(&property.value) == Some(false) => return,
-        ("tracing", _) => (
-            "`tracing` writes no trace file yet".to_owned(),
-            "`hprm run --logical-trace FILE` writes what every reaction did",
-        ),
         // What holds anyway.
         ("logging", "info") | ("scheduler", "np" | "gedf_np" | "gedf_np_ci") => return,
         ("logging", _) => (

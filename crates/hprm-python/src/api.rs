@@ -141,6 +141,19 @@ impl Api {
         }
     }
 
+    /// The number of the tracepoint with this name: 0 if the run is not traced.
+    fn tracepoint_name(&self, name: &str) -> u32 {
+        self.0.tracepoints().map_or(0, |tracepoints| tracepoints.name(name))
+    }
+
+    /// Records that a tracepoint was reached, perhaps with a value.
+    #[pyo3(signature = (number, value = None))]
+    fn tracepoint(&self, number: u32, value: Option<i64>) {
+        if let Some(tracepoints) = self.0.tracepoints() {
+            tracepoints.hit(number, value);
+        }
+    }
+
     /// What the object store had done when a value was last sent.
     fn store_stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let heap_fallbacks = numpy_memory::refused();

@@ -2,6 +2,7 @@
 //! handlers can run. What HPRM itself would leave behind is removed.
 
 use hprm::Report;
+use hprm::recorder::cut_recordings;
 use hprm::trace::cut_traces;
 
 use crate::console::show;
@@ -18,5 +19,6 @@ pub(crate) fn after_failure(report: &Report) {
     stalls::report_all();
     show(report);
     cut_traces();
+    cut_recordings();
     end(report.code);
 }

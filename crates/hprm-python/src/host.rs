@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::mem;
 use std::sync::Arc;
 
+use hprm::recorder::Tracepoints;
 use hprm::trace::Described;
 use hprm::{Failure, Host, Kind, Pickling, Report, SharedBodies, Source};
 use hprm_core::{
@@ -165,6 +166,10 @@ impl Host for PyHost {
         if let Err(error) = fork::watch(allocator) {
             self.warn(&format!("processes that bodies fork may see arrays change: {error}"));
         }
+    }
+
+    fn set_tracepoints(&mut self, tracepoints: &Tracepoints) {
+        self.runtime.set_tracepoints(tracepoints);
     }
 
     fn encode(

@@ -9,6 +9,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
+use hprm::recorder::TraceRequest;
 use hprm::supervisor::Signal;
 use hprm::trace::{Trace, TraceShare};
 use hprm::{Disk, Failure, FederateOptions, Handover, Inbox, Meeting, Reach, Security, TlsFiles};
@@ -50,7 +51,8 @@ pub(crate) fn run_program(
     Ok(exit_code(&checked.and_then(|checked| {
         checked.show_warnings(py);
         let care = Care::Own("the program".to_owned());
-        run_whole(py, &checked, care, logical_trace)
+        let record = TraceRequest::of_this_process().or_else(|| stated_trace(&checked));
+        run_whole(py, &checked, care, (logical_trace, record))
     })))
 }
 
@@ -61,16 +63,18 @@ pub(crate) fn run_program(
 /// Signals that ask for the end stop the program in order, if this is the main thread and the process has no
 /// handlers for them. What has failed is appended to `failures`, as JSON.
 #[pyfunction]
-#[pyo3(signature = (declared, properties = vec![], *, logical_trace = None, failures = None))]
+#[pyo3(signature = (declared, properties = vec![], *, logical_trace = None, trace = None, failures = None))]
 pub(crate) fn run_declared(
     declared: &Bound<'_, PyAny>,
     properties: Vec<String>,
     logical_trace: Option<PathBuf>,
+    trace: Option<PathBuf>,
     failures: Option<&Bound<'_, PyList>>,
 ) -> i32 {
     let py = declared.py();
     let outcome = Checked::of(declared, &properties).and_then(|checked| {
-        embedded::run(py, || run_whole(py, &checked, Care::Caller, logical_trace))
+        let record = trace.map(TraceRequest::file).or_else(|| stated_trace(&checked));
+        embedded::run(py, || run_whole(py, &checked, Care::Caller, (logical_trace, record)))
     });
     outcome.err().map_or(0, |failure| {
         tell_caller(py, &failure);
@@ -82,11 +86,16 @@ pub(crate) fn run_declared(
     })
 }
 
+/// The trace that the program itself asks for.
+fn stated_trace(checked: &Checked) -> Option<TraceRequest> {
+    checked.compiled.trace_file().map(TraceRequest::file)
+}
+
 fn run_whole(
     py: Python<'_>,
     checked: &Checked,
     care: Care,
-    logical_trace: Option<PathBuf>,
+    (logical_trace, record): (Option<PathBuf>, Option<TraceRequest>),
 ) -> Result<(), Failure> {
     let Checked { compiled, declared } = checked;
     hprm::log_to_stderr(false)?;
@@ -96,7 +105,7 @@ fn run_whole(
     let mut host = load(py, (compiled, declared), Scope::Whole, &inbox, care)?;
     let program = &compiled.program;
     let trace = logical_trace.map(|path| Trace::create(&path, program)).transpose();
-    let run = |trace| hprm::run_whole_traced(program, &mut host, &inbox, trace);
+    let run = |trace| hprm::run_whole_traced(program, &mut host, &inbox, trace, record.as_ref());
     let outcome = trace.and_then(run);
     let interrupt = host.interrupt.clone_ref(py);
     interrupt.get().end();
@@ -324,6 +333,7 @@ fn options(
         },
         store: hprm::store_limits(compiled.settings.store),
         trace: logical_trace.map(|file| TraceShare::new(file, share_of)),
+        record: TraceRequest::of_this_process(),
         end_process: (!launched).then_some(forced_end::after_failure as hprm::EndProcess),
     })
 }

@@ -5,9 +5,10 @@
 //! the program has several workers. No thread holds the lock while Python code may run: a read clones
 //! the value, and the loop drops it.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::{self, ThreadId};
 
+use hprm::recorder::Tracepoints;
 use hprm::{Clock, Failure, Inbox};
 use hprm_core::{
     ActionId, Effects, ModeId, Nanos, PhysicalTime, PortId, Program, ReactionId, Scheduler, Scope,
@@ -31,6 +32,8 @@ pub(crate) struct Runtime {
     /// What other threads have scheduled.
     backlog: Backlog,
     state: Mutex<State>,
+    /// Set before any body runs.
+    tracepoints: OnceLock<Tracepoints>,
 }
 
 struct State {
@@ -102,10 +105,21 @@ impl Runtime {
             maxwait: None,
             maxwait_changed: false,
         };
-        Self { program, scope, inbox, backlog, state: Mutex::new(state) }
+        let tracepoints = OnceLock::new();
+        Self { program, scope, inbox, backlog, state: Mutex::new(state), tracepoints }
+    }
+
+    /// Where bodies record tracepoints; none before the program runs.
+    pub(crate) fn tracepoints(&self) -> Option<&Tracepoints> {
+        self.tracepoints.get()
     }
 
     // For the host.
+
+    pub(crate) fn set_tracepoints(&self, tracepoints: &Tracepoints) {
+        // A runtime has one run.
+        let _ = self.tracepoints.set(tracepoints.clone());
+    }
 
     /// Notes that `reaction` runs on this thread from now on. `ident` is Python's identifier of the thread. The
     /// reaction reads `scheduler`, and what it asks for is added to `effects`.

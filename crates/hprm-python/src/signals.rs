@@ -12,6 +12,7 @@ use std::sync::mpsc::Sender;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use hprm::recorder::cut_recordings;
 use hprm::supervisor::{Observation, Signal};
 use hprm::trace::cut_traces;
 use hprm::{Inbox, Kind, Report, StopStep, StopTimer};
@@ -139,6 +140,7 @@ pub(crate) fn stop_in_time(
                         show(&Report { code, ..stubborn(&what, after) });
                     }
                     cut_traces();
+                    cut_recordings();
                     forced_end::end(code);
                 }
             }

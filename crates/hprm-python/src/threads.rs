@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
+use hprm::recorder::TraceRequest;
 use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
 use hprm::trace::TraceShare;
 use hprm::{
@@ -131,7 +132,8 @@ impl Plan {
             security: Security::default(),
             hang_timeout: self.hang_timeout,
         };
-        let rti = exchange.rti(&options)?;
+        let record = TraceRequest::of_this_process();
+        let rti = exchange.rti(&options)?.recorded(record.as_ref())?;
         let handle = rti.handle();
         let reports = events.clone();
         let asked = Arc::clone(program);
@@ -156,6 +158,7 @@ impl Plan {
                 trace: traces.map(|folder| {
                     TraceShare::new(folder.join(&federate.name), self.share_of.clone())
                 }),
+                record: record.clone(),
                 end_process: None,
             };
             let (checked, exchange) = (Arc::clone(&self.checked), exchange.clone());

@@ -15,6 +15,7 @@ mod openings;
 mod outlive;
 mod pace;
 mod reach;
+mod recording;
 mod search;
 mod time;
 
@@ -29,6 +30,7 @@ use hprm_federated::{End, Frame, Input, Output, Permission};
 use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
+use crate::recorder::{Flags, Kind, LoopRecording, Member, Recorder, Size};
 use crate::trace::Trace;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
@@ -96,6 +98,10 @@ where
         Some(exchange) => exchange.network(),
         None => Network::sockets().map_err(|error| no_notifier(&error))?,
     };
+    let member = Member::federate(options.federate);
+    // Before this thread has a priority that the collector must not have.
+    let recording = LoopRecording::start(options.record.as_ref(), &options.program, member)?;
+    let recorder = recording.recorder();
     let properties = &options.program.properties;
     enter_realtime(properties, Some(options.federate.index()))?;
     let mut federation = Membership::join(options, inbox, network)?;
@@ -103,7 +109,8 @@ where
     let loaded = load().and_then(|host| {
         let trace =
             options.trace.as_ref().map(|share| Trace::create_share(share, &options.program));
-        Ok((host, Workers::new(&options.program, scope, trace.transpose()?)?))
+        let (program, recorder) = (&options.program, recorder.clone());
+        Ok((host, Workers::new(program, scope, trace.transpose()?, recorder)?))
     });
     let (host, workers) = match loaded {
         Ok(loaded) => loaded,
@@ -112,6 +119,7 @@ where
     let mut federate = FederateLoop {
         scheduler: Scheduler::new(Arc::clone(&options.program), scope),
         workers,
+        recorder,
         now: Clock::now(),
         inbox,
         host,
@@ -132,16 +140,23 @@ where
     if options.trace.is_some() {
         federate.scheduler.start_recording();
     }
+    if federate.recorder.is_on() {
+        federate.scheduler.log_schedules();
+    }
+    federate.host.set_tracepoints(&recording.tracepoints());
     let outcome = federate.run();
     federate.outlive = None;
     inbox.close();
     federate.workers.report_dropped(&federate.scheduler, &mut federate.host);
+    // Before the federation learns that this federate has ended, and may make the trace.
+    let outcome = recording.end(&mut federate.host, outcome);
     federate.leave(outcome)
 }
 
 struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
     workers: Workers<H::Value>,
+    recorder: Recorder,
     /// What the clock showed at the beginning of this round of the loop.
     now: PhysicalTime,
     inbox: &'a Inbox<H::Value>,
@@ -259,7 +274,10 @@ where
                         self.now = Clock::now();
                     }
                 }
-                input => self.handle(input)?,
+                input => {
+                    self.note_from_rti(&input);
+                    self.handle(input)?;
+                }
             }
         }
         self.inputs = inputs;
@@ -299,6 +317,8 @@ where
                 let at = request.at.min(Clock::now());
                 self.scheduler.schedule(request.action, request.extra, request.value, at);
             }
+            let scheduled = self.scheduler.take_scheduled();
+            scheduled.for_each(|it| self.recorder.scheduled(it, Flags::OUTSIDE));
         }
         if self.phase == Phase::Running {
             if self.host.take_departure() {
@@ -438,10 +458,12 @@ where
         if let Some(exchange) = &self.exchange {
             let mut payload = exchange.put(to, self.host.send_in_process(channel, &value)?);
             payload.physical = physical;
+            self.recorder.message(Kind::Sent, (channel, tag), Size::REFERENCE);
             return self.handle(Input::Send { channel, tag, payload });
         }
         let shares_memory = machine.shares_memory_with(to);
         let is_local = shares_memory && links.is_same_user(to);
+        let copied = self.recorder.is_on().then(|| objects.store().stats().bytes_copied);
         let payload = self.host.encode(&mut objects.store(), channel, &value, is_local)?;
         let (mut payload, changes) =
             if shares_memory && links.descriptors_precede(to, route.physical) {
@@ -457,6 +479,11 @@ where
             self.handle(Input::Retired { reader: to, segments: changes.retired })?;
         }
         payload.physical = physical;
+        if let Some(before) = copied {
+            let now = self.federation.objects.store().stats().bytes_copied;
+            let flags = if now == before { Flags::NONE } else { Flags::COPIED };
+            self.recorder.message(Kind::Sent, (channel, tag), Size::of(&payload, flags));
+        }
         self.handle(Input::Send { channel, tag, payload })
     }
 
@@ -473,6 +500,7 @@ where
         let Membership { links, objects, machine, .. } = &mut self.federation;
         match output {
             Output::ToRti(frame) => {
+                self.recorder.frame(Kind::FrameSent, machine.me(), &frame);
                 let descriptor = objects.descriptor_for(&frame)?;
                 links.send_to_rti(Report::in_frame(frame), descriptor);
             }
@@ -499,6 +527,7 @@ where
                     })?);
                 }
                 self.scheduler.start_late(at, first);
+                self.recorder.started(at);
                 self.phase = Phase::Running;
             }
             // This federate holds the objects of a message from its arrival on. Opening and dropping the message
@@ -506,10 +535,12 @@ where
             Output::Discard { payload } => drop(objects.open(&payload)?),
             Output::Deliver { channel, tag, payload } => {
                 let physical = payload.physical;
+                self.note_received((channel, tag), &payload);
                 let value = self.receive(channel, payload)?;
                 self.scheduler.deliver(channel, tag, value, physical);
             }
             Output::DeliverPhysical { channel, payload, .. } => {
+                self.note_received((channel, Tag::NEVER), &payload);
                 let value = self.receive(channel, payload)?;
                 let tag = self.scheduler.deliver_physical(channel, Clock::now(), value);
                 self.federation.machine.assign_tag(channel, tag);
@@ -565,11 +596,13 @@ where
             self.scheduler.next_tag(),
             self.now
         );
+        self.note_wait(until);
         let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
         let before = Clock::now();
         let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
+        self.recorder.wait_end();
         // The wait has found what had come before it. This thread may have been preempted since the kernel
         // looked last, so of what came during the wait, the loop may not know yet.
         if found.is_some() {

@@ -17,6 +17,7 @@ use hprm_federated::FederationId;
 use rustix::fs::{MemfdFlags, memfd_create};
 use serde::{Deserialize, Serialize};
 
+use crate::recorder::TraceRequest;
 use crate::trace::TraceShare;
 use crate::{
     Address, Failure, FederateOptions, Label, Reach, Report, Security, TlsFiles, console,
@@ -249,6 +250,7 @@ impl Handover {
             },
             store: store_limits(self.store),
             trace: self.logical_trace.clone().map(|(file, of)| TraceShare::new(file, of)),
+            record: TraceRequest::of_this_process(),
             end_process: (!self.launched).then_some(end_process as crate::EndProcess),
             program,
         })

@@ -11,6 +11,7 @@ use hprm_core::{
 use hprm_model::Syntax;
 use hprm_store::{Object, Store, StoreAllocator};
 
+use crate::recorder::Tracepoints;
 use crate::supervisor::Signal;
 use crate::trace::Described;
 use crate::{Failure, Report};
@@ -43,6 +44,11 @@ pub trait Host {
     /// but not if the federates are threads of one process.
     fn set_allocator(&mut self, allocator: &Arc<StoreAllocator>) {
         let _ = allocator;
+    }
+
+    /// Gives the host what records the tracepoints of bodies. The loop calls this once, before any body runs.
+    fn set_tracepoints(&mut self, tracepoints: &Tracepoints) {
+        let _ = tracepoints;
     }
 
     /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until

@@ -25,6 +25,7 @@ use hprm_core::{FederateId, Fingerprint, Program};
 use self::children::{Children, Console};
 use self::rti::RtiThread;
 use self::signals::Watch;
+use crate::recorder::{Shares, TRACE, TraceRequest};
 use crate::supervisor::{
     Advice, Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor,
 };
@@ -56,6 +57,8 @@ pub struct Launch {
     pub debugged: Option<FederateId>,
     /// The file of its logical trace, if it is recorded.
     pub logical_trace: Option<PathBuf>,
+    /// The file of its trace, if the run is traced.
+    pub trace: Option<TraceRequest>,
     /// What is advised if federates do not join, or do not answer.
     pub advice: Advice,
 }
@@ -84,6 +87,7 @@ pub struct Launching {
     arrivals: Receiver<Observation>,
     rti: RtiThread,
     parts: Option<Parts>,
+    shares: Option<Shares>,
     _watch: Watch,
 }
 
@@ -117,8 +121,13 @@ impl Launch {
         // Dropped before the watch, which would wait for room among the events.
         let arrivals = receiver;
         let parts = self.logical_trace.as_deref().map(Parts::of).transpose()?;
-        let rti = RtiThread::start(&self, events.clone())?;
-        Ok(Launching { launch: self, events, arrivals, rti, parts, _watch: watch })
+        let wanted = self.trace.as_ref();
+        let shares =
+            wanted.map(|it| Shares::of(&it.path).map(|shares| shares.with_capacity(it.capacity)));
+        let shares = shares.transpose()?;
+        let request = shares.as_ref().map(Shares::request);
+        let rti = RtiThread::start(&self, events.clone(), request.as_ref())?;
+        Ok(Launching { launch: self, events, arrivals, rti, parts, shares, _watch: watch })
     }
 }
 
@@ -148,6 +157,12 @@ impl Launching {
         let Outcome { code, is_traced } = supervisor.run(&mut launched, &self.arrivals);
         launched.rti.abort();
         drop(launched);
+        // The RTI records as long as it runs. It may wait for room among the events.
+        drop(self.arrivals);
+        drop(self.rti);
+        if let Some(report) = self.shares.take().map_or(Ok(None), Shares::merge)? {
+            tell(Label::Warning, report);
+        }
         if let Some(parts) = self.parts.take().filter(|_| is_traced) {
             parts.merge(&program, supervisor.is_interrupted(), code, tell)?;
         }
@@ -165,7 +180,10 @@ impl Launching {
         for (id, federate) in federates {
             let name = &federate.name;
             let share = self.parts.as_ref().map(|parts| parts.share(name));
-            let command = command(&Membership { federate: id, name, rti: self.rti(), share })?;
+            let mut command = command(&Membership { federate: id, name, rti: self.rti(), share })?;
+            if let Some(shares) = &self.shares {
+                command.env(TRACE, shares.request().variable());
+            }
             let is_debugged = self.launch.debugged == Some(id);
             let console = if is_debugged { Console::Terminal } else { Console::Lines };
             let events = self.events.clone();

@@ -41,6 +41,7 @@ pub mod prelude;
 mod program;
 mod random;
 mod realtime;
+pub mod recorder;
 mod rti_loop;
 mod spin;
 mod staging;

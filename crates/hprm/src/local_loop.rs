@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{Program, Scheduler, Scope, Tag};
 
+use crate::recorder::{Flags, LoopRecording, Member, Recorder, TraceRequest, Wait};
 use crate::trace::Trace;
 use crate::wait::wait_for;
 use crate::workers::Workers;
@@ -24,10 +25,10 @@ pub fn run_whole<H: Host>(
 where
     H::Value: Send + Sync,
 {
-    run_whole_traced(program, host, inbox, None)
+    run_whole_traced(program, host, inbox, None, None)
 }
 
-/// As [`run_whole`], and writes the logical trace if there is one.
+/// As [`run_whole`], and writes the logical trace and the trace if they are wanted.
 ///
 /// # Errors
 ///
@@ -37,28 +38,38 @@ pub fn run_whole_traced<H: Host>(
     host: &mut H,
     inbox: &Inbox<H::Value>,
     trace: Option<Trace>,
+    request: Option<&TraceRequest>,
 ) -> Result<(), Failure>
 where
     H::Value: Send + Sync,
 {
+    // Before this thread has a priority that the collector must not have.
+    let recording = LoopRecording::start(request, program, Member::Whole)?;
     enter_realtime(&program.properties, Some(0))?;
+    host.set_tracepoints(&recording.tracepoints());
     let traced = trace.is_some();
-    let mut workers = Workers::new(program, Scope::Whole, trace)?;
+    let mut workers = Workers::new(program, Scope::Whole, trace, recording.recorder())?;
     let mut scheduler = Scheduler::new(Arc::clone(program), Scope::Whole);
     if traced {
         scheduler.start_recording();
     }
+    if recording.recorder().is_on() {
+        scheduler.log_schedules();
+    }
     scheduler.start(Clock::now().next_multiple(program.properties.start_time_multiple));
-    let outcome = run(&mut scheduler, &mut workers, host, inbox);
+    recording.recorder().started(scheduler.start_time());
+    let outcome = run(&mut scheduler, &mut workers, &recording.recorder(), host, inbox);
     inbox.close();
     workers.report_dropped(&scheduler, host);
     let traced = workers.end_trace(&scheduler, &outcome);
-    Failure::with_trace_outcome(outcome, traced)
+    let outcome = Failure::with_trace_outcome(outcome, traced);
+    recording.end(host, outcome)
 }
 
 fn run<H: Host>(
     scheduler: &mut Scheduler<H::Value>,
     workers: &mut Workers<H::Value>,
+    recorder: &Recorder,
     host: &mut H,
     inbox: &Inbox<H::Value>,
 ) -> Result<(), Failure>
@@ -73,6 +84,7 @@ where
             for request in inbox.take_requests() {
                 scheduler.schedule(request.action, request.extra, request.value, request.at);
             }
+            scheduler.take_scheduled().for_each(|it| recorder.scheduled(it, Flags::OUTSIDE));
         }
         if stop {
             scheduler.request_stop();
@@ -87,8 +99,11 @@ where
         if due > now {
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
+            let what = if tag == Tag::FOREVER { Wait::Events } else { Wait::Time };
+            recorder.wait(what, tag, until);
             let rings = inbox.may_sleep() && host.run_unlocked(|| wait_for(fd, until));
             inbox.waited(rings);
+            recorder.wait_end();
             continue;
         }
         workers.watch_lag(scheduler, host, (tag, due), now);

@@ -34,6 +34,7 @@ use std::time::Duration;
 
 use hprm_core::Properties;
 
+use crate::recorder::TraceRequest;
 use crate::trace::Trace;
 use crate::{Failure, nanoseconds, run_whole_traced};
 use bodies::Bodies;
@@ -104,6 +105,7 @@ pub struct Program {
     graph: Graph,
     properties: Properties,
     logical_trace: Option<PathBuf>,
+    trace: Option<PathBuf>,
 }
 
 /// A checked program, ready to run. It is made where what is wrong with a program is to be known before it runs.
@@ -122,13 +124,19 @@ pub struct Runnable {
     bodies: Bodies,
     entrances: Entrances,
     logical_trace: Option<PathBuf>,
+    trace: Option<PathBuf>,
 }
 
 impl Program {
     /// A program without reactors. `name` is for people.
     #[must_use]
     pub fn new(name: &str) -> Self {
-        Self { graph: Graph::new(name), properties: Properties::default(), logical_trace: None }
+        Self {
+            graph: Graph::new(name),
+            properties: Properties::default(),
+            logical_trace: None,
+            trace: None,
+        }
     }
 
     // How it runs.
@@ -173,6 +181,13 @@ impl Program {
     #[must_use]
     pub fn logical_trace(mut self, file: impl Into<PathBuf>) -> Self {
         self.logical_trace = Some(file.into());
+        self
+    }
+
+    /// Writes when reactions, messages and grants were, to a file that Perfetto opens.
+    #[must_use]
+    pub fn trace(mut self, file: impl Into<PathBuf>) -> Self {
+        self.trace = Some(file.into());
         self
     }
 
@@ -294,7 +309,8 @@ impl Program {
     /// reactor.
     pub fn build(self) -> Result<Runnable, Failure> {
         let (program, bodies, entrances) = self.graph.build(self.properties)?;
-        Ok(Runnable { program, bodies, entrances, logical_trace: self.logical_trace })
+        let Self { logical_trace, trace, .. } = self;
+        Ok(Runnable { program, bodies, entrances, logical_trace, trace })
     }
 
     /// Checks the program and runs it to its end.
@@ -325,8 +341,9 @@ impl Runnable {
         let inbox = self.entrances.ready()?;
         let trace =
             self.logical_trace.map(|file| Trace::create(&file, &self.program)).transpose()?;
+        let request = self.trace.map(TraceRequest::file);
         sender::running_reactions(|| {
-            run_whole_traced(&self.program, &mut self.bodies, &inbox, trace)
+            run_whole_traced(&self.program, &mut self.bodies, &inbox, trace, request.as_ref())
         })
     }
 }

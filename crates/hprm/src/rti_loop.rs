@@ -3,6 +3,8 @@
 //! The loop sends all frames that one round of reading causes in one write per link, so a message and the grant
 //! that it makes possible travel together. The machine decides which frames those are.
 
+mod recording;
+
 use std::collections::BTreeMap;
 use std::io;
 use std::mem;
@@ -22,8 +24,11 @@ use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::log::log_names;
 use crate::pipe_notifier::PipeNotifier;
 use crate::poller::{Broken, PollSet, PolledAcceptor, PolledLink, Poller};
+use crate::recorder::TraceRequest;
 use crate::spin;
 use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
+
+use self::recording::RtiRecording;
 
 /// How long after the last federate is ready the program starts: enough for the start time to reach all
 /// processes of one machine.
@@ -123,6 +128,7 @@ pub struct Rti {
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
+    recording: RtiRecording,
 }
 
 /// The open links of the RTI, and the acceptor of new ones.
@@ -237,6 +243,7 @@ impl Rti {
             }),
             failure: None,
             finished: false,
+            recording: RtiRecording::default(),
         })
     }
 
@@ -245,6 +252,15 @@ impl Rti {
     pub fn join_timeout(mut self, limit: Duration) -> Self {
         self.machine = self.machine.with_join_limit(Clock::now(), nanoseconds(limit));
         self
+    }
+
+    /// Has the RTI record what passes it, if the run is traced.
+    ///
+    /// # Errors
+    ///
+    /// If the trace cannot be written.
+    pub fn recorded(self, request: Option<&TraceRequest>) -> Result<Self, Failure> {
+        Ok(Self { recording: RtiRecording::start(request, &self.program)?, ..self })
     }
 
     /// The first address at which it listens.
@@ -299,7 +315,8 @@ impl Rti {
                 self.control.wakeups.clear();
             }
         }
-        self.failure.map_or(Ok(()), Err)
+        let recorded = self.recording.finish();
+        self.failure.map_or(recorded, Err)
     }
 
     fn accept(&mut self, report: &mut impl FnMut(RtiEvent)) -> Result<(), Failure> {
@@ -365,6 +382,7 @@ impl Rti {
         if let (Frame::Segment { owner, reader, segment, .. }, Some(fd)) = (&frame, descriptor) {
             self.descriptors.insert((*owner, *reader, *segment), fd);
         }
+        self.recording.received(link, &frame);
         self.handle_input(RtiInput::Frame { link, frame });
     }
 
@@ -407,15 +425,17 @@ impl Rti {
                 }
                 RtiOutput::Refused { name, reason } => report(RtiEvent::Refused { name, reason }),
                 RtiOutput::Joined { federate, link } => {
-                    if let Some(link) = self.links.get(link) {
-                        link.trust();
+                    if let Some(open) = self.links.get(link) {
+                        open.trust();
                     }
+                    self.recording.joined(federate, link);
                     report(RtiEvent::Joined(federate));
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Loaded { federate } => report(RtiEvent::Loaded(federate)),
                 RtiOutput::Started { at } => {
                     self.links.acceptor.inner.become_busy();
+                    self.recording.started(at);
                     report(RtiEvent::Started(at));
                 }
                 RtiOutput::Silent { federate, silence } => {
@@ -450,6 +470,7 @@ impl Rti {
     }
 
     fn send(&mut self, link: LinkId, frame: Frame) {
+        self.recording.sent(link, &frame);
         let Some(link) = self.links.get(link) else { return };
         let descriptor = match &frame {
             Frame::Segment { owner, reader, segment, .. } => {

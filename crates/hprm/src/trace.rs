@@ -7,6 +7,7 @@
 
 mod digest;
 mod draft;
+mod folder;
 pub mod line;
 mod merge;
 mod parts;
@@ -15,6 +16,7 @@ mod writer;
 
 pub use digest::{Described, Digest, Digester};
 pub use draft::Draft;
+pub(crate) use folder::Folder;
 pub use parts::Parts;
 pub use reader::{Group, Reader};
 pub use writer::{Trace, TraceShare, cut_traces, reads};

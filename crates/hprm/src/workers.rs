@@ -18,6 +18,7 @@ use hprm_core::{
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
 use crate::lag::{LagWatch, Overload};
+use crate::recorder::{Flags, Recorder};
 use crate::trace::line::Read;
 use crate::trace::{Trace, reads};
 use crate::{Clock, Failure, Host};
@@ -28,6 +29,7 @@ pub(crate) struct Workers<V> {
     team: Option<Team<V>>,
     /// The trace of what the reactions do, if there is one.
     trace: Option<Trace>,
+    recorder: Recorder,
     /// Whose reactions run here.
     scope: Scope,
     lag: LagWatch,
@@ -67,6 +69,7 @@ impl<V: Clone> Workers<V> {
         program: &Arc<Program>,
         scope: Scope,
         trace: Option<Trace>,
+        recorder: Recorder,
     ) -> Result<Self, Failure> {
         let workers = match program.properties.workers {
             None => 1,
@@ -75,7 +78,14 @@ impl<V: Clone> Workers<V> {
         };
         let lag = LagWatch::new(program.properties.fast, program.reactions.len());
         if workers <= 1 {
-            return Ok(Self { team: None, trace, scope, lag, backlog_is_reported: false });
+            return Ok(Self {
+                team: None,
+                trace,
+                recorder,
+                scope,
+                lag,
+                backlog_is_reported: false,
+            });
         }
         let others = workers - 1;
         let threads = ThreadPoolBuilder::new()
@@ -88,7 +98,7 @@ impl<V: Clone> Workers<V> {
             })?;
         let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
         let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team), trace, scope, lag, backlog_is_reported: false })
+        Ok(Self { team: Some(team), trace, recorder, scope, lag, backlog_is_reported: false })
     }
 
     /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good, and
@@ -146,7 +156,8 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        if self.team.is_none() && self.trace.is_none() && !self.lag.is_timing() {
+        let is_plain = self.team.is_none() && self.trace.is_none() && !self.recorder.is_on();
+        if is_plain && !self.lag.is_timing() {
             // Most programs: nothing else has to be done after each reaction.
             while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
                 run_alone(scheduler, host, reaction, body)?;
@@ -198,10 +209,10 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        let Self { team, trace, lag, .. } = self;
+        let Self { team, trace, recorder, lag, .. } = self;
         let ran = match team {
             Some(team) if host.shared_bodies().is_some() => {
-                team.run_next(scheduler, host, trace.as_mut(), lag)?
+                team.run_next(scheduler, host, trace.as_mut(), (lag, recorder))?
             }
             _ => match scheduler.next_reaction(Clock::now) {
                 Some((reaction, body)) => {
@@ -209,12 +220,19 @@ impl<V: Clone> Workers<V> {
                         let found = reads(scheduler, reaction, |value| host.describe(value));
                         trace.begin(reaction, found);
                     }
-                    timed(lag, reaction, || run_alone(scheduler, host, reaction, body))?;
+                    let tag = scheduler.tag();
+                    recorder.reaction(0, reaction, body, tag);
+                    let ran = timed(lag, reaction, || run_alone(scheduler, host, reaction, body));
+                    recorder.reaction_end(0, reaction, tag);
+                    ran?;
                     true
                 }
                 None => false,
             },
         };
+        if recorder.is_on() {
+            scheduler.take_scheduled().for_each(|it| recorder.scheduled(it, Flags::NONE));
+        }
         if let Some(trace) = trace {
             // At once: a value may change later, when other reactions have it.
             while let Some(record) = scheduler.poll_record() {
@@ -260,7 +278,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         scheduler: &mut Scheduler<V>,
         host: &mut H,
         trace: Option<&mut Trace>,
-        lag: &mut LagWatch,
+        (lag, recorder): (&mut LagWatch, &Recorder),
     ) -> Result<bool, Failure> {
         scheduler.next_turns(Clock::now, &mut self.turns);
         for turn in &self.turns {
@@ -277,11 +295,16 @@ impl<V: Clone + Send + Sync> Team<V> {
                     let found = reads(scheduler, turn.reaction, |value| host.describe(value));
                     trace.begin(turn.reaction, found);
                 }
-                timed(lag, turn.reaction, || host.react(scheduler, turn.reaction, turn.body))?;
+                let tag = scheduler.tag();
+                recorder.reaction(0, turn.reaction, turn.body, tag);
+                let ran =
+                    timed(lag, turn.reaction, || host.react(scheduler, turn.reaction, turn.body));
+                recorder.reaction_end(0, turn.reaction, tag);
+                ran?;
                 scheduler.finish(turn.reaction);
             }
             _ => {
-                self.run_turns(scheduler, host, trace.is_some(), lag.is_timing());
+                self.run_turns(scheduler, host, recorder, (trace.is_some(), lag.is_timing()));
                 for (turn, ran) in self.turns.iter().zip(&mut self.results) {
                     let ran = ran.get_mut().unwrap_or_else(PoisonError::into_inner);
                     lag.ran(turn.reaction, ran.took);
@@ -304,8 +327,8 @@ impl<V: Clone + Send + Sync> Team<V> {
         &mut self,
         scheduler: &mut Scheduler<V>,
         host: &H,
-        traced: bool,
-        timed: bool,
+        recorder: &Recorder,
+        (traced, timed): (bool, bool),
     ) {
         let Some(bodies) = host.shared_bodies() else {
             unreachable!("a host that has shared bodies keeps them")
@@ -315,6 +338,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         let Self { threads, others, shared, turns, results } = self;
         let next = AtomicUsize::new(0);
         let work = || {
+            let lane = threads.current_thread_index().map_or(0, |worker| worker + 1);
             // A thread that is free takes the next turn.
             loop {
                 let index = next.fetch_add(1, Ordering::Relaxed);
@@ -328,7 +352,9 @@ impl<V: Clone + Send + Sync> Team<V> {
                 }
                 let began = timed.then(Clock::local);
                 let body = AssertUnwindSafe(|| bodies.react(shared, turn, effects));
+                recorder.reaction(lane, turn.reaction, turn.body, shared.tag());
                 *outcome = Some(catch_unwind(body));
+                recorder.reaction_end(lane, turn.reaction, shared.tag());
                 *took = began.map_or(0, |began| Clock::local().since(began));
             }
         };

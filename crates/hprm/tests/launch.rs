@@ -42,6 +42,7 @@ fn launch(transient: bool) -> Launch {
         hang_timeout: HangTimeout::default(),
         debugged: None,
         logical_trace: None,
+        trace: None,
         advice: Advice::PROGRAM,
     }
 }

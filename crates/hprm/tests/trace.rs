@@ -95,7 +95,7 @@ fn run(path: &Path, fails_at: i64) -> Result<(), Failure> {
     let program = program();
     let trace = Trace::create(path, &program)?;
     let mut host = Numbers { program: Arc::clone(&program), fails_at };
-    run_whole_traced(&program, &mut host, &Inbox::new().unwrap(), Some(trace))
+    run_whole_traced(&program, &mut host, &Inbox::new().unwrap(), Some(trace), None)
 }
 
 const HEADER: &str = r#"{"hprm_logical_trace":2,"program":"Main","federated":false}"#;

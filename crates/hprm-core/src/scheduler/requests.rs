@@ -21,7 +21,20 @@ impl<V: Clone> Scheduler<V> {
         if let Some(value) = recorded {
             self.record_action(ScheduleRequest { action, value, outcome });
         }
+        if let Some(log) = &mut self.schedule_log {
+            log.push((action, outcome));
+        }
         outcome
+    }
+
+    /// Notes from now on what is scheduled, for [`Self::take_scheduled`].
+    pub fn log_schedules(&mut self) {
+        self.schedule_log.get_or_insert_default();
+    }
+
+    /// What was scheduled since the last call, in the order of the calls; nothing unless that is noted.
+    pub fn take_scheduled(&mut self) -> impl Iterator<Item = (ActionId, Scheduled)> + '_ {
+        self.schedule_log.iter_mut().flat_map(|log| log.drain(..))
     }
 
     fn insert_action(

@@ -15,6 +15,7 @@ use super::outlive::EndProcess;
 use super::reach::Reach;
 use super::time::Time;
 use crate::link::Network;
+use crate::recorder::TraceRequest;
 use crate::trace::TraceShare;
 use crate::{Address, Clock, Failure, Inbox, Security, random_bytes};
 
@@ -42,6 +43,8 @@ pub struct FederateOptions {
     pub store: StoreLimits,
     /// Where its share of the logical trace goes, if it is wanted.
     pub trace: Option<TraceShare>,
+    /// Where its records go, if the run is traced.
+    pub record: Option<TraceRequest>,
     /// Ends the process if a reaction does not return for long after the federation has ended; none if a launcher does
     /// that, or the process has more to do.
     pub end_process: Option<EndProcess>,

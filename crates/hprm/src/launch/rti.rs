@@ -6,6 +6,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 
 use super::Launch;
+use crate::recorder::TraceRequest;
 use crate::supervisor::Observation;
 use crate::{Address, Failure, Rti, RtiHandle, RtiOptions, enter_realtime, random_bytes};
 
@@ -23,7 +24,11 @@ impl RtiThread {
     /// # Errors
     ///
     /// If it cannot be started, or does not get the priority that the program asks for.
-    pub(super) fn start(launch: &Launch, events: SyncSender<Observation>) -> Result<Self, Failure> {
+    pub(super) fn start(
+        launch: &Launch,
+        events: SyncSender<Observation>,
+        request: Option<&TraceRequest>,
+    ) -> Result<Self, Failure> {
         let options = RtiOptions {
             program: Arc::clone(&launch.program),
             fingerprint: Arc::clone(&launch.fingerprint),
@@ -33,7 +38,7 @@ impl RtiThread {
             security: launch.security.clone(),
             hang_timeout: launch.hang_timeout,
         };
-        let rti = Rti::bind(&options)?;
+        let rti = Rti::bind(&options)?.recorded(request)?;
         let (handle, address) = (rti.handle(), rti.address().clone());
         let (entered, is_entered) = sync_channel(1);
         let program = options.program;

@@ -175,6 +175,13 @@ impl Federation {
         self
     }
 
+    /// Writes when reactions, messages and grants were, to a file that Perfetto opens.
+    #[must_use]
+    pub fn trace(mut self, file: impl Into<PathBuf>) -> Self {
+        self.launching.trace = Some(file.into());
+        self
+    }
+
     // What is in it.
 
     /// Adds a federate that is a reactor, and returns its ports. The federate is a name, or a [`Federate`].
@@ -321,6 +328,7 @@ impl Federation {
     /// Rules that the program breaks, or the error that a body has returned: [`Failure::Reaction`].
     pub fn run_in_one_process(self) -> Result<(), Failure> {
         let (program, bodies, entrances) = self.graph.build(self.properties)?;
-        Runnable { program, bodies, entrances, logical_trace: self.launching.logical_trace }.run()
+        let Launching { logical_trace, trace, .. } = self.launching;
+        Runnable { program, bodies, entrances, logical_trace, trace }.run()
     }
 }

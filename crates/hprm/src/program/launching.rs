@@ -10,6 +10,7 @@ use hprm_core::{Program, StoreOptions};
 
 use crate::handover::{Handover, Meeting, Which};
 use crate::launch::{Launch, Membership};
+use crate::recorder::TraceRequest;
 use crate::supervisor::Advice;
 use crate::{Failure, HangTimeout, Label, Security, console, random_federation};
 
@@ -19,6 +20,7 @@ pub(super) struct Launching {
     pub(super) join_timeout: Duration,
     pub(super) hang_timeout: HangTimeout,
     pub(super) logical_trace: Option<PathBuf>,
+    pub(super) trace: Option<PathBuf>,
     /// The object store of each federate.
     pub(super) store: StoreOptions,
 }
@@ -29,6 +31,7 @@ impl Default for Launching {
             join_timeout: Duration::from_secs(60),
             hang_timeout: HangTimeout::default(),
             logical_trace: None,
+            trace: None,
             store: StoreOptions::default(),
         }
     }
@@ -52,6 +55,7 @@ impl Launching {
             hang_timeout: self.hang_timeout,
             debugged: None,
             logical_trace: self.logical_trace,
+            trace: self.trace.map(TraceRequest::file),
             advice: Advice::PROGRAM,
         };
         let command = |member: &Membership<'_>| {

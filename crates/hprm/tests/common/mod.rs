@@ -221,6 +221,7 @@ pub(crate) fn options(
         reach: Reach::default(),
         store: StoreLimits::default(),
         trace: None,
+        record: None,
         end_process: None,
     }
 }

@@ -1,0 +1,54 @@
+//! What the loop records of itself for the trace. Nothing here decides anything.
+
+use hprm_core::{ChannelId, Payload, PhysicalTime, Tag};
+use hprm_federated::Input;
+
+use super::{FederateLoop, Phase};
+use crate::Host;
+use crate::recorder::{Flags, Kind, Size, Wait};
+
+impl<H: Host> FederateLoop<'_, H>
+where
+    H::Value: Send + Sync,
+{
+    /// A message has arrived.
+    #[inline]
+    pub(super) fn note_received(&self, message: (ChannelId, Tag), payload: &Payload) {
+        if self.recorder.is_on() {
+            let size = match self.exchange {
+                Some(_) => Size::REFERENCE,
+                None => Size::of(payload, Flags::NONE),
+            };
+            self.recorder.message(Kind::Received, message, size);
+        }
+    }
+
+    /// The RTI has sent a frame.
+    #[inline]
+    pub(super) fn note_from_rti(&self, input: &Input) {
+        if let Input::FromRti(frame) = input {
+            self.recorder.frame(Kind::FrameReceived, self.federation.me(), frame);
+        }
+    }
+
+    /// The loop waits now.
+    #[inline]
+    pub(super) fn note_wait(&self, until: Option<PhysicalTime>) {
+        if !self.recorder.is_on() {
+            return;
+        }
+        let tag = match self.phase {
+            Phase::Processing => self.scheduler.tag(),
+            _ => self.scheduler.next_tag(),
+        };
+        let due = tag.due(self.scheduler.start_time());
+        let what = match self.phase {
+            Phase::Joining => Wait::Start,
+            _ if tag == Tag::FOREVER => Wait::Events,
+            _ if due > self.now => Wait::Time,
+            _ => Wait::Permission,
+        };
+        let tag = if self.phase == Phase::Joining { Tag::NEVER } else { tag };
+        self.recorder.wait(what, tag, until);
+    }
+}

@@ -1,0 +1,120 @@
+//! What the packets of a share say: arrows, nesting, names.
+
+use std::collections::{HashMap, HashSet};
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::recorder::perfetto::packets;
+use crate::recorder::share::tests::names;
+
+/// What is in a trace, as far as these tests ask: shape, track and name of each event, and its arrows.
+struct Seen {
+    events: Vec<(i32, u64, String)>,
+    flows: Vec<u64>,
+    ends: Vec<u64>,
+}
+
+fn seen(member: Member, records: &[Record]) -> Seen {
+    let mut converter = Converter::new(names(member));
+    converter.describe_process();
+    records.iter().for_each(|record| converter.add(0, record));
+    let mut known = HashMap::new();
+    let mut seen = Seen { events: Vec::new(), flows: Vec::new(), ends: Vec::new() };
+    for packet in packets(&converter.out).map(Result::unwrap) {
+        for name in packet.interned_data.iter().flat_map(|data| &data.event_names) {
+            known.insert(name.iid, name.name.clone().unwrap());
+        }
+        let Some(event) = packet.track_event else { continue };
+        let name = event.name_iid.map_or_else(String::new, |iid| known[&Some(iid)].clone());
+        seen.events.push((event.r#type.unwrap(), event.track_uuid.unwrap(), name));
+        seen.flows.extend(event.flow_ids);
+        seen.ends.extend(event.terminating_flow_ids);
+    }
+    seen
+}
+
+fn at(time: i64, kind: Kind, subject: u32, tag: Tag) -> Record {
+    Record { time: PhysicalTime(time), ..Record::new(kind, Flags::NONE, subject, tag) }
+}
+
+#[test]
+fn an_arrow_leads_from_the_sender_through_the_rti_to_the_receiver() {
+    let tags = [Tag::new(5, 0), Tag::new(5, 1)];
+    let of = |member, kind| seen(member, &tags.map(|tag| at(9, kind, 0, tag)));
+    let sent = of(Member::Federate(0), Kind::Sent);
+    let forwarded = of(Member::Rti, Kind::Forwarded);
+    let received = of(Member::Federate(1), Kind::Received);
+    assert_eq!((&sent.flows, &sent.ends), (&received.ends, &received.flows.clone()));
+    assert_eq!(sent.flows, forwarded.flows);
+    assert_eq!(sent.flows.iter().collect::<HashSet<_>>().len(), 2);
+}
+
+#[test]
+fn a_frame_and_the_next_one_like_it_have_an_arrow_each() {
+    let frames = |member, kind| {
+        let record = at(9, kind, 1, Tag::new(7, 0)).with_detail(FrameKind::Tag as u8);
+        seen(member, &[record, record])
+    };
+    let sent = frames(Member::Rti, Kind::FrameSent);
+    let received = frames(Member::Federate(1), Kind::FrameReceived);
+    assert_eq!(sent.flows, received.ends);
+    assert_ne!(sent.flows[0], sent.flows[1]);
+    assert_eq!([&sent.events[0].2, &received.events[0].2], ["TAG to b", "TAG from RTI"]);
+}
+
+#[test]
+fn a_missed_deadline_stands_on_its_reaction() {
+    let start = Record { flags: Flags::DEADLINE, ..at(5, Kind::ReactionStart, 1, Tag::START) };
+    let all = seen(Member::Whole, &[start, at(6, Kind::ReactionEnd, 1, Tag::START)]);
+    let names: Vec<_> = all.events.iter().map(|(_, _, name)| name.as_str()).collect();
+    assert_eq!(names, ["Main.b.1", "deadline missed: Main.b.1", ""]);
+}
+
+#[test]
+fn two_members_share_no_track() {
+    let record = at(5, Kind::ReactionStart, 0, Tag::START);
+    let members = [Member::Rti, Member::Federate(0), Member::Federate(1)];
+    let tracks: HashSet<_> = members.map(|it| seen(it, &[record]).events[0].1).into();
+    assert_eq!(tracks.len(), 3);
+}
+
+fn record() -> impl Strategy<Value = Record> {
+    let kinds = [
+        Kind::ReactionStart,
+        Kind::ReactionEnd,
+        Kind::WaitStart,
+        Kind::WaitEnd,
+        Kind::Lost,
+        Kind::Sent,
+        Kind::Scheduled,
+        Kind::Tracepoint,
+        Kind::FrameSent,
+    ];
+    (prop::sample::select(kinds.to_vec()), any::<(u8, u8)>(), 0..3_u32, any::<[u64; 2]>()).prop_map(
+        |(kind, (flags, detail), subject, values)| Record {
+            flags: Flags(flags),
+            detail,
+            // Counts of lost records are added up.
+            values: values.map(|value| value >> 16),
+            ..at(5, kind, subject, Tag::START)
+        },
+    )
+}
+
+proptest! {
+    /// Whatever records there are, slices nest: no end without a beginning.
+    #[test]
+    fn slices_nest_whatever_is_missing(records in prop::collection::vec(record(), 0..60)) {
+        let mut depth = HashMap::<u64, i32>::new();
+        for (shape, track, _) in seen(Member::Federate(0), &records).events {
+            let depth = depth.entry(track).or_default();
+            *depth += match shape {
+                SLICE_BEGIN => 1,
+                SLICE_END => -1,
+                _ => 0,
+            };
+            prop_assert!(*depth >= 0);
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! The rings of a process: one for each thread that runs reactions, and one for tracepoints of all others.
+
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::Thread;
+
+use super::record::{Record, Words};
+use super::ring::{Ring, lost};
+use crate::Clock;
+
+/// How many records a ring holds if nothing else is said: 3 MiB.
+pub const DEFAULT_CAPACITY: usize = 1 << 16;
+
+/// The rings, and what the collector must know besides.
+#[derive(Debug)]
+pub struct Lanes {
+    /// The last one is that of tracepoints.
+    rings: Vec<Ring>,
+    /// The names of tracepoints. It is locked by those that record one, so that one at a time does.
+    names: Mutex<Vec<String>>,
+    collector: OnceLock<Thread>,
+}
+
+impl Lanes {
+    /// Lanes for so many threads, whose rings hold `capacity` records each.
+    #[must_use]
+    pub fn new(threads: usize, capacity: usize) -> Self {
+        Self {
+            rings: (0..=threads).map(|_| Ring::new(capacity)).collect(),
+            names: Mutex::default(),
+            collector: OnceLock::new(),
+        }
+    }
+
+    /// Records in the lane of a thread.
+    #[inline]
+    pub(super) fn push(&self, lane: usize, record: Record) {
+        let record = Record { time: Clock::now(), ..record };
+        if self.rings[lane].push(&record) {
+            self.wake();
+        }
+    }
+
+    /// The number that a tracepoint of this name has: 1 or more.
+    pub(super) fn name(&self, name: &str) -> u32 {
+        let mut names = self.names();
+        let place = names.iter().position(|known| known == name).unwrap_or_else(|| {
+            names.push(name.to_owned());
+            names.len() - 1
+        });
+        u32::try_from(place).map_or(u32::MAX, |place| place.saturating_add(1))
+    }
+
+    /// Records a tracepoint; any thread may.
+    pub(super) fn push_tracepoint(&self, record: Record) {
+        let names = self.names();
+        self.push(self.rings.len() - 1, record);
+        drop(names);
+    }
+
+    /// How many lanes there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rings.len()
+    }
+
+    /// There is always one.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// The names that have come since there were `known`.
+    pub(super) fn names_since(&self, known: usize) -> Vec<String> {
+        self.names()[known..].to_vec()
+    }
+
+    pub(super) fn drain(&self, lane: usize, take: impl FnMut(Words)) {
+        self.rings[lane].drain(take);
+    }
+
+    /// The record of those that are missing at the end of a lane.
+    pub(super) fn missing(&self, lane: usize) -> Option<Record> {
+        let missing = self.rings[lane].missing();
+        (missing > 0).then(|| lost(missing, Clock::now()))
+    }
+
+    /// How many records were lost in all lanes.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.rings.iter().map(Ring::lost).sum()
+    }
+
+    /// From now on, the collector is this thread.
+    pub(super) fn collected_by(&self, thread: Thread) {
+        // The first one stays.
+        let _ = self.collector.set(thread);
+    }
+
+    #[cold]
+    pub(super) fn wake(&self) {
+        if let Some(collector) = self.collector.get() {
+            collector.unpark();
+        }
+    }
+
+    fn names(&self) -> MutexGuard<'_, Vec<String>> {
+        self.names.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
