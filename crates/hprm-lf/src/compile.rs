@@ -55,6 +55,20 @@ pub fn check(path: &str, loader: &mut dyn SourceLoader) -> Result<Compiled, Comp
     all_stages(path, &[], loader, Purpose::Check)
 }
 
+/// Like [`compile_with`], for a diagram: there is an [outline](hprm_model::outline), also of a program that is
+/// refused because of a causality loop.
+///
+/// # Errors
+///
+/// Everything that is wrong with the program or the properties.
+pub fn draw(
+    path: &str,
+    properties: &[String],
+    loader: &mut dyn SourceLoader,
+) -> Result<Compiled, CompileFailure> {
+    all_stages(path, properties, loader, Purpose::Draw)
+}
+
 fn all_stages(
     path: &str,
     stated: &[String],

@@ -29,7 +29,7 @@ mod source;
 mod token;
 mod unclosed;
 
-pub use compile::{check, compile, compile_with};
+pub use compile::{check, compile, compile_with, draw};
 pub use declared::compile_declared;
 pub use files::check_files;
 pub use literal::{WrongTime, is_unit, parse_time};

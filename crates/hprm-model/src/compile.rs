@@ -11,7 +11,7 @@ use crate::compiled::{CompileFailure, Compiled, ExecutableFederate, PlacedAt};
 use crate::declaration::{Member, Name, ReactorKind, ReactorNode};
 use crate::diagnostic::{Diagnostic, Report};
 use crate::library::{ClassId, Library};
-use crate::lower::{self, Lowered};
+use crate::lower::{self, Lowered, Wanted};
 use crate::model::{Declarations, MAX_MEMBERS, Model, ResolvedInstance};
 use crate::overrides::Overrides;
 use crate::properties::TargetProperties;
@@ -26,6 +26,9 @@ pub enum Purpose {
     /// To find what is wrong in a file, which need not have a main reactor; without one, the program is
     /// empty. The classes are not only those that have instances, but all that have been looked at.
     Check,
+    /// To draw it: as to run it, and there is an outline, also of a program whose reactions or connections do not fit
+    /// together.
+    Draw,
 }
 
 /// Checks a program that a front end has declared, and makes the instance graph of it.
@@ -44,9 +47,17 @@ pub fn compile(
     purpose: Purpose,
     mut report: Report,
 ) -> Result<Compiled, CompileFailure> {
-    match stages(&library, overrides, properties, purpose, &mut report) {
-        Some(parts) if !report.has_errors() => Ok(assemble(library, parts, report)),
-        _ => Err(CompileFailure { diagnostics: report.into_sorted(), sources: library.sources }),
+    let mut outline = (purpose == Purpose::Draw).then(Wanted::default);
+    match stages(&library, overrides, properties, (purpose, outline.as_mut()), &mut report) {
+        Some(parts) if !report.has_errors() => {
+            let outline = outline.and_then(|wanted| wanted.outline);
+            Ok(Compiled { outline, ..assemble(library, parts, report) })
+        }
+        _ => Err(CompileFailure {
+            diagnostics: report.into_sorted(),
+            sources: library.sources,
+            outline: outline.and_then(|wanted| wanted.outline).map(Box::new),
+        }),
     }
 }
 
@@ -60,7 +71,7 @@ fn stages(
     library: &Library,
     overrides: &Overrides,
     mut stated: TargetProperties,
-    purpose: Purpose,
+    (purpose, wanted): (Purpose, Option<&mut Wanted>),
     report: &mut Report,
 ) -> Option<Parts> {
     if report.has_errors() {
@@ -88,7 +99,7 @@ fn stages(
         Some(main) => {
             let declared = &models[main.0].as_ref()?.declared.parameters;
             let assigned = overrides.assign(declared, &library.sources, report);
-            lower::lower(library, &models, (main, &assigned), properties, report)?
+            lower::lower(library, &models, (main, &assigned), (properties, wanted), report)?
         }
         None => lower::nothing(properties),
     };
@@ -197,6 +208,7 @@ fn assemble(library: Library, parts: Parts, report: Report) -> Compiled {
         rti_host,
         hosts,
         executables,
+        outline: None,
         warnings: report.into_sorted(),
     }
 }

@@ -10,6 +10,7 @@ use hprm_core::{
 
 use crate::code::Code;
 use crate::diagnostic::Diagnostic;
+use crate::outline::Outline;
 use crate::properties::Settings;
 use crate::render::render_all;
 use crate::source::{FileId, Sources, Span};
@@ -52,6 +53,8 @@ pub struct Compiled {
     pub hosts: Vec<PlacedAt>,
     /// The federates that are executables.
     pub executables: BTreeMap<FederateId, ExecutableFederate>,
+    /// For [`Purpose::Draw`](crate::Purpose::Draw), what is drawn.
+    pub outline: Option<Outline>,
     /// Warnings.
     pub warnings: Vec<Diagnostic>,
 }
@@ -331,4 +334,6 @@ pub struct CompileFailure {
     pub diagnostics: Vec<Diagnostic>,
     /// The files that they refer to.
     pub sources: Sources,
+    /// For [`Purpose::Draw`](crate::Purpose::Draw), what can be drawn nevertheless.
+    pub outline: Option<Box<Outline>>,
 }

@@ -286,11 +286,7 @@ impl<'a> Growth<'a, '_> {
             return None;
         }
         let outer = &self.tree.nodes[0].environment;
-        let maxwait = match legacy::maxwait(environment) {
-            Some(written) => environment.time(written, self.report),
-            None => attributes::argument(&decl.attributes, "maxwait")
-                .and_then(|written| outer.time(written, self.report)),
-        };
+        let maxwait = maxwait(decl, outer, environment, self.report);
         let name = &decl.name.text;
         let name = bank_index.map_or_else(|| name.clone(), |index| format!("{name}__{index}"));
         let host = decl.host.as_ref().map(|host| host.text.clone());
@@ -300,6 +296,26 @@ impl<'a> Growth<'a, '_> {
             self.tree.builder.make_transient(federate);
         }
         Some(())
+    }
+}
+
+impl Tree<'_> {
+    /// Whether the main reactor is a federated one.
+    pub(crate) fn is_federated(&self) -> bool {
+        self.federated
+    }
+}
+
+/// How long a federate waits for its inputs, if the program says so.
+pub(crate) fn maxwait<'a>(
+    decl: &'a declaration::Instantiation,
+    outer: &Environment<'a>,
+    inner: &Environment<'a>,
+    report: &mut Report,
+) -> Option<Nanos> {
+    match legacy::maxwait(inner) {
+        Some(written) => inner.time(written, report),
+        None => outer.time(attributes::argument(&decl.attributes, "maxwait")?, report),
     }
 }
 

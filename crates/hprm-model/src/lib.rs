@@ -10,7 +10,8 @@
 //! and resolve its references, `inherit` merges those of its superclasses, `slots` finds the arguments of a
 //! reaction's function, `check` has the rules of the language, `properties` those of target properties,
 //! `executable` finds the reactors that executables declare, `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies and values into
-//! the form that Python gets, `fingerprint` states what processes compare.
+//! the form that Python gets, `fingerprint` states what processes compare. [`outline`] is a program as people draw it, and
+//! `sketch` makes it.
 //!
 //! A front end uses it like this; the program is one reactor without a name:
 //!
@@ -62,6 +63,7 @@ mod legacy;
 mod library;
 mod lower;
 mod model;
+pub mod outline;
 mod overrides;
 mod parts;
 mod properties;
@@ -71,6 +73,7 @@ pub mod python;
 mod reaction;
 mod render;
 mod resolve;
+mod sketch;
 mod slots;
 mod source;
 mod spacing;

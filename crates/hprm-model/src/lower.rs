@@ -17,8 +17,10 @@ use crate::diagnostic::{Diagnostic, Report};
 use crate::instance::{self, MAX, Tree};
 use crate::legacy::Waits;
 use crate::library::{ClassId, Library};
+use crate::outline::Outline;
 use crate::overrides::Assigned;
 use crate::reaction;
+use crate::sketch;
 use crate::source::Span;
 use crate::syntax::Syntax;
 use crate::unconnected;
@@ -35,14 +37,21 @@ pub(crate) struct Lowered {
     pub(crate) used: Vec<ClassId>,
 }
 
+/// What a compilation leaves behind even if the program is refused.
+#[derive(Default)]
+pub(crate) struct Wanted {
+    pub(crate) outline: Option<Outline>,
+}
+
 /// The program with main reactor `main`, whose parameters may be assigned; none if an error was reported.
 pub(crate) fn lower<'a>(
     library: &'a Library,
     models: &'a Models<'a>,
     (main, assigned): (ClassId, &'a [Assigned]),
-    properties: Properties,
+    (properties, mut wanted): (Properties, Option<&mut Wanted>),
     report: &mut Report,
 ) -> Option<Lowered> {
+    let coordination = properties.coordination;
     let name = instance::name_of_main(library, library.reactor(main));
     let builder = ProgramBuilder::new(&name, properties);
     let mut tree = instance::instantiate(library, models, (main, assigned), builder, report)?;
@@ -50,6 +59,10 @@ pub(crate) fn lower<'a>(
     let mut waits = Waits::default();
     let bodies = reactions(&mut tree, &mut waits, &mut origins, report);
     let connections = connections::connections(&tree, waits, report);
+    if let Some(wanted) = &mut wanted {
+        let coordination = tree.is_federated().then_some(coordination);
+        wanted.outline = Some(sketch::outline(library, &tree, coordination));
+    }
     if report.has_errors() {
         return None;
     }
@@ -62,6 +75,11 @@ pub(crate) fn lower<'a>(
     let program = match builder.build() {
         Ok(program) => Arc::new(program),
         Err(error) => {
+            if let (ProgramError::CausalityLoop { reactions, .. }, Some(outline)) =
+                (&error, wanted.and_then(|wanted| wanted.outline.as_mut()))
+            {
+                outline.cycle = sketch::places(&nodes, reactions);
+            }
             report.add(origins.explain(&error, library.reactor(main).header, report.syntax()));
             return None;
         }

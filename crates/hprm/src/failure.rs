@@ -324,7 +324,7 @@ impl Failure {
     /// The errors that the front end has found; with `color`, their text for people is coloured.
     #[must_use]
     pub fn mistakes(found: &hprm_model::CompileFailure, color: bool) -> Self {
-        let hprm_model::CompileFailure { diagnostics, sources } = found;
+        let hprm_model::CompileFailure { diagnostics, sources, .. } = found;
         let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error);
         let report = |found: &hprm_model::Diagnostic| {
             let stated = sources.is_stated(found.span.file);
