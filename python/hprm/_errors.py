@@ -229,7 +229,8 @@ def _program_error(error: ProgramError) -> Description:
     """Describe what is wrong with a program of Python objects."""
     place = error.location
     if place is None:
-        return Description("mistake", message=error.message, hint=error.hint)
+        found = Description("mistake", message=error.message, hint=error.hint)
+        return replace(found, diagnostic=error.code or None)
     text = linecache.getline(place.path, place.line)
     column = len(text.encode()[: place.column].decode(errors="replace")) + 1
     file = shown(place.path)

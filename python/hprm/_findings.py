@@ -21,9 +21,11 @@ REFUSED = "LF1007"
 
 #: A declaration of a class, or of a constructor, that cannot be.
 DECLARED = "LF1008"
+#: What ends the loading of a program.
+LOADING = "LF1009"
 #: What is declared has a code of its own, as in files of Lingua Franca.
 TAKEN, NO_MAIN, SEVERAL_MAINS = "LF0201", "LF0206", "LF0205"
-NO_REACTOR, NO_PARAMETER, NO_TIME, NO_WIDTH = "LF0301", "LF0306", "LF0403", "LF0405"
+NO_REACTOR, NO_TIME, NO_WIDTH = "LF0301", "LF0403", "LF0405"
 
 
 class Finding(NamedTuple):

@@ -52,12 +52,13 @@ def load(path: str, properties: list[str]) -> Declared:
 def _load(path: str, properties: list[str]) -> Declared:
     named = _hprm.named_program(path)
     if named is None:
-        raise ProgramError(f"{path} is no program in Python")
+        raise ProgramError(f"{path} is no program in Python", code="")
     file, name = named
     if name == "":
         raise ProgramError(
             f"{path} ends with a colon, and names no reactor",
             hint=f"write {file}:NAME, or {file} alone",
+            code="",
         )
     module = _import(file)
     found = _only(module, file) if name is None else _named(module, file, name)
@@ -77,6 +78,7 @@ def _ended(path: str, error: SystemExit) -> ProgramError:
         place,
         'put what only a script does below `if __name__ == "__main__":`; a reaction may end the'
         " program",
+        _findings.LOADING,
     )
 
 

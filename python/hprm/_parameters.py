@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
-from hprm import _findings
 from hprm._mistakes import ProgramError, one
 
 #: The options of ``hprm run``, one of which may be meant by a name that is none.
@@ -42,7 +41,7 @@ def _unknown(name: str, option: str, known: list[str]) -> ProgramError:
     for near in get_close_matches(name.replace("_", "-"), [*parameters, *OPTIONS], 1):
         hint = f"did you mean --{near}?"
     message = f"{option} is neither an option of `hprm run` nor a parameter of the program"
-    return ProgramError(message, hint=hint, code=_findings.NO_PARAMETER)
+    return ProgramError(message, hint=hint, code="")
 
 
 def _value(parameter: inspect.Parameter, text: str, option: str) -> Any:
@@ -63,5 +62,5 @@ def _value(parameter: inspect.Parameter, text: str, option: str) -> Any:
             case "bool":
                 raise ValueError("it is true or false")
     except ValueError:
-        raise ProgramError(f"{option}: the parameter is {one(name)}") from None
+        raise ProgramError(f"{option}: the parameter is {one(name)}", code="") from None
     return text

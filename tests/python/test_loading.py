@@ -79,10 +79,11 @@ def test_what_ends_the_interpreter_is_one_error(tmp_path: Path, command: str, ki
     code, _, err = hprm(tmp_path, command, "app.py")
     assert (code, err) == (
         1,
-        "error: app.py ends the interpreter while it is loaded: sys.exit(3)\n --> app.py:3:1\n"
+        "error[LF1009]: app.py ends the interpreter while it is loaded: sys.exit(3)\n"
+        " --> app.py:3:1\n"
         "  |\n3 | sys.exit(3)\n  | ^\n"
         '  hint: put what only a script does below `if __name__ == "__main__":`; a reaction may'
-        " end the program\n",
+        " end the program\n\n`hprm explain LF1009` says more\n",
     )
 
 

@@ -27,7 +27,10 @@ pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode
         Outcome::Undeclared(Undeclared { code, reports }) => {
             if !message::speaks_json() {
                 show_reports(&reports);
-                explain::offer(codes_of(&reports));
+                if codes_of(&reports).next().is_some() {
+                    message::print_error(b"\n");
+                    explain::offer(codes_of(&reports));
+                }
             } else {
                 reports.into_iter().for_each(|report| Error::from(report).show());
             }
@@ -127,7 +130,8 @@ impl Output {
     /// Why the Python of a program does not declare it.
     fn undeclared(self, reports: &[Report], path: &Path) {
         if !self.json {
-            return show_reports(reports);
+            show_reports(reports);
+            return message::print_error(b"\n");
         }
         let file = declare::file_of(path);
         if reports.is_empty() {
@@ -201,10 +205,9 @@ pub(crate) fn show(diagnostics: &[Diagnostic], sources: &Sources) {
 
 /// Shows what an interpreter has answered on the standard error.
 fn show_reports(reports: &[Report]) {
-    for report in reports {
-        let text = report.text(Label::Error, message::color(&io::stderr()));
-        message::print_error(format!("{text}\n\n").as_bytes());
-    }
+    let color = message::color(&io::stderr());
+    let texts: Vec<_> = reports.iter().map(|it| it.text(Label::Error, color) + "\n").collect();
+    message::print_error(texts.join("\n").as_bytes());
 }
 
 fn codes_of(reports: &[Report]) -> impl Iterator<Item = &str> {
