@@ -37,6 +37,7 @@ CLEANED_UP = (
     "crates/hprm-codec/",
     "crates/hprm-core/",
     "crates/hprm-declared/",
+    "crates/hprm-diagram/",
     "crates/hprm-federated/",
     "crates/hprm-lf/",
     "crates/hprm-model/",

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use cargo_metadata::{DependencyKind, MetadataCommand};
 
 /// Each of our crates, and those of ours that it may name.
-const ARROWS: [(&str, &[&str]); 11] = [
+const ARROWS: [(&str, &[&str]); 12] = [
     ("hprm-core", &[]),
     ("hprm-codec", &["hprm-core"]),
     ("hprm-federated", &["hprm-core"]),
@@ -13,6 +13,7 @@ const ARROWS: [(&str, &[&str]); 11] = [
     ("hprm-model", &["hprm-core"]),
     ("hprm-lf", &["hprm-core", "hprm-declared", "hprm-model"]),
     ("hprm-declared", &["hprm-core", "hprm-model"]),
+    ("hprm-diagram", &["hprm-core", "hprm-model"]),
     (
         "hprm",
         &[
@@ -38,15 +39,27 @@ const ARROWS: [(&str, &[&str]); 11] = [
             "hprm-store",
         ],
     ),
-    ("hprm-cli", &["hprm", "hprm-core", "hprm-declared", "hprm-lf", "hprm-model", "hprm-sim"]),
+    (
+        "hprm-cli",
+        &[
+            "hprm",
+            "hprm-core",
+            "hprm-declared",
+            "hprm-diagram",
+            "hprm-lf",
+            "hprm-model",
+            "hprm-sim",
+        ],
+    ),
 ];
 
 /// What a pure crate must not name: whatever touches the world.
 const WORLDLY: [&str; 5] = ["rustix", "socket2", "libc", "tokio", "mio"];
-const PURE: [&str; 7] = [
+const PURE: [&str; 8] = [
     "hprm-codec",
     "hprm-core",
     "hprm-declared",
+    "hprm-diagram",
     "hprm-federated",
     "hprm-lf",
     "hprm-model",
