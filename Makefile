@@ -18,7 +18,7 @@ PYTHON_CODE := python tests bench examples docs packaging
 # Programs that the strictest checks of types must accept, as those of users who run them.
 TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/%,$(wildcard examples/*/*.py))
 RUST_SOURCES := Cargo.toml Cargo.lock \
-	$(shell find crates -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md' -o -path '*/templates/*' -type f)
+	$(shell find crates -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md' -o -path '*/templates/*' -o -path '*/font/*' -type f)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -27,7 +27,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
 
-build: $(VENV)/.built ## build the command `hprm` and the Python package into .venv
+build: $(VENV)/.whole ## build the command `hprm` and the Python package into .venv
 
 # With the C library of zig, so that the wheel runs on other distributions and older ones.
 WHEEL_FOR ?= manylinux_2_28
@@ -48,7 +48,7 @@ try-wheel: $(VENV)/.requirements ## install the wheel of out/wheels where there 
 	HPRM_WHEEL="$$(ls -t out/wheels/hprm-*.whl | head -n 1)" $(BIN)/python -m pytest tests/python/test_wheel.py
 	$(BIN)/python bench/importing.py "$$(ls -t out/wheels/hprm-*.whl | head -n 1)"
 
-demo: build $(VENV)/.demo-requirements ## run the broadcast and gather example, print its table, draw its picture
+demo: $(VENV)/.built $(VENV)/.demo-requirements ## run the broadcast and gather example, print its table, draw its picture
 	@$(BIN)/python examples/broadcast_gather/demo.py
 
 test: lint build $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
@@ -169,7 +169,15 @@ $(VENV)/.wheel-requirements: requirements-wheel.txt $(VENV)/.build-requirements
 	$(INSTALL) --quiet -r requirements-wheel.txt
 	@touch $@
 
+BUILD := PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolation --no-deps --editable .
+
 # Extension, package and command; pip says nothing of what cargo does unless it is verbose.
 $(VENV)/.built: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolation --no-deps --editable .
+	$(if $(wildcard $(VENV)/.whole),HPRM_DIAGRAM=1) $(BUILD)
 	@touch $@
+
+# The same with `hprm diagram`, whose layout takes most of a minute to compile: what the demo shows needs none. Where it
+# has been built once, all builds have it.
+$(VENV)/.whole: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+	HPRM_DIAGRAM=1 $(BUILD)
+	@touch $(VENV)/.built $@

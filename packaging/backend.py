@@ -3,6 +3,9 @@
 maturin compiles one crate. So it is given a program in the place of cargo, `cargo.py`, which builds
 the command in the same run of cargo, for the same target, and puts it where maturin finds scripts.
 What a wheel is, is maturin's subject.
+
+Wheels have `hprm diagram`, whose layout takes most of a minute to compile; a build of a checkout has it if the
+environment variable HPRM_DIAGRAM is 1.
 """
 
 from __future__ import annotations
@@ -42,7 +45,7 @@ Settings = Mapping[str, Any] | None
 
 def build_wheel(directory: str, settings: Settings = None, metadata: str | None = None) -> str:
     """Build a wheel of the extension, the package and the command."""
-    with _both_crates() as scripts:
+    with _both_crates({"HPRM_DIAGRAM": "1"}) as scripts:
         wheel = maturin.build_wheel(directory, settings, metadata)
         _expect_command(scripts)
     return wheel
@@ -72,7 +75,7 @@ prepare_metadata_for_build_editable = prepare_metadata_for_build_wheel
 
 
 @contextmanager
-def _both_crates() -> Iterator[Path]:
+def _both_crates(variables: Mapping[str, str] | None = None) -> Iterator[Path]:
     """Have maturin call `cargo.py`, which leaves the command in the folder that is returned."""
     data = _data()
     scripts = data / "scripts"
@@ -82,14 +85,15 @@ def _both_crates() -> Iterator[Path]:
     # A command of an earlier build is not taken for this one's.
     shutil.rmtree(scripts, ignore_errors=True)
     scripts.mkdir()
-    stated = {name: os.environ.get(name) for name in ("CARGO", "HPRM_SCRIPTS")}
     with tempfile.TemporaryDirectory(prefix="hprm-build-") as folder:
         # A script, because maturin wants one file; the interpreter need not be on the PATH.
         program = Path(folder, "cargo")
         words = [sys.executable, str(HERE / "cargo.py")]
         program.write_text(f'#!/bin/sh\nexec {shlex.join(words)} "$@"\n')
         program.chmod(0o755)
-        os.environ |= {"CARGO": str(program), "HPRM_SCRIPTS": str(scripts)}
+        ours = {"CARGO": str(program), "HPRM_SCRIPTS": str(scripts), **(variables or {})}
+        stated = {name: os.environ.get(name) for name in ours}
+        os.environ |= ours
         try:
             yield scripts
         finally:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 CRATES = ("hprm-python", "hprm-cli")
 COMMAND = "hprm"
+DIAGRAM = ("--features", "hprm-cli/diagram")
 
 
 def main(words: list[str]) -> int:
@@ -46,6 +47,8 @@ def for_both(words: list[str]) -> list[str]:
     if dashes and (flags := list(last)):
         # They are for one crate.
         sys.exit(f"error: cargo build takes no flags of rustc: {' '.join(flags)}")
+    if os.environ.get("HPRM_DIAGRAM") == "1":
+        options += DIAGRAM
     return options + [word for crate in CRATES for word in ("--package", crate)]
 
 

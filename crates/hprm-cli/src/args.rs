@@ -4,6 +4,7 @@
 //! and exit code 2.
 
 mod compose;
+mod diagram;
 mod new;
 mod texts;
 mod tracing;
@@ -20,6 +21,7 @@ use hprm_lf::PARAMETER;
 
 pub(crate) use self::texts::{Completions, Explain, Man};
 pub(crate) use crate::args::compose::Compose;
+pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::new::{Language, New};
 pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
 use crate::source::Program;
@@ -41,6 +43,7 @@ impl Arguments {
             Command::Rti(rti) => &mut rti.properties,
             Command::Federate(federate) => &mut federate.properties,
             Command::Compose(compose) => &mut compose.properties,
+            Command::Diagram(diagram) => &mut diagram.properties,
             Command::New(_)
             | Command::Check(_)
             | Command::Explain(_)
@@ -67,6 +70,7 @@ Examples:
   hprm run Main.lf            run a program, in one process or as a federation
   hprm run app.py             the same, of a program in Python
   hprm check src/*.lf         say what is wrong, and run nothing
+  hprm diagram Main.lf        draw a program
   hprm explain LF0503         what a mistake with this code is, and its cure
   hprm run --trace A.pftrace Main.lf    record when what happens, for Perfetto
   hprm verify Main.lf         run a program several times, and compare what it did
@@ -80,6 +84,7 @@ pub(crate) enum Command {
     New(New),
     Run(Run),
     Check(Check),
+    Diagram(Diagram),
     Explain(Explain),
     Diff(Diff),
     Trace(Trace),

@@ -14,6 +14,7 @@ mod check;
 mod commands_page;
 mod compose;
 mod declare;
+mod diagram;
 mod diff;
 mod doctor;
 mod draft;
@@ -86,6 +87,7 @@ fn command() -> ExitCode {
         Command::New(new) => new::new(&new),
         Command::Run(run) => run::run(&run),
         Command::Check(check) => Ok(check::check(&check)),
+        Command::Diagram(wanted) => diagram::diagram(&wanted),
         Command::Explain(wanted) => explain::explain(&wanted),
         Command::Diff(diff) => diff::diff(&diff),
         Command::Trace(trace) => trace_file::trace(&trace),

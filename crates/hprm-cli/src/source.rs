@@ -79,6 +79,23 @@ impl Program<'_> {
         Ok(hprm_lf::check(name, &mut disk).into())
     }
 
+    /// Compiles it for a diagram, which there may be even if it has mistakes.
+    ///
+    /// # Errors
+    ///
+    /// As [`compile`](Self::compile).
+    #[cfg(feature = "diagram")]
+    pub(crate) fn draw(&self) -> Result<Outcome, Error> {
+        if declare::is_python(self.path) {
+            return self.declared(Purpose::Draw);
+        }
+        if executable::is_program(self.path) {
+            return self.of_executable(Purpose::Draw);
+        }
+        let (name, mut disk) = read(self.path)?;
+        Ok(hprm_lf::draw(name, &self.properties, &mut disk).into())
+    }
+
     /// Compiles a program that is an executable of its own.
     fn of_executable(&self, purpose: Purpose) -> Result<Outcome, Error> {
         let Self { path, properties, arguments, .. } = self;
