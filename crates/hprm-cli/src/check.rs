@@ -131,7 +131,10 @@ impl Output {
     fn undeclared(self, reports: &[Report], path: &Path) {
         if !self.json {
             show_reports(reports);
-            return message::print_error(b"\n");
+            if !reports.is_empty() {
+                message::print_error(b"\n");
+            }
+            return;
         }
         let file = declare::file_of(path);
         if reports.is_empty() {
