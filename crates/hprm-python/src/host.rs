@@ -8,8 +8,8 @@ use hprm::recorder::Tracepoints;
 use hprm::trace::Described;
 use hprm::{Failure, Host, Kind, Pickling, Report, SharedBodies, Source};
 use hprm_core::{
-    Body, ChannelId, Effects, FederateId, Nanos, Payload, PhysicalTime, PortId, ReactionId,
-    Scheduler, Table, Turn,
+    Body, ChannelId, Effects, FederateId, Nanos, Payload, PortId, ReactionId, Reading, Scheduler,
+    Table, Turn,
 };
 use hprm_model::Syntax;
 use hprm_store::{Object, Store, StoreAllocator};
@@ -198,11 +198,11 @@ impl Host for PyHost {
         channel: ChannelId,
         payload: Payload,
         objects: Vec<Object>,
-        arrival: PhysicalTime,
+        arrival: impl Reading,
         is_local: bool,
     ) -> Result<Value, Failure> {
         let way = (Arc::clone(&self.codecs[channel]), Trust::new(self.pickling, is_local));
-        Ok(Value::arrived(way, payload, objects, arrival))
+        Ok(Value::arrived(way, payload, objects, arrival.read()))
     }
 
     fn send_in_process(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
@@ -217,12 +217,12 @@ impl Host for PyHost {
         &mut self,
         channel: ChannelId,
         value: Value,
-        arrival: PhysicalTime,
+        arrival: impl Reading,
     ) -> Value {
         value.received_in_process(
             Arc::clone(&self.codecs[channel]),
             Trust::new(self.pickling, true),
-            arrival,
+            arrival.read(),
         )
     }
 

@@ -56,11 +56,15 @@ impl Clock {
 
     /// How long it takes until `at`.
     pub(crate) fn until(at: PhysicalTime) -> Nanos {
+        Self::local_at(at).since(Self::local())
+    }
+
+    /// What the local clock will show, as far as is known, when this one shows `at`.
+    pub(crate) fn local_at(at: PhysicalTime) -> PhysicalTime {
         if !IS_CORRECTED.load(Ordering::Acquire) {
-            return at.since(Self::local());
+            return at;
         }
-        let clock = FEDERATION.read().unwrap_or_else(PoisonError::into_inner);
-        clock.local(at).since(Self::local())
+        FEDERATION.read().unwrap_or_else(PoisonError::into_inner).local(at)
     }
 
     /// What the clock will show, as far as is known, when the local one shows `local`.

@@ -127,6 +127,7 @@ where
         exchange: exchange.cloned(),
         phase: Phase::Joining,
         has_reported_loaded: false,
+        reported: None,
         interrupted: false,
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
@@ -167,6 +168,8 @@ struct FederateLoop<'a, H: Host> {
     phase: Phase,
     /// Whether the loop has told the machine that this federate has loaded its program.
     has_reported_loaded: bool,
+    /// The next event, if the machine knows it and has got no other input since.
+    reported: Option<Tag>,
     /// Whether a signal has asked this process to stop.
     interrupted: bool,
     /// What the links have received. Empty between rounds; the loop keeps the vector for its memory.
@@ -204,8 +207,11 @@ where
             // The loop reads the clock before the inbox: an action that another thread schedules after that has
             // a later time, so what the machine promises to other federates for this time stays true.
             let before = mem::replace(&mut self.now, Clock::now());
-            if advanced {
-                self.pace.tag_took(self.now.since(before), ThreadUsage::of_this_thread);
+            match advanced {
+                true => {
+                    self.pace.tag_took(self.now.since(before), ThreadUsage::of_this_thread);
+                }
+                false => self.pace.waited(self.now),
             }
             self.read_inbox()?;
             self.read_links()?;
@@ -328,10 +334,20 @@ where
             }
             // The machine must know the next event before it gets any other input: only then does it promise
             // nothing beyond that event.
-            self.handle(Input::NextEvent(self.scheduler.next_event()))?;
+            self.report_next_event()?;
         }
         if stop {
             self.handle(Input::RequestStop)?;
+        }
+        Ok(())
+    }
+
+    /// Tells the machine the next event, unless that is what it was told last, and nothing else has happened since.
+    fn report_next_event(&mut self) -> Result<(), Failure> {
+        let next = self.scheduler.next_event();
+        if self.reported != Some(next) {
+            self.handle(Input::NextEvent(next))?;
+            self.reported = Some(next);
         }
         Ok(())
     }
@@ -346,7 +362,7 @@ where
 
     /// Runs the next tag, if it may begin. Returns false if the loop has to wait before it tries again.
     fn run_next_tag(&mut self) -> Result<bool, Failure> {
-        self.handle(Input::NextEvent(self.scheduler.next_event()))?;
+        self.report_next_event()?;
         let tag = self.scheduler.next_tag();
         let due = tag.due(self.scheduler.start_time());
         if tag == Tag::FOREVER
@@ -433,6 +449,10 @@ where
             self.end_trace(&Ok(()))?;
             self.handle(Input::Finished)?;
             self.phase = Phase::Done;
+        } else if !self.pace.may_linger(self.now) {
+            // The RTI gets the next event in the same write as the messages of the tag.
+            self.report_next_event()?;
+            self.flush();
         }
         Ok(true)
     }
@@ -489,6 +509,9 @@ where
 
     /// Gives the machine an input, and carries out its outputs.
     fn handle(&mut self, input: Input) -> Result<(), Failure> {
+        if !matches!(input, Input::Wake) {
+            self.reported = None;
+        }
         let handled = self.federation.machine.handle(self.now, input);
         while let Some(output) = self.federation.machine.poll() {
             self.apply(output)?;
@@ -578,13 +601,13 @@ where
             let value = exchange
                 .take(me, &payload)
                 .expect("the sender puts the value there before it sends the message");
-            return Ok(self.host.receive_in_process(channel, value, Clock::now()));
+            return Ok(self.host.receive_in_process(channel, value, Clock::now));
         }
         let from = self.scheduler.program().channels[channel].from;
         let Membership { machine, objects, links, .. } = &mut self.federation;
         let is_local = machine.shares_memory_with(from) && links.is_same_user(from);
         let opened = objects.open(&payload)?;
-        self.host.receive(channel, payload, opened, Clock::now(), is_local)
+        self.host.receive(channel, payload, opened, Clock::now, is_local)
     }
 
     /// Waits until a link, another thread or the clock may permit this federate to continue.
@@ -599,16 +622,14 @@ where
         self.note_wait(until);
         let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
-        let before = Clock::now();
         let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
         self.recorder.wait_end();
         // The wait has found what had come before it. This thread may have been preempted since the kernel
         // looked last, so of what came during the wait, the loop may not know yet.
         if found.is_some() {
-            self.looked_at = before;
+            self.looked_at = self.now;
         }
-        self.pace.waited(Clock::now());
     }
 
     fn wakeup(&self) -> Option<PhysicalTime> {

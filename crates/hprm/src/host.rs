@@ -5,9 +5,7 @@
 
 use std::sync::Arc;
 
-use hprm_core::{
-    Body, ChannelId, Effects, Nanos, Payload, PhysicalTime, ReactionId, Scheduler, Turn,
-};
+use hprm_core::{Body, ChannelId, Effects, Nanos, Payload, ReactionId, Reading, Scheduler, Turn};
 use hprm_model::Syntax;
 use hprm_store::{Object, Store, StoreAllocator};
 
@@ -68,7 +66,7 @@ pub trait Host {
     ) -> Result<Payload, Failure>;
 
     /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
-    /// its order. Decoding may wait until the value is read. `arrival` is the physical time. `is_local` says
+    /// its order. Decoding may wait until the value is read. `arrival` reads the physical time. `is_local` says
     /// whether the sender is a process of the same user on this machine.
     ///
     /// # Errors
@@ -79,7 +77,7 @@ pub trait Host {
         channel: ChannelId,
         payload: Payload,
         objects: Vec<Object>,
-        arrival: PhysicalTime,
+        arrival: impl Reading,
         is_local: bool,
     ) -> Result<Self::Value, Failure>;
 
@@ -99,12 +97,12 @@ pub trait Host {
     }
 
     /// Makes a value of what another federate of this process has returned from
-    /// [`Self::send_in_process`]. `arrival` is the physical time.
+    /// [`Self::send_in_process`]. `arrival` reads the physical time.
     fn receive_in_process(
         &mut self,
         channel: ChannelId,
         value: Self::Value,
-        arrival: PhysicalTime,
+        arrival: impl Reading,
     ) -> Self::Value {
         let _ = (channel, arrival);
         value

@@ -25,6 +25,9 @@ pub(crate) use polled_link::{Broken, PolledLink};
 /// A time that has come, whatever the clock says.
 const NOW: PhysicalTime = PhysicalTime(0);
 
+/// How often a loop that busy-polls looks into memory before it reads the clock, which takes longer than a look.
+const LOOKS: u32 = 16;
+
 /// What a loop polls: its links, and the acceptor of new ones.
 pub(crate) trait PollSet {
     /// All links, always in the same order.
@@ -135,40 +138,59 @@ impl Poller {
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
-        let in_memory = on.links().all(Link::is_in_memory);
-        if in_memory
-            && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL
-            && on.may_be_readable()
-        {
+        if on.may_be_readable() && self.may_put_off_kernel(on) {
             return Found { readable: true, ..Found::default() };
         }
-        if self.spin > 0 {
-            let give_up = Clock::local().plus(self.spin);
-            loop {
-                let now = Clock::local();
-                if now >= give_up {
-                    break;
-                }
-                let found = if !in_memory || now.since(self.asked_at) > SPIN_KERNEL_POLL_INTERVAL {
-                    self.sleep(on, wakeups, Some(NOW))
-                } else {
-                    Found { readable: on.may_be_readable(), ..Found::default() }
-                };
-                if found.is_anything() || until.is_some_and(|until| until <= Clock::now()) {
-                    return found;
-                }
-            }
+        if self.spin > 0
+            && let Some(found) = self.busy_poll(on, wakeups, until)
+        {
+            return found;
         }
         self.sleep(on, wakeups, until)
     }
 
+    /// Looks for messages again and again. Returns nothing if none has come after the time of busy-polling.
+    fn busy_poll(
+        &mut self,
+        on: &mut impl PollSet,
+        wakeups: &impl AsFd,
+        until: Option<PhysicalTime>,
+    ) -> Option<Found> {
+        let in_memory = on.links().all(Link::is_in_memory);
+        let began = Clock::local();
+        let (give_up, until) = (began.plus(self.spin), until.map(Clock::local_at));
+        let mut now = began;
+        while now < give_up {
+            // What usually comes, comes soon and through memory. The kernel is asked when it does not.
+            let quiet = now.since(self.asked_at.max(began)) > SPIN_KERNEL_POLL_INTERVAL;
+            let overdue = now.since(self.asked_at) > KERNEL_POLL_INTERVAL;
+            let found = match in_memory && !quiet && !overdue {
+                true => Found { readable: looks_find_anything(on), ..Found::default() },
+                false => self.sleep(on, wakeups, Some(NOW)),
+            };
+            if found.is_anything() {
+                return Some(found);
+            }
+            now = Clock::local();
+            if until.is_some_and(|until| until <= now) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
     /// Looks for what has come by now, without waiting.
     pub(crate) fn look(&mut self, on: &mut impl PollSet, wakeups: &impl AsFd) -> Found {
-        let in_memory = on.links().all(Link::is_in_memory);
-        if in_memory && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL {
+        if self.may_put_off_kernel(on) {
             return Found { readable: on.may_be_readable(), ..Found::default() };
         }
         self.sleep(on, wakeups, Some(NOW))
+    }
+
+    /// Whether all messages come through memory, and the kernel was asked a short time ago for everything else.
+    fn may_put_off_kernel(&self, on: &impl PollSet) -> bool {
+        on.links().all(Link::is_in_memory)
+            && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL
     }
 
     /// Writes what is to be written within `timeout`; with `all`, as long as some of it leaves.
@@ -258,6 +280,11 @@ impl Poller {
         wanted.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.sources()));
         sources.wait(&wanted, until)
     }
+}
+
+/// Looks into memory [`LOOKS`] times, and says whether there may be something to read.
+fn looks_find_anything(on: &impl PollSet) -> bool {
+    (0..LOOKS).any(|_| on.may_be_readable())
 }
 
 fn to_read(fd: &impl AsFd) -> Interest<'_> {

@@ -230,7 +230,7 @@ impl Rti {
                     options.program.federates.len(),
                 )),
             },
-            poller: Poller::new(network.notifier(), spin::time(&options.program)),
+            poller: Poller::new(network.notifier(), spin::time_of_rti(&options.program)),
             ready: Vec::new(),
             frames: Vec::new(),
             next_link: 0,

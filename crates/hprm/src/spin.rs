@@ -11,12 +11,21 @@ use hprm_core::{Coordination, Nanos, Program, Spin};
 /// The default time of busy-polling: about twice the time of waking up.
 const AUTO: Nanos = 50_000;
 
-/// How long a process of this federation busy-polls, in nanoseconds.
+/// How long a federate of this federation busy-polls, in nanoseconds.
 pub(crate) fn time(program: &Program) -> Nanos {
-    let rti = program.properties.coordination == Coordination::Centralized;
-    let processes = program.federates.len() + usize::from(rti);
+    let processes = program.federates.len() + usize::from(waits_for_rti(program));
     let processors = available_parallelism().map_or(1, usize::from);
     decide(program.properties.spin, processes, processors)
+}
+
+/// How long the RTI busy-polls. If no federate waits for it, it sleeps at once: a report comes from time to time, and
+/// it would take the processor of a federate to look for the next one.
+pub(crate) fn time_of_rti(program: &Program) -> Nanos {
+    if waits_for_rti(program) { time(program) } else { 0 }
+}
+
+fn waits_for_rti(program: &Program) -> bool {
+    program.properties.coordination == Coordination::Centralized
 }
 
 fn decide(spin: Spin, processes: usize, processors: usize) -> Nanos {

@@ -8,8 +8,8 @@ use allocation_counter::measure;
 use hprm::prelude::*;
 use hprm::{Host, Inbox, run_whole};
 use hprm_core::{
-    ActionId, Body, ChannelId, Delay, Direction, Effect, Nanos, Origin, Payload, PhysicalTime,
-    PortId, ProgramBuilder, ReactionId, ReactionSpec, Scheduler, Trigger,
+    ActionId, Body, ChannelId, Delay, Direction, Effect, Nanos, Origin, Payload, PortId,
+    ProgramBuilder, ReactionId, ReactionSpec, Reading, Scheduler, Trigger,
 };
 use hprm_store::{Object, Store};
 
@@ -57,7 +57,7 @@ impl Host for Everything {
         _: ChannelId,
         _: Payload,
         _: Vec<Object>,
-        _: PhysicalTime,
+        _: impl Reading,
         _: bool,
     ) -> Result<u64, Failure> {
         unreachable!("there is no network")

@@ -40,6 +40,7 @@ fn tests() -> Vec<Trial> {
         ),
         ("values_of_all_kinds_travel", values_of_all_kinds_travel),
         ("the_logical_trace_is_that_of_one_process", the_logical_trace_is_that_of_one_process),
+        ("a_federate_that_busy_polls_does_not_sleep", a_federate_that_busy_polls_does_not_sleep),
         ("a_bank_of_federates", a_bank_of_federates),
         ("a_program_states_how_large_its_stores_are", a_program_states_how_large_its_stores_are),
         ("connections_have_delays_and_clocks", connections_have_delays_and_clocks),
@@ -171,6 +172,14 @@ fn the_logical_trace_is_that_of_one_process() {
     assert_eq!(traces[0], traces[1]);
     assert_eq!(traces[1], traces[2]);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+}
+
+fn a_federate_that_busy_polls_does_not_sleep() {
+    for (seconds, how) in [("1", "polls"), ("0", "sleeps")] {
+        let output = run(&["spinning", seconds]);
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        assert_eq!(sorted(&output.stdout), [format!("[hub] {how}"), format!("[node] {how}")]);
+    }
 }
 
 fn a_bank_of_federates() {

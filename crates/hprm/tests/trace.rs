@@ -6,8 +6,8 @@ use std::sync::Arc;
 use hprm::trace::{Described, Digester, Trace};
 use hprm::{Failure, Host, Inbox, run_whole_traced};
 use hprm_core::{
-    Body, ChannelId, Delay, Direction, Effect, Origin, Payload, PhysicalTime, PortId, Program,
-    ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler, Trigger,
+    Body, ChannelId, Delay, Direction, Effect, Origin, Payload, PortId, Program, ProgramBuilder,
+    Properties, ReactionId, ReactionSpec, Reading, Scheduler, Trigger,
 };
 use hprm_store::{Object, Store};
 
@@ -63,7 +63,7 @@ impl Host for Numbers {
         _: ChannelId,
         _: Payload,
         _: Vec<Object>,
-        _: PhysicalTime,
+        _: impl Reading,
         _: bool,
     ) -> Result<u32, Failure> {
         unreachable!("there is no network")

@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io;
+use std::mem;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use hprm_core::limits::EAGER_BUFFER;
@@ -42,6 +43,8 @@ pub(super) struct FederateLinks {
     host: HostId,
     serials: LinkSerials,
     descriptors: Descriptors,
+    /// Whether a link may have something to write. If not, a flush looks at none of them.
+    may_have_outbound: bool,
     /// The failure of a write for which this process had no memory. The next read returns it.
     write_failure: Option<Failure>,
 }
@@ -178,6 +181,7 @@ impl FederateLinks {
             advertised,
             serials: LinkSerials::default(),
             descriptors: BTreeMap::new(),
+            may_have_outbound: true,
             write_failure: None,
         })
     }
@@ -258,6 +262,7 @@ impl FederateLinks {
         match self.network.connect(address, Purpose::Messages, &self.keys, deadline) {
             Ok(mut link) => {
                 link.queue(hello.clone(), None);
+                self.may_have_outbound = true;
                 self.polled.outgoing.insert(peer, PolledLink::new(link));
                 self.serials.open(peer);
                 None
@@ -331,6 +336,7 @@ impl FederateLinks {
     pub(super) fn send_to_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if let Some(polled) = &mut self.polled.rti {
             polled.link.queue(frame, descriptor);
+            self.may_have_outbound = true;
         }
     }
 
@@ -344,6 +350,7 @@ impl FederateLinks {
         let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
         if let Some(polled) = link {
             polled.link.queue(frame, descriptor);
+            self.may_have_outbound = true;
         }
     }
 
@@ -355,9 +362,14 @@ impl FederateLinks {
     /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
     /// ended, or that there was no memory for a frame.
     pub(super) fn flush(&mut self) {
-        let Self { polled, write_failure, .. } = self;
+        if !mem::take(&mut self.may_have_outbound) {
+            return;
+        }
+        let Self { polled, write_failure, may_have_outbound, .. } = self;
         for link in polled.links_mut() {
-            match link.flush() {
+            let flushed = link.flush();
+            *may_have_outbound |= link.has_outbound();
+            match flushed {
                 Ok(()) => {}
                 Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
                     write_failure.get_or_insert_with(|| no_memory(&error));
@@ -425,6 +437,7 @@ impl FederateLinks {
             && let Some(link) = self.search.try_if_due(&self.keys, &self.network)?
         {
             self.polled.rti = Some(PolledLink::new(link));
+            self.may_have_outbound = true;
             self.rti_link_lost = false;
             inputs.push((LinkSerial::RTI, Input::Rejoins));
         }
@@ -459,6 +472,7 @@ impl FederateLinks {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
                 link.queue(welcome, None);
+                self.may_have_outbound = true;
                 self.polled.incoming.insert(from, PolledLink::new(link));
                 inputs.push((self.serials.accept(from), Input::PeerUp(from)));
             }

@@ -33,7 +33,9 @@ impl Time {
 
     /// Asks for the time if it is time for that.
     pub(super) fn ask(&mut self, links: &mut FederateLinks) {
-        if let Some(question) = self.sync.ask(Clock::local()) {
+        if self.sync.next_wakeup().is_some()
+            && let Some(question) = self.sync.ask(Clock::local())
+        {
             links.send_to_rti(question, None);
         }
     }

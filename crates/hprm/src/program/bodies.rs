@@ -6,8 +6,8 @@ use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::{
-    Body, ChannelId, Effect, Effects, FederateId, Payload, PhysicalTime, PortId, Program, Reaction,
-    ReactionId, ReactorId, Scheduler, Table, Trigger, Turn,
+    Body, ChannelId, Effect, Effects, FederateId, Payload, PortId, Program, Reaction, ReactionId,
+    ReactorId, Reading, Scheduler, Table, Trigger, Turn,
 };
 use hprm_store::{Object, Store, StoreAllocator};
 
@@ -263,7 +263,7 @@ impl Host for Bodies {
         channel: ChannelId,
         payload: Payload,
         objects: Vec<Object>,
-        _arrival: PhysicalTime,
+        _arrival: impl Reading,
         _is_local: bool,
     ) -> Result<Value, Failure> {
         self.transport().decode(channel, payload, objects)

@@ -21,7 +21,7 @@ use hprm::{FederationId, HangTimeout};
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{
     Body, ChannelId, Coordination, Delay, Direction, Effect, FederateId, Nanos, Part, Payload,
-    PhysicalTime, PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Scheduler,
+    PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Reading, Scheduler,
     Trigger,
 };
 use hprm_store::{Object, Store, StoreLimits};
@@ -94,7 +94,7 @@ impl Host for Closures {
         _: ChannelId,
         payload: Payload,
         mut objects: Vec<Object>,
-        _: PhysicalTime,
+        _: impl Reading,
         _: bool,
     ) -> Result<Bytes, Failure> {
         Ok(match (objects.pop(), payload.parts.into_iter().next()) {

@@ -1,5 +1,6 @@
 //! Programs of users, each a federation.
 
+mod spinning;
 mod values;
 
 use std::convert::Infallible;
@@ -25,6 +26,9 @@ pub(crate) fn run(name: &str, words: &[String]) -> ExitCode {
             }
             coordination => values::values(of("Values", coordination)).logical_trace(trace).run(),
         },
+        ("spinning", _) => {
+            spinning::spinning(word.parse().map_or(Duration::ZERO, Duration::from_secs)).run()
+        }
         ("bank", _) => bank(),
         ("large", [_]) => large(Federation::new("Large").store_limit(4_000_000)),
         ("large", _) => large(Federation::new("Large").store_limit(4_000_000).store_full_fails()),
