@@ -433,6 +433,10 @@ where
         let is_last = self.scheduler.end(Clock::now);
         self.phase = Phase::Running;
         self.send_all()?;
+        if !self.pace.may_linger(self.now) {
+            // Only the RTI waits for what is still to be said of this tag.
+            self.federation.links.flush_peers();
+        }
         self.handle(Input::Completed(tag))?;
         if let Some(maxwait) = self.host.take_maxwait() {
             self.handle(Input::Maxwait(maxwait))?;

@@ -300,6 +300,14 @@ impl Link {
         }
     }
 
+    /// Whether a later flush may have something to write.
+    pub(crate) fn must_flush_again(&self) -> bool {
+        match self {
+            Self::Stream(link) => link.must_flush_again(),
+            Self::Queue(link) => link.has_outbound(),
+        }
+    }
+
     /// Writes as much as the other end takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
         match self {

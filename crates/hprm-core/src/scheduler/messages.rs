@@ -10,6 +10,26 @@ use crate::{
     Tag,
 };
 
+/// What a clock shows at the end of a tag: it is read once, if anything depends on it.
+enum ReadOnce<R> {
+    Unread(Option<R>),
+    Read(PhysicalTime),
+}
+
+impl<R: Reading> ReadOnce<R> {
+    fn read(&mut self) -> PhysicalTime {
+        if let Self::Unread(clock) = self
+            && let Some(clock) = clock.take()
+        {
+            *self = Self::Read(clock.read());
+        }
+        match self {
+            Self::Read(time) => *time,
+            Self::Unread(_) => unreachable!("a clock that is taken is read"),
+        }
+    }
+}
+
 impl<V: Clone> Scheduler<V> {
     /// The next message to another federate, in the order in which they are to be sent.
     pub fn poll_outbound(&mut self) -> Option<OutboundMessage<V>> {
@@ -107,10 +127,10 @@ impl<V: Clone> Scheduler<V> {
         let mut ports = core::mem::take(&mut self.current.outbound_ports);
         // Not in the order of setting: the order of messages in the queue is part of the state.
         ports.sort_unstable();
-        let now = now.read();
+        let mut now = ReadOnce::Unread(Some(now));
         for root in ports.drain(..) {
             if let Some(value) = self.current.ports[root].take() {
-                self.send_value(root, &value, now);
+                self.send_value(root, &value, &mut now);
             }
         }
         // Its memory is used at later tags.
@@ -118,7 +138,7 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Sends the value at a root along the delayed connections and channels that start there.
-    fn send_value(&mut self, root: PortId, value: &V, now: PhysicalTime) {
+    fn send_value(&mut self, root: PortId, value: &V, now: &mut ReadOnce<impl Reading>) {
         let wiring = Arc::clone(&self.wiring);
         let marked = self.is_port_marked(root);
         for connection in &wiring.delayed[root] {
@@ -127,7 +147,7 @@ impl<V: Clone> Scheduler<V> {
             }
             let Connection { physical, delay, .. } = self.program.connections[*connection];
             if physical {
-                self.insert_by_clock(*connection, now, value.clone());
+                self.insert_by_clock(*connection, now.read(), value.clone());
                 continue;
             }
             let tag = self.assign(*connection, delay.shift(self.tag));
@@ -155,13 +175,13 @@ impl<V: Clone> Scheduler<V> {
         &mut self,
         root: PortId,
         tag: Tag,
-        (sender, now): (Option<FederateId>, PhysicalTime),
+        (sender, now): (Option<FederateId>, &mut ReadOnce<impl Reading>),
     ) {
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.unread[root] {
             let Connection { to, physical, delay, .. } = self.program.connections[*connection];
             let computed = match physical {
-                true => self.physical_tag(*connection, now).max(tag.succ()),
+                true => self.physical_tag(*connection, now.read()).max(tag.succ()),
                 false => delay.shift(tag),
             };
             let at = self.assign(*connection, computed);

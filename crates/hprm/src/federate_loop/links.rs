@@ -43,8 +43,10 @@ pub(super) struct FederateLinks {
     host: HostId,
     serials: LinkSerials,
     descriptors: Descriptors,
-    /// Whether a link may have something to write. If not, a flush looks at none of them.
-    may_have_outbound: bool,
+    /// Whether a link with a peer may have something to write. If not, a flush looks at none of them.
+    peers_may_have_outbound: bool,
+    /// The same for the link to the RTI.
+    rti_may_have_outbound: bool,
     /// The failure of a write for which this process had no memory. The next read returns it.
     write_failure: Option<Failure>,
 }
@@ -181,7 +183,8 @@ impl FederateLinks {
             advertised,
             serials: LinkSerials::default(),
             descriptors: BTreeMap::new(),
-            may_have_outbound: true,
+            peers_may_have_outbound: true,
+            rti_may_have_outbound: true,
             write_failure: None,
         })
     }
@@ -262,7 +265,7 @@ impl FederateLinks {
         match self.network.connect(address, Purpose::Messages, &self.keys, deadline) {
             Ok(mut link) => {
                 link.queue(hello.clone(), None);
-                self.may_have_outbound = true;
+                self.peers_may_have_outbound = true;
                 self.polled.outgoing.insert(peer, PolledLink::new(link));
                 self.serials.open(peer);
                 None
@@ -336,7 +339,7 @@ impl FederateLinks {
     pub(super) fn send_to_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if let Some(polled) = &mut self.polled.rti {
             polled.link.queue(frame, descriptor);
-            self.may_have_outbound = true;
+            self.rti_may_have_outbound = true;
         }
     }
 
@@ -350,7 +353,7 @@ impl FederateLinks {
         let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
         if let Some(polled) = link {
             polled.link.queue(frame, descriptor);
-            self.may_have_outbound = true;
+            self.peers_may_have_outbound = true;
         }
     }
 
@@ -362,20 +365,22 @@ impl FederateLinks {
     /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
     /// ended, or that there was no memory for a frame.
     pub(super) fn flush(&mut self) {
-        if !mem::take(&mut self.may_have_outbound) {
+        self.flush_peers();
+        if mem::take(&mut self.rti_may_have_outbound)
+            && let Some(rti) = &mut self.polled.rti
+        {
+            self.rti_may_have_outbound = flush(&mut rti.link, &mut self.write_failure);
+        }
+    }
+
+    /// The same for the links with peers alone.
+    pub(super) fn flush_peers(&mut self) {
+        if !mem::take(&mut self.peers_may_have_outbound) {
             return;
         }
-        let Self { polled, write_failure, may_have_outbound, .. } = self;
-        for link in polled.links_mut() {
-            let flushed = link.flush();
-            *may_have_outbound |= link.has_outbound();
-            match flushed {
-                Ok(()) => {}
-                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-                    write_failure.get_or_insert_with(|| no_memory(&error));
-                }
-                Err(_) => link.discard(),
-            }
+        let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
+        for peer in outgoing.values_mut().chain(incoming.values_mut()) {
+            self.peers_may_have_outbound |= flush(&mut peer.link, &mut self.write_failure);
         }
     }
 
@@ -424,12 +429,21 @@ impl FederateLinks {
     /// Waits until a link is ready, the loop is notified, or `until` has come.
     pub(super) fn wait(&mut self, inbox: &impl AsFd, until: Option<PhysicalTime>) -> Found {
         let until = until.into_iter().chain(self.openings.next_wakeup()).min();
-        self.poller.wait(&mut self.polled, inbox, until)
+        let found = self.poller.wait(&mut self.polled, inbox, until);
+        self.note_room(found)
     }
 
     /// Looks for what has come by now. It does not wait.
     pub(super) fn look(&mut self, inbox: &impl AsFd) -> Found {
-        self.poller.look(&mut self.polled, inbox)
+        let found = self.poller.look(&mut self.polled, inbox);
+        self.note_room(found)
+    }
+
+    /// Notes whether a link may take more than before.
+    fn note_room(&mut self, found: Found) -> Found {
+        self.peers_may_have_outbound |= found.peer_activity;
+        self.rti_may_have_outbound |= found.peer_activity;
+        found
     }
 
     fn read_rti(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
@@ -437,7 +451,7 @@ impl FederateLinks {
             && let Some(link) = self.search.try_if_due(&self.keys, &self.network)?
         {
             self.polled.rti = Some(PolledLink::new(link));
-            self.may_have_outbound = true;
+            self.rti_may_have_outbound = true;
             self.rti_link_lost = false;
             inputs.push((LinkSerial::RTI, Input::Rejoins));
         }
@@ -472,7 +486,7 @@ impl FederateLinks {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
                 link.queue(welcome, None);
-                self.may_have_outbound = true;
+                self.peers_may_have_outbound = true;
                 self.polled.incoming.insert(from, PolledLink::new(link));
                 inputs.push((self.serials.accept(from), Input::PeerUp(from)));
             }
@@ -522,6 +536,18 @@ impl FederateLinks {
         ended.drain(..).for_each(|peer| drop(incoming.remove(&peer)));
         Ok(())
     }
+}
+
+/// Writes what can be written to a link. Returns whether it must be flushed again.
+fn flush(link: &mut Link, write_failure: &mut Option<Failure>) -> bool {
+    match link.flush() {
+        Ok(()) => {}
+        Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+            write_failure.get_or_insert_with(|| no_memory(&error));
+        }
+        Err(_) => link.discard(),
+    }
+    link.must_flush_again()
 }
 
 /// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has

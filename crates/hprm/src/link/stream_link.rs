@@ -198,6 +198,12 @@ impl StreamLink {
         !self.is_write_closed && (more || self.stream.has_outbound())
     }
 
+    /// Whether a later flush may have something to write: frames also wait for the end of the handshake.
+    pub(crate) fn must_flush_again(&self) -> bool {
+        let waits = self.handshake.is_some() || self.outbound.is_some();
+        !self.is_write_closed && (waits || self.stream.has_outbound())
+    }
+
     /// Whether bytes wait until the socket takes more. Bytes that wait for room in a ring buffer do not count:
     /// the peer notifies the loop when it has made room.
     pub(crate) fn waits_for_socket(&self) -> bool {
