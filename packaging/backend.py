@@ -4,8 +4,8 @@ maturin compiles one crate. So it is given a program in the place of cargo, `car
 the command in the same run of cargo, for the same target, and puts it where maturin finds scripts.
 What a wheel is, is maturin's subject.
 
-Wheels have `hprm diagram`, whose layout takes most of a minute to compile; a build of a checkout has it if the
-environment variable HPRM_DIAGRAM is 1.
+Wheels have `hprm diagram`, whose layout takes most of a minute to compile; a build of a checkout
+has it if the environment variable HPRM_DIAGRAM is 1.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use hprm::{Label, Report};
-use hprm_model::{Compiled, Diagnostic, Severity, Sources, Span};
+use hprm_model::{CompileFailure, Compiled, Diagnostic, Severity, Sources, Span};
 use serde_json::{Value, json};
 
 use crate::args::Check;
@@ -24,28 +24,36 @@ use crate::{bodies, executable, explain};
 pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode>, Error> {
     match program.compile()? {
         Outcome::Right(compiled) => Ok(Ok(*compiled)),
-        Outcome::Undeclared(Undeclared { code, reports }) => {
-            if !message::speaks_json() {
-                show_reports(&reports);
-                if codes_of(&reports).next().is_some() {
-                    message::print_error(b"\n");
-                    explain::offer(codes_of(&reports));
-                }
-            } else {
-                reports.into_iter().for_each(|report| Error::from(report).show());
-            }
-            Ok(Err(code))
-        }
+        Outcome::Undeclared(undeclared) => Ok(Err(show_undeclared(undeclared))),
         Outcome::Wrong(failure) => {
-            if message::speaks_json() {
-                let reports = hprm::Failure::mistakes(&failure, false).reports();
-                reports.into_iter().for_each(|report| Error::from(report).show());
-            } else {
-                show(&failure.diagnostics, &failure.sources);
-                explain::offer(failure.diagnostics.iter().map(|it| it.code));
-            }
+            show_mistakes(&failure);
             Ok(Err(ExitCode::FAILURE))
         }
+    }
+}
+
+/// Shows why a program in Python has not declared itself; what the command ends with.
+pub(crate) fn show_undeclared(Undeclared { code, reports }: Undeclared) -> ExitCode {
+    if !message::speaks_json() {
+        show_reports(&reports);
+        if codes_of(&reports).next().is_some() {
+            message::print_error(b"\n");
+            explain::offer(codes_of(&reports));
+        }
+    } else {
+        reports.into_iter().for_each(|report| Error::from(report).show());
+    }
+    code
+}
+
+/// Shows what is wrong with a program.
+pub(crate) fn show_mistakes(failure: &CompileFailure) {
+    if message::speaks_json() {
+        let reports = hprm::Failure::mistakes(failure, false).reports();
+        reports.into_iter().for_each(|report| Error::from(report).show());
+    } else {
+        show(&failure.diagnostics, &failure.sources);
+        explain::offer(failure.diagnostics.iter().map(|it| it.code));
     }
 }
 

@@ -42,7 +42,6 @@ mod drawing {
     use crate::args::Diagram;
     use crate::check;
     use crate::draft;
-    use crate::explain;
     use crate::message::{self, Error};
     use crate::source::Outcome;
 
@@ -59,14 +58,13 @@ mod drawing {
     pub(super) fn diagram(wanted: &Diagram) -> Result<ExitCode, Error> {
         let format = format(wanted)?;
         let (mut outline, code) = match wanted.program().draw()? {
-            Outcome::Ended(code) => return Ok(code),
+            Outcome::Undeclared(undeclared) => return Ok(check::show_undeclared(undeclared)),
             Outcome::Right(compiled) => {
                 check::show_warnings(&compiled);
                 (compiled.outline, ExitCode::SUCCESS)
             }
             Outcome::Wrong(failure) => {
-                check::show(&failure.diagnostics, &failure.sources);
-                explain::offer(failure.diagnostics.iter().map(|it| it.code));
+                check::show_mistakes(&failure);
                 (failure.outline.map(|outline| *outline), ExitCode::FAILURE)
             }
         };

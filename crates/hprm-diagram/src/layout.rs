@@ -119,7 +119,7 @@ fn box_options(node: &Node) -> Value {
         "elk.nodeSize.options": "[DEFAULT_MINIMUM_SIZE, ASYMMETRICAL]",
         "elk.nodeSize.minimum": if is_open { "(60,40)" } else { "(70,44)" },
         "elk.nodeLabels.padding": "[top=6,left=10,bottom=4,right=10]",
-        "elk.portLabels.placement": if is_open { "[OUTSIDE, ALWAYS_OTHER_SAME_SIDE]" } else { "[INSIDE]" },
+        "elk.portLabels.placement": if is_open { "[OUTSIDE, ALWAYS_OTHER_SAME_SIDE]" } else { "[INSIDE, NEXT_TO_PORT_IF_POSSIBLE]" },
         "elk.spacing.portPort": 14,
         "elk.spacing.labelPortHorizontal": 3,
         "elk.spacing.labelPortVertical": 2,

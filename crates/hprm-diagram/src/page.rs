@@ -21,6 +21,19 @@ const MOST_BYTES: usize = 8_000_000;
 /// The most parts of a diagram that a page begins with.
 const MOST_PARTS: usize = 120;
 
+/// What is often in pictures, in whose place pages have characters that no text has (`escaped`).
+const SHORT: [&str; 9] = [
+    " lengthAdjust=\"spacingAndGlyphs\" xml:space=\"preserve\">",
+    " text-anchor=\"middle\" font-size=\"",
+    "\" stroke-width=\"1\" stroke-linejoin=\"round\"",
+    " stroke-linejoin=\"round\"",
+    "\" stroke-width=\"",
+    "\" fill=\"#",
+    "\" stroke=\"#",
+    " textLength=\"",
+    "<path d=\"M",
+];
+
 static TEMPLATE: &str = include_str!("templates/page.html");
 
 /// The reactors that are open, the main reactor apart.
@@ -62,7 +75,7 @@ pub fn page(
         .map(|reactor| reactor.parent.map_or(Value::Null, Value::from))
         .collect();
     let names: Vec<&str> = outline.reactors.iter().map(|reactor| &*reactor.name).collect();
-    let data = json!({ "begin": begin, "states": pictures, "parents": parents, "names": names });
+    let data = json!({ "begin": begin, "states": pictures, "parents": parents, "names": names, "short": SHORT });
     // Nothing in the data can end the element that contains it.
     let data = data.to_string().replace('<', "\\u003c");
     let name = outline.reactors.first().map_or("", |main| &main.name);
@@ -86,9 +99,15 @@ fn picture(
         "open": open,
         "width": graph.size.x,
         "height": graph.size.y,
-        "svg": body(&graph, images),
+        "svg": shortened(body(&graph, images)),
     });
     Ok((graph.nodes.len(), picture))
+}
+
+fn shortened(picture: String) -> String {
+    let replaced = |text: String, (sign, long): (char, &str)| text.replace(long, &sign.to_string());
+    let signs = ('\u{e000}'..).zip(SHORT);
+    signs.fold(picture, replaced)
 }
 
 /// The reactors that open.

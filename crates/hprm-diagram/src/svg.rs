@@ -122,6 +122,8 @@ pub(crate) fn escaped(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\n' | '\t' | '\r' => out.push(' '),
+            // Pages have other uses for these characters, which have no meaning of their own.
+            '\u{e000}'..='\u{e0ff}' => out.push('\u{fffd}'),
             c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => {}
             c => out.push(c),
         }

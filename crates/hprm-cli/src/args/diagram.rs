@@ -1,5 +1,8 @@
 //! What can be typed after `hprm diagram`.
 
+// A command that cannot draw reads none of it, and knows it for its help.
+#![cfg_attr(not(feature = "diagram"), allow(dead_code))]
+
 use std::ffi::OsStr;
 use std::path::PathBuf;
 
