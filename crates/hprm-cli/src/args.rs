@@ -777,7 +777,7 @@ mod tests {
             &["hprm"][..],
             &["hprm", "run"],
             &["hprm", "check"],
-            &["hprm", "dance"],
+            &["hprm", "juggle"],
             &["hprm", "run", "--workers", "-1", "A.lf"],
             &["hprm", "run", "--workers", "1001", "A.lf"],
             &["hprm", "run", "--store-limit", "much", "A.lf"],
