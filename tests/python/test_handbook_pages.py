@@ -21,6 +21,7 @@ NOT_RUN = {
     "howto/from-ros2.md": ["rclpy comes with an installation of ROS 2"],
     "howto/mixed.md": ["test_mixed.py runs it, with an executable that cargo has built"] * 2,
     "howto/profiling.md": ["py-spy needs the permission to trace processes"],
+    "howto/tracing.md": ["test_run_trace.py runs it, in several processes"],
     "reference/command-line.md": ["jq is not on every machine"],
 }
 
