@@ -450,6 +450,34 @@ fn parts_of_another_reactor_are_refused_by_name_and_line() {
 }
 
 #[test]
+fn what_makes_the_graph_wrong_is_located() {
+    fn ports(r: &mut ReactorBuilder<'_, ()>) -> (InputPort<u8>, OutputPort<u8>) {
+        let (inp, out) = (r.input("inp"), r.output("out"));
+        r.reaction().on(inp).sets(out).run(|(), _| ());
+        (inp, out)
+    }
+    let mut program = Program::new("Main").fast();
+    let [a, b, c] = ["a", "b", "c"].map(|name| program.reactor(name, (), ports));
+    program.connect(a.1, c.0);
+    let line = line!();
+    program.connect(b.1, c.0);
+    let expected = [("port Main.c.inp has two sources".to_owned(), line + 1)];
+    assert_eq!(located_mistakes(program), expected);
+
+    let mut program = Program::new("Main").fast();
+    let line = line!();
+    let (inp, out) = program.reactor("a", (), |a| {
+        let (inp, out) = (a.input::<u8>("inp"), a.output::<u8>("out"));
+        a.reaction().on(inp).sets(out).run(|(), _| ());
+        (inp, out)
+    });
+    program.connect(out, inp);
+    let found = located_mistakes(program);
+    assert!(found[0].0.starts_with("reactions depend on one another in a cycle"), "{found:?}");
+    assert_eq!(found[0].1, line + 3);
+}
+
+#[test]
 fn a_name_is_taken_once_in_a_reactor() {
     let mut program = Program::new("Main").fast();
     let line = line!();

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use hprm_core::{
     ActionId, Connection, Delay, Direction, Effect, ModeId, Port, PortId, Program, ProgramBuilder,
-    Properties, ReactionId, ReactionSpec, ReactorId, Trigger,
+    ProgramError, Properties, ReactionId, ReactionSpec, ReactorId, Trigger,
 };
 
 use super::bodies::Bodies;
@@ -52,6 +52,27 @@ pub(super) struct Graph {
 struct Sites {
     connections: BTreeMap<(PortId, PortId), At>,
     reactions: BTreeMap<ReactionId, At>,
+}
+
+impl Sites {
+    /// What is wrong with the graph, and a place in the source that makes it so, if it is known.
+    fn placed(&self, mistake: ProgramError) -> Failure {
+        let at = match &mistake {
+            ProgramError::CausalityLoop { reactions, .. } => {
+                reactions.iter().find_map(|reaction| self.reactions.get(reaction))
+            }
+            ProgramError::TwoSources { port, .. } | ProgramError::ConnectionLoop { port, .. } => {
+                let leading = self.connections.iter().filter(|((_, to), _)| to == port);
+                // The one that was added to the others.
+                leading.map(|(_, at)| at).max()
+            }
+            _ => None,
+        };
+        match at {
+            Some(at) => Failure::Mistakes(vec![located(Failure::from(mistake).report(), at)]),
+            None => mistake.into(),
+        }
+    }
 }
 
 impl Graph {
@@ -229,7 +250,7 @@ impl Graph {
         }
         let program = match self.parts.build(self.connections, properties) {
             Ok(program) => program,
-            Err(Unbuilt::Wrong(mistake)) => return Err(mistake.into()),
+            Err(Unbuilt::Wrong(mistake)) => return Err(self.sites.placed(mistake)),
             Err(Unbuilt::Differs(report)) => return Err(Failure::Mistakes(vec![*report])),
         };
         let mistakes = mistakes(&program, &self.sites);
