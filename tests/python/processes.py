@@ -13,8 +13,11 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import IO
+
+ROOT = Path(__file__).resolve().parents[2]
 
 COORDINATIONS = ["centralized", "decentralized"]
 
@@ -176,6 +179,16 @@ def call(
     )
     assert outcome.returncode == code, outcome.stdout + outcome.stderr
     return outcome
+
+
+@cache
+def rust_examples() -> Path:
+    """Where the examples in Rust are, which are built together, once."""
+    # As `make test` builds them: other packages would mean other features, and another build.
+    packages = ["--workspace", "--exclude", "hprm-python"]
+    built = ["cargo", "build", "--quiet", "--offline", *packages, "--examples"]
+    subprocess.run(built, cwd=ROOT, check=True, timeout=600)
+    return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "debug" / "examples"
 
 
 def free_ports(count: int) -> list[int]:

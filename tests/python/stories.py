@@ -16,9 +16,9 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
+from processes import rust_examples
 from sybil import Document, Region, Sybil
 from sybil.parsers.markdown.lexers import RawFencedCodeBlockLexer
 
@@ -134,14 +134,6 @@ def same(expected: str, printed: str) -> bool:
     if pattern(expected).fullmatch(printed):
         return True
     return bool(pattern(by_speaker(expected)).fullmatch(by_speaker(printed)))
-
-
-@cache
-def examples() -> Path:
-    """Where the examples in Rust are, which are built together, once."""
-    built = ["cargo", "build", "--quiet", "--offline", "-p", "hprm", "--examples"]
-    subprocess.run(built, cwd=ROOT, check=True, timeout=600)
-    return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "debug" / "examples"
 
 
 @dataclass
@@ -276,7 +268,7 @@ class Story:
         for name, what in self.stand_ins.items():
             text = text.replace(name, what)
         # Cargo would do the same, after it has looked for changes.
-        return EXAMPLE.sub(lambda found: str(examples() / found["name"]), text)
+        return EXAMPLE.sub(lambda found: str(rust_examples() / found["name"]), text)
 
     def expect(self, known: Block, command: str, expected: str, printed: str) -> None:
         """Compare what was printed with what the page shows."""

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import kinds
 import numpy as np
 import pytest
+from processes import rust_examples
 
 from hprm import _kinds
 from hprm._hprm import decode, encode
@@ -57,7 +58,7 @@ class RefusedError(Exception):
 @pytest.fixture(scope="module")
 def rust() -> Iterator[Rust]:
     """Sends a value to Rust, as one of a type; returns what comes back, and what Rust has seen."""
-    run = ["cargo", "run", "--quiet", "--offline", "-p", "hprm-codec", "--example", "convert"]
+    run = [rust_examples() / "convert"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(run, cwd=ROOT, **pipes) as process:  # type: ignore[call-overload]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import COORDINATIONS, Bench, hear
+from processes import COORDINATIONS, Bench, hear, rust_examples
 from test_network import CERTIFICATES
 
 ROOT = Path(__file__).parents[2]
@@ -117,12 +117,7 @@ COMMANDED = (
 @pytest.fixture(scope="module")
 def examples() -> Path:
     """The folder of the executables."""
-    executables = ("brighten", "camera", "controller", "federation")
-    names = [word for it in executables for word in ("--example", it)]
-    built = ["cargo", "build", "--quiet", "--offline", "-p", "hprm", *names]
-    subprocess.run(built, cwd=ROOT, check=True, timeout=600)
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    return target / "debug" / "examples"
+    return rust_examples()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 /// Each example that is in Rust only, and what it prints.
 const EXAMPLES: [(&str, &str); 2] = [
@@ -35,9 +36,22 @@ fn cargo(folder: &Path, arguments: &[&str]) -> Output {
     output
 }
 
+/// Where the examples are. They are built once, together with what is built for other tests: other packages would mean
+/// other features, and another build.
+fn examples() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let packages = ["--workspace", "--exclude", "hprm-python", "--examples"];
+        cargo(&root(), &[&["build", "--quiet", "--offline"], &packages[..]].concat());
+        // The folder of this test is `deps`, beside that of the examples.
+        std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("examples")
+    })
+}
+
 fn run_example(name: &str) -> String {
-    let run = ["run", "--quiet", "--offline", "-p", "hprm", "--example", name];
-    String::from_utf8(cargo(&root(), &run).stdout).unwrap()
+    let output = Command::new(examples().join(name)).current_dir(root()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
 }
 
 /// The examples that the READMEs in `examples/` run with cargo, and what each prints.
@@ -101,8 +115,7 @@ fn examples_of_the_gallery_print_what_their_readmes_say() {
 #[test]
 fn a_federate_that_is_started_alone_says_what_it_is() {
     for name in FEDERATES {
-        let run = ["run", "--quiet", "--offline", "-p", "hprm", "--example", name];
-        let output = Command::new(env!("CARGO")).args(run).current_dir(root()).output().unwrap();
+        let output = Command::new(examples().join(name)).current_dir(root()).output().unwrap();
         let shown = String::from_utf8(output.stderr).unwrap();
         assert!(
             shown.contains("is a federate of a program that is described elsewhere"),
