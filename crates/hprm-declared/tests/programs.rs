@@ -324,8 +324,11 @@ fn what_is_no_declaration_is_one_error() {
     let wrong = |text| {
         let compiled = hprm_lf::compile_declared(text, &[], &mut no_files(), Purpose::Run);
         let error = compiled.unwrap_err().to_string();
-        // The order in which an object's members were written depends on the features of serde_json.
-        error.split(" at line 1 column 17").next().unwrap().to_owned()
+        // Where in the text of a whole program, depends on the order of members, and that on how serde_json was built.
+        match error.split_once(" at line 1 column ") {
+            Some((what, column)) if column.len() > 3 => what.to_owned(),
+            _ => error,
+        }
     };
     let found: Vec<_> = all.map(wrong).collect();
     assert_snapshot!(found.join("\n"), @r#"
