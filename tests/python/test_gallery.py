@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import free_ports
+from processes import free_ports, rust_examples
 from readme import Command, Terminals, readmes
-from stories import examples, same
+from stories import same
 
 BIN = Path(sys.executable).parent
 READMES = readmes()
@@ -50,7 +50,7 @@ def test_terminals_show_what_the_readme_says(
     (port,) = free_ports(1)
     stand_ins = {"15045": str(port), "robot.local": "localhost"}
     if any("target/debug" in (step.command or "") for step in terminals.steps):
-        stand_ins["target/debug/examples"] = str(examples())
+        stand_ins["target/debug/examples"] = str(rust_examples())
     terminals.run(place, ENVIRONMENT, stand_ins)
 
 
