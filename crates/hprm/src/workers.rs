@@ -59,6 +59,15 @@ struct Ran<V> {
     took: Nanos,
 }
 
+/// How many threads run the reactions of a program; the thread of the loop is one of them.
+pub(crate) fn count(program: &Program) -> usize {
+    match program.properties.workers {
+        None => 1,
+        Some(0) => thread::available_parallelism().map_or(1, usize::from),
+        Some(workers) => workers as usize,
+    }
+}
+
 impl<V: Clone> Workers<V> {
     /// As many as the program says. If there is a trace, the scheduler must be recording.
     ///
@@ -71,11 +80,7 @@ impl<V: Clone> Workers<V> {
         trace: Option<Trace>,
         recorder: Recorder,
     ) -> Result<Self, Failure> {
-        let workers = match program.properties.workers {
-            None => 1,
-            Some(0) => thread::available_parallelism().map_or(1, usize::from),
-            Some(workers) => workers as usize,
-        };
+        let workers = count(program);
         let lag = LagWatch::new(program.properties.fast, program.reactions.len());
         if workers <= 1 {
             return Ok(Self {

@@ -17,6 +17,7 @@ use super::names::{Member, Names};
 use super::share::ShareWriter;
 use super::shares::Shares;
 use super::{Recorder, Tracepoints};
+use crate::workers;
 use crate::{Failure, Host, Label, Report};
 
 /// The environment variable.
@@ -94,11 +95,7 @@ impl LoopRecording {
         member: Member,
     ) -> Result<Self, Failure> {
         let Some(request) = request else { return Ok(Self::default()) };
-        let threads = match program.properties.workers {
-            None => 1,
-            Some(0) => std::thread::available_parallelism().map_or(1, usize::from),
-            Some(workers) => workers as usize,
-        };
+        let threads = workers::count(program);
         let shares = if request.is_share {
             None
         } else {
