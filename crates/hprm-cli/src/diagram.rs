@@ -36,6 +36,7 @@ mod drawing {
     use std::path::{Path, PathBuf};
     use std::process::ExitCode;
 
+    use base64::prelude::{BASE64_STANDARD, Engine};
     use hprm_diagram::{Graph, build, layout, page, png, svg};
     use hprm_model::outline::Outline;
 
@@ -173,34 +174,23 @@ mod drawing {
         let kind = KINDS.iter().find(|(known, _)| *known == ending);
         let (_, kind) = kind.ok_or("it is no .png, .jpg, .gif or .svg file")?;
         let bytes = fs::read(path).map_err(|error| message::reason(&error))?;
-        Ok(format!("data:image/{kind};base64,{}", base64(&bytes)))
-    }
-
-    /// Bytes as text.
-    fn base64(bytes: &[u8]) -> String {
-        const DIGITS: &[u8; 64] =
-            b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-        let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-        for group in bytes.chunks(3) {
-            let byte = |at: usize| u32::from(group.get(at).copied().unwrap_or(0));
-            let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
-            for digit in 0..4 {
-                let value = (bits >> (18 - 6 * digit)) & 63;
-                let is_there = digit <= group.len();
-                text.push(if is_there { char::from(DIGITS[value as usize]) } else { '=' });
-            }
-        }
-        text
+        Ok(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(bytes)))
     }
 
     #[cfg(test)]
     mod tests {
-        use super::base64;
+        use super::{address, fs};
 
         #[test]
         fn bytes_become_base64() {
-            let texts = ["", "f", "fo", "foo", "foob"].map(|text| base64(text.as_bytes()));
-            assert_eq!(texts, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg=="]);
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("icon.png");
+            let texts = ["", "f", "fo", "foo", "foob"].map(|text| {
+                fs::write(&path, text).unwrap();
+                address(&path).unwrap()
+            });
+            let expected = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg=="];
+            assert_eq!(texts, expected.map(|text| format!("data:image/png;base64,{text}")));
         }
     }
 }
