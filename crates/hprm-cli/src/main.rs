@@ -20,6 +20,7 @@ mod doctor;
 mod draft;
 mod executable;
 mod explain;
+mod frames;
 mod generate;
 mod hosts;
 mod join;
@@ -82,6 +83,10 @@ fn command() -> ExitCode {
     let _ = signals::survive_long_files();
     if let Err(wrong) = variables::obey(&arguments.command) {
         return usage::show(wrong, &words);
+    }
+    if let Err(error) = frames::put_into_environment(&arguments.command) {
+        error.show();
+        return ExitCode::FAILURE;
     }
     let outcome = match arguments.command {
         Command::New(new) => new::new(&new),

@@ -16,7 +16,7 @@ use hprm_core::{FederateId, Program};
 use crate::args::RtiArguments;
 use crate::message::{self, Error};
 use crate::roster::Roster;
-use crate::{check, secret, signals};
+use crate::{check, frames, secret, signals};
 
 /// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
 /// that the RTI can still tell the others.
@@ -36,6 +36,7 @@ pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
     };
     require_federation(&compiled.program, &arguments.file)?;
     check::show_warnings(&compiled);
+    frames::begin(&arguments.frames, Some(&compiled.program))?;
     let secret = secret::of_rti(&arguments.secret)?;
     if secret.is_none() {
         arguments.listen.iter().try_for_each(refuse_without_secret)?;

@@ -17,7 +17,9 @@ use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::source::Program as Wanted;
-use crate::{check, declare, executable, hosts, join, python, rti, secret, signals, threads};
+use crate::{
+    check, declare, executable, frames, hosts, join, python, rti, secret, signals, threads,
+};
 
 /// Runs a program to its end.
 ///
@@ -43,8 +45,12 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         false => python::find(&arguments.interpreter)?,
     };
     if !compiled.program.is_federated() {
+        if arguments.frames.are_asked_for() {
+            return Err(without_frames(&arguments.file));
+        }
         return Err(replace(alone(&python, arguments, None)));
     }
+    frames::begin(&arguments.frames, Some(&compiled.program))?;
     check::show(&hosts::elsewhere(&compiled), &compiled.sources);
     if arguments.in_process {
         executable::refuse_threads(&compiled)?;
@@ -104,6 +110,11 @@ fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Er
     }
 }
 
+fn without_frames(file: &Path) -> Error {
+    Error::option(format!("{} has no frames to log", file.display()))
+        .hint("it has no federates: its main reactor is not federated")
+}
+
 fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
     let names: Vec<_> = program.federates.values().map(|federate| federate.name.as_str()).collect();
     let error = Error::option(format!("{} has no federate {name}", file.display()));
@@ -149,6 +160,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
             Err(code) => return Ok(code),
         }
     }
+    frames::begin(&arguments.frames, known.as_ref().map(|compiled| &*compiled.program))?;
     let rti = join::address(arguments, running.as_ref())?;
     let (secret, connect_timeout) = match running.as_ref().and_then(Record::federation) {
         Some(secret) => (secret, arguments.connect_timeout),

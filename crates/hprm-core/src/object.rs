@@ -88,6 +88,16 @@ impl Payload {
         Ok(Self { head: copy_of(&self.head)?, parts, physical: self.physical })
     }
 
+    /// How many bytes the value has, wherever they are.
+    #[must_use]
+    pub fn byte_count(&self) -> u64 {
+        let parts = self.parts.iter().map(|part| match part {
+            Part::Inline(bytes) => bytes.len() as u64,
+            Part::Object(object) => object.len,
+        });
+        self.head.len() as u64 + parts.sum::<u64>()
+    }
+
     /// The objects that this payload refers to.
     pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
         self.parts.iter().filter_map(|part| match part {

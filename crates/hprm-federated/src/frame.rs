@@ -457,52 +457,30 @@ pub enum Frame {
     },
 }
 
-impl Frame {
-    /// The name of its kind, for messages.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Hello { .. } => "Hello",
-            Self::Refused { .. } => "Refused",
-            Self::Peers { .. } => "Peers",
-            Self::PeerHello { .. } => "PeerHello",
-            Self::PeerWelcome { .. } => "PeerWelcome",
-            Self::Loaded => "Loaded",
-            Self::Ready { .. } => "Ready",
-            Self::Start { .. } => "Start",
-            Self::Joining { .. } => "Joining",
-            Self::Met { .. } => "Met",
-            Self::Joined { .. } => "Joined",
-            Self::Depart { .. } => "Depart",
-            Self::NextEventTag { .. } => "NextEventTag",
-            Self::NextEventLevel { .. } => "NextEventLevel",
-            Self::LatestTagConfirmed { .. } => "LatestTagConfirmed",
-            Self::DownstreamNextEventTag { .. } => "DownstreamNextEventTag",
-            Self::TagAdvanceGrant { .. } => "TagAdvanceGrant",
-            Self::ProvisionalTagAdvanceGrant { .. } => "ProvisionalTagAdvanceGrant",
-            Self::Message { .. } => "Message",
-            Self::Segment { .. } => "Segment",
-            Self::Retired { .. } => "Retired",
-            Self::Release { .. } => "Release",
-            Self::Processed { .. } => "Processed",
-            Self::StopRequest { .. } => "StopRequest",
-            Self::StopReply { .. } => "StopReply",
-            Self::StopGranted { .. } => "StopGranted",
-            Self::Progress { .. } => "Progress",
-            Self::Safe { .. } => "Safe",
-            Self::PortAbsent { .. } => "PortAbsent",
-            Self::Ping => "Ping",
-            Self::Pong => "Pong",
-            Self::Resign => "Resign",
-            Self::Leave { .. } => "Leave",
-            Self::Gone { .. } => "Gone",
-            Self::Failed { .. } => "Failed",
-            Self::ClockRequest { .. } => "ClockRequest",
-            Self::ClockReply { .. } => "ClockReply",
-            Self::ProgramRequest => "ProgramRequest",
-            Self::ProgramReply { .. } => "ProgramReply",
+/// Writes the names of all kinds, and which frame has which.
+macro_rules! kinds {
+    ($($kind:ident),* $(,)?) => {
+        impl Frame {
+            /// The names of all kinds of frames.
+            pub const KINDS: &'static [&'static str] = &[$(stringify!($kind)),*];
+
+            /// The name of its kind, for messages.
+            #[must_use]
+            pub fn name(&self) -> &'static str {
+                match self {
+                    $(Self::$kind { .. } => stringify!($kind),)*
+                }
+            }
         }
-    }
+    };
+}
+
+kinds! {
+    Hello, Refused, Peers, PeerHello, PeerWelcome, Loaded, Ready, Start, Joining, Met, Joined,
+    Depart, NextEventTag, NextEventLevel, LatestTagConfirmed, DownstreamNextEventTag,
+    TagAdvanceGrant, ProvisionalTagAdvanceGrant, Message, Segment, Retired, Release, Processed,
+    StopRequest, StopReply, StopGranted, Progress, Safe, PortAbsent, Ping, Pong, Resign, Leave,
+    Gone, Failed, ClockRequest, ClockReply, ProgramRequest, ProgramReply,
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use hprm_core::{FederateId, Part, Payload};
+use hprm_core::FederateId;
 use tracing::level_filters::LevelFilter;
 
 use crate::{Frame, Input, LinkId, Output, RtiInput, RtiOutput};
@@ -44,7 +44,7 @@ pub(crate) fn federate_input(input: &Input) {
             write_line!(FEDERATE, is_data(frame), "from {from:?}: {}", Shown(frame));
         }
         Input::Send { channel, tag, payload } => {
-            tracing::trace!(target: FEDERATE, "sends on {channel:?} for {tag}, {} bytes", size(payload));
+            tracing::trace!(target: FEDERATE, "sends on {channel:?} for {tag}, {} bytes", payload.byte_count());
         }
         // Each round of a driver has them.
         Input::Wake => {}
@@ -66,13 +66,13 @@ pub(crate) fn federate_output(output: &Output) {
             write_line!(FEDERATE, is_data(frame), "to {to:?}: {}", Shown(frame));
         }
         Output::Deliver { channel, tag, payload } => {
-            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at {tag}, {} bytes", size(payload));
+            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at {tag}, {} bytes", payload.byte_count());
         }
         Output::DeliverPhysical { channel, payload, .. } => {
-            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at its arrival, {} bytes", size(payload));
+            tracing::trace!(target: FEDERATE, "delivers from {channel:?} at its arrival, {} bytes", payload.byte_count());
         }
         Output::Discard { payload } => {
-            tracing::debug!(target: FEDERATE, "discards {} bytes", size(payload));
+            tracing::debug!(target: FEDERATE, "discards {} bytes", payload.byte_count());
         }
         Output::Released { .. } => tracing::trace!(target: FEDERATE, "{output:?}"),
         _ => tracing::debug!(target: FEDERATE, "{output:?}"),
@@ -138,15 +138,6 @@ fn is_data(frame: &Frame) -> bool {
     )
 }
 
-/// How many bytes a value has, wherever they are.
-fn size(payload: &Payload) -> u64 {
-    let parts = payload.parts.iter().map(|part| match part {
-        Part::Inline(bytes) => bytes.len() as u64,
-        Part::Object(object) => object.len,
-    });
-    payload.head.len() as u64 + parts.sum::<u64>()
-}
-
 /// A frame as a line shows it.
 struct Shown<'a>(&'a Frame);
 
@@ -154,7 +145,7 @@ impl fmt::Display for Shown<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Frame::Message { channel, tag, payload } => {
-                write!(f, "Message on {channel:?} for {tag}, {} bytes", size(payload))
+                write!(f, "Message on {channel:?} for {tag}, {} bytes", payload.byte_count())
             }
             Frame::ProgramReply { name, facts } => {
                 write!(f, "ProgramReply of {name} with {} facts", facts.len())

@@ -25,6 +25,7 @@ mod describing;
 mod disk;
 mod failure;
 mod federate_loop;
+mod frame_log;
 mod handover;
 mod host;
 mod inbox;
@@ -61,6 +62,7 @@ pub use describing::{DESCRIPTIONS, Descriptions, declaration_of, read_descriptio
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
 pub use federate_loop::{EndProcess, FederateOptions, Reach, run_federate, run_federate_in};
+pub use frame_log::{FRAMES, FRAMES_TO, begin_frame_log};
 pub use handover::{Handover, Meeting, Which};
 pub use host::{Host, SharedBodies};
 pub use hprm_codec::{Array, Dtype, Dynamic, DynamicArray, Element, ShapeError, Transfer};

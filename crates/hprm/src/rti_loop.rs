@@ -3,6 +3,7 @@
 //! The loop sends all frames that one round of reading causes in one write per link, so a message and the grant
 //! that it makes possible travel together. The machine decides which frames those are.
 
+mod logging;
 mod recording;
 
 use std::collections::BTreeMap;
@@ -28,6 +29,7 @@ use crate::recorder::TraceRequest;
 use crate::spin;
 use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
 
+use self::logging::RtiLog;
 use self::recording::RtiRecording;
 
 /// How long after the last federate is ready the program starts: enough for the start time to reach all
@@ -129,6 +131,8 @@ pub struct Rti {
     failure: Option<Failure>,
     finished: bool,
     recording: RtiRecording,
+    /// The log of all frames, if there is one.
+    log: RtiLog,
 }
 
 /// The open links of the RTI, and the acceptor of new ones.
@@ -244,6 +248,7 @@ impl Rti {
             failure: None,
             finished: false,
             recording: RtiRecording::default(),
+            log: RtiLog::open(&options.program, network)?,
         })
     }
 
@@ -383,6 +388,7 @@ impl Rti {
             self.descriptors.insert((*owner, *reader, *segment), fd);
         }
         self.recording.received(link, &frame);
+        self.log.received(link, &frame);
         self.handle_input(RtiInput::Frame { link, frame });
     }
 
@@ -471,6 +477,7 @@ impl Rti {
 
     fn send(&mut self, link: LinkId, frame: Frame) {
         self.recording.sent(link, &frame);
+        self.log.sent(link, &frame);
         let Some(link) = self.links.get(link) else { return };
         let descriptor = match &frame {
             Frame::Segment { owner, reader, segment, .. } => {

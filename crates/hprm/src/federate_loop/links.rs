@@ -17,6 +17,7 @@ use super::FederateOptions;
 use super::openings::Openings;
 use super::reach;
 use super::search::Search;
+use crate::frame_log::{FrameLog, Party};
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
@@ -49,6 +50,8 @@ pub(super) struct FederateLinks {
     rti_may_have_outbound: bool,
     /// The failure of a write for which this process had no memory. The next read returns it.
     write_failure: Option<Failure>,
+    /// The log of all frames, if there is one.
+    log: FrameLog,
 }
 
 /// The number of a link. A federate and a peer may open and close several links one after the other; a later
@@ -151,6 +154,9 @@ impl FederateLinks {
     /// Connects to the RTI, and listens for peers if the coordination needs them.
     pub(super) fn connect(options: &FederateOptions, network: Network) -> Result<Self, Failure> {
         let keys = Keys::new(options.federation, options.security.clone())?;
+        let me = Party::Federate(options.federate);
+        let in_process = matches!(network, Network::Process(_));
+        let log = FrameLog::of_this_process(&options.program, me, in_process)?;
         let mut search = Search::new(options);
         let rti = search.find(&keys, &network)?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
@@ -186,6 +192,7 @@ impl FederateLinks {
             peers_may_have_outbound: true,
             rti_may_have_outbound: true,
             write_failure: None,
+            log,
         })
     }
 
@@ -264,6 +271,7 @@ impl FederateLinks {
         let deadline = Deadline::at(Clock::now().plus(CONNECT_TIMEOUT));
         match self.network.connect(address, Purpose::Messages, &self.keys, deadline) {
             Ok(mut link) => {
+                self.log.sent(Party::Federate(peer), hello);
                 link.queue(hello.clone(), None);
                 self.peers_may_have_outbound = true;
                 self.polled.outgoing.insert(peer, PolledLink::new(link));
@@ -338,6 +346,7 @@ impl FederateLinks {
 
     pub(super) fn send_to_rti(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if let Some(polled) = &mut self.polled.rti {
+            self.log.sent(Party::Rti, &frame);
             polled.link.queue(frame, descriptor);
             self.rti_may_have_outbound = true;
         }
@@ -352,6 +361,7 @@ impl FederateLinks {
         let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
         let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
         if let Some(polled) = link {
+            self.log.sent(Party::Federate(to), &frame);
             polled.link.queue(frame, descriptor);
             self.peers_may_have_outbound = true;
         }
@@ -456,8 +466,9 @@ impl FederateLinks {
             inputs.push((LinkSerial::RTI, Input::Rejoins));
         }
         let Some(polled) = &mut self.polled.rti else { return Ok(()) };
-        let descriptors = &mut self.descriptors;
+        let (descriptors, log) = (&mut self.descriptors, &mut self.log);
         let open = polled.read(|frame, descriptor| {
+            log.received(Party::Rti, &frame);
             keep_descriptor(descriptors, &frame, descriptor);
             inputs.push((LinkSerial::RTI, Input::FromRti(frame)));
         });
@@ -485,6 +496,8 @@ impl FederateLinks {
         for (mut link, hello) in admitted {
             if let Some((from, welcome)) = admit(&hello) {
                 link.trust();
+                self.log.received(Party::Federate(from), &hello);
+                self.log.sent(Party::Federate(from), &welcome);
                 link.queue(welcome, None);
                 self.peers_may_have_outbound = true;
                 self.polled.incoming.insert(from, PolledLink::new(link));
@@ -502,35 +515,37 @@ impl FederateLinks {
             descriptors,
             serials,
             openings,
+            log,
             ..
         } = self;
+        let mut arriving = Arriving { descriptors, log, inputs };
         // A peer has two links with this federate if both opened one. When the outgoing link ends, messages of
         // the peer may still come over the incoming link, so the peer is lost only when that has ended too.
         let mut ended = Vec::new();
         for (peer, polled) in outgoing.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
             let serial = serials.outgoing(*peer);
-            let begun = inputs.len();
-            let end = read_peer(polled, (*peer, serial), descriptors, inputs)?;
+            let begun = arriving.inputs.len();
+            let end = arriving.read_peer(polled, (*peer, serial))?;
             let is_up = |(_, input): &(LinkSerial, Input)| matches!(input, Input::PeerUp(_));
-            if openings.contains(*peer) && inputs[begun..].iter().any(is_up) {
+            if openings.contains(*peer) && arriving.inputs[begun..].iter().any(is_up) {
                 openings.end(*peer);
             }
             let Some(error) = end else { continue };
             ended.push(*peer);
             if openings.contains(*peer) {
                 if let Some(reason) = openings.failed(*peer, &error, Clock::local()) {
-                    inputs.push((serial, Input::Unreachable { peer: *peer, reason }));
+                    arriving.inputs.push((serial, Input::Unreachable { peer: *peer, reason }));
                 }
             } else if !incoming.contains_key(peer) {
-                inputs.push((serial, Input::PeerLost(*peer)));
+                arriving.inputs.push((serial, Input::PeerLost(*peer)));
             }
         }
         ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
         for (peer, polled) in incoming.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
             let serial = serials.incoming(*peer);
-            if read_peer(polled, (*peer, serial), descriptors, inputs)?.is_some() {
+            if arriving.read_peer(polled, (*peer, serial))?.is_some() {
                 ended.push(*peer);
-                inputs.push((serial, Input::PeerLost(*peer)));
+                arriving.inputs.push((serial, Input::PeerLost(*peer)));
             }
         }
         ended.drain(..).for_each(|peer| drop(incoming.remove(&peer)));
@@ -550,31 +565,43 @@ fn flush(link: &mut Link, write_failure: &mut Option<Failure>) -> bool {
     link.must_flush_again()
 }
 
-/// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has
-/// ended. The function fails only if this process lacks memory or descriptors, because then the link itself is
-/// intact.
-fn read_peer(
-    polled: &mut PolledLink,
-    (from, serial): (FederateId, LinkSerial),
-    descriptors: &mut Descriptors,
-    inputs: &mut Vec<(LinkSerial, Input)>,
-) -> Result<Option<io::Error>, Failure> {
-    let open = polled.read(|frame, descriptor| {
-        if let Frame::PeerWelcome { .. } = frame {
-            inputs.push((serial, Input::PeerUp(from)));
-            return;
+/// Where what comes over the links with peers goes.
+struct Arriving<'a> {
+    descriptors: &'a mut Descriptors,
+    log: &'a mut FrameLog,
+    inputs: &'a mut Vec<(LinkSerial, Input)>,
+}
+
+impl Arriving<'_> {
+    /// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has
+    /// ended. The function fails only if this process lacks memory or descriptors, because then the link itself is
+    /// intact.
+    fn read_peer(
+        &mut self,
+        polled: &mut PolledLink,
+        (from, serial): (FederateId, LinkSerial),
+    ) -> Result<Option<io::Error>, Failure> {
+        let Self { descriptors, log, inputs } = self;
+        let open = polled.read(|frame, descriptor| {
+            log.received(Party::Federate(from), &frame);
+            if let Frame::PeerWelcome { .. } = frame {
+                inputs.push((serial, Input::PeerUp(from)));
+                return;
+            }
+            keep_descriptor(descriptors, &frame, descriptor);
+            inputs.push((serial, Input::FromPeer { from, frame }));
+        });
+        match open {
+            Ok(true) => Ok(None),
+            Ok(false) => Ok(Some(io::ErrorKind::ConnectionReset.into())),
+            Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {
+                Err(failure(broken))
+            }
+            Err(Broken::Link(error)) => Ok(Some(error)),
+            Err(Broken::Frame(error)) => {
+                Ok(Some(io::Error::new(io::ErrorKind::InvalidData, error)))
+            }
         }
-        keep_descriptor(descriptors, &frame, descriptor);
-        inputs.push((serial, Input::FromPeer { from, frame }));
-    });
-    match open {
-        Ok(true) => Ok(None),
-        Ok(false) => Ok(Some(io::ErrorKind::ConnectionReset.into())),
-        Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {
-            Err(failure(broken))
-        }
-        Err(Broken::Link(error)) => Ok(Some(error)),
-        Err(Broken::Frame(error)) => Ok(Some(io::Error::new(io::ErrorKind::InvalidData, error))),
     }
 }
 
