@@ -241,6 +241,7 @@ impl<V: Clone> Scheduler<V> {
 
     /// The same without regard to the last tag of the program, at which there may be nothing but its end.
     #[must_use]
+    #[inline]
     pub fn next_event(&self) -> Tag {
         if self.tag == Tag::NEVER {
             return self.first;
@@ -286,8 +287,8 @@ impl<V: Clone> Scheduler<V> {
         assert!(self.queue.first().is_none_or(|first| first >= tag), "an event would be skipped");
         let first = self.tag == Tag::NEVER;
         let starved = !first
-            && !self.outlives_its_events()
             && self.pending().is_none()
+            && !self.outlives_its_events()
             && !self.modes.has_due()
             && !self.departures.are_due();
         self.tag = tag;
@@ -306,10 +307,9 @@ impl<V: Clone> Scheduler<V> {
         for event in &mut events {
             self.process_event(event);
         }
-        // Nothing is left in them to be dropped.
-        events.drain(..).for_each(mem::forget);
-        mem::swap(&mut self.taken_events, &mut events);
-        mem::forget(events);
+        events.clear();
+        // What is replaced has no memory, so nothing has to look whether it should be freed.
+        mem::forget(mem::replace(&mut self.taken_events, events));
         if tag >= self.stop {
             self.queue.truncate(Tag::NEVER);
             self.queue_shutdown(|_| true);

@@ -152,13 +152,26 @@ impl<T> TagMap<T> {
     pub(crate) fn take(&mut self, tag: Tag, list: &mut Vec<T>) {
         debug_assert!(list.is_empty(), "entries of the list would move to another tag");
         if self.first != Some(tag) {
-            if let Some(entries) = self.later.remove(&tag) {
-                self.recycle(mem::replace(list, entries));
-            }
-            return;
+            return self.take_later(tag, list);
         }
         mem::swap(&mut self.entries, list);
         self.first = None;
+        if !self.later.is_empty() {
+            self.advance_first();
+        }
+    }
+
+    /// The same for a tag that is not the earliest one.
+    #[cold]
+    fn take_later(&mut self, tag: Tag, list: &mut Vec<T>) {
+        if let Some(entries) = self.later.remove(&tag) {
+            self.recycle(mem::replace(list, entries));
+        }
+    }
+
+    /// Makes the earliest of the other tags the first, whose list has been taken.
+    #[inline(never)]
+    fn advance_first(&mut self) {
         if let Some((next, entries)) = self.later.pop_first() {
             self.first = Some(next);
             let empty = mem::replace(&mut self.entries, entries);

@@ -35,9 +35,10 @@ impl Ready {
     /// Not ready.
     pub(crate) const NOT: Self = Self(PollFlags::empty());
 
-    /// Ready for what epoll reports with these bits, which are those of poll.
+    /// Ready for what epoll reports with these bits, which are those of poll. Their type depends on whether rustix uses
+    /// the C library, which is a feature that any crate of a program may turn on.
     pub(crate) fn of(bits: u32) -> Self {
-        Self(PollFlags::from_bits_retain(bits as u16))
+        Self(PollFlags::from_bits_retain(bits as _))
     }
 
     /// Whether it is ready for anything.
