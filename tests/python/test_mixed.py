@@ -175,6 +175,26 @@ def test_a_federate_that_is_killed_ends_the_federation(
     assert len(re.findall("^error", err, re.MULTILINE)) == 1, err
 
 
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_connections_of_executables_are_watched(
+    folder: Path, bench: Bench, coordination: str
+) -> None:
+    (folder / "Main.lf").write_text(MAIN.replace("timeout: 50 ms", ""))
+    process = bench.call("run", "--property", f"coordination={coordination}", "Main.lf")
+    values = {}
+    for port in ("camera.image", "controller.found", "controller.command"):
+        options = ["--once", "--json", "--wait", "30", "--of", str(process.pid)]
+        echo = bench.call("echo", port, *options)
+        out, err = echo.communicate(timeout=60)
+        assert echo.returncode == 0, err
+        values[port] = json.loads(out)["value"]
+    assert values["camera.image"]["array"]["shape"] == [480, 640]
+    assert values["controller.found"]["boxes"] == [[1, 2], [3, 4]]
+    assert values["controller.command"]["text"].startswith("turn to the cup ")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+
+
 def is_process_of(federate: str, pid: int) -> bool:
     """Return whether a process is that of a federate: an executable, or an interpreter."""
     words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")

@@ -10,6 +10,7 @@ mod frames;
 mod new;
 mod texts;
 mod tracing;
+mod watching;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -28,6 +29,7 @@ pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
 pub(crate) use crate::args::new::{Language, New};
 pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
+pub(crate) use crate::args::watching::{Echo, Of, Rate};
 use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
@@ -53,6 +55,8 @@ impl Arguments {
             | Command::Explain(_)
             | Command::Diff(_)
             | Command::Trace(_)
+            | Command::Echo(_)
+            | Command::Rate(_)
             | Command::Sim(_)
             | Command::Doctor(_)
             | Command::Completions(_)
@@ -78,6 +82,7 @@ Examples:
   hprm explain LF0503         what a mistake with this code is, and its cure
   hprm run --trace A.pftrace Main.lf    record when what happens, for Perfetto
   hprm verify Main.lf         run a program several times, and compare what it did
+  hprm echo camera.image      print what a federate of a running federation sends
   hprm doctor                 see whether this machine has what HPRM needs
 
 Exit codes: 0 all is well, 1 the program failed or is wrong, 2 wrong usage, 3 two runs differ,
@@ -93,6 +98,8 @@ pub(crate) enum Command {
     Diff(Diff),
     Trace(Trace),
     Verify(Verify),
+    Echo(Echo),
+    Rate(Rate),
     Rti(RtiArguments),
     Federate(FederateArguments),
     Compose(Compose),

@@ -14,7 +14,7 @@ const LEAST_STACK: u64 = 128 << 10;
 /// The descriptors that a process needs whose federates are threads: for modules that are being read, for the
 /// pipe for signals, and for notifiers; and those for each federate.
 const FILES_IN_PROCESS: u64 = 18;
-const FILES_OF_THREAD: u64 = 4;
+const FILES_OF_THREAD: u64 = 5;
 
 /// Raises the limit of the stack if it is low.
 ///

@@ -10,6 +10,7 @@
 mod args;
 mod bodies;
 mod check;
+mod columns;
 #[cfg(test)]
 mod commands_page;
 mod compose;
@@ -46,6 +47,7 @@ mod trace_file;
 mod usage;
 mod variables;
 mod verify;
+mod watching;
 
 use std::process::ExitCode;
 
@@ -97,6 +99,8 @@ fn command() -> ExitCode {
         Command::Diff(diff) => diff::diff(&diff),
         Command::Trace(trace) => trace_file::trace(&trace),
         Command::Verify(verify) => verify::verify(&verify),
+        Command::Echo(echo) => watching::echo(&echo),
+        Command::Rate(rate) => watching::rate(&rate),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
         Command::Compose(compose) => compose::compose(&compose),

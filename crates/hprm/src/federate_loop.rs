@@ -18,6 +18,7 @@ mod reach;
 mod recording;
 mod search;
 mod time;
+mod watchers;
 
 use std::mem;
 use std::sync::Arc;
@@ -215,6 +216,7 @@ where
             }
             self.read_inbox()?;
             self.read_links()?;
+            self.federation.serve_watchers();
             self.report_loaded()?;
             self.send_releases()?;
             self.handle(Input::Wake)?;
@@ -475,9 +477,12 @@ where
         let OutboundMessage { channel, tag, value, physical } = message;
         let route = self.scheduler.program().channels[channel];
         let to = route.to;
-        let Membership { machine, objects, links, .. } = &mut self.federation;
-        if !machine.is_live(to) {
+        if !self.federation.machine.is_live(to) {
             return Ok(());
+        }
+        let arrives = (!route.physical).then_some(tag);
+        if self.exchange.is_some() && self.federation.is_watched() {
+            self.show_reference((channel, arrives), &value);
         }
         if let Some(exchange) = &self.exchange {
             let mut payload = exchange.put(to, self.host.send_in_process(channel, &value)?);
@@ -485,17 +490,22 @@ where
             self.recorder.message(Kind::Sent, (channel, tag), Size::REFERENCE);
             return self.handle(Input::Send { channel, tag, payload });
         }
+        let Membership { machine, objects, links, .. } = &mut self.federation;
         let shares_memory = machine.shares_memory_with(to);
         let is_local = shares_memory && links.is_same_user(to);
+        let precede = shares_memory && links.descriptors_precede(to, route.physical);
         let copied = self.recorder.is_on().then(|| objects.store().stats().bytes_copied);
         let payload = self.host.encode(&mut objects.store(), channel, &value, is_local)?;
-        let (mut payload, changes) =
-            if shares_memory && links.descriptors_precede(to, route.physical) {
-                let changes = objects.share(&payload, to)?;
-                (payload, changes)
-            } else {
-                (objects.inline(payload)?, Changes::default())
-            };
+        if self.federation.is_watched() {
+            self.show((channel, arrives), Ok(&payload));
+        }
+        let objects = &mut self.federation.objects;
+        let (mut payload, changes) = if precede {
+            let changes = objects.share(&payload, to)?;
+            (payload, changes)
+        } else {
+            (objects.inline(payload)?, Changes::default())
+        };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;
         }

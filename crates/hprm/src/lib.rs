@@ -54,6 +54,7 @@ pub mod trace;
 mod value_exchange;
 mod variables;
 mod wait;
+pub mod watch;
 mod workers;
 
 pub use answer::Answer;

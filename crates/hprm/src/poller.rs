@@ -19,6 +19,7 @@ use crate::wait::{
     Few, Interest, Interests, KERNEL_POLL_INTERVAL, Readiness, Ready, SPIN_KERNEL_POLL_INTERVAL,
     Source, SourceId, wait,
 };
+use crate::watch::WatchServer;
 use epoll_set::EpollSet;
 pub(crate) use polled_link::{Broken, PolledLink};
 
@@ -41,6 +42,16 @@ pub(crate) trait PollSet {
 
     /// The same.
     fn acceptor_mut(&mut self) -> Option<&mut PolledAcceptor>;
+
+    /// What watches this loop from outside, if anything may.
+    fn watch(&self) -> Option<&WatchServer> {
+        None
+    }
+
+    /// The same.
+    fn watch_mut(&mut self) -> Option<&mut WatchServer> {
+        None
+    }
 
     /// Whether there may be something to read or to accept.
     fn may_be_readable(&self) -> bool {
@@ -253,6 +264,9 @@ impl Poller {
             notifier.clear();
             peer_activity = true;
         }
+        if let Some(watch) = on.watch_mut() {
+            watch.note(&mut ready);
+        }
         on.polled_links_mut().zip(&mut ready).for_each(|(polled, ready)| {
             polled.note(ready.can_be_read());
             peer_activity |= ready.can_be_written();
@@ -265,7 +279,7 @@ impl Poller {
         Found { notified, peer_activity, readable: on.may_be_readable() }
     }
 
-    /// Waits for the wakeups, the notifier, the links in their order, and the acceptor.
+    /// Waits for the wakeups, the notifier, watchers, the links in their order, and the acceptor.
     fn ready(
         &mut self,
         on: &impl PollSet,
@@ -276,6 +290,7 @@ impl Poller {
         let mut wanted = Few::new();
         wanted.push(Source { id: ids.0, interest: to_read(wakeups) });
         wanted.extend(notifier.iter().map(|it| Source { id: ids.1, interest: to_read(it) }));
+        wanted.extend(on.watch().into_iter().flat_map(WatchServer::sources));
         wanted.extend(on.polled_links().map(PolledLink::source));
         wanted.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.sources()));
         sources.wait(&wanted, until)

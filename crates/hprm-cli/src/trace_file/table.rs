@@ -1,6 +1,7 @@
 //! The numbers of a trace, as people read them.
 
 use super::statistics::{Connection, Reaction, Statistics};
+use crate::columns::{self, time};
 use crate::message::{Error, print_line};
 
 /// Prints a table of reactions, and one of connections if there are some.
@@ -49,51 +50,6 @@ fn connection((name, it): (&String, &Connection)) -> Vec<String> {
     ]
 }
 
-/// The first column begins at the left, and all others end at the right.
 fn print(titles: &[&str], rows: Vec<Vec<String>>) {
-    let titles: Vec<_> = titles.iter().map(|&title| title.to_owned()).collect();
-    let lines: Vec<_> = std::iter::once(titles).chain(rows).collect();
-    let columns = lines[0].len();
-    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
-    let widths: Vec<_> = (0..columns).map(|column| width(column).unwrap_or_default()).collect();
-    for line in &lines {
-        let mut cells = line.iter().zip(&widths);
-        let first = cells.next().map(|(cell, width)| format!("{cell:width$}"));
-        let others = cells.map(|(cell, width)| format!("  {cell:>width$}"));
-        print_line(first.into_iter().chain(others).collect::<String>().trim_end());
-    }
-}
-
-/// A length of time with three digits and a unit; `-` if there is none.
-fn time(nanoseconds: Option<i64>) -> String {
-    let Some(nanoseconds) = nanoseconds else { return "-".to_owned() };
-    #[expect(clippy::cast_precision_loss, reason = "it is for people")]
-    let value = nanoseconds as f64;
-    match nanoseconds.unsigned_abs() {
-        0..1_000 => format!("{nanoseconds} ns"),
-        1_000..1_000_000 => format!("{} us", digits(value / 1e3)),
-        1_000_000..1_000_000_000 => format!("{} ms", digits(value / 1e6)),
-        _ => format!("{} s", digits(value / 1e9)),
-    }
-}
-
-fn digits(value: f64) -> String {
-    match value.abs() {
-        0.0..10.0 => format!("{value:.2}"),
-        10.0..100.0 => format!("{value:.1}"),
-        _ => format!("{value:.0}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::time;
-
-    #[test]
-    fn times_have_three_digits() {
-        let shown = [0, 999, 1_000, 12_345, 999_499, 5_000_000, -2_500, 61_000_000_000];
-        let expected =
-            ["0 ns", "999 ns", "1.00 us", "12.3 us", "999 us", "5.00 ms", "-2.50 us", "61.0 s"];
-        assert_eq!(shown.map(|it| time(Some(it))), expected);
-    }
+    print_line(&columns::text(titles, rows));
 }

@@ -22,6 +22,7 @@ use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
 use crate::wait::{Deadline, Interest, wait};
+use crate::watch::WatchServer;
 use crate::{Clock, Failure};
 
 /// How long one attempt to connect to a peer may take. The federate's loop does nothing else meanwhile.
@@ -118,6 +119,8 @@ struct PolledLinks {
     incoming: BTreeMap<FederateId, PolledLink>,
     /// Accepts links of peers, if the coordination needs them.
     acceptor: Option<PolledAcceptor>,
+    /// Shows the messages of this federate to watchers.
+    watch: Option<WatchServer>,
 }
 
 impl PollSet for PolledLinks {
@@ -135,6 +138,14 @@ impl PollSet for PolledLinks {
 
     fn acceptor_mut(&mut self) -> Option<&mut PolledAcceptor> {
         self.acceptor.as_mut()
+    }
+
+    fn watch(&self) -> Option<&WatchServer> {
+        self.watch.as_ref()
+    }
+
+    fn watch_mut(&mut self) -> Option<&mut WatchServer> {
+        self.watch.as_mut()
     }
 }
 
@@ -181,6 +192,7 @@ impl FederateLinks {
                 outgoing: BTreeMap::new(),
                 incoming: BTreeMap::new(),
                 acceptor,
+                watch: None,
             },
             search,
             openings: Openings::new(&options.reach),
@@ -194,6 +206,17 @@ impl FederateLinks {
             write_failure: None,
             log,
         })
+    }
+
+    /// Lets processes of this user watch what this federate sends, whose store has that capacity.
+    pub(super) fn listen_for_watchers(&mut self, options: &FederateOptions, capacity: u64) {
+        let id = self.federation().to_string();
+        self.polled.watch = WatchServer::listen(&options.program, options.federate, &id, capacity);
+    }
+
+    /// What shows messages to watchers, if this federate can be watched.
+    pub(super) fn watch(&mut self) -> Option<&mut WatchServer> {
+        self.polled.watch.as_mut()
     }
 
     /// Drops the link to the RTI, which is broken. This federate then looks for the RTI, and joins again over a

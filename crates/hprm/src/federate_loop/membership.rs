@@ -67,7 +67,8 @@ impl Membership {
         network: Network,
     ) -> Result<Self, Failure> {
         let process = random_bytes()?;
-        let links = FederateLinks::connect(options, network)?;
+        let mut links = FederateLinks::connect(options, network)?;
+        links.listen_for_watchers(options, options.store.capacity_bytes);
         let machine = Federate::new(
             options.federate,
             &options.program,

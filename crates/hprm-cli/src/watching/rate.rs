@@ -1,0 +1,195 @@
+//! `hprm rate`: how many messages and bytes pass connections, and how regularly.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use hprm::console;
+use hprm::watch::{Counts, Tally, WatchError, Watching, Wish};
+use hprm_core::{ChannelId, Program};
+use serde_json::json;
+
+use super::federation::Opened;
+use super::{News, ends, tell_of_signals};
+use crate::args::Rate;
+use crate::columns::{self, time};
+use crate::message::{self, Error};
+
+/// What federates have counted, and which federate.
+type Reports = News<(String, Counts)>;
+
+/// Prints rates until the federation ends.
+///
+/// # Errors
+///
+/// If there is no such connection.
+pub(crate) fn rate(arguments: &Rate) -> Result<ExitCode, Error> {
+    let opened = Opened::new(&arguments.of, arguments.port.as_deref(), Wish::Counts)?;
+    let Opened { program, watched, .. } = opened;
+    let alive = watched.len();
+    let (news, arrivals) = sync_channel(alive);
+    tell_of_signals(news.clone())?;
+    for (name, watching) in watched {
+        let (news, window) = (news.clone(), arguments.window);
+        thread::Builder::new()
+            .name(name.clone())
+            .spawn(move || follow(&name, watching, window, &news))
+            .map_err(|error| Error::new(format!("cannot start a thread: {error}")))?;
+    }
+    print_all(arguments, &program, &arrivals, alive)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Tells again and again what a federate has counted, until it ends or nothing reads that any more.
+fn follow(name: &str, mut watching: Watching, window: Duration, news: &SyncSender<Reports>) {
+    loop {
+        let told = match watching.counts(window) {
+            Ok(counts) => News::Of((name.to_owned(), counts)),
+            Err(error) => News::Ended(name.to_owned(), error),
+        };
+        let is_last = matches!(told, News::Ended(..));
+        if news.send(told).is_err() || is_last {
+            return;
+        }
+    }
+}
+
+/// Prints what all federates have told, again and again.
+fn print_all(
+    arguments: &Rate,
+    program: &Arc<Program>,
+    arrivals: &Receiver<Reports>,
+    mut alive: usize,
+) -> Result<(), Error> {
+    let mut pending = BTreeMap::new();
+    while alive > 0 {
+        match arrivals.recv().expect("the thread that watches signals has a sender") {
+            News::Of((name, counts)) => {
+                pending.insert(name, counts);
+            }
+            News::Ended(name, WatchError::Ended) => {
+                console::print_error(format!("{name} has ended\n").as_bytes());
+                alive -= 1;
+            }
+            News::Ended(name, error) => {
+                return Err(Error::new(format!("{name} cannot be watched any more: {error}")));
+            }
+            News::Stop => return Ok(()),
+        }
+        if pending.is_empty() || pending.len() < alive {
+            continue;
+        }
+        let text = shown(program, &std::mem::take(&mut pending), arguments.json);
+        match console::print(text.as_bytes()) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+            Err(error) => return Err(message::unwritable(&error)),
+        }
+        if arguments.once {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+/// A table, or an object for each channel.
+fn shown(program: &Program, reports: &BTreeMap<String, Counts>, as_json: bool) -> String {
+    let mut rates: Vec<Rates<'_>> = Vec::new();
+    for counts in reports.values() {
+        let span = counts.span;
+        let all = counts.tallies.iter();
+        rates.extend(all.map(|(channel, tally)| Rates { channel: *channel, tally, span }));
+    }
+    rates.sort_by_key(|rates| rates.channel);
+    if as_json {
+        return rates.iter().map(|rates| format!("{}\n", rates.json(program))).collect();
+    }
+    let titles =
+        ["connection", "messages/s", "bytes/s", "interval", "shortest", "longest", "deviation"];
+    let rows = rates.iter().map(|rates| rates.row(program)).collect();
+    columns::text(&titles, rows) + "\n"
+}
+
+/// What passed a channel in some time.
+struct Rates<'a> {
+    channel: ChannelId,
+    tally: &'a Tally,
+    /// In nanoseconds.
+    span: i64,
+}
+
+impl Rates<'_> {
+    #[expect(clippy::cast_precision_loss, reason = "it is for people")]
+    fn per_second(&self, count: u64) -> f64 {
+        if self.span > 0 { count as f64 * 1e9 / self.span as f64 } else { 0.0 }
+    }
+
+    fn row(&self, program: &Program) -> Vec<String> {
+        let Tally { messages, bytes, intervals, shortest, longest, .. } = self.tally;
+        let some = |nanoseconds| time((*intervals > 0).then_some(nanoseconds));
+        #[expect(clippy::cast_possible_truncation, reason = "nanoseconds have no fractions")]
+        let rounded = |nanoseconds: Option<f64>| time(nanoseconds.map(|it| it.round() as i64));
+        // Between threads of one process, values go as they are.
+        let bytes = match (messages, bytes) {
+            (0, _) | (_, 1..) => size(self.per_second(*bytes)),
+            (_, 0) => "-".to_owned(),
+        };
+        vec![
+            ends(program, self.channel).join(" -> "),
+            format!("{:.1}", self.per_second(*messages)),
+            bytes,
+            rounded(self.tally.mean()),
+            some(*shortest),
+            some(*longest),
+            rounded(self.tally.deviation()),
+        ]
+    }
+
+    fn json(&self, program: &Program) -> serde_json::Value {
+        let [from, to] = ends(program, self.channel);
+        let Tally { messages, bytes, intervals, shortest, longest, .. } = self.tally;
+        let interval = (*intervals > 0).then(|| {
+            json!({
+                "mean": self.tally.mean(),
+                "min": shortest,
+                "max": longest,
+                "stddev": self.tally.deviation(),
+            })
+        });
+        json!({
+            "from": from,
+            "to": to,
+            "window": self.span,
+            "messages": messages,
+            "bytes": bytes,
+            "messages_per_second": self.per_second(*messages),
+            "bytes_per_second": self.per_second(*bytes),
+            "interval": interval,
+        })
+    }
+}
+
+/// Bytes with a unit.
+fn size(bytes: f64) -> String {
+    match bytes {
+        0.0..1e3 => format!("{bytes:.0} B"),
+        1e3..1e6 => format!("{:.1} kB", bytes / 1e3),
+        1e6..1e9 => format!("{:.1} MB", bytes / 1e6),
+        _ => format!("{:.1} GB", bytes / 1e9),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::size;
+
+    #[test]
+    fn sizes_have_units() {
+        let shown = [0.0, 999.0, 1_500.0, 5e7, 2.5e9].map(size);
+        assert_eq!(shown, ["0 B", "999 B", "1.5 kB", "50.0 MB", "2.5 GB"]);
+    }
+}
