@@ -20,6 +20,7 @@ VALUES = """\
 target Python { coordination: COORDINATION, keepalive: true }
 preamble {=
 import numpy as np
+from fractions import Fraction
 class Opaque:
     def __reduce__(self):
         return Opaque, ()
@@ -30,10 +31,13 @@ VALUES = {
     "large": np.full((100, 1000, 10), 7, dtype=np.uint8),
     "dict": {"a": [1, 2.5, None], "b": (True, b"raw"), "c": np.array([1, 2])},
     "pickle": Opaque(),
+    "fraction": [Fraction(1, 3)],
+    "times": {"at": np.array(["2026-01-01"], "M8[D]"), "n": 1},
+    "set": {1 + 2j},
 }
 =}
 reactor Source {
-  output[6] outs
+  output[9] outs
   timer t(0, 10 ms)
   reaction(t) -> outs {=
     for out, value in zip(outs, VALUES.values()):
@@ -41,7 +45,7 @@ reactor Source {
   =}
 }
 reactor Sink {
-  input[6] inputs
+  input[9] inputs
   reaction(inputs) {= pass =}
 }
 federated reactor {
@@ -148,7 +152,7 @@ def once(bench: Bench, run: subprocess.Popen[str], port: str, *options: str) -> 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_values_of_all_kinds_are_shown(bench: Bench, coordination: str, threads: bool) -> None:
     run = start(bench, VALUES, coordination, *(["--in-process"] if threads else []))
-    values = [once(bench, run, f"source.outs[{at}]")["value"] for at in range(6)]
+    values = [once(bench, run, f"source.outs[{at}]")["value"] for at in range(9)]
     assert values[0] == 42
     assert values[1] == "x" * 300
     assert values[2]["array"] == {
@@ -166,6 +170,9 @@ def test_values_of_all_kinds_are_shown(bench: Bench, coordination: str, threads:
     assert values[4]["b"] == [True, {"bytes": 3}]
     assert values[4]["c"]["array"]["dtype"] == "int64"
     assert values[5] == {"pickle": "__main__.Opaque"}
+    assert values[6] == [{"a fractions.Fraction": [1, 3]}]
+    assert values[7] == {"at": "Rust has no elements of the array's dtype <M8[D]", "n": 1}
+    assert values[8] == [[1.0, 2.0]]
     stop(run)
 
 
@@ -185,9 +192,9 @@ def test_text_is_cut_unless_it_is_wanted_whole(bench: Bench) -> None:
     assert re.fullmatch(cut, outcome.out), outcome.out
     outcome = finish(watch(bench, run, "echo", "source.outs[1]", "--once", "--full"))
     assert re.fullmatch(rf'\(\d+ ns, 0\)  "{"x" * 300}"\n', outcome.out), outcome.out
-    outcome = finish(watch(bench, run, "echo", "source.outs", "-n", "12"))
+    outcome = finish(watch(bench, run, "echo", "source.outs", "-n", "18"))
     ports = [line.split("  ")[1] for line in outcome.out.splitlines()]
-    assert set(ports) == {f"source.outs[{at}]" for at in range(6)}
+    assert set(ports) == {f"source.outs[{at}]" for at in range(9)}
     stop(run)
 
 

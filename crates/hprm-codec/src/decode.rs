@@ -2,13 +2,14 @@
 //!
 //! The bytes may be anything: whatever is wrong with them becomes an error, no length is believed before the bytes are
 //! there, and what is repeated by reference is bounded. `decode/nodes.rs` says which node serves where which type is
-//! expected, `members.rs` reads containers, `objects.rs` what Python's classes were made of, `variants.rs`
+//! expected, `members.rs` reads containers, `objects.rs` what Python's classes were made of, `outline.rs` what of them only Python reads, `variants.rs`
 //! enumerations, `arrays.rs` arrays and `skip.rs` what the receiver has no use for.
 
 mod arrays;
 mod members;
 mod nodes;
 mod objects;
+mod outline;
 mod skip;
 mod variants;
 
@@ -19,6 +20,7 @@ use smallvec::SmallVec;
 
 use self::nodes::Want;
 use crate::cursor::{Blob, Cursor};
+use crate::dynamic::Dynamic;
 use crate::error::DecodeError;
 use crate::format::{self, DEPTH_LIMIT, LAYER_LIMIT, Malformed, NodeKind};
 use crate::memory::Memory;
@@ -39,11 +41,29 @@ pub fn decode<T: DeserializeOwned>(
     head: &[u8],
     parts: &[Arc<dyn Memory>],
 ) -> Result<T, DecodeError> {
+    whole(head, parts, false)
+}
+
+/// Decodes a value to look at, of whatever type it is. An object that only Python reads becomes a dict of one entry: what
+/// it is, and a list of its parts. An array whose elements Rust does not have becomes a text that says so.
+///
+/// # Errors
+///
+/// If the bytes are no value, or one that contains itself, or a pickle.
+pub fn outline(head: &[u8], parts: &[Arc<dyn Memory>]) -> Result<Dynamic, DecodeError> {
+    whole(head, parts, true)
+}
+
+fn whole<T: DeserializeOwned>(
+    head: &[u8],
+    parts: &[Arc<dyn Memory>],
+    is_outline: bool,
+) -> Result<T, DecodeError> {
     let (head, parts) = format::root(head, parts, |part| part.bytes())?;
     if head.peek()? == NodeKind::Pickle {
         return Err(DecodeError::pickle());
     }
-    let mut walk = Walk::new(head, parts);
+    let mut walk = Walk { is_outline, ..Walk::new(head, parts) };
     let value = T::deserialize(&mut walk)?;
     if walk.head.rest().is_empty() && walk.part == parts.len() {
         Ok(value)
@@ -68,6 +88,8 @@ struct Walk<'a> {
     repeating: bool,
     /// How much more may be read again; none if nothing has been read again yet.
     repeatable: Option<usize>,
+    /// Whether what Rust does not read is outlined.
+    is_outline: bool,
 }
 
 /// A value to which the head may refer: where it begins.
@@ -87,7 +109,17 @@ type Number = Option<usize>;
 impl<'a> Walk<'a> {
     fn new(head: Cursor<'a>, parts: &'a [Arc<dyn Memory>]) -> Self {
         let seen = SmallVec::new();
-        Self { head, parts, part: 0, seen, depth: 0, layers: 0, repeating: false, repeatable: None }
+        Self {
+            head,
+            parts,
+            part: 0,
+            seen,
+            depth: 0,
+            layers: 0,
+            repeating: false,
+            repeatable: None,
+            is_outline: false,
+        }
     }
 
     /// Numbers a value that begins at `start` and has no members.

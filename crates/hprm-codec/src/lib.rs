@@ -44,7 +44,7 @@ mod slot;
 mod transfer;
 
 pub use array::{Array, ShapeError};
-pub use decode::decode;
+pub use decode::{decode, outline};
 pub use dynamic::{Dynamic, DynamicArray};
 pub use element::{Dtype, Element};
 pub use encode::encode;

@@ -7,7 +7,7 @@ mod strange_values;
 use std::sync::Arc;
 
 use common::{parts, read, sent};
-use hprm_codec::{Array, Dynamic, Memory, decode, encode};
+use hprm_codec::{Array, Dynamic, Memory, decode, encode, format, outline};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use strange_values::{as_values, strange_values};
@@ -69,6 +69,10 @@ proptest! {
     #[test]
     fn any_bytes_are_a_value_or_an_error(bytes in vec(prop_oneof![0_u8..24, any::<u8>()], 0..80)) {
         strange_values(&bytes);
+        let head: Vec<u8> = std::iter::once(format::DIRECT).chain(bytes).collect();
+        if let Err(error) = outline(&head, &[]) {
+            prop_assert!(decode::<Dynamic>(&head, &[]).is_err(), "{error}");
+        }
     }
 
     #[test]

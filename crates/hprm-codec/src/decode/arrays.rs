@@ -29,7 +29,15 @@ impl<'a> Walk<'a> {
             NodeKind::BackReference => self.repeat(|walk| walk.announced(visitor)),
             NodeKind::Array => {
                 self.number(start);
-                let array = Elements::read(self)?;
+                let array = match Elements::read(self) {
+                    Err(error) if self.is_outline && !error.is_malformed() => {
+                        // What to send instead is no matter for those that look, and where it is, they see.
+                        let text = error.to_string();
+                        let text = text.split(" (hint").next().unwrap_or(&text);
+                        return visitor.visit_str(text.strip_prefix("`value`: ").unwrap_or(text));
+                    }
+                    array => array?,
+                };
                 let is_copied = array.memory.is_none() || array.needs_copy();
                 self.charge(if is_copied { 1 + array.bytes.len() } else { 1 })?;
                 let bytes = if array.memory.is_some() { &[] } else { array.bytes };

@@ -137,6 +137,7 @@ impl<'a> Walk<'a> {
                 self.members(visitor, want, code.count - NAMES, "a named tuple")
             }
             MODEL if want.takes_dict() => self.model(visitor),
+            _ if self.is_outline => self.outlined(visitor, code.name(), code.count),
             INSTANCE | NAMED_TUPLE | MEMBER | MODEL => {
                 Err(DecodeError::mismatch(&visitor, code.name()))
             }

@@ -5,7 +5,7 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::Duration;
 
-use hprm_codec::{Dynamic, Memory, Pickle, decode};
+use hprm_codec::{Dynamic, Memory, Pickle, outline};
 use hprm_core::{ChannelId, FederateId, Nanos, Part, Payload, PhysicalTime, Tag};
 use hprm_store::{Object, Store, StoreLimits};
 
@@ -206,7 +206,7 @@ impl Watching {
         if let Some(Pickle { names }) = Pickle::of(&payload.head, &parts) {
             return Err(Unseen::Pickle { names });
         }
-        decode(&payload.head, &parts).map_err(|error| unreadable(&error))
+        outline(&payload.head, &parts).map_err(|error| unreadable(&error))
     }
 }
 
