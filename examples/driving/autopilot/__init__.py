@@ -1,0 +1,1 @@
+"""What the federates of the example do, apart from HPRM: simulate, drive, detect, decide."""

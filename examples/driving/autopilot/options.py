@@ -1,0 +1,55 @@
+"""What the command line of a program asks for, behind `--`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+AGENTS = ("geometric", "policy")
+DETECTORS = ("colours", "network", "off")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to drive, and for how long."""
+
+    seed: int
+    frames: int
+    agent: str
+    detector: str
+    slow: float
+    slow_frames: int
+    film: str
+    measure: str
+
+
+def options(words: Sequence[str] | None = None) -> Options:
+    """The options of these words, or of the command line."""
+    parser = argparse.ArgumentParser(prog="driving", description="Drives through a town.")
+    parser.add_argument("--seed", type=int, default=6, help="which town")
+    parser.add_argument("--frames", type=int, default=300, help="how many frames at most")
+    parser.add_argument("--agent", choices=AGENTS, default=AGENTS[0], help="what drives")
+    parser.add_argument(
+        "--detector", choices=DETECTORS, default=DETECTORS[0], help="what finds lights and signs"
+    )
+    parser.add_argument(
+        "--slow",
+        type=float,
+        metavar="SECONDS",
+        default=0.0,
+        help="how much longer the detector takes",
+    )
+    parser.add_argument(
+        "--slow-frames",
+        type=int,
+        metavar="N",
+        default=10**9,
+        help="for how many frames, from the 20th on",
+    )
+    parser.add_argument("--film", metavar="FILE", default="drive.mp4", help="of DrivingFilm.lf")
+    parser.add_argument(
+        "--measure", metavar="FILE", default="", help="gets how long each frame took, as JSON"
+    )
+    return Options(**vars(parser.parse_args(sys.argv[1:] if words is None else words)))

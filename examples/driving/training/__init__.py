@@ -1,0 +1,1 @@
+"""Trains the networks of the example. Needs `requirements-training.txt`; the example does not."""

@@ -1,0 +1,97 @@
+"""The town as a place to learn in: observations, rewards, several journeys at a time.
+
+A perfect detector stops the car at lights and signs, as the fusion of the application does. So the
+policy learns all else: to follow its route, to keep its distance, to wait for pedestrians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from autopilot.agent import control_of, state_vector
+from autopilot.simulator import state_of
+from town.birdview import SHAPE, Birdview
+from town.expert import Expert, Rules
+from town.world import Setting, World
+
+from .policy_network import STATE
+
+FRAMES_A_STEP = 2
+_FASTEST = 8.3
+
+Views = npt.NDArray[np.uint8]
+States = npt.NDArray[np.float32]
+
+
+class Drive:
+    """One journey after another, each in the town of another seed."""
+
+    def __init__(self, seed: int, setting: Setting) -> None:
+        self._seed = seed
+        self._setting = setting
+        self.finished: list[tuple[str, float]] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self.world = World(self._seed, self._setting)
+        self._birdview = Birdview(self.world)
+        self._rules = Rules(self.world)
+        self.expert = Expert(self.world)
+
+    def observe(self, view: Views, state: States) -> None:
+        """Writes what the agent sees."""
+        self._birdview.render(view)
+        state[:] = state_vector(state_of(self.world))
+
+    def step(self, action: npt.NDArray[np.floating]) -> tuple[float, bool]:
+        """Drives for some frames; the reward, and whether the journey has ended."""
+        world = self.world
+        before, steer = world.journey.along, world.car.steer
+        wanted = control_of(action)
+        for _ in range(FRAMES_A_STEP):
+            world.step(self._rules.advice().applied(wanted))
+        journey = world.journey
+        reward = 0.5 * (journey.along - before)
+        reward -= 0.06 * min(abs(world.sideways), 2.0) * min(1.0, world.car.speed)
+        reward -= 0.3 * max(0.0, world.car.speed - _FASTEST)
+        reward -= 0.1 * abs(world.car.steer - steer)
+        if journey.ended in ("collision", "off the road"):
+            reward -= 8.0 + world.car.speed
+        if journey.ended:
+            self.finished.append((journey.ended, journey.along / world.route.path.length))
+            self._seed += 1000
+            self._begin()
+            return reward, True
+        return reward, False
+
+
+class Drives:
+    """Several journeys side by side."""
+
+    def __init__(self, count: int, first_seed: int) -> None:
+        # Each has a share of quiet and of busy towns.
+        busy = [Setting(3, 12 + 4 * (n % 5), 8 + 4 * (n % 4), 4) for n in range(count)]
+        self.drives = [Drive(first_seed + n, setting) for n, setting in enumerate(busy)]
+        self.views = np.zeros((count, *SHAPE), np.uint8)
+        self.states = np.zeros((count, STATE), np.float32)
+        self._observe()
+
+    def _observe(self) -> None:
+        for drive, view, state in zip(self.drives, self.views, self.states, strict=True):
+            drive.observe(view, state)
+
+    def step(
+        self, actions: npt.NDArray[np.floating]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """One step of each; what is seen after it is in ``views`` and ``states``."""
+        results = [drive.step(act) for drive, act in zip(self.drives, actions, strict=True)]
+        self._observe()
+        rewards, ends = zip(*results, strict=True)
+        return np.array(rewards, np.float32), np.array(ends)
+
+    def finished(self) -> list[tuple[str, float]]:
+        """How journeys have ended since the last call, and how much of their route they did."""
+        found = [it for drive in self.drives for it in drive.finished]
+        for drive in self.drives:
+            drive.finished.clear()
+        return found

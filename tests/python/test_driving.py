@@ -1,0 +1,256 @@
+"""The driving application end to end: four federates, each way of running it, bit for bit alike."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "driving"))
+
+from autopilot.agent import GeometricAgent, PolicyAgent, control_of, state_vector
+from autopilot.detector import Detection, Detector, decode
+from autopilot.judge import interval, journey
+from autopilot.lookout import Lookout
+from autopilot.network import ModelError
+from autopilot.rules import Rules
+from autopilot.simulator import BIRDVIEW, PICTURE, Town, state_of
+from town.camera import CAMERA_AHEAD, CAMERA_HEIGHT, FOCAL, HORIZON
+from town.controls import FREE, Control
+from town.lights import DT
+from town.shapes import LIGHT_BEYOND, LIGHT_HEIGHT, LIGHT_MIDDLE, LIGHT_WIDTH, SIGN_RIGHT
+from town.world import Setting, World
+
+DRIVING = Path(__file__).resolve().parents[2] / "examples" / "driving"
+HPRM = str(Path(sys.executable).parent / "hprm")
+ARGUMENTS = ["--", "--agent", "geometric", "--detector", "off"]
+PROGRAMS = ["DrivingCentralized.lf", "DrivingDecentralized.lf", "driving.py"]
+
+
+def hprm(*words: str, timeout: float = 100) -> subprocess.CompletedProcess[str]:
+    argv = [HPRM, *words]
+    return subprocess.run(
+        argv, cwd=DRIVING, capture_output=True, text=True, timeout=timeout, check=False
+    )
+
+
+def test_a_journey_of_300_frames_is_the_same_however_it_runs() -> None:
+    done = hprm("verify", "--json", PROGRAMS[0], *ARGUMENTS, "--frames", "300", timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = json.loads(done.stdout)
+    assert told["equal"] and told["runs"] == 6
+    # Five reactions begin, and four run for each frame: three of them for the last one, too.
+    assert told["reactions"] > 4 * 300
+    assert told["opaque_values"] == told["left_out"] == told["tardy"] == 0
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_each_program_drives_as_far_as_its_parts_do_without_it(program: str) -> None:
+    world, agent = Town(6, 40), GeometricAgent()
+    view = np.zeros(BIRDVIEW, np.uint8)
+    while not world.ended():
+        world.look_down(view)
+        world.step(agent.drive(view, world.state()))
+    done = hprm("run", program, *ARGUMENTS, "--frames", "40")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"[simulator] {world.summary()}\n"
+    assert "frame 40: " in done.stdout
+
+
+def test_pictures_are_not_copied(tmp_path: Path) -> None:
+    for name in ("autopilot", "town", "models", "DrivingDecentralized.lf"):
+        (tmp_path / name).symlink_to(DRIVING / name)
+    (tmp_path / "lib").mkdir()
+    text = (DRIVING / "lib" / "Driving.lf").read_text()
+    counted = text.replace("self.world.close()", 'print(lf.store_stats()["bytes_copied"])')
+    assert counted != text
+    (tmp_path / "lib" / "Driving.lf").write_text(counted)
+    done = hprm("run", str(tmp_path / "DrivingDecentralized.lf"), *ARGUMENTS, "--frames", "20")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[simulator] 0"
+
+
+def test_a_word_that_no_program_knows_is_an_error() -> None:
+    done = hprm("run", PROGRAMS[0], "--", "--agent", "reckless")
+    assert done.returncode != 0
+    assert "invalid choice: 'reckless'" in done.stderr
+
+
+def test_a_slow_detector_makes_the_fusion_brake() -> None:
+    done = hprm("run", "DrivingDeadline.lf", *ARGUMENTS, "--frames", "40", "--slow", "0.3")
+    assert done.returncode == 0, done.stderr
+    (told,) = re.findall(r"braked at (\d+) of 40 frames", done.stdout)
+    # It is slow from the 20th picture on; a busy machine makes others late, too.
+    assert int(told) >= 19
+
+
+def test_a_slow_detector_keeps_no_control_waiting_if_the_latest_sight_serves() -> None:
+    done = hprm("run", "DrivingLatest.lf", *ARGUMENTS, "--frames", "40", "--slow", "0.3")
+    assert done.returncode == 0, done.stderr
+    (told,) = re.findall(r"40 frames, (\d+) of them seen by the detector", done.stdout)
+    assert 0 < int(told) < 40
+
+
+def test_the_film_has_each_frame_and_can_be_played(tmp_path: Path) -> None:
+    film = tmp_path / "drive.mp4"
+    done = hprm("run", "DrivingFilm.lf", *ARGUMENTS, "--frames", "12", "--film", str(film))
+    assert done.returncode == 0, done.stderr
+    with av.open(str(film)) as played:
+        frames = [frame.to_ndarray(format="rgb24") for frame in played.decode(video=0)]
+    assert len(frames) == 12
+    assert frames[0].shape == (480, 880, 3)
+    world = Town(6, 12)
+    picture = np.zeros(PICTURE, np.uint8)
+    world.take_picture(picture)
+    # The upper half has nothing drawn on it here; the video is nearly what was seen.
+    difference = np.abs(frames[0][:240, :640].astype(int) - picture[:240])
+    assert difference.mean() < 6.0
+
+
+@pytest.mark.parametrize("frames", ["12", "400"])
+def test_a_film_that_cannot_be_written_is_one_clear_error(tmp_path: Path, frames: str) -> None:
+    film = tmp_path / "nowhere" / "drive.mp4" if frames == "12" else tmp_path / "drive.mp4"
+    words = ["DrivingFilm.lf", *ARGUMENTS, "--frames", frames, "--film", str(film)]
+    # A file that may not grow is as good as a disk that is full.
+    argv = ["bash", "-c", 'trap "" XFSZ; ulimit -f 100; exec "$0" run "$@"', HPRM, *words]
+    done = subprocess.run(
+        argv, cwd=DRIVING, capture_output=True, text=True, timeout=100, check=False
+    )
+    reason = "No such file or directory" if frames == "12" else "File too large"
+    assert done.returncode != 0
+    assert f"the film {film} cannot be written: {reason}" in done.stderr
+    assert done.stderr.count("error: ") == 1, done.stderr
+
+
+# What lights and signs ask for.
+
+
+def seen_light(colour: str, to_line: float, left: float = 0.0) -> Detection:
+    """A light as the camera sees it, if the middle of the car is so far from its line."""
+    away = to_line - CAMERA_AHEAD + LIGHT_BEYOND
+    column = 320 - FOCAL * left / away
+    row = HORIZON - FOCAL * (LIGHT_MIDDLE - CAMERA_HEIGHT) / away
+    half_width, half = FOCAL * LIGHT_WIDTH / away / 2, FOCAL * LIGHT_HEIGHT / away / 2
+    edges = (column - half_width, row - half, column + half_width, row + half)
+    return Detection(f"{colour} light", 0.9, *edges)
+
+
+def seen_sign(to_line: float) -> Detection:
+    """A stop sign in the same way."""
+    away = to_line + 0.3 - CAMERA_AHEAD
+    column, half = 320 + FOCAL * SIGN_RIGHT / away, FOCAL * 0.5 / away
+    return Detection("stop sign", 0.9, column - half, 200 - half, column + half, 200 + half)
+
+
+def approach(metres: float, see, seconds: float = 20.0) -> list[tuple[float, float]]:  # type: ignore[no-untyped-def]
+    """Drives towards a line as fast as the rules let it; how far it is, and how fast, by frame."""
+    rules, speed, course = Rules(), 6.0, []
+    for frame in range(round(seconds / DT)):
+        advice = rules.advice(see(frame, metres), speed)
+        speed = max(0.0, speed + (3.0 * min(0.4, advice.throttle) - 7.0 * advice.brake) * DT)
+        speed = min(speed, 8.0)
+        metres -= speed * DT
+        course.append((metres, speed))
+    return course
+
+
+def test_a_red_light_stops_the_car_before_its_line_and_green_lets_it_go() -> None:
+    def see(frame: int, metres: float) -> list[Detection]:
+        colour = "red" if frame < 200 else "green"
+        return [seen_light(colour, metres)] if metres > -10 else []
+
+    course = approach(30.0, see)
+    metres, speed = course[199]
+    assert 2.5 < metres < 6.0 and speed < 0.1
+    assert course[-1][0] < 0.0
+
+
+def test_a_red_light_that_is_not_seen_for_a_moment_still_holds() -> None:
+    course = approach(30.0, lambda frame, m: [] if frame % 4 else [seen_light("red", m)])
+    assert min(metres for metres, _ in course) > 2.0
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda m: seen_light("green", m),
+        lambda m: seen_light("red", m, left=9.0),
+        lambda m: seen_light("red", -8.0),
+        lambda m: Detection("red light", 0.2, 315, 100, 325, 130),
+    ],
+    ids=["green", "of another road", "over the junction", "uncertain"],
+)
+def test_other_lights_stop_nothing(other) -> None:  # type: ignore[no-untyped-def]
+    assert Rules().advice([other(12.0)], 6.0) == FREE
+
+
+def test_a_light_that_turns_yellow_too_late_is_passed_and_otherwise_obeyed() -> None:
+    assert Rules().advice([seen_light("yellow", 6.0)], 8.0) == FREE
+    assert Rules().advice([seen_light("yellow", 15.0)], 8.0).brake > 0.0
+
+
+def test_the_car_stands_at_a_sign_and_then_goes_although_it_is_out_of_sight() -> None:
+    course = approach(30.0, lambda frame, m: [seen_sign(m)] if m > 4.5 else [])
+    stands = [metres for metres, speed in course if speed < 0.1]
+    assert stands and all(1.0 < metres < 6.0 for metres in stands)
+    assert course[-1][0] < -5.0
+
+
+def test_what_the_detector_sees_decides() -> None:
+    setting = Setting(2, 0, 0, 0)
+    blind, seeing = (journey(0, "geometric", eyes, setting) for eyes in ("off", "colours"))
+    assert (blind.ended, blind.red_lights, blind.stop_signs) == ("completed", 1, 1)
+    assert (seeing.ended, seeing.red_lights, seeing.stop_signs) == ("completed", 0, 0)
+
+
+# Agents, networks, and what judges them.
+
+
+def test_the_geometric_agent_completes_routes_when_lights_are_obeyed_for_it() -> None:
+    verdicts = [journey(seed, "geometric", "perfect", Setting(2, 10, 4, 4)) for seed in (0, 1)]
+    assert [it.ended for it in verdicts] == ["completed", "completed"]
+    assert all(it.red_lights == it.stop_signs == 0 for it in verdicts)
+    assert journey(0, "constant", "perfect", Setting(2, 10, 4, 4)).ended != "completed"
+
+
+def test_an_action_is_a_control_within_bounds() -> None:
+    assert control_of(np.array([0.5, -0.25])) == Control(0.5, -0.25, 0.0)
+    assert control_of(np.array([-3.0, 7.0])) == Control(0.0, 1.0, 1.0)
+    assert state_vector(state_of(World(0))).shape == (8,)
+
+
+def test_wilsons_interval() -> None:
+    low, high = interval(27, 30)
+    assert (round(low, 3), round(high, 3)) == (0.744, 0.965)
+
+
+def test_cells_become_boxes_each_thing_once() -> None:
+    cells = np.full((60 * 80 + 15 * 20, 11), -9.0, np.float32)
+    for cell, certainty in ((80 * 10 + 20, 4.0), (80 * 10 + 21, 3.0)):
+        cells[cell, 0] = certainty
+        cells[cell, 1:5] = (20.5 - cell % 80, 0.0, 0.0, np.log(2.0))
+        cells[cell, 5 + 3] = 5.0
+    (found,) = decode(cells)
+    assert found.kind == "stop sign"
+    assert found.score == pytest.approx(1 / (1 + np.exp(-4.0)))
+    assert (found.left, found.top) == pytest.approx((158.0, 64.0))
+    assert (found.right, found.bottom) == pytest.approx((178.0, 104.0))
+
+
+def test_a_lookout_without_eyes_asks_for_nothing() -> None:
+    assert Lookout(None).look(np.zeros(PICTURE, np.uint8), 8.0).advice == FREE
+
+
+def test_a_model_that_cannot_be_used_is_one_clear_error(tmp_path: Path) -> None:
+    missing, corrupt = tmp_path / "none.onnx", tmp_path / "corrupt.onnx"
+    corrupt.write_bytes(b"not a network")
+    with pytest.raises(ModelError, match=r"none\.onnx does not exist"):
+        PolicyAgent(missing)
+    with pytest.raises(ModelError, match=r"corrupt\.onnx cannot be read"):
+        Detector(corrupt)
