@@ -22,7 +22,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -50,6 +50,9 @@ try-wheel: $(VENV)/.requirements ## install the wheel of out/wheels where there 
 
 demo: $(VENV)/.built $(VENV)/.demo-requirements ## run the broadcast and gather example, print its table, draw its picture
 	@$(BIN)/python examples/broadcast_gather/demo.py
+
+drive: $(VENV)/.built $(VENV)/.demo-requirements $(VENV)/.driving-requirements ## drive through a town: a film, frames a second, and a box plot of how long frames take
+	@cd examples/driving && $(CURDIR)/$(BIN)/python -m autopilot.demo
 
 test: lint build $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
@@ -163,6 +166,10 @@ $(VENV)/.requirements: requirements-dev.txt requirements-demo.txt requirements-d
 
 $(VENV)/.demo-requirements: requirements-demo.txt $(VENV)/.build-requirements
 	$(INSTALL) --quiet -r requirements-demo.txt
+	@touch $@
+
+$(VENV)/.driving-requirements: requirements-driving.txt $(VENV)/.build-requirements
+	$(INSTALL) --quiet -r requirements-driving.txt
 	@touch $@
 
 $(VENV)/.wheel-requirements: requirements-wheel.txt $(VENV)/.build-requirements

@@ -15,8 +15,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "driving"))
 
 from autopilot.agent import GeometricAgent, PolicyAgent, control_of, state_vector
+from autopilot.colour_detector import ColourDetector
+from autopilot.demo import box_plot
 from autopilot.detector import Detection, Detector, decode
 from autopilot.judge import interval, journey
+from autopilot.latency import Latencies
 from autopilot.lookout import Lookout
 from autopilot.network import ModelError
 from autopilot.rules import Rules
@@ -254,3 +257,41 @@ def test_a_model_that_cannot_be_used_is_one_clear_error(tmp_path: Path) -> None:
         PolicyAgent(missing)
     with pytest.raises(ModelError, match=r"corrupt\.onnx cannot be read"):
         Detector(corrupt)
+
+
+def test_the_box_plot_has_a_box_for_each_coordination() -> None:
+    fast, slow = [8_000_000, 9_000_000, 10_000_000] * 10, [20_000_000, 30_000_000] * 10
+    drawn = box_plot({"centralized": slow, "decentralized": fast})
+    assert ">centralized</text>" in drawn and ">decentralized</text>" in drawn
+    assert "nan" not in drawn
+    assert drawn == box_plot({"centralized": slow, "decentralized": fast})
+
+
+def test_latencies_are_those_of_the_frames_and_say_how_far_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "measured.json"
+    measured = Latencies(str(file), 40)
+    for _ in range(40):
+        measured.frame_sent()
+        measured.control_came()
+    measured.save()
+    told = json.loads(file.read_text())
+    assert len(told["latencies_ns"]) == 40 and min(told["latencies_ns"]) > 0
+    assert capsys.readouterr().out == "progress 20 40\nprogress 40 40\n"
+
+
+def test_the_colour_detector_finds_a_light_and_a_sign_and_no_red_wall() -> None:
+    picture = np.full(PICTURE, 150, np.uint8)
+    picture[80:140, 300:324] = 26
+    picture[86:103, 303:321] = (250, 44, 36)
+    for row in range(30):
+        corner = max(0, 9 - row, row - 20)
+        picture[100 + row, 500 + corner : 530 - corner] = (190, 24, 30)
+    picture[112:118, 506:524] = 230
+    picture[60:150, 100:190] = (150, 40, 40)
+    found = {it.kind: it for it in ColourDetector().detect(picture)}
+    assert set(found) == {"red light", "stop sign"}
+    light = found["red light"]
+    assert abs((light.left + light.right) / 2 - 312) < 2
+    assert abs((light.top + light.bottom) / 2 - 112) < 4

@@ -26,6 +26,8 @@ _ABOVE = {"red light": 0.75, "yellow light": 0.0, "green light": -0.75}
 _DARK = 95
 # Corners and letters of a sign are not red.
 _SIGN_FILLED, _WIDEST_SIGN = (0.35, 0.8), 110
+# How bright a letter is at least, and how much of the middle of a sign letters are.
+_WHITE, _LETTERS = 120, 0.06
 Blob = tuple[int, int, int, int, int]
 
 
@@ -43,7 +45,9 @@ class ColourDetector:
                     found.append(light)
         for left, top, wide, high_, filled in _blobs(sky, *_SIGN, least=24):
             octagon = 0.75 < wide / high_ < 1.35 and wide < _WIDEST_SIGN
-            if octagon and _SIGN_FILLED[0] < filled / (wide * high_) < _SIGN_FILLED[1]:
+            share = filled / (wide * high_)
+            lettered = _has_white(sky[top : top + high_, left : left + wide])
+            if octagon and _SIGN_FILLED[0] < share < _SIGN_FILLED[1] and lettered:
                 edges = (left - 1.0, top - 1.0, left + wide + 1.0, top + high_ + 1.0)
                 found.append(Detection("stop sign", 1.0, *edges))
         return found
@@ -67,6 +71,13 @@ def _light(kind: str, lamp: Blob) -> Detection:
     half_wide, half_high = LIGHT_WIDTH * metre / 2, LIGHT_HEIGHT * metre / 2
     edges = (column - half_wide, row - half_high, column + half_wide, row + half_high)
     return Detection(kind, 1.0, *edges)
+
+
+def _has_white(plate: Pixels) -> bool:
+    """Whether there are letters in the middle of a plate."""
+    rows, columns = plate.shape[0] // 4, plate.shape[1] // 8
+    middle = plate[rows : plate.shape[0] - rows, columns : plate.shape[1] - columns]
+    return float((middle.min(axis=2) > _WHITE).mean()) > _LETTERS
 
 
 def _is_dark(picture: Pixels, light: Detection) -> bool:
