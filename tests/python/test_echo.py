@@ -349,6 +349,18 @@ def test_which_federation_is_meant_must_be_clear(bench: Bench) -> None:
     assert finish(bench.call("rate", "--of", str(both[0].pid))).code == 1
 
 
+def test_a_federation_that_stands_still_is_one_error(bench: Bench) -> None:
+    run = start(bench, LARGE, "centralized", "--in-process")
+    hear(run.stdout, "at 2\n")
+    run.send_signal(signal.SIGSTOP)
+    outcome = finish(bench.call("echo", "camera.image", "--of", str(run.pid)))
+    assert outcome.code == 1
+    outcome.assert_one_error("cannot be watched: it does not answer", "--wait SECONDS")
+    run.send_signal(signal.SIGCONT)
+    assert "array(" in finish(watch(bench, run, "echo", "camera.image", "--once")).out
+    stop(run)
+
+
 def test_a_program_in_one_process_has_nothing_to_watch(bench: Bench) -> None:
     text = "target Python { keepalive: true }\nmain reactor { reaction(startup) {= print(1) =} }\n"
     run = start(bench, text)

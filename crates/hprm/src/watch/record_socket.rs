@@ -138,19 +138,14 @@ impl RecordListener {
         Ok(Self { _end: CloseInChild::of(&fd), fd })
     }
 
-    /// The next connection of a process of this user, if one waits.
-    pub(super) fn accept(&self) -> Option<RecordSocket> {
-        loop {
-            match accept_with(&self.fd, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) {
-                Ok(fd) => {
-                    if let Ok(socket) = RecordSocket::of(fd, geteuid()) {
-                        return Some(socket);
-                    }
-                }
-                Err(Errno::INTR | Errno::CONNABORTED) => {}
-                // None waits; or this process has no descriptor left, and then nothing can be watched now.
-                Err(_) => return None,
-            }
+    /// The next connection, if one waits. It fails if that is one of another user.
+    pub(super) fn accept(&self) -> Option<io::Result<RecordSocket>> {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        match accept_with(&self.fd, flags) {
+            Ok(fd) => Some(RecordSocket::of(fd, geteuid())),
+            Err(error @ (Errno::INTR | Errno::CONNABORTED)) => Some(Err(error.into())),
+            // None waits; or this process has no descriptor left, and then nothing can be watched now.
+            Err(_) => None,
         }
     }
 }
@@ -188,7 +183,7 @@ mod tests {
         let listener = RecordListener::bind(&name).unwrap();
         assert!(listener.accept().is_none());
         let client = RecordSocket::connect(&name).unwrap();
-        (client, listener.accept().unwrap())
+        (client, listener.accept().unwrap().unwrap())
     }
 
     #[test]

@@ -22,6 +22,9 @@ use crate::wait::{Interest, Ready, Source, SourceId};
 /// reason why a program has no room.
 const SHARE_OF_STORE: u64 = 8;
 
+/// How many connections are accepted in one round.
+const ACCEPTS: usize = 4;
+
 /// How many records of a watcher are read in one round.
 const READS: usize = 16;
 
@@ -126,10 +129,10 @@ impl WatchServer {
 
     /// Accepts watchers, and does what they ask for.
     pub(crate) fn serve(&mut self, store: &mut Store) {
-        self.is_ready = false;
-        while let Some(socket) = self.listener.accept() {
-            self.admit(socket);
-        }
+        // If there are more connections than that, some of them are of another user, who must not keep the loop busy.
+        let accepted: Vec<_> = (0..ACCEPTS).map_while(|_| self.listener.accept()).collect();
+        self.is_ready = accepted.len() == ACCEPTS;
+        accepted.into_iter().flatten().for_each(|socket| self.admit(socket));
         let watchers: Vec<u16> = self.watchers.keys().copied().collect();
         for watcher in watchers {
             if self.read(watcher, store).is_err() {

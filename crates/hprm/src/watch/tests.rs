@@ -245,3 +245,17 @@ fn one_watcher_too_many_is_told() {
     camera.server.serve(&mut camera.store);
     camera.watched(Wish::Counts);
 }
+
+#[test]
+fn a_flood_of_connections_is_accepted_a_few_at_a_time() {
+    let mut camera = Camera::new("flood");
+    let sockets: Vec<_> = (0..10).map(|_| connect(&camera.id).expect("it listens")).collect();
+    for accepted in [4, 8, 10] {
+        camera.server.serve(&mut camera.store);
+        assert_eq!(camera.server.sources().count(), 1 + accepted);
+        assert_eq!(camera.server.is_ready(), accepted < 10);
+    }
+    drop(sockets);
+    camera.server.serve(&mut camera.store);
+    assert_eq!(camera.server.sources().count(), 1);
+}
