@@ -129,7 +129,7 @@ impl WatchServer {
 
     /// Accepts watchers, and does what they ask for.
     pub(crate) fn serve(&mut self, store: &mut Store) {
-        // If there are more connections than that, some of them are of another user, who must not keep the loop busy.
+        // If there are more connections than that, some of them are of another user, and must not keep the loop busy.
         let accepted: Vec<_> = (0..ACCEPTS).map_while(|_| self.listener.accept()).collect();
         self.is_ready = accepted.len() == ACCEPTS;
         accepted.into_iter().flatten().for_each(|socket| self.admit(socket));
