@@ -14,6 +14,8 @@ from town.controls import Control, follow, speed_to_stop, steer_to
 from .network import MODELS, Network
 from .simulator import Pixels, State
 
+# How many numbers of the state a network reads.
+STATE = 8
 _LIMIT, _CURVE = 8.0, 5.0
 # Rows of the view per metre, and the row of the car.
 _PIXELS_A_METRE, _CAR_ROW = 2, 48
@@ -44,7 +46,7 @@ class PolicyAgent:
     """Drives by a network that was trained by `training/train_policy.py`."""
 
     def __init__(self, path: Path = MODELS / "policy.onnx") -> None:
-        inputs = {"birdview": (1, *SHAPE), "state": (1, 8)}
+        inputs = {"birdview": (1, *SHAPE), "state": (1, STATE)}
         self._network = Network(path, inputs, "action")
 
     def drive(self, birdview: Pixels, state: State) -> Control:

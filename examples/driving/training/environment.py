@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from autopilot.agent import control_of, state_vector
+from autopilot.agent import STATE, control_of, state_vector
 from autopilot.simulator import state_of
 from town.birdview import SHAPE, Birdview
 from town.expert import Expert, Rules
 from town.world import Setting, World
-
-from .policy_network import STATE
 
 FRAMES_A_STEP = 2
 _FASTEST = 8.3

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import onnx
+from autopilot.agent import STATE
 from autopilot.detector import SCALES
 from onnx import TensorProto, helper, numpy_helper
 
 from . import detector_network
-from .policy_network import PATCHES, STATE
+from .policy_network import PATCHES
 
 Array = np.ndarray[Any, Any]
 OPSET = 17

@@ -9,9 +9,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from autopilot.agent import STATE
 
 Params = dict[str, Any]
-STATE = 8
 PATCHES = ((4, 6, 24), (2, 24, 48), (2, 48, 48))
 FEATURES = 4 * 4 * 48
 HIDDEN = 96
