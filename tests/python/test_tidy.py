@@ -19,6 +19,7 @@ UNSAFE_ROOMS = {
     "crates/hprm-store/src/shm/cow.rs",
     "crates/hprm-store/src/shm/locks.rs",
     "crates/hprm-store/src/shm/mapping.rs",
+    "crates/hprm-store/src/shm/published.rs",
     "crates/hprm-store/src/shm/segment.rs",
     "crates/hprm-store/src/shm/view.rs",
     "crates/hprm-store/src/shm/words.rs",

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
-use crate::{Frame, Permission, Step, Topology};
+use crate::{Blocker, Frame, Permission, Step, Topology};
 
 /// How often a federate that a clock may wake at any moment reports how far its clock is.
 const CLOCK_REPORT: Nanos = 10_000_000;
@@ -72,6 +72,12 @@ impl Centralized {
         } else {
             Permission::Wait
         }
+    }
+
+    /// Says so, if the grant does not cover a step.
+    pub(crate) fn blocker(&self, through: Step) -> Option<Blocker> {
+        let waits = self.permission(through) != Permission::Granted;
+        waits.then_some(Blocker::Grant { through })
     }
 
     pub(crate) fn is_stepwise(&self) -> bool {

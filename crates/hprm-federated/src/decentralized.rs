@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::{Channel, ChannelId, FederateId, Nanos, PhysicalTime, Program, Tag};
 
-use crate::{Count, Permission, Step, Topology};
+use crate::{Blocker, Count, Permission, Step, Topology};
 
 /// The least time between two reports of one federate.
 const REPORT: Nanos = 10_000_000;
@@ -156,17 +156,69 @@ impl Decentralized {
             return Permission::Granted;
         }
         let wait_for = |incoming: &Incoming| {
-            let (needed, wait) = match incoming.level <= step.level {
-                true => {
-                    let wait = self.maxwait.saturating_add(incoming.absent_after);
-                    (Step { tag: step.tag, level: incoming.vouched }, wait)
-                }
-                // An input that is read at a later level must not bring a message for an earlier tag.
-                false => (Step::end(step.tag.pred()), self.maxwait),
-            };
+            let (needed, wait) = self.needed(incoming, step);
             (!self.knows(incoming, needed)).then_some(wait)
         };
         until(self.incoming.values().filter_map(wait_for).max(), step.tag, now, start)
+    }
+
+    /// Through which step an input must be known before another step is processed, and how long to wait for that.
+    fn needed(&self, incoming: &Incoming, step: Step) -> (Step, Nanos) {
+        match incoming.level <= step.level {
+            true => {
+                let wait = self.maxwait.saturating_add(incoming.absent_after);
+                (Step { tag: step.tag, level: incoming.vouched }, wait)
+            }
+            // An input that is read at a later level must not bring a message for an earlier tag.
+            false => (Step::end(step.tag.pred()), self.maxwait),
+        }
+    }
+
+    /// The inputs for which the beginning of a tag waits.
+    pub(crate) fn begin_blockers(
+        &self,
+        tag: Tag,
+        now: PhysicalTime,
+        start: PhysicalTime,
+    ) -> Vec<Blocker> {
+        if !self.is_stepwise() {
+            return self.blockers(Step::end(tag), now, start);
+        }
+        let before = Step::end(tag.pred());
+        self.unknown((tag, now, start), |_| (before, self.maxwait))
+    }
+
+    /// The inputs for which a step waits.
+    pub(crate) fn blockers(
+        &self,
+        step: Step,
+        now: PhysicalTime,
+        start: PhysicalTime,
+    ) -> Vec<Blocker> {
+        if step <= self.safe {
+            return Vec::new();
+        }
+        self.unknown((step.tag, now, start), |incoming| self.needed(incoming, step))
+    }
+
+    /// The inputs that are not known as far as is needed, and for which the wait is not over.
+    fn unknown(
+        &self,
+        (tag, now, start): (Tag, PhysicalTime, PhysicalTime),
+        needed: impl Fn(&Incoming) -> (Step, Nanos),
+    ) -> Vec<Blocker> {
+        let blocker = |(channel, incoming): (&ChannelId, &Incoming)| {
+            let (needed, wait) = needed(incoming);
+            let unknown = (!self.knows(incoming, needed)).then_some(wait);
+            let until = match until(unknown, tag, now, start) {
+                Permission::Granted => return None,
+                Permission::WaitUntil(until) => Some(until),
+                Permission::Wait => None,
+            };
+            let (channel, from, through) = (*channel, incoming.from, needed.tag);
+            Some(Blocker::Message { channel, from, through, until })
+        };
+        self.incoming.iter().filter_map(blocker).collect()
     }
 
     /// Whether no message can come on an input any more for a tag, or an earlier one. The RTI vouches

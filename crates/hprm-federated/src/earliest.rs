@@ -62,6 +62,19 @@ impl Earliest {
         self.nodes[federate].arrivals.iter().copied()
     }
 
+    /// The federate on whose own next event it depends how early `federate` may do something: itself, or one from
+    /// which a message may lead to it. Every step on the way there is to an earlier tag.
+    pub(crate) fn source(&self, federate: FederateId) -> FederateId {
+        let mut here = federate;
+        loop {
+            let Node { own, earliest, arrivals, .. } = &self.nodes[here];
+            match arrivals.first() {
+                Some((_, from)) if own > earliest => here = *from,
+                _ => return here,
+            }
+        }
+    }
+
     /// Whether the federate does nothing more.
     pub(crate) fn has_ended(&self, federate: FederateId) -> bool {
         self.nodes[federate].ended

@@ -4,6 +4,7 @@
 //! `decentralized`; `startup` and `stop` keep the state of those phases. This file passes each
 //! input to the code for it, which is in `starting`, `meeting`, `messages` and `ending`.
 
+mod blockers;
 mod ending;
 mod meeting;
 mod messages;

@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
 
-use crate::{Frame, Topology, codec};
+use crate::{Blocker, Frame, Topology, codec};
 
 /// How many bytes a message counts for besides its own: the memory that it takes in queues.
 const OVERHEAD: u64 = 128;
@@ -101,6 +101,13 @@ struct Receiver {
     channels: BTreeMap<ChannelId, Backlog>,
     /// Bytes in all of them.
     bytes: u64,
+}
+
+impl Receiver {
+    /// The bytes that were sent at tags before this one.
+    fn before(&self, tag: Tag) -> u64 {
+        self.channels.values().map(|backlog| backlog.before(tag)).fold(0, u64::saturating_add)
+    }
 }
 
 /// A channel that blocks its sender: the state at the sender.
@@ -207,20 +214,30 @@ impl Flow {
 
     /// Whether this federate is too far ahead of a receiver to begin `tag`.
     pub(crate) fn is_ahead(&self, tag: Tag) -> bool {
-        self.receivers.values().any(|receiver| {
-            receiver.bytes > self.limit
-                && receiver
-                    .channels
-                    .values()
-                    .map(|backlog| backlog.before(tag))
-                    .fold(0, u64::saturating_add)
-                    > self.limit
-        })
+        self.receivers
+            .values()
+            .any(|receiver| receiver.bytes > self.limit && receiver.before(tag) > self.limit)
     }
 
     /// Whether a message of the next tag might find no room at a receiver.
     pub(crate) fn is_full(&self) -> bool {
         self.bounded.values().any(|bounded| bounded.unprocessed >= bounded.bound)
+    }
+
+    /// The receivers that keep this federate from beginning `tag`.
+    pub(crate) fn blockers(&self, tag: Tag) -> impl Iterator<Item = Blocker> {
+        let limit = self.limit;
+        let ahead = self.receivers.iter().filter_map(move |(receiver, it)| {
+            let bytes = it.before(tag);
+            let blocker = Blocker::Unprocessed { receiver: *receiver, bytes, limit };
+            (bytes > limit).then_some(blocker)
+        });
+        let full = self.bounded.iter().filter(|(_, it)| it.unprocessed >= it.bound);
+        ahead.chain(full.map(|(channel, it)| Blocker::Bound {
+            channel: *channel,
+            receiver: it.to,
+            messages: it.unprocessed,
+        }))
     }
 
     // As a receiver.

@@ -14,6 +14,7 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
+mod blocker;
 mod centralized;
 mod clock_sync;
 mod decentralized;
@@ -35,6 +36,7 @@ mod topology;
 
 pub mod codec;
 
+pub use blocker::{Blocker, FederationPhase, Hold, MemberView, Standing};
 pub use clock_sync::{ClockSync, Correction, DRIFT, Estimate};
 pub use fault::Fault;
 pub use federate::Federate;

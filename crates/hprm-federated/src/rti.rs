@@ -4,13 +4,14 @@
 //! This file has the machine's state, and passes each input to the code for it. Joining and starting are in
 //! `join`, advancing in `advance`, the counts of direct messages under decentralized coordination in `traffic`,
 //! agreeing on a last tag in `ending`, federates that join late in `arriving`, processes that ask to join
-//! again in `attempts`, and federates that do not answer in `watch`. The RTI never looks into a payload.
+//! again in `attempts`, and federates that do not answer in `watch`. What people may see of it is in `overview`. The RTI never looks into a payload.
 
 mod advance;
 mod arriving;
 mod attempts;
 mod ending;
 mod join;
+mod overview;
 #[cfg(test)]
 mod scenarios;
 #[cfg(test)]

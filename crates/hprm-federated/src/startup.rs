@@ -115,6 +115,11 @@ impl Startup {
         self.linked.remove(&peer);
     }
 
+    /// The federates to which direct links are needed and not up.
+    pub(crate) fn missing_links(&self) -> impl Iterator<Item = FederateId> {
+        self.needed.difference(&self.linked).copied()
+    }
+
     pub(crate) fn is_loaded(&self) -> bool {
         self.loaded
     }

@@ -19,7 +19,15 @@ impl Stop {
     /// Whether `tag` may not begin before the decision. The named tag itself may not: it could be the
     /// last one, and its reactions to shutdown would be missing.
     pub(crate) fn refuses(self, tag: Tag) -> bool {
-        matches!(self, Self::Held(held) if tag >= held)
+        self.held().is_some_and(|held| tag >= held)
+    }
+
+    /// The tag before which this federate stays until the decision, if it has named one.
+    pub(crate) fn held(self) -> Option<Tag> {
+        match self {
+            Self::Held(held) => Some(held),
+            Self::Open | Self::Wanted | Self::Decided => None,
+        }
     }
 
     /// Asks to stop after `current`. Returns the tag to ask for, if asking is of use.

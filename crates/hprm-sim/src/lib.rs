@@ -15,6 +15,7 @@
 mod behaviour;
 mod changes;
 mod direct_links;
+mod explained;
 mod generate;
 mod history;
 mod lives;

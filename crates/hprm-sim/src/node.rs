@@ -18,6 +18,7 @@ use hprm_federated::{
 
 use crate::behaviour::{run, run_level};
 use crate::direct_links::DirectLinks;
+use crate::explained::{Asked, Moment, Seen};
 use crate::mailboxes::Mailboxes;
 use crate::network::Instance;
 use crate::patience::Patience;
@@ -283,6 +284,17 @@ impl Node {
         let Some(start) = self.start else { return };
         let current = self.scheduler.tag();
         self.patience.came_late(message, current, (now, current.due(start)));
+    }
+
+    /// What is wrong with what the federate says it waits for, if anything.
+    pub(crate) fn wrong_blockers(&self, now: PhysicalTime, seen: &mut Seen) -> Option<String> {
+        let start = self.start.filter(|_| !self.is_over())?;
+        let asked = match self.open {
+            true => Asked::Level(self.scheduler.next_level()),
+            false => Asked::Tag(self.scheduler.next_tag()),
+        };
+        let (program, machine) = (self.program(), &self.machine);
+        Moment { program, machine, asked, start, now }.wrong(seen)
     }
 
     /// The next wake-up of its machine.

@@ -123,6 +123,8 @@ pub struct Outcome {
     pub lag: Nanos,
     /// How many frames the federates sent to the RTI, and the RTI to them.
     pub frames: (usize, usize),
+    /// What federates and the RTI have waited for, by kind, at the moments at which that was looked at.
+    pub seen: BTreeSet<&'static str>,
 }
 
 /// What a process of a federate has done.

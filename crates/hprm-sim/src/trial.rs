@@ -4,6 +4,7 @@
 //! the program; this file draws the rest, and says what must be true at the end.
 
 use std::any::Any;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
@@ -48,7 +49,7 @@ pub struct Trial {
 }
 
 /// The outcome of a trial in which nothing was wrong.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Verdict {
     /// How many things happened.
     pub events: usize,
@@ -60,6 +61,8 @@ pub struct Verdict {
     pub failed: bool,
     /// Whether what it did was compared with what the program must do.
     pub compared: bool,
+    /// What federates and the RTI have waited for, by kind, at the moments at which that was looked at.
+    pub waits: BTreeSet<&'static str>,
 }
 
 impl Trial {
@@ -144,6 +147,7 @@ impl Trial {
             tardy,
             failed: outcome.failed.is_some(),
             compared,
+            waits: outcome.seen,
         })
     }
 

@@ -10,9 +10,11 @@ use hprm_federated::{
     Topology,
 };
 
+use crate::explained::{Seen, wrong_holds};
 use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
 use crate::plan::{Outcome, Plan, Resets, Skew, Visit};
+use crate::rng::mix;
 use crate::{Log, Rng};
 
 /// An event, as the log of a run shows it.
@@ -53,12 +55,17 @@ pub struct World {
     lost: Vec<(ChannelId, Tag)>,
     events: usize,
     frames: (usize, usize),
+    /// What federates and the RTI have waited for, by kind.
+    seen: Seen,
     /// The inputs of the RTI, if they are recorded.
     tape: Option<Vec<RtiInput>>,
 }
 
 /// Several times as many steps as any of the small programs takes: a run that takes more goes on for ever.
 const STEPS: usize = 200_000;
+
+/// Every how many events, about, what federates say they wait for is looked at.
+const LOOK: u64 = 16;
 
 /// After how long a federate that has lost the RTI, or was killed, joins again.
 const PAUSE: Nanos = 1_000;
@@ -91,6 +98,7 @@ impl World {
             lost: Vec::new(),
             events: 0,
             frames: (0, 0),
+            seen: Seen::new(),
             tape: None,
             rng,
             plan,
@@ -187,8 +195,31 @@ impl World {
             let shown = Shown { now, event: event.clone() };
             watch(&shown);
             self.step(now, event).map_err(|fault| format!("{fault}, at {shown}"))?;
+            if let Some(wrong) = self.wrong_explanation(now) {
+                return Err(format!("{wrong}, at {shown}"));
+            }
         }
         Err("it goes on for ever".to_owned())
+    }
+
+    /// What is wrong with what the federates and the RTI say they wait for, if anything. It is looked at now and
+    /// then.
+    fn wrong_explanation(&mut self, now: PhysicalTime) -> Option<String> {
+        if !mix(self.events as u64).is_multiple_of(LOOK) {
+            return None;
+        }
+        let Self { nodes, clocks, rti, seen, .. } = self;
+        for (me, node) in nodes.iter() {
+            let local = clocks[me.federate].local(now);
+            if let Some(wrong) = node.wrong_blockers(local, seen) {
+                return Some(format!("{me:?}: {wrong}"));
+            }
+        }
+        let links = |federate| {
+            let lives = nodes.values().filter(|node| node.me.federate == federate);
+            lives.map(Node::link).collect()
+        };
+        wrong_holds(rti, now, links, seen)
     }
 
     fn outcome(self) -> Result<Outcome, String> {
@@ -231,7 +262,7 @@ impl World {
             *tag <= last[receiver]
         });
         let lost_from = missed.map(|(_, tag)| *tag).min().unwrap_or(Tag::FOREVER);
-        let Self { failed, events, frames, .. } = self;
+        let Self { failed, events, frames, seen, .. } = self;
         let lives = self.nodes.into_values().filter_map(Node::life).collect();
         Ok(Outcome {
             log,
@@ -246,6 +277,7 @@ impl World {
             events,
             lag,
             frames,
+            seen,
         })
     }
 

@@ -327,6 +327,18 @@ impl Ledger {
         held.map(|(serial, sealed)| sealed.object(self.owner, *serial))
     }
 
+    /// How many bytes each reader holds. An object that several hold counts for each of them.
+    #[must_use]
+    pub fn held_bytes(&self) -> BTreeMap<FederateId, u64> {
+        let mut held = BTreeMap::new();
+        for sealed in self.sealed.values() {
+            for reader in sealed.readers.keys() {
+                *held.entry(*reader).or_default() += sealed.len;
+            }
+        }
+        held
+    }
+
     /// Adds a hold of `reader` to an object that is held, and returns its reference.
     ///
     /// # Errors

@@ -17,12 +17,14 @@
 //!   that the owner made before. That the owner itself does not write what a reader holds is the
 //!   protocol of the store (an object is freed only by its releases). This is the one thing for which a
 //!   reader has to trust its peer; the bytes are plain `u8`, which are valid whatever they are.
-//! - Memory that two processes write is never seen as bytes: [`SharedWords`] are atomic words.
+//! - Memory that one process writes while others read it, or that two write, is never seen as bytes:
+//!   [`PublishedWords`] and [`SharedWords`] are atomic words.
 
 mod cow;
 mod cow_pages;
 mod locks;
 mod mapping;
+mod published;
 mod segment;
 mod view;
 mod words;
@@ -30,6 +32,7 @@ mod words;
 pub(crate) use cow::CowMapping;
 pub(crate) use cow_pages::CowPages;
 pub(crate) use locks::{FileDescription, ForkLock, is_locked, lock_file};
+pub(crate) use published::{PublishedWords, WordsView};
 pub(crate) use segment::{ReadBorrow, Segment, WriteBorrow};
 pub(crate) use view::SegmentView;
 pub(crate) use words::SharedWords;

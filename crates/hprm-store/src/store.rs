@@ -435,6 +435,12 @@ impl Store {
         self.ledger.stats()
     }
 
+    /// How many bytes each reader holds. An object that several hold counts for each of them.
+    #[must_use]
+    pub fn held(&self) -> BTreeMap<FederateId, u64> {
+        self.ledger.held_bytes()
+    }
+
     /// Whether anything was dropped since the last call of [`Self::settle`], or may have ended without a word.
     fn has_changed(&self) -> bool {
         self.abandoned.may_have_entries()

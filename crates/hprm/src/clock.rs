@@ -54,6 +54,11 @@ impl Clock {
         PhysicalTime(local + DISTURBANCE.load(Ordering::Relaxed))
     }
 
+    /// The monotonic clock of this machine, in nanoseconds: the same for all of its processes.
+    pub(crate) fn monotonic() -> Nanos {
+        read(ClockId::Monotonic)
+    }
+
     /// How long it takes until `at`.
     pub(crate) fn until(at: PhysicalTime) -> Nanos {
         Self::local_at(at).since(Self::local())

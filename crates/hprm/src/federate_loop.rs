@@ -17,6 +17,7 @@ mod pace;
 mod reach;
 mod recording;
 mod search;
+mod showing;
 mod time;
 mod watchers;
 
@@ -28,6 +29,7 @@ use hprm_core::{
 };
 use hprm_federated::{End, Frame, Input, Output, Permission};
 
+use crate::board::{BoardWriter, FederateState, Stage};
 use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
@@ -44,6 +46,7 @@ use membership::Membership;
 use objects::Changes;
 use outlive::OutliveWatch;
 use pace::{LINGER, Pace, ThreadUsage};
+use showing::Counts;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the federate reports any failure from then on to the RTI.
@@ -105,18 +108,22 @@ where
     let recorder = recording.recorder();
     let properties = &options.program.properties;
     enter_realtime(properties, Some(options.federate.index()))?;
+    let mut board = showing::board(options);
     let mut federation = Membership::join(options, inbox, network)?;
+    board.show(&FederateState::before(Stage::Loading));
     let scope = Scope::Federate(options.federate);
     let loaded = load().and_then(|host| {
         let trace =
             options.trace.as_ref().map(|share| Trace::create_share(share, &options.program));
         let (program, recorder) = (&options.program, recorder.clone());
-        Ok((host, Workers::new(program, scope, trace.transpose()?, recorder)?))
+        let workers = Workers::new(program, scope, trace.transpose()?, recorder)?;
+        Ok((host, workers.shown_on(board.lanes())))
     });
     let (host, workers) = match loaded {
         Ok(loaded) => loaded,
         Err(failure) => return Err(federation.fail(failure)),
     };
+    showing::name_places(&board, options, &host);
     let mut federate = FederateLoop {
         scheduler: Scheduler::new(Arc::clone(&options.program), scope),
         workers,
@@ -125,6 +132,8 @@ where
         inbox,
         host,
         federation,
+        counts: Counts::new(&board, options.program.channels.len()),
+        board,
         exchange: exchange.cloned(),
         phase: Phase::Joining,
         has_reported_loaded: false,
@@ -147,6 +156,7 @@ where
     }
     federate.host.set_tracepoints(&recording.tracepoints());
     let outcome = federate.run();
+    federate.show_end();
     federate.outlive = None;
     inbox.close();
     federate.workers.report_dropped(&federate.scheduler, &mut federate.host);
@@ -164,6 +174,8 @@ struct FederateLoop<'a, H: Host> {
     inbox: &'a Inbox<H::Value>,
     host: H,
     federation: Membership,
+    board: BoardWriter,
+    counts: Counts,
     /// Holds the values of messages, if the federation is in this process.
     exchange: Option<ValueExchange<H::Value>>,
     phase: Phase,
@@ -211,7 +223,9 @@ where
             match advanced {
                 true => {
                     self.pace.tag_took(self.now.since(before), ThreadUsage::of_this_thread);
+                    self.show_busy();
                 }
+                // The next wait shows for what, if it is time to.
                 false => self.pace.waited(self.now),
             }
             self.read_inbox()?;
@@ -385,6 +399,7 @@ where
         }
         tracing::trace!("begins tag {tag}");
         self.handle(Input::Begun(tag))?;
+        self.note_tag(tag);
         self.workers.watch_lag(&self.scheduler, &mut self.host, (tag, due), self.now);
         self.scheduler.begin(tag);
         self.phase = Phase::Processing;
@@ -426,6 +441,7 @@ where
                 }
             }
             let Some(level) = level else { break };
+            self.board.begins(self.scheduler.tag(), now);
             self.workers.run_level(&mut self.scheduler, &mut self.host, level)?;
             self.scheduler.pass(level);
             self.send_all()?;
@@ -488,6 +504,7 @@ where
             let mut payload = exchange.put(to, self.host.send_in_process(channel, &value)?);
             payload.physical = physical;
             self.recorder.message(Kind::Sent, (channel, tag), Size::REFERENCE);
+            self.counts.message(channel, tag, &payload);
             return self.handle(Input::Send { channel, tag, payload });
         }
         let Membership { machine, objects, links, .. } = &mut self.federation;
@@ -518,6 +535,7 @@ where
             let flags = if now == before { Flags::NONE } else { Flags::COPIED };
             self.recorder.message(Kind::Sent, (channel, tag), Size::of(&payload, flags));
         }
+        self.counts.message(channel, tag, &payload);
         self.handle(Input::Send { channel, tag, payload })
     }
 
@@ -574,7 +592,8 @@ where
                 let physical = payload.physical;
                 self.note_received((channel, tag), &payload);
                 let value = self.receive(channel, payload)?;
-                self.scheduler.deliver(channel, tag, value, physical);
+                let taken = self.scheduler.deliver(channel, tag, value, physical);
+                self.counts.delivered(taken, tag, self.scheduler.tag());
             }
             Output::DeliverPhysical { channel, payload, .. } => {
                 self.note_received((channel, Tag::NEVER), &payload);
@@ -634,6 +653,7 @@ where
             self.now
         );
         self.note_wait(until);
+        let until = self.show_waiting(until);
         let Membership { links, .. } = &mut self.federation;
         let inbox = self.inbox;
         let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));

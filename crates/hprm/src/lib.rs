@@ -19,6 +19,7 @@
 struct Handbook;
 
 mod answer;
+pub mod board;
 mod clock;
 pub mod console;
 mod describing;

@@ -35,7 +35,7 @@ pub use address::{Address, AddressError};
 pub(crate) use ends::CloseInChild;
 pub(crate) use keys::Keys;
 pub use keys::Security;
-pub(crate) use proof::Purpose;
+pub(crate) use proof::{Purpose, name_of};
 pub(crate) use queue_link::Hub;
 use queue_link::{QueueLink, QueueListener};
 use socket::SocketListener;

@@ -5,6 +5,7 @@
 
 mod logging;
 mod recording;
+mod showing;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -20,6 +21,7 @@ use hprm_federated::{
     FederationId, Frame, HangTimeout, LinkId, Refusal, RtiInput, RtiOutput, Topology,
 };
 
+use crate::board::{Identity, Role};
 use crate::link::descriptors::no_notifier;
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::log::log_names;
@@ -31,6 +33,7 @@ use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
 
 use self::logging::RtiLog;
 use self::recording::RtiRecording;
+use self::showing::RtiShowing;
 
 /// How long after the last federate is ready the program starts: enough for the start time to reach all
 /// processes of one machine.
@@ -133,6 +136,7 @@ pub struct Rti {
     recording: RtiRecording,
     /// The log of all frames, if there is one.
     log: RtiLog,
+    showing: RtiShowing,
 }
 
 /// The open links of the RTI, and the acceptor of new ones.
@@ -209,6 +213,7 @@ impl Rti {
         let topology = Topology::new(&options.program);
         let failed = |address: &Address, error: io::Error| Failure::listen(true, address, &error);
         let keys = Keys::new(options.federation, options.security.clone())?;
+        let identity = Identity::new(&options.program, keys.name(), Role::Rti);
         let fingerprint = Arc::clone(&options.fingerprint);
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
         let delay = if addresses.any(Address::is_open) { START_DELAY_NETWORK } else { START_DELAY };
@@ -249,6 +254,7 @@ impl Rti {
             finished: false,
             recording: RtiRecording::default(),
             log: RtiLog::open(&options.program, network)?,
+            showing: RtiShowing::new(&identity, &options.program),
         })
     }
 
@@ -315,7 +321,8 @@ impl Rti {
                 break;
             }
             wakeup = self.machine.next_wakeup();
-            let found = self.poller.wait(&mut self.links, &self.control.wakeups, wakeup);
+            let until = self.showing.show(&self.machine, wakeup);
+            let found = self.poller.wait(&mut self.links, &self.control.wakeups, until);
             if found.notified {
                 self.control.wakeups.clear();
             }
@@ -442,6 +449,7 @@ impl Rti {
                 RtiOutput::Started { at } => {
                     self.links.acceptor.inner.become_busy();
                     self.recording.started(at);
+                    self.showing.started(at);
                     report(RtiEvent::Started(at));
                 }
                 RtiOutput::Silent { federate, silence } => {

@@ -17,6 +17,7 @@ use hprm_core::{
 };
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
+use crate::board::BoardLanes;
 use crate::lag::{LagWatch, Overload};
 use crate::recorder::{Flags, Recorder};
 use crate::trace::line::Read;
@@ -30,6 +31,9 @@ pub(crate) struct Workers<V> {
     /// The trace of what the reactions do, if there is one.
     trace: Option<Trace>,
     recorder: Recorder,
+    lanes: BoardLanes,
+    /// Whether nothing has to be done after each reaction: there is one worker, no trace and no recording.
+    is_plain: bool,
     /// Whose reactions run here.
     scope: Scope,
     lag: LagWatch,
@@ -80,30 +84,16 @@ impl<V: Clone> Workers<V> {
         trace: Option<Trace>,
         recorder: Recorder,
     ) -> Result<Self, Failure> {
-        let workers = count(program);
+        let team = Team::new(program, scope)?;
+        let is_plain = team.is_none() && trace.is_none() && !recorder.is_on();
         let lag = LagWatch::new(program.properties.fast, program.reactions.len());
-        if workers <= 1 {
-            return Ok(Self {
-                team: None,
-                trace,
-                recorder,
-                scope,
-                lag,
-                backlog_is_reported: false,
-            });
-        }
-        let others = workers - 1;
-        let threads = ThreadPoolBuilder::new()
-            .num_threads(others)
-            .thread_name(|index| format!("worker-{}", index + 1))
-            .build()
-            .map_err(|error| {
-                let error = std::io::Error::other(error);
-                Failure::system(format!("cannot start {others} threads"), &error)
-            })?;
-        let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
-        let team = Team { threads, others, shared, turns: Vec::new(), results: Vec::new() };
-        Ok(Self { team: Some(team), trace, recorder, scope, lag, backlog_is_reported: false })
+        let (lanes, backlog_is_reported) = (BoardLanes::default(), false);
+        Ok(Self { team, trace, recorder, lanes, is_plain, scope, lag, backlog_is_reported })
+    }
+
+    /// The same, and a board shows which reactions run.
+    pub(crate) fn shown_on(self, lanes: BoardLanes) -> Self {
+        Self { lanes, ..self }
     }
 
     /// Notes that a tag that was `due` begins now, and warns once if the program has fallen behind for good, and
@@ -161,15 +151,31 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        let is_plain = self.team.is_none() && self.trace.is_none() && !self.recorder.is_on();
-        if is_plain && !self.lag.is_timing() {
+        if self.is_plain && !self.lag.is_timing() {
             // Most programs: nothing else has to be done after each reaction.
+            if self.lanes.is_on() {
+                return self.run_shown(scheduler, host);
+            }
             while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
                 run_alone(scheduler, host, reaction, body)?;
             }
             return Ok(());
         }
         self.run_attended(scheduler, host)
+    }
+
+    /// The same for a federate, whose board shows which reaction runs.
+    #[inline(never)]
+    fn run_shown<H: Host<Value = V>>(
+        &mut self,
+        scheduler: &mut Scheduler<V>,
+        host: &mut H,
+    ) -> Result<(), Failure> {
+        while let Some((reaction, body)) = scheduler.next_reaction(Clock::now) {
+            self.lanes.begins(0, reaction);
+            run_alone(scheduler, host, reaction, body)?;
+        }
+        Ok(())
     }
 
     /// The same for programs with several workers, a trace or a lag: apart, so that the loop of the
@@ -214,10 +220,10 @@ impl<V: Clone> Workers<V> {
     where
         V: Send + Sync,
     {
-        let Self { team, trace, recorder, lag, .. } = self;
+        let Self { team, trace, recorder, lanes, lag, .. } = self;
         let ran = match team {
             Some(team) if host.shared_bodies().is_some() => {
-                team.run_next(scheduler, host, trace.as_mut(), (lag, recorder))?
+                team.run_next(scheduler, host, trace.as_mut(), (lag, recorder, lanes))?
             }
             _ => match scheduler.next_reaction(Clock::now) {
                 Some((reaction, body)) => {
@@ -227,6 +233,7 @@ impl<V: Clone> Workers<V> {
                     }
                     let tag = scheduler.tag();
                     recorder.reaction(0, reaction, body, tag);
+                    lanes.begins(0, reaction);
                     let ran = timed(lag, reaction, || run_alone(scheduler, host, reaction, body));
                     recorder.reaction_end(0, reaction, tag);
                     ran?;
@@ -277,13 +284,34 @@ fn run_alone<H: Host>(
     Ok(())
 }
 
+impl<V: Clone> Team<V> {
+    /// The threads that the program asks for; none, if it asks for one.
+    fn new(program: &Arc<Program>, scope: Scope) -> Result<Option<Self>, Failure> {
+        let workers = count(program);
+        if workers <= 1 {
+            return Ok(None);
+        }
+        let others = workers - 1;
+        let threads = ThreadPoolBuilder::new()
+            .num_threads(others)
+            .thread_name(|index| format!("worker-{}", index + 1))
+            .build()
+            .map_err(|error| {
+                let error = std::io::Error::other(error);
+                Failure::system(format!("cannot start {others} threads"), &error)
+            })?;
+        let shared = Arc::new(Scheduler::new(Arc::clone(program), scope));
+        Ok(Some(Self { threads, others, shared, turns: Vec::new(), results: Vec::new() }))
+    }
+}
+
 impl<V: Clone + Send + Sync> Team<V> {
     fn run_next<H: Host<Value = V>>(
         &mut self,
         scheduler: &mut Scheduler<V>,
         host: &mut H,
         trace: Option<&mut Trace>,
-        (lag, recorder): (&mut LagWatch, &Recorder),
+        (lag, recorder, lanes): (&mut LagWatch, &Recorder, &BoardLanes),
     ) -> Result<bool, Failure> {
         scheduler.next_turns(Clock::now, &mut self.turns);
         for turn in &self.turns {
@@ -302,6 +330,7 @@ impl<V: Clone + Send + Sync> Team<V> {
                 }
                 let tag = scheduler.tag();
                 recorder.reaction(0, turn.reaction, turn.body, tag);
+                lanes.begins(0, turn.reaction);
                 let ran =
                     timed(lag, turn.reaction, || host.react(scheduler, turn.reaction, turn.body));
                 recorder.reaction_end(0, turn.reaction, tag);
@@ -309,7 +338,8 @@ impl<V: Clone + Send + Sync> Team<V> {
                 scheduler.finish(turn.reaction);
             }
             _ => {
-                self.run_turns(scheduler, host, recorder, (trace.is_some(), lag.is_timing()));
+                let (traced, timed) = (trace.is_some(), lag.is_timing());
+                self.run_turns(scheduler, host, (recorder, lanes), (traced, timed));
                 for (turn, ran) in self.turns.iter().zip(&mut self.results) {
                     let ran = ran.get_mut().unwrap_or_else(PoisonError::into_inner);
                     lag.ran(turn.reaction, ran.took);
@@ -332,7 +362,7 @@ impl<V: Clone + Send + Sync> Team<V> {
         &mut self,
         scheduler: &mut Scheduler<V>,
         host: &H,
-        recorder: &Recorder,
+        (recorder, lanes): (&Recorder, &BoardLanes),
         (traced, timed): (bool, bool),
     ) {
         let Some(bodies) = host.shared_bodies() else {
@@ -358,7 +388,9 @@ impl<V: Clone + Send + Sync> Team<V> {
                 let began = timed.then(Clock::local);
                 let body = AssertUnwindSafe(|| bodies.react(shared, turn, effects));
                 recorder.reaction(lane, turn.reaction, turn.body, shared.tag());
+                lanes.begins(lane, turn.reaction);
                 *outcome = Some(catch_unwind(body));
+                lanes.ends(lane);
                 recorder.reaction_end(lane, turn.reaction, shared.tag());
                 *took = began.map_or(0, |began| Clock::local().since(began));
             }

@@ -6,6 +6,7 @@
 //! `dnet`, and what follows from the graph for them in `waiting`.
 
 mod dnet;
+mod holds;
 mod waiting;
 
 use std::collections::BTreeSet;

@@ -79,6 +79,11 @@ impl Arrivals {
         self.0.insert(peer.federate, arrival);
     }
 
+    /// Whether the federate is joining.
+    pub(super) fn has(&self, federate: FederateId) -> bool {
+        self.0.contains_key(&federate)
+    }
+
     pub(super) fn is_link_of(&self, federate: FederateId, link: LinkId) -> bool {
         self.0.get(&federate).is_some_and(|arrival| arrival.link == link)
     }

@@ -37,6 +37,12 @@ impl Traffic {
         self.lagging > 0
     }
 
+    /// The channels whose receiver has not reported all that the sender has.
+    pub(super) fn lagging(&self) -> impl Iterator<Item = ChannelId> {
+        let pairs = self.pairs.iter().filter(|(_, pair)| pair.sent > pair.received);
+        pairs.map(|(channel, _)| channel).take(self.lagging)
+    }
+
     /// Takes the counts of a federate; all of them, or none if one is about a foreign channel.
     pub(super) fn count(
         &mut self,

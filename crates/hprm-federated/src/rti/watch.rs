@@ -90,6 +90,13 @@ impl Rti {
         }
     }
 
+    /// For how long nothing has come from a federate that the RTI has asked to answer.
+    pub(super) fn silence(&self, federate: FederateId, now: PhysicalTime) -> Option<Nanos> {
+        let liveness = self.watch.as_ref()?.liveness[federate];
+        let asked = liveness.ping_sent.filter(|_| self.members[federate].is_live());
+        asked.map(|_| now.since(liveness.last_frame))
+    }
+
     /// The silence of every federate is counted from now on: the program starts.
     pub(super) fn restart_silence(&mut self, now: PhysicalTime) {
         self.topology.federates().for_each(|federate| self.note_frame(federate, now));

@@ -13,7 +13,8 @@ where
 {
     /// A message has arrived.
     #[inline]
-    pub(super) fn note_received(&self, message: (ChannelId, Tag), payload: &Payload) {
+    pub(super) fn note_received(&mut self, message: (ChannelId, Tag), payload: &Payload) {
+        self.counts.message(message.0, message.1, payload);
         if self.recorder.is_on() {
             let size = match self.exchange {
                 Some(_) => Size::REFERENCE,
