@@ -180,11 +180,11 @@ BUILD := PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolatio
 
 # Extension, package and command; pip says nothing of what cargo does unless it is verbose.
 $(VENV)/.built: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
-	$(if $(wildcard $(VENV)/.whole),HPRM_DIAGRAM=1) $(BUILD)
+	$(if $(wildcard $(VENV)/.whole),HPRM_WHOLE=1) $(BUILD)
 	@touch $@
 
-# The same with `hprm diagram`, whose layout takes most of a minute to compile: what the demo shows needs none. Where it
-# has been built once, all builds have it.
+# The same with `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to compile: what the
+# demo shows needs neither. Where they have been built once, all builds have them.
 $(VENV)/.whole: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
-	HPRM_DIAGRAM=1 $(BUILD)
+	HPRM_WHOLE=1 $(BUILD)
 	@touch $(VENV)/.built $@

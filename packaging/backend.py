@@ -4,8 +4,8 @@ maturin compiles one crate. So it is given a program in the place of cargo, `car
 the command in the same run of cargo, for the same target, and puts it where maturin finds scripts.
 What a wheel is, is maturin's subject.
 
-Wheels have `hprm diagram`, whose layout takes most of a minute to compile; a build of a checkout
-has it if the environment variable HPRM_DIAGRAM is 1.
+Wheels have `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to
+compile; a build of a checkout has them if the environment variable HPRM_WHOLE is 1.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Settings = Mapping[str, Any] | None
 
 def build_wheel(directory: str, settings: Settings = None, metadata: str | None = None) -> str:
     """Build a wheel of the extension, the package and the command."""
-    with _both_crates({"HPRM_DIAGRAM": "1"}) as scripts:
+    with _both_crates({"HPRM_WHOLE": "1"}) as scripts:
         wheel = maturin.build_wheel(directory, settings, metadata)
         _expect_command(scripts)
     return wheel

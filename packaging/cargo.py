@@ -15,7 +15,7 @@ from pathlib import Path
 
 CRATES = ("hprm-python", "hprm-cli")
 COMMAND = "hprm"
-DIAGRAM = ("--features", "hprm-cli/diagram")
+WHOLE = ("--features", "hprm-cli/whole")
 
 
 def main(words: list[str]) -> int:
@@ -47,8 +47,8 @@ def for_both(words: list[str]) -> list[str]:
     if dashes and (flags := list(last)):
         # They are for one crate.
         sys.exit(f"error: cargo build takes no flags of rustc: {' '.join(flags)}")
-    if os.environ.get("HPRM_DIAGRAM") == "1":
-        options += DIAGRAM
+    if os.environ.get("HPRM_WHOLE") == "1":
+        options += WHOLE
     return options + [word for crate in CRATES for word in ("--package", crate)]
 
 

@@ -9,6 +9,7 @@ mod diagram;
 mod frames;
 mod new;
 mod texts;
+mod top;
 mod tracing;
 mod watching;
 
@@ -28,6 +29,7 @@ pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
 pub(crate) use crate::args::new::{Language, New};
+pub(crate) use crate::args::top::Top;
 pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
 pub(crate) use crate::args::watching::{Echo, Of, Rate};
 use crate::source::Program;
@@ -57,6 +59,7 @@ impl Arguments {
             | Command::Trace(_)
             | Command::Echo(_)
             | Command::Rate(_)
+            | Command::Top(_)
             | Command::Sim(_)
             | Command::Doctor(_)
             | Command::Completions(_)
@@ -81,6 +84,7 @@ Examples:
   hprm diagram Main.lf        draw a program
   hprm explain LF0503         what a mistake with this code is, and its cure
   hprm run --trace A.pftrace Main.lf    record when what happens, for Perfetto
+  hprm top                    watch a federation that runs: what it does, and what it waits for
   hprm verify Main.lf         run a program several times, and compare what it did
   hprm echo camera.image      print what a federate of a running federation sends
   hprm doctor                 see whether this machine has what HPRM needs
@@ -103,6 +107,7 @@ pub(crate) enum Command {
     Rti(RtiArguments),
     Federate(FederateArguments),
     Compose(Compose),
+    Top(Top),
     Sim(Sim),
     Doctor(Doctor),
     Completions(Completions),

@@ -42,6 +42,7 @@ mod signals;
 mod sim;
 mod source;
 mod threads;
+mod top;
 mod trace;
 mod trace_file;
 mod usage;
@@ -104,6 +105,7 @@ fn command() -> ExitCode {
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
         Command::Compose(compose) => compose::compose(&compose),
+        Command::Top(wanted) => top::top(&wanted),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
         Command::Completions(wanted) => Ok(generate::completions(&wanted)),

@@ -92,7 +92,7 @@ where
     #[inline]
     pub(super) fn show_busy(&mut self) {
         if self.board.is_due(self.now) {
-            self.show(false);
+            self.show_state(false);
         }
     }
 
@@ -103,7 +103,7 @@ where
         if self.now < due {
             return Some(until.map_or(due, |until| until.min(due)));
         }
-        self.show(true);
+        self.show_state(true);
         until
     }
 
@@ -116,7 +116,7 @@ where
     }
 
     #[cold]
-    fn show(&mut self, waits: bool) {
+    fn show_state(&mut self, waits: bool) {
         let state = self.state(waits);
         self.board.show(&state);
     }
