@@ -181,11 +181,11 @@ impl Decentralized {
         now: PhysicalTime,
         start: PhysicalTime,
     ) -> Vec<Blocker> {
-        if !self.is_stepwise() {
-            return self.blockers(Step::end(tag), now, start);
-        }
         let before = Step::end(tag.pred());
-        self.unknown((tag, now, start), |_| (before, self.maxwait))
+        match self.is_stepwise() {
+            true => self.unknown((tag, now, start), |_| (before, self.maxwait)),
+            false => self.blockers(Step::end(tag), now, start),
+        }
     }
 
     /// The inputs for which a step waits.

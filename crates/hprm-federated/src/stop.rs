@@ -19,7 +19,7 @@ impl Stop {
     /// Whether `tag` may not begin before the decision. The named tag itself may not: it could be the
     /// last one, and its reactions to shutdown would be missing.
     pub(crate) fn refuses(self, tag: Tag) -> bool {
-        self.held().is_some_and(|held| tag >= held)
+        matches!(self, Self::Held(held) if tag >= held)
     }
 
     /// The tag before which this federate stays until the decision, if it has named one.
