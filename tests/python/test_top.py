@@ -5,13 +5,18 @@ docs/howto/top.md says what is in the JSON object.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
+import pty
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
+import termios
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +24,8 @@ from typing import Any
 import pytest
 from processes import COORDINATIONS, Bench, finish, processes, until
 from snippets import TELL
+
+HPRM = str(Path(sys.executable).with_name("hprm"))
 
 # The camera sends for ever, the planner sends on what comes and has a timer of its own; all stop
 # when there is a file `stop`.
@@ -333,6 +340,40 @@ def test_a_watcher_that_is_killed_disturbs_nothing(bench: Bench) -> None:
     end(bench, run)
 
 
+@pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["signal", "hangup"])
+def test_the_screen_ends_with_its_terminal_and_on_a_signal(
+    bench: Bench, ending: signal.Signals | None
+) -> None:
+    run = bench.start(program())
+    bench.pid("planner")
+    child, terminal = pty.fork()
+    if child == 0:
+        fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
+        os.execv(HPRM, [HPRM, "top", str(run.pid), "--interval", "0.1"])
+    os.set_blocking(terminal, False)
+    shown = bytearray()
+
+    def shows(text: bytes) -> bool:
+        with contextlib.suppress(OSError):
+            shown.extend(os.read(terminal, 65536))
+        return text in shown
+
+    until(lambda: shows(b"planner"), "it is shown")
+    if ending is None:
+        os.close(terminal)
+    else:
+        os.kill(child, ending)
+    ended: list[int] = []
+    until(lambda: ended.extend(os.waitpid(child, os.WNOHANG)) or ended[-2] == child, "it ends")
+    # Without its terminal, it notices first that it cannot draw, or gets the signal of the kernel.
+    expected = {1, -signal.SIGHUP} if ending is None else {-ending}
+    assert os.waitstatus_to_exitcode(ended[-1]) in expected
+    if ending is not None:
+        until(lambda: shows(b"\x1b[?1049l"), "the screen of before is back")
+        os.close(terminal)
+    end(bench, run)
+
+
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_program_that_is_watched_does_the_same(bench: Bench, coordination: str) -> None:
     text = program(coordination).replace(" }", ", timeout: 500 msec }", 1)
@@ -384,12 +425,10 @@ def test_federations_of_other_users_are_not_shown(bench: Bench) -> None:
         return
     run = bench.start(program())
     bench.pid("planner")
-    hprm = shutil.which("hprm", path=str(Path(sys.executable).parent))
-    assert hprm is not None
     with tempfile.TemporaryDirectory() as folder:
         # Where the other user can execute it.
         os.chmod(folder, 0o755)
-        copy = shutil.copy(hprm, folder)
+        copy = shutil.copy(HPRM, folder)
         for words, message in (
             (["Main"], "no federation Main of this user runs"),
             ([str(run.pid)], f"process {run.pid} belongs to another user"),

@@ -5,51 +5,59 @@
 mod draw;
 
 use std::io;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use signal_hook::low_level::emulate_default_handler;
 
 use self::draw::{View, draw};
 use super::collect::Boards;
 use crate::message::Error;
 
-/// The longest time until a signal is obeyed.
-const LOOK: Duration = Duration::from_millis(100);
-
-/// Shows a federation until a key or a signal ends it, or the federation has ended.
+/// Shows a federation until a key or a signal ends it.
 ///
 /// # Errors
 ///
 /// If the terminal cannot be used.
 pub(super) fn screen(boards: Boards, only: Option<usize>, interval: Duration) -> Result<(), Error> {
     let failed = |error: io::Error| Error::new(format!("cannot use the terminal: {error}"));
-    let asked = Arc::new(AtomicBool::new(false));
-    for signal in [SIGHUP, SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&asked)).map_err(failed)?;
-    }
     // Restores the terminal before the message of a panic, too.
     let mut terminal = ratatui::try_init().map_err(failed)?;
-    let shown = show(&mut terminal, boards, only, (interval, &asked));
+    let shown = end_on_signals().and_then(|()| show(&mut terminal, boards, only, interval));
     let restored = ratatui::try_restore();
     shown.and(restored).map_err(failed)
+}
+
+/// Has a signal restore the terminal and end the process. In a thread of its own, because the wait for keys does not
+/// return once the terminal is gone.
+fn end_on_signals() -> io::Result<()> {
+    let mut signals = Signals::new([SIGHUP, SIGINT, SIGTERM])?;
+    let end = move || {
+        if let Some(signal) = signals.forever().next() {
+            // The signal ends the process, so no error can be reported; the terminal may be gone, too.
+            let _ = ratatui::try_restore();
+            let _ = emulate_default_handler(signal);
+        }
+    };
+    thread::Builder::new().name("signals".to_owned()).spawn(end).map(drop)
 }
 
 fn show(
     terminal: &mut DefaultTerminal,
     mut boards: Boards,
     only: Option<usize>,
-    (interval, asked): (Duration, &AtomicBool),
+    interval: Duration,
 ) -> io::Result<()> {
     let mut view = View::new(boards.read(), only);
     let mut next = Instant::now() + interval.min(Duration::from_millis(300));
-    while !asked.load(Ordering::Relaxed) {
+    loop {
         terminal.draw(|frame| draw(frame, &mut view))?;
         let left = next.saturating_duration_since(Instant::now());
-        if event::poll(left.min(LOOK))?
+        if event::poll(left)?
             && let Event::Key(key) = event::read()?
             && !obey(key, &mut view)
         {
@@ -70,7 +78,6 @@ fn show(
             None => view.has_ended = true,
         }
     }
-    Ok(())
 }
 
 /// Does what a key asks for. Returns whether to go on.
