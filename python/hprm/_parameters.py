@@ -10,7 +10,16 @@ from hprm._mistakes import ProgramError, one
 #: The options of ``hprm run``, one of which may be meant by a name that is none.
 OPTIONS = (
     *("cpus", "debug", "fast", "hang-timeout", "help", "in-process", "join-timeout", "json"),
-    *("keepalive", "logical-trace", "property", "python", "realtime", "spin"),
+    *(
+        "keepalive",
+        "log-frames",
+        "log-frames-to",
+        "logical-trace",
+        "property",
+        "python",
+        "realtime",
+        "spin",
+    ),
     *("start-time-multiple", "store-full", "store-limit", "timeout", "trace", "trace-buffer"),
     "workers",
 )

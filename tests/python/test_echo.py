@@ -5,15 +5,26 @@ The handbook has it in docs/howto/echo.md.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import re
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import COORDINATIONS, Bench, finish, hear
+from processes import COORDINATIONS, Bench, Outcome, finish, hear, until
+
+
+@pytest.fixture(autouse=True)
+def in_turn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """One test at a time: each watcher asks all federations of this user what they are called."""
+    with Path(tmp_path_factory.getbasetemp().parent, "watchers.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
 
 # A federation that goes on until it is stopped, and a value of every kind.
 VALUES = """\
@@ -334,7 +345,15 @@ federated reactor {
 
 
 def test_which_federation_is_meant_must_be_clear(bench: Bench) -> None:
-    outcome = finish(bench.call("echo", "camera.image", "--of", "NoSuchFederation"))
+    tried: list[Outcome] = []
+
+    def is_told() -> bool:
+        tried.append(finish(bench.call("echo", "camera.image", "--of", "NoSuchFederation")))
+        # A federation that another test has stopped does not say what it is called.
+        return "does not answer" not in tried[-1].err
+
+    until(is_told, "all federations answer")
+    outcome = tried[-1]
     assert outcome.code == 1
     outcome.assert_one_error("no federation NoSuchFederation of this user runs on this machine")
     # The name of a program is that of its file.
