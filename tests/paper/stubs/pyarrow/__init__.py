@@ -1,0 +1,1 @@
+"""Stands for the package that had Plasma until its version 11."""
