@@ -13,7 +13,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,10 @@ SHARES = {10.0: 0.04, 1.0: 0.24, 0.3: 0.36, 0.1: 0.36}
 """Which part of a contender's messages is sent with each period, in ms. Long ones take long."""
 
 TIME_LIMIT_S = 600.0
+
+
+class Failed(Exception):
+    """A program cannot be run or did not do its work; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +59,17 @@ class Tagged:
         maxwait = -1 if self.maxwait_ms is None else round(self.maxwait_ms * 1e6)
         command = [str(_hprm()), "run", f"--property=coordination={self.coordination}"]
         command += [str(PROGRAM), str(flow.steps), str(flow.period_ns), str(maxwait)]
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=TIME_LIMIT_S, check=False
-        )
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=TIME_LIMIT_S, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise Failed(f"{' '.join(command)} took longer than {TIME_LIMIT_S:.0f} s") from None
         if done.returncode != 0:
-            raise SystemExit(f"error: {' '.join(command)} failed\n{done.stderr}")
+            raise Failed(f"{' '.join(command)} failed\n{done.stderr}")
         said = [json.loads(line.partition("] ")[2]) for line in done.stdout.splitlines()]
         if len(said) != untagged.SUBSCRIBERS:
-            raise SystemExit(f"error: {' '.join(command)} has not reported\n{done.stdout}")
+            raise Failed(f"{' '.join(command)} has not reported\n{done.stdout}")
         total = {key: sum(one[key] for one in said) for key in ["messages", "tardy", "undetected"]}
         return total | {"seconds": max(one["seconds"] for one in said)}
 
@@ -78,11 +85,15 @@ TAGGED = [
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures, prints the table and the verdict, writes the JSON; returns the exit code."""
     options = parse(argv)
-    untagged_contenders = {} if options.only_tagged else untagged.contenders()
-    with load(options.load):
-        rows = measure(options, untagged_contenders)
+    chosen = contenders(not options.only_tagged)
+    try:
+        with load(options.load):
+            rows = measure(options, chosen)
+    except Failed as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     print(table(rows, options))
-    if not options.only_tagged and "pyzmq PUB/SUB" not in untagged_contenders:
+    if not options.only_tagged and "pyzmq PUB/SUB" not in chosen:
         print("pyzmq PUB/SUB is skipped: pyzmq is not installed")
     missed = sum(row.get("undetected", 0) for row in rows)
     sent = sum(row["messages"] for row in rows if "tardy" in row)
@@ -111,9 +122,17 @@ def _periods(text: str) -> list[float]:
     return periods
 
 
-def measure(options: argparse.Namespace, peers: dict[str, Any]) -> list[dict[str, Any]]:
+Contenders = dict[str, Callable[[untagged.Flow], dict[str, Any]]]
+
+
+def contenders(with_untagged: bool) -> Contenders:
+    """All ways to run the program, by name."""
+    tagged: Contenders = {it.name: it.run for it in TAGGED}
+    return tagged | (untagged.contenders() if with_untagged else {})
+
+
+def measure(options: argparse.Namespace, contenders: Contenders) -> list[dict[str, Any]]:
     """Runs every contender with every period, side by side: period by period."""
-    contenders = {tagged.name: tagged.run for tagged in TAGGED} | peers
     rows = []
     bar = ProgressBar(len(options.periods) * len(contenders))
     shares = sum(SHARES[period] for period in options.periods)
@@ -164,7 +183,7 @@ def _hprm() -> Path:
     """The command that belongs to the running Python."""
     hprm = Path(sys.executable).parent / "hprm"
     if not hprm.exists():
-        raise SystemExit(f"error: {hprm} does not exist\n  hint: run `make build`")
+        raise Failed(f"{hprm} does not exist\n  hint: run `make build`")
     return hprm
 
 

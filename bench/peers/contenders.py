@@ -63,6 +63,8 @@ def _method(name: str, group: str, method: str, environment: str | None = None) 
 _POOL = {"DORA_NODE_SHM_POOL_SIZE": "400000000"}
 _POLL_GROUPS = (APART,)
 """Busy loops on one core make no sense, and five of them on two cores neither."""
+_ROS = (GATHER, SAME, APART)
+"""Its default queues of ten messages would lose most of W5."""
 
 CONTENDERS = (
     _hprm("hprm centralized", "centralized", groups=_ALL),
@@ -83,11 +85,16 @@ CONTENDERS = (
     Contender("shm + pickle", "processes", (GATHER, SAME, APART), "shm_pickle", without=("W5",)),
     Contender("unix + pickle", "processes", _ALL, "unix_pickle"),
     Contender("plasma", "plasma", _ALL, "plasma", "plasma"),
+    Contender("plasma, never deleted", "plasma", (GATHER,), "plasma", "plasma", {"keeps": True}),
     Contender("ray", "ray", _ALL, "ray", "ray"),
+    Contender("ros2", "processes", _ROS, "ros2", "ros2", without=("W5",)),
+    Contender("ros2, array", "processes", _ROS, "ros2", "ros2", {"form": "array"}, without=("W5",)),
+    Contender("ros2 + shm", "processes", _ROS, "ros2", "ros2", {"form": "shm"}, without=("W5",)),
     _method("memcpy, recycled", PLACE, "recycled"),
     _method("memcpy, fresh memory", PLACE, "fresh"),
     Contender("hprm copy", "hprm", (PLACE,)),
     Contender("hprm loan", "hprm", (PLACE,), options={"loan": True}),
+    _method("shared_memory", PLACE, "shared_memory"),
     _method("shm + pickle", PLACE, "shm_pickle"),
     _method("iceoryx2 loan + copy", PLACE, "iceoryx2", "iceoryx2"),
     _method("zenoh shm", PLACE, "zenoh", "zenoh"),
@@ -97,6 +104,11 @@ CONTENDERS = (
     _method("pickle 5 out of band", ENCODE, "pickle_out_of_band"),
     _method("pickle 5 in band", ENCODE, "pickle_in_band"),
     _method("cyclonedds CDR", ENCODE, "cyclonedds", "cyclonedds"),
+    _method("protobuf", ENCODE, "protobuf", "protobuf"),
+    _method("ros2 message", ENCODE, "ros_message", "rosbags"),
+    _method("ros2 message, CDR", ENCODE, "ros_cdr", "rosbags"),
+    _method("ros2 message, bytes checked", ENCODE, "ros_checked", "rosbags"),
+    _method("ros2_numpy", ENCODE, "ros2_numpy", "ros2_numpy"),
 )
 
 

@@ -7,6 +7,7 @@ peer's programs do there is in `worker/`.
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import subprocess
@@ -27,8 +28,18 @@ REQUIREMENTS: dict[str, tuple[str, ...]] = {
     "pyzmq": ("pyzmq==27.3.0", "numpy==2.2.6"),
     "plasma": ("pyarrow==11.0.0", "numpy==1.26.4"),
     "ray": ("ray==2.60.0", "numpy==2.2.6"),
+    "rosbags": ("rosbags==0.11.9", "numpy==2.2.6"),
+    "protobuf": ("protobuf==7.36.2", "numpy==2.2.6"),
 }
 """What pip installs, by environment."""
+
+IMPORTED: dict[str, tuple[str, ...]] = {
+    "ros2": ("rclpy", "sensor_msgs.msg", "numpy"),
+    "ros2_numpy": ("ros2_numpy", "sensor_msgs.msg", "numpy"),
+}
+"""What pip does not have and some machines do: modules that can be imported there."""
+
+_HINT = "source its setup first, as in `. /opt/ros/humble/setup.bash`"
 
 
 class Unavailable(Exception):
@@ -37,7 +48,20 @@ class Unavailable(Exception):
 
 def python_of(name: str | None) -> Path:
     """The interpreter of an environment; without a name, the one that runs the harness."""
+    if name in IMPORTED:
+        return Path(_importing(IMPORTED[name]) or sys.executable)
     return Path(sys.executable) if name is None else VENVS / name / "bin" / "python"
+
+
+@functools.cache
+def _importing(modules: tuple[str, ...]) -> str | None:
+    """The first interpreter that has these modules: the harness's, or that of the machine."""
+    for python in (sys.executable, shutil.which("python3", path=os.defpath)):
+        words = [python, "-c", f"import {', '.join(modules)}"] if python else ["false"]
+        done = subprocess.run(words, capture_output=True, timeout=60, check=False)
+        if done.returncode == 0:
+            return python
+    return None
 
 
 def prepare(name: str) -> None:
@@ -47,6 +71,12 @@ def prepare(name: str) -> None:
         Unavailable: pip cannot install a requirement; the message has pip's last error.
 
     """
+    if name in IMPORTED:
+        if _importing(IMPORTED[name]) is None:
+            raise Unavailable(
+                f"Python cannot import {IMPORTED[name][0]}; if ROS 2 is there, {_HINT}"
+            )
+        return
     requirements = REQUIREMENTS[name]
     directory = VENVS / name
     ready = directory / ".ready"

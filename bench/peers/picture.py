@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 from figures import Spread
@@ -16,7 +17,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-_STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",  # Text stays text.
     "svg.hashsalt": "hprm",  # The same numbers give the same file.
     "font.family": "sans-serif",
@@ -44,7 +45,7 @@ class Row:
 
 def svg(title: str, unit: str, columns: Sequence[str], rows: Sequence[Row]) -> str:
     """Draws the rows; there must be one with a spread above zero."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         size = (_WIDTH, _AROUND + _ROW * len(rows))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.add_subplot()
@@ -55,9 +56,13 @@ def svg(title: str, unit: str, columns: Sequence[str], rows: Sequence[Row]) -> s
         below = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0}
         axes.legend(**below, ncols=len(columns), frameon=False, handletextpad=0, columnspacing=1.2)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
-        text = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
-    # Without the declaration of XML, so that a page can contain it.
+        return svg_of(figure)
+
+
+def svg_of(figure: Figure) -> str:
+    """A figure without the declaration of XML, so that a page can contain it."""
+    text = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 

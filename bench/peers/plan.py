@@ -39,6 +39,8 @@ class Effort:
     """A contender that needs longer for a group is ended; what it has measured counts."""
     total_limit_s: float
     """No repetition begins that would not end within that time."""
+    sizes_mb: tuple[int, ...] = SIZES_MB
+    """Of large messages, and of what is placed."""
 
 
 FULL = Effort(5, rounds=30, budget_s=0.35, session_limit_s=60, total_limit_s=28 * 60)
@@ -66,7 +68,7 @@ def cells(group: str, workloads: Collection[str], effort: Effort) -> list[dict[s
             planned.append(cell | {"budget_s": effort.budget_s})
 
     if group == who.GATHER:
-        for megabytes in SIZES_MB:
+        for megabytes in effort.sizes_mb:
             add("W1", megabytes * 1_000_000, effort.rounds, 3)
             add("W1b", megabytes * 1_000_000, effort.rounds, 3)
     if group in (who.SAME, who.APART):
@@ -75,7 +77,7 @@ def cells(group: str, workloads: Collection[str], effort: Effort) -> list[dict[s
     if group in (who.APART, who.FAN):
         add("W5", RATE_SIZE, 0, 0)
     if group == who.PLACE:
-        for megabytes in SIZES_MB:
+        for megabytes in effort.sizes_mb:
             add("W3", megabytes * 1_000_000, effort.rounds, 3)
     if group == who.ENCODE:
         add("W4", 5_000_000, effort.rounds * 10, effort.rounds)

@@ -50,8 +50,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Whoever asks the harness to end means its children too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        missing = prepare(options)
-        run = Run(options, effort, Launcher(hprm, effort.session_limit_s), missing)
+        sessions = selected(options)
+        missing = prepare(sessions)
+        launcher = Launcher(hprm, effort.session_limit_s)
+        run = Run(options.only, sessions, effort, launcher, missing)
         run.all()
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
@@ -94,12 +96,22 @@ def _effort(options: argparse.Namespace) -> plan.Effort:
     return effort
 
 
-def prepare(options: argparse.Namespace) -> dict[str, str]:
+Sessions = list[tuple[str, list[who.Contender]]]
+"""Groups of workloads, each with those who take part in it."""
+
+
+def selected(options: argparse.Namespace) -> Sessions:
+    """What the command line asks for."""
+    groups = plan.groups_of(options.only)
+    return [(group, who.chosen(group, options.contenders)) for group in groups]
+
+
+def prepare(sessions: Sessions) -> dict[str, str]:
     """Makes the environments of those who take part; why there is none, by environment."""
     wanted = {
         contender.environment
-        for group in plan.groups_of(options.only)
-        for contender in who.chosen(group, options.contenders)
+        for _, contenders in sessions
+        for contender in contenders
         if contender.environment
     }
     missing: dict[str, str] = {}
@@ -117,18 +129,25 @@ def prepare(options: argparse.Namespace) -> dict[str, str]:
     return missing
 
 
+def rotated(contenders: list[who.Contender], repetition: int) -> list[who.Contender]:
+    """The order of a repetition: each begins with another contender."""
+    shift = repetition % max(1, len(contenders))
+    return contenders[shift:] + contenders[:shift]
+
+
 class Run:
     """All repetitions, and what became of them."""
 
     def __init__(
         self,
-        options: argparse.Namespace,
+        workloads: list[str],
+        sessions: Sessions,
         effort: plan.Effort,
         launcher: Launcher,
         missing: dict[str, str],
     ) -> None:
         """Has measured nothing yet."""
-        self.workloads: list[str] = options.only
+        self.workloads = workloads
         self.measurements = Measurements()
         self.repetitions = 0
         self.failures: dict[tuple[str, str], list[str]] = {}
@@ -136,19 +155,18 @@ class Run:
         self.seconds = 0.0
         self._effort = effort
         self._launcher = launcher
-        groups = plan.groups_of(self.workloads)
         processors = len(os.sched_getaffinity(0))
-        self.impossible = [group for group in groups if not plan.possible(group, processors)]
+        self.impossible = [group for group, _ in sessions if not plan.possible(group, processors)]
         self._sessions = [
-            (group, self._of(group, options.contenders))
-            for group in groups
+            (group, self._able(group, contenders))
+            for group, contenders in sessions
             if group not in self.impossible
         ]
 
-    def _of(self, group: str, names: list[str] | None) -> list[who.Contender]:
+    def _able(self, group: str, contenders: list[who.Contender]) -> list[who.Contender]:
         return [
             contender
-            for contender in who.chosen(group, names)
+            for contender in contenders
             if contender.environment not in self.missing
             and plan.cells(group, self._workloads(contender), self._effort)
         ]
@@ -168,8 +186,7 @@ class Run:
                 if repetition and taken * (1 + 1 / repetition) > self._effort.total_limit_s:
                     break
                 for group, contenders in self._sessions:
-                    shift = repetition % max(1, len(contenders))
-                    for contender in contenders[shift:] + contenders[:shift]:
+                    for contender in rotated(contenders, repetition):
                         label = f"{repetition + 1}: {who.GROUPS[group]}, {contender.name}"
                         bar.show(label, 0)
                         self._session(contender, group, repetition)

@@ -183,7 +183,8 @@ def test_every_group_has_cells_and_every_contender_a_way_to_start() -> None:
         assert who.chosen(group, None), group
     for contender in who.CONTENDERS:
         assert hasattr(launch.Launcher, f"_{contender.kind}"), contender
-        assert contender.environment in {None, *environments.REQUIREMENTS}, contender
+        known = {None, *environments.REQUIREMENTS, *environments.IMPORTED}
+        assert contender.environment in known, contender
         if contender.transport and who.GATHER in contender.groups:
             module = BENCH / "worker" / "transports" / f"{contender.transport}.py"
             assert module.exists(), contender

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from typing import Any, TextIO
 
 import numpy as np
 from script import Cell, cells_of
-from session import VARIABLE, Session
+from session import Session
 
 _BATCH_NS = 200_000
 """Serialization is timed in batches of about that length: a clock has its price too."""
@@ -28,7 +27,7 @@ _PAUSES = 3
 
 def main(role: str) -> None:
     """Measures all cells."""
-    session = Session.read(os.environ[VARIABLE])
+    session = Session.here()
     methods: Any = importlib.import_module(
         "methods." + ("placing" if role == "place" else "codecs")
     )

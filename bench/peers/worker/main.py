@@ -7,18 +7,17 @@ Run as `main.py ROLE [INDEX]` with the session in the environment (`session.py`)
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from contextlib import closing
 from typing import Any
 
 from script import Answers, cells_of, messages
-from session import VARIABLE, Session, pin
+from session import Session, pin
 
 
 def main(role: str, index: int) -> None:
     """Plays the role to the end of the session."""
-    session = Session.read(os.environ[VARIABLE])
+    session = Session.here()
     pin(session.hub_cpu if role == "hub" else session.node_cpu)
     # Only now: the threads of a library stay where the process was when it started them.
     transport: Any = importlib.import_module(f"transports.{session.transport}")

@@ -43,6 +43,11 @@ class Session:
         """The session that travelled as JSON."""
         return cls(**json.loads(text))
 
+    @classmethod
+    def here(cls) -> Session:
+        """The session that this process belongs to."""
+        return cls.read(os.environ[VARIABLE])
+
     def option(self, name: str, default: Any = None) -> Any:
         """One of the options of the contender."""
         return (self.options or {}).get(name, default)

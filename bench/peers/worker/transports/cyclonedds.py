@@ -41,11 +41,20 @@ from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
 
 _HEADER = 16
-_NEVER = 5_000_000_000
-_QOS = Qos(
+NEVER = 5_000_000_000
+QOS = Qos(
     Policy.Reliability.Reliable(max_blocking_time=60_000_000_000),
     Policy.History.KeepAll,
 )
+
+
+def waiter_of(participant: DomainParticipant, readers: list[DataReader]) -> WaitSet:
+    """Waits for samples of any of these readers."""
+    waiter = WaitSet(participant)
+    for reader in readers:
+        mask = SampleState.Any | ViewState.Any | State.Any
+        waiter.attach(ReadCondition(reader, mask))
+    return waiter
 
 
 def _type_of(length: int) -> type:
@@ -68,23 +77,19 @@ class _Ends:
 
     def topic(self, way: str, length: int) -> Topic:
         name = f"{self._name}_{way}_{length}"
-        return Topic(self._participant, name, self._types[length], qos=_QOS)
+        return Topic(self._participant, name, self._types[length], qos=QOS)
 
     def message(self, length: int, data: bytes) -> Any:
         return self._types[length](data=data)
 
     def writer(self, topic: Topic) -> DataWriter:
-        return DataWriter(self._participant, topic, qos=_QOS)
+        return DataWriter(self._participant, topic, qos=QOS)
 
     def reader(self, topic: Topic) -> DataReader:
-        return DataReader(self._participant, topic, qos=_QOS)
+        return DataReader(self._participant, topic, qos=QOS)
 
     def waiter(self, readers: list[DataReader]) -> WaitSet:
-        waiter = WaitSet(self._participant)
-        for reader in readers:
-            mask = SampleState.Any | ViewState.Any | State.Any
-            waiter.attach(ReadCondition(reader, mask))
-        return waiter
+        return waiter_of(self._participant, readers)
 
 
 class _Writer:
@@ -105,7 +110,7 @@ class _Writer:
 
     def drain(self) -> None:
         for writer in self._writers.values():
-            writer.wait_for_acks(_NEVER)
+            writer.wait_for_acks(NEVER)
 
 
 class _Reader:
@@ -132,7 +137,7 @@ class _Reader:
                     self._readers.insert(0, self._readers.pop(place))
                     break
             else:
-                self._waiter.wait(_NEVER)
+                self._waiter.wait(NEVER)
         return self._taken.pop().data
 
 

@@ -2,7 +2,8 @@
 
 This is the way of the data in the paper's implementation without its coordinator and its pickle.
 What is below 32 KB goes through the socket itself. A writer deletes its previous object when it
-makes the next, since otherwise the store would hand out untouched memory until it is full.
+makes the next, since otherwise the store would hand out untouched memory until it is full: with the
+option `keeps` it does not, as in the paper.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class _Store:
         path = session.path("plasma")
         until("the store's socket", lambda: os.path.exists(path))
         self._client = plasma.connect(path)
+        self._keeps = bool(session.option("keeps"))
         self._last: list[plasma.ObjectID] = []
 
     def write(self, message: Any) -> bytes:
@@ -33,7 +35,7 @@ class _Store:
         data = np.frombuffer(message, np.uint8)
         if len(data) < _INLINE:
             return b"i" + data.tobytes()
-        if self._last:
+        if self._last and not self._keeps:
             self._client.delete(self._last)
         ident = plasma.ObjectID.from_random()
         buffer = self._client.create(ident, len(data))

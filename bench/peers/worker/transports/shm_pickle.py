@@ -20,10 +20,11 @@ resource_tracker.register = lambda *_: None
 resource_tracker.unregister = lambda *_: None
 
 
-class _Writer:
+class Writer:
     """Makes a segment for each message."""
 
     def __init__(self, prefix: str) -> None:
+        """Names its segments after the prefix."""
         self._prefix = prefix
         self._count = 0
         self._last: SharedMemory | None = None
@@ -46,7 +47,8 @@ class _Writer:
             self._last = None
 
 
-def _read(said: bytes) -> Any:
+def read(said: bytes) -> Any:
+    """What a writer has written."""
     name, length = said.decode().split()
     segment = SharedMemory(name=name)
     try:
@@ -61,7 +63,7 @@ class Hub:
     def __init__(self, session: Session) -> None:
         """Waits for the nodes."""
         self._links: list[Link] = accept(session)
-        self._writer = _Writer(f"{session.name}-hub")
+        self._writer = Writer(f"{session.name}-hub")
 
     def send(self, message: Any) -> None:
         """To every node."""
@@ -71,7 +73,7 @@ class Hub:
 
     def receive(self) -> list[Any]:
         """One reply of each node."""
-        return [_read(link.receive()) for link in self._links]
+        return [read(link.receive()) for link in self._links]
 
     def close(self) -> None:
         """Waits until every node has read the last message, and removes it."""
@@ -87,11 +89,11 @@ class Node:
     def __init__(self, session: Session, index: int) -> None:
         """Meets the hub."""
         self._link = connect(session, index)
-        self._writer = _Writer(f"{session.name}-{index}")
+        self._writer = Writer(f"{session.name}-{index}")
 
     def receive(self) -> Any:
         """The next message."""
-        return _read(self._link.receive())
+        return read(self._link.receive())
 
     def reply(self, message: Any) -> None:
         """To the hub."""

@@ -20,22 +20,20 @@ _SMALL = 4_096
 _POOL = 400_000_000
 
 
-def _port(session: Session) -> int:
-    """A free port, which the hub finds and writes down."""
+def free_port() -> int:
+    """A port that nobody listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    files.publish(session.path("port"), str(port))
-    return port
+        return probe.getsockname()[1]
 
 
-def _open(session: Session, listen: int | None, connect: int | None) -> zenoh.Session:
+def open_session(session: Session, listen: list[int], connect: list[int]) -> zenoh.Session:
+    """A peer that listens at these ports of this machine, and connects to those."""
     config = zenoh.Config()
-    endpoint = [f"tcp/127.0.0.1:{listen or connect}"]
     settings = {
         "mode": "peer",
-        "listen/endpoints": endpoint if listen else [],
-        "connect/endpoints": endpoint if connect else [],
+        "listen/endpoints": [f"tcp/127.0.0.1:{port}" for port in listen],
+        "connect/endpoints": [f"tcp/127.0.0.1:{port}" for port in connect],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": bool(session.option("shm")),
@@ -45,8 +43,11 @@ def _open(session: Session, listen: int | None, connect: int | None) -> zenoh.Se
     return zenoh.open(config)
 
 
-class _Writer:
+class Writer:
+    """A publisher, which writes into shared memory if the session asks for that."""
+
     def __init__(self, session: Session, link: zenoh.Session, key: str) -> None:
+        """Declares it."""
         self._publisher = link.declare_publisher(
             key, congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -55,9 +56,11 @@ class _Writer:
             self._provider = zenoh.shm.ShmProvider.default_backend(_POOL)
 
     def wait_for_reader(self) -> None:
+        """Returns once a subscriber matches."""
         until("a reader of zenoh", lambda: self._publisher.matching_status.matching)
 
     def write(self, message: Any) -> None:
+        """Publishes bytes."""
         data = bytes(memoryview(message).cast("B"))
         if self._provider is None or len(data) < _SMALL:
             self._publisher.put(data)
@@ -69,7 +72,8 @@ class _Writer:
         self._publisher.put(buffer)
 
 
-def _reader(link: zenoh.Session, key: str) -> Any:
+def reader(link: zenoh.Session, key: str) -> Any:
+    """A subscriber with a long queue."""
     return link.declare_subscriber(key, zenoh.handlers.FifoChannel(200_000))
 
 
@@ -78,12 +82,14 @@ class Hub:
 
     def __init__(self, session: Session) -> None:
         """Waits until every node has said that it is there, after it subscribed."""
-        self._link = _open(session, listen=_port(session), connect=None)
+        port = free_port()
+        files.publish(session.path("port"), str(port))
+        self._link = open_session(session, listen=[port], connect=[])
         indices = range(session.nodes)
-        self._readers = [_reader(self._link, f"bench/up/{index}") for index in indices]
-        self._writer = _Writer(session, self._link, "bench/down")
-        for reader in self._readers:
-            until("a node of zenoh", reader.try_recv)
+        self._readers = [reader(self._link, f"bench/up/{index}") for index in indices]
+        self._writer = Writer(session, self._link, "bench/down")
+        for each in self._readers:
+            until("a node of zenoh", each.try_recv)
         self._writer.wait_for_reader()
 
     def send(self, message: Any) -> None:
@@ -92,7 +98,7 @@ class Hub:
 
     def receive(self) -> list[Any]:
         """One reply of each node."""
-        return [reader.recv().payload.to_bytes() for reader in self._readers]
+        return [each.recv().payload.to_bytes() for each in self._readers]
 
     def close(self) -> None:
         """Lets the last message go and ends."""
@@ -105,9 +111,10 @@ class Node:
 
     def __init__(self, session: Session, index: int) -> None:
         """Meets the hub."""
-        self._link = _open(session, listen=None, connect=int(files.wait(session.path("port"))))
-        self._reader = _reader(self._link, "bench/down")
-        self._writer = _Writer(session, self._link, f"bench/up/{index}")
+        port = int(files.wait(session.path("port")))
+        self._link = open_session(session, listen=[], connect=[port])
+        self._reader = reader(self._link, "bench/down")
+        self._writer = Writer(session, self._link, f"bench/up/{index}")
         self._writer.wait_for_reader()
         self._writer.write(b"here")
 
