@@ -22,7 +22,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick evaluation bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -85,6 +85,10 @@ bench: build $(VENV)/.requirements ## compare with all peers side by side, half 
 
 bench-quick: build $(VENV)/.requirements ## a few minutes of that comparison, to see that everything works
 	@$(BIN)/python bench/peers/run.py --quick $(BENCH)
+
+EVALUATION ?=
+evaluation: build $(VENV)/.requirements ## make every figure of the paper again, most of an hour, and a page; EVALUATION= options, as in --quick
+	@$(BIN)/python bench/evaluate.py $(EVALUATION)
 
 bench-ordering: build $(VENV)/.requirements ## count messages out of order on a loaded machine, with tags and without
 	@$(BIN)/python bench/ordering.py

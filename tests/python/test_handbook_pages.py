@@ -18,6 +18,7 @@ PAGES = sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))
 # Why blocks are only shown; the fewer, the better.
 NOT_RUN = {
     "benchmarks.md": ["it measures for half an hour"],
+    "howto/evaluation.md": ["it measures for most of an hour"] * 2,
     "howto/from-ros2.md": ["rclpy comes with an installation of ROS 2"],
     "howto/mixed.md": ["test_mixed.py runs it, with an executable that cargo has built"] * 2,
     "howto/profiling.md": ["py-spy needs the permission to trace processes"],
