@@ -64,6 +64,7 @@ def measured(experiment: Experiment, effort: Effort) -> Record:
     if not record.cells:
         reasons = "".join(f"\n  {name}: {reason}" for name, reason in record.absent.items())
         raise ExperimentError(f"{experiment.name}: nothing could be measured{reasons}")
+    record.command = effort.command(experiment.name)
     record.notes.append(f"The load average was {load:.1f} at the start.")
     return record
 

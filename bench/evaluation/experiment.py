@@ -28,6 +28,14 @@ class Effort:
         """For records."""
         return "quick" if self.quick else "full"
 
+    def command(self, experiment: str) -> str:
+        """What makes an experiment with this effort."""
+        words = ["python bench/evaluate.py --only", experiment]
+        words += ["--quick"] if self.quick else []
+        words += [f"--repetitions {self.repetitions}"] if self.repetitions else []
+        words += [f"--contenders '{','.join(self.contenders)}'"] if self.contenders else []
+        return " ".join(words)
+
 
 @dataclass(frozen=True)
 class Table:

@@ -79,8 +79,6 @@ def _claims(claims: Sequence[Claim]) -> str:
 
 
 def _section(experiment: Experiment, record: Record, section: Section) -> str:
-    command = f"python bench/evaluate.py --only {experiment.name}"
-    command += " --quick" if record.form == "quick" else ""
     minutes, seconds = divmod(round(record.seconds), 60)
     about = f"{record.machine.get('date', '')}, {minutes} min {seconds} s. {' '.join(record.notes)}"
     parts = [
@@ -88,7 +86,7 @@ def _section(experiment: Experiment, record: Record, section: Section) -> str:
         "<h3>In the paper</h3>",
         _table(section.paper),
         "<h3>Here</h3>",
-        f"<p><code>{escape(command)}</code> {escape(about)}</p>",
+        f"<p><code>{escape(record.command)}</code> {escape(about)}</p>",
         *(f"<figure>\n{svg}</figure>" for svg in section.pictures),
         *(_table(table) for table in section.tables),
         "<h3>What differs, and why</h3>",

@@ -47,6 +47,8 @@ class Record:
     absent: dict[str, str] = field(default_factory=dict)
     """Contenders that were not measured, with the reasons."""
     notes: list[str] = field(default_factory=list)
+    command: str = ""
+    """What makes it again."""
 
     def contenders(self) -> list[str]:
         """All that were measured, in the order in which they came."""

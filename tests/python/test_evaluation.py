@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -141,11 +144,13 @@ def test_the_dataflow_has_an_output_for_every_input() -> None:
 def test_the_page_has_what_the_paper_has_what_was_measured_and_why_something_is_missing() -> None:
     ours = [cell("hprm centralized", "50 MB", 6.0), cell("hprm decentralized", "50 MB", 5.0)]
     gathered = made("gather", *ours, cell("ros2", "50 MB", 500.0), absent={"ray": "no <wheel>"})
+    gathered.command = evaluate.Effort(True, 2, ["hprm", "ros2 +"]).command("gather")
     text = page.html({"gather": gathered}, {"store": "there is no file"}, evaluate.EXPERIMENTS)
     assert "a &lt; b &amp; c" in text
     assert "<li>ray: no &lt;wheel&gt;</li>" in text
     assert "The object store (store): there is no file" in text
-    assert "python bench/evaluate.py --only gather</code> 2026-01-01T00:00:00Z, 1 min 1 s." in text
+    command = "--only gather --quick --repetitions 2 --contenders &#x27;hprm,ros2 +&#x27;"
+    assert f"{command}</code> 2026-01-01T00:00:00Z, 1 min 1 s." in text
     # The claim of the paper, and the ratio of here: 500 to 5.
     assert re.search(r"50 MB: “ros2”[^\n]*<td>173x</td><td>100x</td>", text)
     assert re.search(r"50 MB: “ros2 \+ shm”[^\n]*<td>3.0x</td><td>not measured</td>", text)
@@ -228,6 +233,42 @@ def test_the_quick_form_measures_everything_and_writes_the_page(tmp_path: Path) 
     again = run("--page", folder=tmp_path)
     assert (again.returncode, again.stderr) == (0, "")
     assert "The object store (store): there is no " in (tmp_path / "index.html").read_text()
+
+
+def test_a_request_to_end_ends_all_processes_and_leaves_nothing(tmp_path: Path) -> None:
+    sessions, out = tmp_path / "sessions", tmp_path / "out"
+    sessions.mkdir()
+    argv = [sys.executable, str(ROOT / "bench" / "evaluate.py"), "--only", "inference"]
+    argv += ["--contenders", "unix", "--out", str(out)]
+    variables = os.environ | {"TMPDIR": str(sessions)}
+    process = subprocess.Popen(argv, env=variables, stderr=subprocess.PIPE, text=True)
+    try:
+        # The simulator listens for the controls once its process runs.
+        deadline = time.monotonic() + 100
+        while not list(sessions.glob("hb-*/control")):
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.01)
+        (session,) = sessions.glob("hb-*")
+        assert len(of_session(session)) > 1
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert (process.returncode, errors) == (130, "stopped\n")
+    # What else is there is a mark of ONNX Runtime, which remembers its session.
+    left = [*sessions.glob("hb-*"), *out.iterdir()]
+    assert left == []
+    assert of_session(session) == []
+
+
+def of_session(session: Path) -> list[str]:
+    """The processes that were told of a session by their environment."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # It has ended, or is another user's.
+            if str(session).encode() in (process / "environ").read_bytes():
+                found.append(process.name)
+    return found
 
 
 def test_ros_2_takes_part_where_it_can_be_imported(tmp_path: Path) -> None:
