@@ -164,7 +164,7 @@ $(VENV)/.build-requirements: requirements-build.txt | toolchain
 	@touch $@
 
 # What tests, lints and benchmarks need beyond that.
-$(VENV)/.requirements: requirements-dev.txt requirements-demo.txt requirements-driving.txt docs/requirements.txt $(VENV)/.build-requirements
+$(VENV)/.requirements: requirements-dev.txt requirements-demo.txt requirements-driving.txt requirements-simulators.txt docs/requirements.txt $(VENV)/.build-requirements
 	$(INSTALL) --quiet -r requirements-dev.txt
 	@touch $@
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 AGENTS = ("geometric", "policy")
+SIMULATORS = ("town", "highway", "carla")
 DETECTORS = ("colours", "network", "off")
 
 
@@ -15,6 +16,9 @@ DETECTORS = ("colours", "network", "off")
 class Options:
     """How to drive, and for how long."""
 
+    sim: str
+    host: str
+    port: int
     seed: int
     frames: int
     agent: str
@@ -28,6 +32,11 @@ class Options:
 def options(words: Sequence[str] | None = None) -> Options:
     """The options of these words, or of the command line."""
     parser = argparse.ArgumentParser(prog="driving", description="Drives through a town.")
+    parser.add_argument(
+        "--sim", choices=SIMULATORS, default=SIMULATORS[0], help="which simulator has the car"
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="of the server, for --sim carla")
+    parser.add_argument("--port", type=int, default=2000, help="of the server, for --sim carla")
     parser.add_argument("--seed", type=int, default=6, help="which town")
     parser.add_argument("--frames", type=int, default=300, help="how many frames at most")
     parser.add_argument("--agent", choices=AGENTS, default=AGENTS[0], help="what drives")

@@ -1,4 +1,7 @@
-"""What the application needs of a simulator, and the town as one."""
+"""What the application needs of a simulator, and the town as one.
+
+`highway.py` and `carla_simulator.py` are others; they are loaded only if they are asked for.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,10 @@ from .options import Options
 
 Pixels = npt.NDArray[np.uint8]
 PICTURE, BIRDVIEW = (HEIGHT, WIDTH, 3), SHAPE
+
+
+class SimulatorError(Exception):
+    """A simulator cannot start, or has ended; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -110,4 +117,13 @@ class Town:
 
 def open_simulator(options: Options) -> Simulator:
     """The simulator that the options ask for."""
+    # Both need packages that the others do not.
+    if options.sim == "highway":
+        from .highway import Highway
+
+        return Highway(options.seed, options.frames)
+    if options.sim == "carla":
+        from .carla_simulator import Carla
+
+        return Carla(options.seed, options.frames, options.host, options.port)
     return Town(options.seed, options.frames)

@@ -9,19 +9,25 @@ import numpy as np
 
 from . import ground
 from .bodies import CAR_LENGTH, CAR_WIDTH
-from .geometry import Floats, Point, corners_of, shifted
+from .geometry import Floats, Point
 from .ground import MASK, WEST, Pixels
+from .overhead import (
+    BEHIND,
+    CHANNELS,
+    CROSSINGS,
+    METRES,
+    ROAD,
+    ROUTE,
+    ROUTE_AHEAD,
+    ROUTE_WIDTH,
+    SHAPE,
+    SIZE,
+    Overhead,
+    checked,
+)
 from .world import World
 
-SIZE = 64
-METRES = 0.5
-CHANNELS = ("road", "route", "crossings", "cars", "motion", "pedestrians")
-SHAPE = (len(CHANNELS), SIZE, SIZE)
-# The car is in the middle of a column, and so many rows above the lowest one.
-_BEHIND = 16
-_ROUTE_AHEAD, _ROUTE_WIDTH = 30, 2.5
-_SEEN = 30.0
-_BITS = 4
+__all__ = ["CHANNELS", "SHAPE", "Birdview", "colours"]
 
 
 class Birdview:
@@ -34,46 +40,22 @@ class Birdview:
 
     def render(self, out: Pixels) -> None:
         """Draws into an array of `SHAPE`."""
-        if out.shape != SHAPE or out.dtype != np.uint8:
-            raise ValueError(
-                f"a bird's-eye view is uint8 of {SHAPE}, not {out.dtype} of {out.shape}"
-            )
         world = self._world
-        matrix = self._matrix()
-        for channel, layer in zip((0, 2), self._layers, strict=True):
+        overhead, matrix = Overhead(world.car, checked(out)), self._matrix()
+        out[:] = 0
+        for channel, layer in zip((ROAD, CROSSINGS), self._layers, strict=True):
             flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
             cv2.warpAffine(layer, matrix, (SIZE, SIZE), out[channel], flags, cv2.BORDER_CONSTANT, 0)
-        for channel in (1, 3, 4, 5):
-            out[channel] = 0
         path = world.route.path
         begin = int(world.journey.along / path.step)
-        ahead = self._pixels(path.points[max(0, begin - 2) : begin + _ROUTE_AHEAD])
-        width = round(_ROUTE_WIDTH / METRES)
-        cv2.polylines(out[1], [ahead], False, 255, width, cv2.LINE_8, _BITS)
-        for car in world.traffic.cars:
-            if math.dist(car.place, world.car.place) < _SEEN:
-                self._fill(out[3], car.corners())
-                reach = CAR_LENGTH + car.speed
-                swept = shifted(car.place, car.heading, car.speed / 2)
-                self._fill(out[4], corners_of(swept, car.heading, reach, CAR_WIDTH))
+        ahead = path.points[max(0, begin - 2) : begin + ROUTE_AHEAD]
+        overhead.line(ROUTE, ahead, ROUTE_WIDTH)
+        for car in filter(overhead.sees, world.traffic.cars):
+            overhead.car(car)
         for crosser in world.pedestrians.crossers:
-            body = crosser.body
-            if math.dist(body.place, world.car.place) < _SEEN:
-                speed = 1.6 * body.speed if crosser.towards else 0.0
-                middle = shifted(body.place, body.heading, speed / 2)
-                self._fill(out[5], corners_of(middle, body.heading, 1.2 + speed, 1.2))
-
-    def _fill(self, channel: Pixels, corners: Floats) -> None:
-        cv2.fillConvexPoly(channel, self._pixels(corners), 255, cv2.LINE_8, _BITS)
-
-    def _pixels(self, points: Floats) -> Floats:
-        """Where points are, in parts of a pixel."""
-        car = self._world.car
-        cos, sin = math.cos(car.heading), math.sin(car.heading)
-        dx, dy = points[:, 0] - car.x, points[:, 1] - car.y
-        columns = SIZE / 2 - (dy * cos - dx * sin) / METRES - 0.5
-        rows = SIZE - _BEHIND - (dx * cos + dy * sin) / METRES - 0.5
-        return np.round(np.stack([columns, rows], axis=1) * (1 << _BITS)).astype(np.int32)
+            if overhead.sees(crosser.body):
+                speed = crosser.body.speed if crosser.towards else 0.0
+                overhead.pedestrian(crosser.body, speed)
 
     def _matrix(self) -> Floats:
         """From a pixel of the view to a pixel of the mask."""
@@ -81,7 +63,7 @@ class Birdview:
         cos, sin = math.cos(car.heading), math.sin(car.heading)
         scale = METRES / MASK
         # Ahead is (SIZE - BEHIND - row - 0.5), left is (SIZE / 2 - column - 0.5), in pixels.
-        ahead0, left0 = SIZE - _BEHIND - 0.5, SIZE / 2 - 0.5
+        ahead0, left0 = SIZE - BEHIND - 0.5, SIZE / 2 - 0.5
 
         def offset(place: float, forward: float, sideways: float) -> float:
             return (place - WEST) / MASK - 0.5 + scale * (forward * ahead0 + sideways * left0)
@@ -107,7 +89,7 @@ def colours(view: Pixels) -> Pixels:
     )
     for channel, shade in shades:
         picture[view[channel] > 127] = shade
-    place: Point = (SIZE / 2, SIZE - _BEHIND)
+    place: Point = (SIZE / 2, SIZE - BEHIND)
     long, wide = round(CAR_LENGTH / METRES / 2), round(CAR_WIDTH / METRES / 2)
     row, column = int(place[1]), int(place[0])
     picture[row - long : row + long, column - wide : column + wide] = (255, 255, 255)
