@@ -68,7 +68,7 @@ check-model: toolchain ## go every way in which small federations can go, for so
 acceptance: build $(VENV)/.requirements ## the long form of some tests: pauses, orders of starting, equal runs, kills
 	HPRM_ACCEPTANCE=1 $(BIN)/python -m pytest tests/python/test_acceptance.py \
 		tests/python/test_memory.py tests/python/test_readers.py \
-		tests/python/test_random_programs.py
+		tests/python/test_random_programs.py tests/python/test_driving.py
 
 FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed

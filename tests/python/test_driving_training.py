@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "driving"))
 
-from autopilot.detector import KINDS, Detection
+from autopilot.detector import KINDS, SCALES, Detection
 from town.labels import Label
+from training.crops import BATCH, SIDE, TOLD, Crops, empty_targets, mark
+from training.curves import detector_curve, policy_curve
 from training.environment import Drives
 from training.judge_detector import Tally, count
 from training.pictures import pictures
@@ -66,3 +70,65 @@ def test_driving_on_is_rewarded_and_leaving_the_road_is_not() -> None:
     assert ends[1] and rewards[1] < -5.0
     assert total[0] > total[1]
     assert drives.views.shape == (2, 6, 64, 64) and drives.states.shape == (2, 8)
+
+
+def test_a_box_is_told_to_the_cells_of_its_scale_and_of_its_middle() -> None:
+    targets = empty_targets(SIDE)
+    # 20 pixels wide and 40 high on the picture; the square begins 100 pixels further in.
+    mark(targets, ["stop sign", 150, 120, 170, 160, False], (100, 100), mirrored=False)
+    fine, coarse = targets
+    assert not coarse.any()
+    rows, columns = np.nonzero(fine[..., 0] == 1.0)
+    middles = {(8 * column + 4, 8 * row + 4) for row, column in zip(rows, columns, strict=True)}
+    assert middles and all(abs(x - 60) <= 8 and abs(y - 40) <= 12 for x, y in middles)
+    for row, column in zip(rows, columns, strict=True):
+        told = fine[row, column]
+        x, y = (column + 0.5 + told[1]) * 8, (row + 0.5 + told[2]) * 8
+        assert (x, y) == pytest.approx((60, 40))
+        assert np.exp(told[3:5]) * SCALES[0].size == pytest.approx((20, 40))
+        assert KINDS[int(told[5])] == "stop sign"
+    assert (fine[..., 6] ** 2).sum() == pytest.approx(1.0)
+
+
+def test_a_mirrored_box_is_on_the_other_side_and_one_that_is_faint_is_not_asked_for() -> None:
+    targets = empty_targets(SIDE)
+    mark(targets, ["car", 10, 20, 50, 50, False], (0, 0), mirrored=True)
+    rows, columns = np.nonzero(targets[0][..., 0] == 1.0)
+    assert all(abs(8 * column + 4 - (SIDE - 30)) < 12 for column in columns)
+    targets = empty_targets(SIDE)
+    mark(targets, ["car", 10, 20, 50, 50, True], (0, 0), mirrored=False)
+    mark(targets, ["car", 300, 20, 350, 50, False], (0, 0), mirrored=False)
+    assert set(np.unique(targets[0][..., 0])) == {-1.0, 0.0}
+
+
+def test_the_squares_of_a_step_are_the_same_and_show_all_kinds(tmp_path: Path) -> None:
+    stored = np.lib.format.open_memmap(
+        tmp_path / "pictures.npy", "w+", dtype=np.uint8, shape=(8, 480, 640, 3)
+    )
+    boxes = []
+    for number, (picture, labels) in zip(range(8), pictures(first_seed=0), strict=False):
+        stored[number] = picture
+        boxes.append([list(vars(it).values()) for it in labels])
+    stored.flush()
+    (tmp_path / "labels.json").write_text(json.dumps(boxes))
+    crops = Crops(tmp_path, seed=3)
+    (one, asked), (again, _), (other, _) = crops.batch(5), crops.batch(5), crops.batch(6)
+    assert one.shape == (BATCH, SIDE, SIDE, 3) and one.dtype == np.uint8
+    assert (one == again).all() and (one != other).any()
+    assert [it.shape for it in asked] == [
+        (BATCH, SIDE // it.stride, SIDE // it.stride, TOLD) for it in SCALES
+    ]
+    there = {int(cell[5]) for it in asked for cell in it[it[..., 0] == 1.0]}
+    assert len(there) >= 3
+
+
+def test_curves_are_pictures_of_their_points() -> None:
+    ends = [{"collision": 0.5, "completed": 0.5}, {"completed": 1.0}]
+    points = [
+        {"phase": phase, "steps": 1000 * number, "ends": it}
+        for number, (phase, it) in enumerate(zip(("imitation", "ppo"), ends, strict=True), 1)
+    ]
+    drawn = policy_curve(points)
+    assert ">imitation</text>" in drawn and ">ppo</text>" in drawn
+    assert drawn == policy_curve(points) != policy_curve(points[:1])
+    assert ">steps</text>" in detector_curve([{"steps": 1, "loss": 2.0}, {"steps": 2, "loss": 1.0}])

@@ -36,10 +36,16 @@ def state_vector(state: State) -> npt.NDArray[np.float32]:
     return np.array(values, np.float32)
 
 
-def control_of(action: npt.NDArray[np.floating]) -> Control:
-    """The control for an action of a network: speed up or brake, and steer, from -1 to 1."""
-    drive, steer = (min(max(float(value), -1.0), 1.0) for value in action)
-    return Control(max(drive, 0.0), steer, max(-drive, 0.0))
+def action_of(wanted: float, steer: float) -> tuple[float, float]:
+    """The action of a network that stands for a speed and a steering; both from -1 to 1."""
+    return (2.0 * wanted / _LIMIT - 1.0, steer)
+
+
+def control_of(action: npt.NDArray[np.floating], speed: float) -> Control:
+    """The control for an action of a network, at a speed."""
+    wanted, steer = (min(max(float(value), -1.0), 1.0) for value in action)
+    throttle, brake = follow(speed, _LIMIT * (wanted + 1.0) / 2.0)
+    return Control(throttle, steer, brake)
 
 
 class PolicyAgent:
@@ -52,7 +58,8 @@ class PolicyAgent:
     def drive(self, birdview: Pixels, state: State) -> Control:
         """What to do at a frame."""
         vector = state_vector(state)
-        return control_of(self._network.run(birdview=birdview[None], state=vector[None])[0])
+        action = self._network.run(birdview=birdview[None], state=vector[None])[0]
+        return control_of(action, state.speed)
 
 
 class GeometricAgent:

@@ -101,7 +101,7 @@ def interval(successes: int, of: int) -> tuple[float, float]:
 def main() -> None:
     """Judges one driver, and prints what came out as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--agent", choices=AGENTS, default="geometric")
+    parser.add_argument("--agent", choices=AGENTS, default="policy")
     parser.add_argument("--detector", choices=(*DETECTORS, "perfect"), default=DETECTORS[0])
     parser.add_argument("--episodes", type=int, default=30)
     parser.add_argument("--first-seed", type=int, default=0)

@@ -74,20 +74,22 @@ class Expert:
 
     def in_traffic(self) -> Control:
         """What it would do if there were no lights and signs."""
+        wanted, steer = self.wants()
+        throttle, brake = follow(self._world.car.speed, wanted)
+        return Control(throttle, steer, brake)
+
+    def wants(self) -> tuple[float, float]:
+        """The speed and the steering that it wants if there are no lights and signs."""
         world = self._world
         speed, along = world.car.speed, world.journey.along
         reach = 3.5 + 0.45 * speed
         x, y, _ = world.route.path.at(along + reach)
         ahead, left = seen_from((x, y), world.car.place, world.car.heading)
-        wanted = min(
-            min(
-                math.sqrt(world.route.limit(along + d) ** 2 + 4.0 * max(d - 2.0, 0.0))
-                for d in range(0, 18, 2)
-            ),
-            speed_to_stop(self._gap()),
+        limit = min(
+            math.sqrt(world.route.limit(along + d) ** 2 + 4.0 * max(d - 2.0, 0.0))
+            for d in range(0, 18, 2)
         )
-        throttle, brake = follow(speed, wanted)
-        return Control(throttle, steer_to(ahead, left), brake)
+        return min(limit, speed_to_stop(self._gap())), steer_to(ahead, left)
 
     def _gap(self) -> float:
         """How far the middle of the car can go."""

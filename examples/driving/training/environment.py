@@ -45,9 +45,8 @@ class Drive:
         """Drives for some frames; the reward, and whether the journey has ended."""
         world = self.world
         before, steer = world.journey.along, world.car.steer
-        wanted = control_of(action)
         for _ in range(FRAMES_A_STEP):
-            world.step(self._rules.advice().applied(wanted))
+            world.step(self._rules.advice().applied(control_of(action, world.car.speed)))
         journey = world.journey
         reward = 0.5 * (journey.along - before)
         reward -= 0.06 * min(abs(world.sideways), 2.0) * min(1.0, world.car.speed)

@@ -12,7 +12,7 @@ from autopilot.detector import SCALES
 from onnx import TensorProto, helper, numpy_helper
 
 from . import detector_network
-from .policy_network import PATCHES
+from .policy_network import AHEAD, OBSTACLES, PATCHES, ROUTE
 
 Array = np.ndarray[Any, Any]
 OPSET = 17
@@ -74,7 +74,8 @@ def export_policy(params: dict[str, Any], path: Path) -> None:
     # Channels last, as the network has learned.
     x = graph.node("Transpose", [x], "last", perm=[0, 2, 3, 1])
     x = graph.relu(graph.dense(graph.node("Flatten", [x], "flat"), "view", params["view"]))
-    felt = graph.relu(graph.dense("state", "felt", params["state"]))
+    near = graph.node("Concat", ["state", _profile(graph)], "near", axis=1)
+    felt = graph.relu(graph.dense(near, "felt", params["felt"]))
     both = graph.node("Concat", [x, felt], "beside", axis=1)
     hidden = graph.relu(graph.dense(both, "both", params["both"]))
     graph.dense(hidden, "action", params["action"])
@@ -86,6 +87,25 @@ def export_policy(params: dict[str, Any], path: Path) -> None:
         ],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
     )
+
+
+def _profile(graph: Graph) -> str:
+    """What `policy_network.profile` says of the view, of which the node ``numbers`` has a float."""
+    scale = graph.weight("whole", np.float32(1 / 255))
+    seen = graph.node("Mul", ["numbers", scale], "seen")
+
+    def channels(name: str, first: int, last: int) -> str:
+        bounds = {"from": [first, 0], "to": [last, AHEAD], "of": [1, 2]}
+        parts = [graph.weight(f"{name}.{key}", np.array(it)) for key, it in bounds.items()]
+        return graph.node("Slice", [seen, *parts], name)
+
+    route = channels("route", ROUTE, ROUTE + 1)
+    met = graph.node("Mul", [route, channels("obstacles", OBSTACLES, OBSTACLES + 3)], "met")
+    rows = graph.node("ReduceMax", [met], "rows", axes=[3], keepdims=0)
+    # A maximum over all rows below is a pool that looks down to the lowest one.
+    pads = [0, AHEAD - 1]
+    blocked = graph.node("MaxPool", [rows], "blocked", kernel_shape=[AHEAD], pads=pads)
+    return graph.node("Flatten", [blocked], "profile", axis=1)
 
 
 def export_detector(params: dict[str, Any], path: Path) -> None:

@@ -1,9 +1,9 @@
-"""Trains the policy by PPO, after it has imitated the expert for a while, and writes its ONNX file.
+"""Trains the policy by imitation (DAgger), then by PPO, and writes its ONNX file.
 
-    python -m training.train_policy out/policy.npz --minutes 25
+    python -m training.train_policy out/policy.npz
 
-It writes `models/policy.onnx` and `models/policy.json`, which has the training curve, and goes on
-from the weights in the file that is named, if it is there.
+It writes `models/policy.onnx` and `models/policy.json`, which has the training curve. Every ten
+rounds it stores where it is in the file that is named, and goes on from there if that exists.
 """
 
 from __future__ import annotations
@@ -12,216 +12,133 @@ import argparse
 import json
 import time
 from collections import deque
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 
+from . import checkpoint, imitation, ppo
 from . import policy_network as network
 from .environment import Drives
 from .export import export_policy
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
-COUNT, STEPS, EPOCHS, BATCH = 16, 128, 3, 512
-DISCOUNT, TRACE, CLIP = 0.985, 0.95, 0.2
-_STEADY = (-1.5, -2.3)
-_OPTIMIZER = optax.chain(optax.clip_by_global_norm(0.5), optax.adam(3e-4))
-
-
-def _log_prob(params: network.Params, mean: jax.Array, actions: jax.Array) -> jax.Array:
-    deviation = (actions - mean) / jnp.exp(params["log_std"])
-    return -(0.5 * deviation**2 + params["log_std"]).sum(axis=1)
-
-
-@jax.jit
-def act(
-    params: network.Params, key: jax.Array, views: jax.Array, states: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Random actions, their probabilities, and values."""
-    mean, values = network.apply(params, views, states)
-    noise = jax.random.normal(key, mean.shape)
-    actions = mean + noise * jnp.exp(params["log_std"])
-    return actions, _log_prob(params, mean, actions), values
-
-
-def _loss(params: network.Params, batch: dict[str, jax.Array]) -> jax.Array:
-    mean, values = network.apply(params, batch["views"], batch["states"])
-    ratio = jnp.exp(_log_prob(params, mean, batch["actions"]) - batch["log_probs"])
-    gain = batch["advantages"]
-    clipped = jnp.clip(ratio, 1 - CLIP, 1 + CLIP)
-    policy = -jnp.minimum(ratio * gain, clipped * gain).mean()
-    value = jnp.mean((values - batch["returns"]) ** 2)
-    # The mean stays near what a car can do.
-    beyond = jnp.mean(jnp.maximum(jnp.abs(mean) - 1.0, 0.0) ** 2)
-    return policy + 0.25 * value - 0.002 * params["log_std"].sum() + 0.1 * beyond
-
-
-def _imitation_loss(params: network.Params, batch: dict[str, jax.Array]) -> jax.Array:
-    mean, values = network.apply(params, batch["views"], batch["states"])
-    # The expert brakes seldom and hard: a mean over all frames would brake too late.
-    brakes = 1.0 + 4.0 * (batch["actions"][:, :1] < -0.2)
-    wrong = (brakes * (mean - batch["actions"]) ** 2 * jnp.array([1.0, 6.0])).mean()
-    return wrong + 0.02 * jnp.mean((values - batch["returns"]) ** 2)
-
-
-@partial(jax.jit, static_argnames="imitate")
-def improve(
-    params: network.Params, optimizer: Any, batch: dict[str, jax.Array], imitate: bool
-) -> tuple[network.Params, Any, jax.Array]:
-    """One step of gradient descent."""
-    loss, gradients = jax.value_and_grad(_imitation_loss if imitate else _loss)(params, batch)
-    updates, optimizer = _OPTIMIZER.update(gradients, optimizer, params)
-    return optax.apply_updates(params, updates), optimizer, loss
+COUNT, STEPS, MEMORY = 16, 128, 160_000
+# The expert drives in the first round; after so many rounds it does no more.
+_EXPERT_ROUNDS = 6
+_VALUE_ROUNDS = 6
+_SAVED_EVERY = 10
 
 
 class Trainer:
-    """The policy as it learns."""
+    """The policy as it learns: first by imitation, from some round on by PPO."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, imitation_rounds: int, rounds: int) -> None:
         self._key = jax.random.key(seed)
-        self._random = np.random.default_rng(seed)
+        self._imitation_rounds, self._rounds = imitation_rounds, rounds
         self.params = network.init(jax.random.key(seed + 1))
-        self._optimizer = _OPTIMIZER.init(self.params)
+        self.round, self.seconds = 0, 0.0
+        self.curve: list[dict[str, Any]] = []
+        self._random = np.random.default_rng(seed)
         # Seeds below 1000 are kept for judging.
         self._drives = Drives(COUNT, 1000)
+        self._imitation = imitation.Imitation(self._drives, self._random, MEMORY)
+        self._optimizer: Any = None
         self._ends: deque[tuple[str, float]] = deque(maxlen=60)
-        self.curve: list[dict[str, Any]] = []
+        self._loss = 0.0
 
-    def steady(self) -> None:
-        """Has the policy vary its actions less, after it has learned from another one."""
-        self.params["log_std"] = jnp.array(_STEADY)
+    @property
+    def done(self) -> bool:
+        """Whether all rounds are over."""
+        return self.round >= self._rounds
 
-    def store(self, path: Path) -> None:
-        """Writes all weights and the curve into a file."""
-        leaves = jax.tree_util.tree_leaves_with_path(self.params)
-        arrays = {jax.tree_util.keystr(name): np.asarray(value) for name, value in leaves}
-        np.savez(path, curve=json.dumps(self.curve), **arrays)
+    @property
+    def phase(self) -> str:
+        """What the next round learns by."""
+        return "imitation" if self.round < self._imitation_rounds else "ppo"
+
+    def go_on(self) -> None:
+        """Drives and learns for one round."""
+        if self._optimizer is None or self.round == self._imitation_rounds:
+            chosen = imitation.OPTIMIZER if self.phase == "imitation" else ppo.OPTIMIZER
+            self._optimizer = chosen.init(self.params)
+        begun = time.process_time()
+        if self.phase == "imitation":
+            self._imitate()
+        else:
+            self._reinforce()
+        self.seconds += time.process_time() - begun
+        self.round += 1
+        self._ends.extend(self._drives.finished())
+
+    def _imitate(self) -> None:
+        it, share = self._imitation, max(0.0, 1.0 - self.round / _EXPERT_ROUNDS)
+        # What it has forgotten by an interruption it gathers anew.
+        rounds = 1 if len(it.memory) or not self.round else 4
+        for _ in range(rounds):
+            it.drive(self.params, STEPS, share)
+        left = 1.0 - self.round / self._imitation_rounds
+        rate = imitation.LEARNS * (0.05 + 0.95 * left)
+        self.params, self._optimizer, self._loss = it.learn(self.params, self._optimizer, rate)
+
+    def _reinforce(self) -> None:
+        key = jax.random.fold_in(self._key, self.round)
+        data = ppo.drive(self._drives, self.params, key)
+        values_only = self.round < self._imitation_rounds + _VALUE_ROUNDS
+        self.params, self._optimizer = ppo.learn(
+            self.params, self._optimizer, data, self._random, values_only
+        )
 
     def restore(self, path: Path) -> None:
-        """Goes on from such a file. What it does not have stays as it is."""
-        stored = np.load(path)
-        self.params = jax.tree_util.tree_map_with_path(
-            lambda name, value: jnp.asarray(stored.get(jax.tree_util.keystr(name), value)),
-            self.params,
-        )
-        self.curve = json.loads(str(stored["curve"]))
+        """Goes on from a file, in other towns than those before."""
+        self.params, told = checkpoint.restore(path, self.params)
+        self.curve, self.round, self.seconds = told["curve"], told["round"], told["seconds"]
+        self._drives = Drives(COUNT, 1000 + 17 * self.round)
+        self._imitation = imitation.Imitation(self._drives, self._random, MEMORY)
 
-    def round(self, imitate: float) -> None:
-        """Drives for a while and learns from it; with this probability the expert drives."""
-        data = self._drive(imitate)
-        rows = {name: value.reshape(-1, *value.shape[2:]) for name, value in data.items()}
-        for _ in range(EPOCHS):
-            order = self._random.permutation(COUNT * STEPS)
-            for begin in range(0, len(order), BATCH):
-                chosen = order[begin : begin + BATCH]
-                batch = {name: jnp.asarray(value[chosen]) for name, value in rows.items()}
-                gain = batch["advantages"]
-                batch["advantages"] = (gain - gain.mean()) / (gain.std() + 1e-6)
-                self.params, self._optimizer, _ = improve(
-                    self.params, self._optimizer, batch, imitate >= 0.0
-                )
-
-    def _drive(self, imitate: float) -> dict[str, np.ndarray[Any, Any]]:
-        drives, kept = self._drives, []
-        for _ in range(STEPS):
-            views, states = drives.views.copy(), drives.states.copy()
-            self._key, key = jax.random.split(self._key)
-            actions, log_probs, values = (
-                np.asarray(it) for it in act(self.params, key, views, states)
-            )
-            done = actions
-            if imitate >= 0.0:
-                actions = np.array([_expert_action(it.expert) for it in drives.drives], np.float32)
-                own = self._random.random(COUNT) >= imitate
-                done = np.where(own[:, None], done, actions)
-            rewards, ends = drives.step(done)
-            kept.append((views, states, actions, log_probs, values, rewards, ends))
-        self._ends.extend(drives.finished())
-        names = ("views", "states", "actions", "log_probs", "values", "rewards", "ends")
-        data = {
-            name: np.stack(column)
-            for name, column in zip(names, zip(*kept, strict=True), strict=True)
-        }
-        _, _, last = act(self.params, self._key, drives.views, drives.states)
-        return _with_advantages(data, np.asarray(last))
-
-    def note(self, phase: str, seconds: float, steps: int) -> None:
+    def note(self) -> None:
         """Adds a point to the training curve, and prints it."""
         ends = [end for end, _ in self._ends]
         share = {name: ends.count(name) / max(1, len(ends)) for name in sorted(set(ends))}
         point = {
-            "phase": phase,
-            "seconds": round(seconds, 1),
-            "steps": steps,
+            "phase": "imitation" if self.round <= self._imitation_rounds else "ppo",
+            "round": self.round,
+            "seconds": round(self.seconds, 1),
+            "steps": self.round * COUNT * STEPS,
             "ends": {name: round(value, 3) for name, value in share.items()},
             "driven": round(float(np.mean([done for _, done in self._ends] or [0.0])), 3),
+            "loss": round(self._loss, 5),
             "std": np.exp(np.asarray(self.params["log_std"])).round(3).tolist(),
         }
         self.curve.append(point)
         print(json.dumps(point), flush=True)
 
-
-def _expert_action(expert: Any) -> tuple[float, float]:
-    control = expert.in_traffic()
-    return (control.throttle - control.brake, control.steer)
-
-
-def _with_advantages(
-    data: dict[str, np.ndarray[Any, Any]], last: np.ndarray[Any, Any]
-) -> dict[str, np.ndarray[Any, Any]]:
-    """Adds generalized advantages and returns; a journey's end is worth nothing more."""
-    rewards, values, ends = data.pop("rewards"), data.pop("values"), data.pop("ends")
-    gains = np.zeros_like(values)
-    trace = np.zeros_like(last)
-    for step in reversed(range(STEPS)):
-        after = values[step + 1] if step + 1 < STEPS else last
-        goes_on = 1.0 - ends[step]
-        wrong = rewards[step] + DISCOUNT * after * goes_on - values[step]
-        trace = wrong + DISCOUNT * TRACE * goes_on * trace
-        gains[step] = trace
-    return data | {"advantages": gains, "returns": gains + values}
+    def save(self, weights: Path) -> None:
+        """Stores where it is, and writes the network and its curve for the application."""
+        told = {"curve": self.curve, "round": self.round, "seconds": self.seconds}
+        checkpoint.store(weights, self.params, told)
+        export_policy(jax.device_get(self.params), MODELS / "policy.onnx")
+        (MODELS / "policy.json").write_text(json.dumps({"curve": self.curve}, indent=1) + "\n")
 
 
 def main() -> None:
-    """Trains for the minutes that the command line states."""
+    """Trains for the rounds that the command line states."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("weights", type=Path)
-    parser.add_argument("--minutes", type=float, default=25.0)
-    parser.add_argument("--imitation-rounds", type=int, default=40)
+    parser.add_argument("--imitation-rounds", type=int, default=60)
+    parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.weights.parent.mkdir(parents=True, exist_ok=True)
-    trainer, begun = Trainer(options.seed), time.process_time()
-    resumed = options.weights.exists()
-    if resumed:
+    trainer = Trainer(options.seed, options.imitation_rounds, options.rounds)
+    if options.weights.exists():
         trainer.restore(options.weights)
-        trainer.steady()
-    rounds = 0
-    while (spent := time.process_time() - begun) < 60 * options.minutes:
-        imitating = rounds < options.imitation_rounds
-        if rounds == options.imitation_rounds:
-            trainer.steady()
-        # First the expert drives, later the policy does, and the expert says what it would do.
-        share = -1.0
-        if imitating:
-            early = 1.0 - rounds / (0.6 * options.imitation_rounds)
-            share = 0.0 if resumed else max(0.0, early)
-        trainer.round(share)
-        rounds += 1
-        if rounds % 10 == 0:
-            trainer.note("imitation" if imitating else "ppo", spent, rounds * COUNT * STEPS)
-            _save(trainer, options.weights)
-    _save(trainer, options.weights)
-
-
-def _save(trainer: Trainer, weights: Path) -> None:
-    trainer.store(weights)
-    export_policy(jax.device_get(trainer.params), MODELS / "policy.onnx")
-    (MODELS / "policy.json").write_text(json.dumps({"curve": trainer.curve}, indent=1) + "\n")
+    while not trainer.done:
+        trainer.go_on()
+        if trainer.round % _SAVED_EVERY == 0 or trainer.done:
+            trainer.note()
+            trainer.save(options.weights)
 
 
 if __name__ == "__main__":
