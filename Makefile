@@ -54,7 +54,7 @@ demo: $(VENV)/.built $(VENV)/.demo-requirements ## run the broadcast and gather 
 drive: $(VENV)/.built $(VENV)/.demo-requirements $(VENV)/.driving-requirements ## drive through a town: a film, frames a second, and a box plot of how long frames take
 	@cd examples/driving && $(CURDIR)/$(BIN)/python -m autopilot.demo
 
-test: lint build $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
+test: lint $(VENV)/.checked $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
 	cargo test --workspace --exclude hprm-python
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
 	$(BIN)/python tests/mutants/run.py
@@ -184,11 +184,20 @@ BUILD := PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolatio
 
 # Extension, package and command; pip says nothing of what cargo does unless it is verbose.
 $(VENV)/.built: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
-	$(if $(wildcard $(VENV)/.whole),HPRM_WHOLE=1) $(BUILD)
+	$(if $(wildcard $(VENV)/.whole $(VENV)/.checked),HPRM_WHOLE=1) $(BUILD)
+	@rm -f $(VENV)/.checked
 	@touch $@
 
 # The same with `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to compile: what the
 # demo shows needs neither. Where they have been built once, all builds have them.
 $(VENV)/.whole: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
 	HPRM_WHOLE=1 $(BUILD)
+	@rm -f $(VENV)/.checked
 	@touch $(VENV)/.built $@
+
+# The same for tests, in cargo's profile for development: it compiles in half the time, shares most of that with the
+# tests in Rust, and checks assertions and overflows. One of these builds is in .venv, whose stamp says which.
+$(VENV)/.checked: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+	HPRM_WHOLE=1 MATURIN_PEP517_ARGS="--profile dev" $(BUILD)
+	@rm -f $(VENV)/.built $(VENV)/.whole
+	@touch $@
