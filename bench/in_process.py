@@ -15,7 +15,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broad
 import federation
 import machine
 from progress import ProgressBar
+from shown import show
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out" / "in_process.json"
@@ -95,7 +96,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         for workload, by_way in results.items()
     }
     for workload, by_way in medians.items():
-        print("\n".join(lines(workload, by_way)))
+        columns = ["coordination", "processes", "threads", "threads/processes"]
+        show(f"{workload}: median in us (over the repetitions)", columns, rows(by_way))
     write(results, medians)
     print(f"wrote {OUT.relative_to(ROOT)}")
     return 0
@@ -146,17 +148,13 @@ def name(coordination: str, in_process: bool) -> str:
     return f"{coordination}, {'threads' if in_process else 'processes'}"
 
 
-def lines(workload: str, by_way: dict[str, list[float]]) -> list[str]:
-    """A table of one workload: medians over the repetitions, and what threads take of processes."""
-    table = [f"\n{workload}: median in us (over the repetitions)"]
+def rows(by_way: dict[str, list[float]]) -> Iterator[list[str]]:
+    """Each coordination: medians over the repetitions, and what threads take of processes."""
     for coordination in federation.PROGRAMS:
         processes, threads = (by_way[name(coordination, way)] for way in (False, True))
         ratio = statistics.median(t / p for t, p in zip(threads, processes, strict=True))
-        table.append(
-            f"  {coordination:<14} processes {statistics.median(processes):>10.1f}"
-            f"   threads {statistics.median(threads):>10.1f}   threads/processes {ratio:.2f}"
-        )
-    return table
+        medians = [f"{statistics.median(each):.1f}" for each in (processes, threads)]
+        yield [coordination, *medians, f"{ratio:.2f}"]
 
 
 def write(results: Results, medians: dict[str, dict[str, list[float]]]) -> None:

@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broad
 import machine
 import untagged
 from progress import ProgressBar
+from shown import show
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = Path(__file__).with_name("Ordering.lf")
@@ -92,7 +93,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Failed as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print(table(rows, options))
+    title = f"Messages out of order, beside {options.load} busy loops; noticed: the handler ran"
+    columns = ["period", "contender", "messages", "unnoticed", "noticed", "messages/s"]
+    show(title, columns, map(cells, rows), names=2)
     if not options.only_tagged and "pyzmq PUB/SUB" not in chosen:
         print("pyzmq PUB/SUB is skipped: pyzmq is not installed")
     missed = sum(row.get("undetected", 0) for row in rows)
@@ -163,20 +166,12 @@ def load(loops: int) -> Iterator[None]:
             process.wait()
 
 
-def table(rows: list[dict[str, Any]], options: argparse.Namespace) -> str:
-    """One line for each contender and period."""
-    columns = f"{'messages':>10}{'unnoticed':>12}{'noticed':>10}{'messages/s':>12}"
-    lines = [
-        f"Messages out of order, beside {options.load} busy loops; noticed: the handler ran\n",
-        f"{'period':>8}  {'contender':<36}{columns}",
-    ]
-    for row in rows:
-        unnoticed = row.get("undetected", row.get("out_of_order"))
-        noticed = row.get("tardy", "-")
-        rate = round(row["messages"] / row["seconds"])
-        cells = f"{row['messages']:>10}{unnoticed:>12}{noticed:>10}{rate:>12}"
-        lines.append(f"{row['period_ms']:>5g} ms  {row['contender']:<36}{cells}")
-    return "\n".join(lines) + "\n"
+def cells(row: dict[str, Any]) -> list[str]:
+    """What the table says of a contender with a period."""
+    unnoticed = row.get("undetected", row.get("out_of_order"))
+    counts = [row["messages"], unnoticed, row.get("tardy", "-")]
+    rate = round(row["messages"] / row["seconds"])
+    return [f"{row['period_ms']:g} ms", row["contender"], *map(str, counts), str(rate)]
 
 
 def _hprm() -> Path:

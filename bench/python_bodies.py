@@ -14,6 +14,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from shown import show
+
 OUT = Path(__file__).resolve().parents[1] / "out" / "python_bodies.json"
 REPETITIONS = 5
 WIDTH = 100
@@ -112,8 +114,7 @@ def seconds(path: Path) -> float:
 
 def main() -> None:
     """Measure, print and write."""
-    results = {}
-    print("thousand/s in Python: median (min-max)")
+    results, rows = {}, []
     with tempfile.TemporaryDirectory() as folder:
         for name, text in PROGRAMS.items():
             unit, actions, each = UNITS.get(name, WIDE)
@@ -121,8 +122,10 @@ def main() -> None:
             path.write_text(CLOCK + text % actions)
             rates = [actions * each / seconds(path) / 1e3 for _ in range(REPETITIONS)]
             median, low, high = statistics.median(rates), min(rates), max(rates)
-            print(f"{name:<16} {unit:>10} {median:.0f} ({low:.0f}-{high:.0f})")
+            rows.append([name, unit, *(f"{rate:.0f}" for rate in (median, low, high))])
             results[name] = {"unit": unit, "thousand_per_second": rates}
+    columns = ["workload", "of", "median", "least", "greatest"]
+    show("Bodies in Python: thousands a second", columns, rows, names=2)
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(results, indent=2) + "\n")
 

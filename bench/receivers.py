@@ -20,6 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broadcast_gather"))
 
 import federation
+from shown import show
 
 RECEIVERS = (1, 4, 8)
 WAYS = {"loan": "hprm.empty(SIZE, np.uint8)", "copy": "self.kept"}
@@ -85,10 +86,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except federation.FederationError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print(f"{options.size / 1e6:g} MB, {options.coordination}: median in us [least, greatest]")
-    for (way, receivers), each in medians.items():
-        middle, least, most = statistics.median(each), min(each), max(each)
-        print(f"  {way}  to {receivers}  {middle:>9.1f}  [{least:.1f}, {most:.1f}]")
+    rows = (
+        [way, str(receivers), *(f"{of(each):.1f}" for of in (statistics.median, min, max))]
+        for (way, receivers), each in medians.items()
+    )
+    columns = ["array", "receivers", "median", "least", "greatest"]
+    show(f"{options.size / 1e6:g} MB, {options.coordination}, in us", columns, rows)
     return 0
 
 
