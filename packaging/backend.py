@@ -45,8 +45,7 @@ Settings = Mapping[str, Any] | None
 
 def build_wheel(directory: str, settings: Settings = None, metadata: str | None = None) -> str:
     """Build a wheel of the extension, the package and the command."""
-    # Debuggers of ours have the sources; whoever installs a wheel has no use for their lines.
-    with _both_crates({"HPRM_WHOLE": "1", "CARGO_PROFILE_RELEASE_STRIP": "debuginfo"}) as scripts:
+    with _both_crates({"HPRM_WHOLE": "1"}) as scripts:
         wheel = maturin.build_wheel(directory, settings, metadata)
         _expect_command(scripts)
     return wheel

@@ -1,6 +1,6 @@
 """The wheel: extension, package and command, in an environment that has nothing else.
 
-The variable HPRM_WHEEL names one; otherwise it is made of what `make build` has compiled.
+The variable HPRM_WHEEL names one; otherwise it is made of what is compiled already.
 """
 
 from __future__ import annotations
@@ -57,6 +57,9 @@ def build(folder: Path) -> None:
     """Makes a wheel of what has been compiled."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel"]
     environment = {**os.environ, "CARGO_NET_OFFLINE": "true"}
+    if Path(sys.prefix, ".checked").exists():
+        # `make test` compiles in this profile, `make build` for release.
+        environment["MATURIN_PEP517_ARGS"] = "--profile dev"
     environment["PATH"] = f"{Path(sys.executable).parent}:{environment['PATH']}"
     options = ["--no-build-isolation", "--no-deps", "--wheel-dir", folder]
     call(*pip, *options, ".", cwd=ROOT, environment=environment)
