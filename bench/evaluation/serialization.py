@@ -14,6 +14,7 @@ NAME = "serialization"
 _TITLE = "Serialization of 5 MB"
 _OUT_OF_BAND, _IN_BAND = "pickle 5 out of band", "pickle 5 in band"
 _CHECKED = "ros2 message, bytes checked"
+_ORDER = "array, out"
 _MB = 5.0
 _QUICK = (OURS, _OUT_OF_BAND, _IN_BAND)
 
@@ -36,7 +37,8 @@ The messages of ROS 2 are classes of rosbags, which need no ROS 2. “ros2 messa
 array to the bytes of an Image and back, as ros2_numpy does; “bytes checked” also checks each
 byte, as rclpy's classes do when bytes are assigned, which is what the paper's figure for ROS2
 NumPy consists of; “CDR” also makes the bytes that travel. “ros2_numpy” is the package itself,
-where it can be imported.
+where it can be imported. Without the CDR nothing has to be read back: an array is made over the
+bytes of the message, here as in the paper.
 
 Dividing 5 MB by a time gives a throughput even where no byte is touched; it is here because the
 paper has it.
@@ -50,14 +52,14 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
-    cases, names = record.cases(), best_first(record)
+    cases, names = record.cases(), best_first(record, _ORDER)
     rows = [
         picture.Row(name, name.startswith(OURS), [record.spread(name, case) for case in cases])
         for name in names
     ]
     drawn = picture.svg(f"{_TITLE}, there (out) and back (in)", "µs", cases, rows)
     rates = [[name, *(_rate(record, name, case) for case in cases)] for name in names]
-    tables = by_case(record, f"{_TITLE}, µs", OURS)
+    tables = by_case(record, f"{_TITLE}, µs", OURS, _ORDER)
     tables.append(Table("the same as MB/s", ["", *cases], rates))
     return Section(PAPER, tables, [drawn], _claims(record), DIFFERENCES)
 
@@ -76,20 +78,16 @@ def _claims(record: Record) -> list[Claim]:
     )
     claims = [
         Claim(
-            f"{verb} 5 MB: “{rival}” takes this many times as long as “{_OUT_OF_BAND}”; as HPRM",
-            paper,
-            _beside_both(record, rival, case),
+            f"{verb} 5 MB: “{rival}” takes this many times as long as “{base}”",
+            paper if base == _OUT_OF_BAND else "–",
+            times(record.ratio(rival, base, case)),
         )
         for rival, case, verb, paper in said
+        for base in (_OUT_OF_BAND, OURS)
     ]
     ratio = record.ratio("protobuf", OURS, "dict of ten, out")
     what = "serialize a dict of ten arrays: “protobuf” takes this many times as long as HPRM"
     return [*claims, Claim(what, "–", times(ratio))]
-
-
-def _beside_both(record: Record, rival: str, case: str) -> str:
-    ratios = [times(record.ratio(rival, base, case)) for base in (_OUT_OF_BAND, OURS)]
-    return "; ".join(dict.fromkeys(ratios))
 
 
 EXPERIMENT = Experiment(NAME, "Adaptive serialization", measure, section)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from figures import Spread
 from tables import number
 
@@ -38,9 +36,11 @@ def less(ratio: float | None) -> str:
     return "not measured" if ratio is None else f"{100 * (1 - ratio):.1f} %"
 
 
-def by_case(record: Record, title: str, base: str | None = None) -> list[Table]:
+def by_case(
+    record: Record, title: str, base: str | None = None, order: str | None = None
+) -> list[Table]:
     """A row for each contender, a column for each case; then as multiples of a contender."""
-    cases, names = record.cases(), best_first(record)
+    cases, names = record.cases(), best_first(record, order)
     rows = [[name, *(shown(record.spread(name, case)) for case in cases)] for name in names]
     tables = [Table(f"{title}: median (least–greatest) of the repetitions", ["", *cases], rows)]
     if base in names and len(names) > 1:
@@ -55,12 +55,12 @@ def by_case(record: Record, title: str, base: str | None = None) -> list[Table]:
     return tables
 
 
-def best_first(record: Record, cases: Sequence[str] | None = None) -> list[str]:
-    """All contenders by what they have in the last case."""
-    last = (cases or record.cases())[-1]
+def best_first(record: Record, case: str | None = None) -> list[str]:
+    """All contenders by what they have in a case: the last one, if none is named."""
+    case = case or record.cases()[-1]
 
     def key(name: str) -> tuple[bool, float]:
-        spread = record.spread(name, last)
+        spread = record.spread(name, case)
         return spread is None, spread.median if spread else 0.0
 
     return sorted(record.contenders(), key=key)

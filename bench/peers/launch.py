@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -111,12 +112,13 @@ class Launcher:
             grace_s = _GRACE_S
             return results
         finally:
-            for command, process in running:
-                if not command.awaited:
-                    process.terminate()
-            descendants.end_all(grace_s)
-            _remove_segments(name, before)
-            shutil.rmtree(directory, ignore_errors=True)
+            with undisturbed():
+                for command, process in running:
+                    if not command.awaited:
+                        process.terminate()
+                descendants.end_all(grace_s)
+                _remove_segments(name, before)
+                shutil.rmtree(directory, ignore_errors=True)
 
     def _describe(
         self,
@@ -235,6 +237,22 @@ def _affinity(cpus: Sequence[int]) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Requests to end wait meanwhile, and are one afterwards: impatient users ask again."""
+    requests = {signal.SIGINT, signal.SIGTERM}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, requests)
+    asked = False
+    try:
+        yield
+    finally:
+        while signal.sigtimedwait(requests, 0) is not None:
+            asked = True
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if asked:
+            raise KeyboardInterrupt
 
 
 def _start(command: Command, environment: dict[str, str], output: Any) -> subprocess.Popen[bytes]:

@@ -342,6 +342,33 @@ def test_a_session_that_fails_says_why_and_leaves_nothing(tmp_path: Path) -> Non
     assert not [name for name in set(os.listdir("/dev/shm")) - before if "hprmbench" in name]
 
 
+IMPATIENT = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+import launch
+
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+try:
+    with launch.undisturbed():
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        print("cleaned up")
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
+def test_a_second_request_to_end_waits_for_the_clean_up_of_the_first() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IMPATIENT, str(BENCH)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("cleaned up\nstopped\n", "")
+
+
 # The whole of it, with contenders that need nothing but the package.
 
 
