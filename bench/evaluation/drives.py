@@ -16,6 +16,11 @@ from . import ROOT
 
 DRIVING = ROOT / "bench" / "driving"
 WORKER = DRIVING / "worker" / "main.py"
+MODELS = ROOT / "examples" / "driving" / "models"
+_NETWORKS = {
+    "policy.onnx": ["--agent", "policy"],
+    "detector.onnx": ["--detector", "network"],
+}
 GROUP = "drive"
 ROLES = ("simulator", "agent", "detector", "fusion")
 
@@ -69,7 +74,7 @@ class DrivingLauncher(Launcher):
         session = super()._describe(*arguments)
         frames = str(session["plan"][0]["frames"])
         measured = str(Path(session["directory"]) / "measured")
-        session["options"]["arguments"] = ["--frames", frames, "--measure", measured]
+        session["options"]["arguments"] = [*models(), "--frames", frames, "--measure", measured]
         return session
 
     def _processes(self, contender: Contender, session: dict[str, Any]) -> list[Command]:
@@ -86,6 +91,14 @@ class DrivingLauncher(Launcher):
         program = DRIVING / f"Measured{contender.options['coordination'].capitalize()}.lf"
         words = [str(self._command), "run", *contender.arguments, str(program), "--"]
         return [Command([*words, *session["options"]["arguments"]])]
+
+
+def models(folder: Path = MODELS) -> list[str]:
+    """Options of the application that choose its networks, as far as their files are there."""
+    words: list[str] = []
+    for file, chosen in _NETWORKS.items():
+        words += chosen if (folder / file).exists() else []
+    return words
 
 
 def dataflow() -> dict[str, Any]:

@@ -39,10 +39,11 @@ PAPER = Table(
 )
 DIFFERENCES = paragraphs("""
 The simulator is the town of examples/driving and not CARLA: its pictures have 640 by 480 pixels
-(0.9 MB), its bird's-eye view 64 by 64 cells in six channels. The agent and the detector are
-those that examples/driving has by default. Both are smaller than the PPO agent and YOLOv5 of
-the paper, and no GPU takes part. So the shares of communication differ more between contenders
-here, and differences in milliseconds tell more than ratios.
+(0.9 MB), its bird's-eye view 64 by 64 cells in six channels. The agent and the detector are the
+networks of examples/driving as far as their files are there (the line with the command names
+them), run on one thread each. They are smaller than the PPO agent and YOLOv5 of the paper, and no
+GPU takes part. So the shares of communication differ more between contenders here, and
+differences in milliseconds tell more than ratios.
 
 The reactors are those of examples/driving, with a clock around the agent and the detector. The
 other contenders have the same four programs with the same models, packages and messages; the

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 
 import evaluate
 from evaluation import inference, page, record
-from evaluation.drives import CONTENDERS, ROLES, dataflow
+from evaluation.drives import CONTENDERS, ROLES, dataflow, models
 from evaluation.experiment import ExperimentError
 from evaluation.record import Cell, Record, RecordError, load
 
@@ -128,6 +128,14 @@ def test_contenders_that_drive_another_way_are_an_error(monkeypatch: pytest.Monk
     monkeypatch.setattr(inference.DrivingLauncher, "drive", drive)
     with pytest.raises(ExperimentError, match="contenders drove different ways"):
         inference.measure(evaluate.Effort(quick=True))
+
+
+def test_networks_drive_where_their_files_are(tmp_path: Path) -> None:
+    assert models(tmp_path) == []
+    (tmp_path / "detector.onnx").touch()
+    assert models(tmp_path) == ["--detector", "network"]
+    (tmp_path / "policy.onnx").touch()
+    assert models(tmp_path) == ["--agent", "policy", "--detector", "network"]
 
 
 def test_the_dataflow_has_an_output_for_every_input() -> None:
