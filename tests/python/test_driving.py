@@ -219,8 +219,9 @@ def test_what_the_detector_sees_decides() -> None:
 # Agents, networks, and what judges them.
 
 
-def test_the_geometric_agent_completes_routes_when_lights_are_obeyed_for_it() -> None:
-    verdicts = [journey(seed, "geometric", "perfect", Setting(2, 10, 4, 4)) for seed in (0, 1)]
+@pytest.mark.parametrize("agent", ["geometric", "policy"])
+def test_an_agent_completes_routes_when_lights_are_obeyed_for_it(agent: str) -> None:
+    verdicts = [journey(seed, agent, "perfect", Setting(2, 10, 4, 4)) for seed in (0, 1)]
     assert [it.ended for it in verdicts] == ["completed", "completed"]
     assert all(it.red_lights == it.stop_signs == 0 for it in verdicts)
     assert journey(0, "constant", "perfect", Setting(2, 10, 4, 4)).ended != "completed"

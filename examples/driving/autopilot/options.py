@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-AGENTS = ("geometric", "policy")
+AGENTS = ("policy", "geometric")
 SIMULATORS = ("town", "highway", "carla")
 DETECTORS = ("colours", "network", "off")
 
