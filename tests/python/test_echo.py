@@ -259,7 +259,8 @@ def test_a_killed_watcher_holds_nothing_any_more(bench: Bench) -> None:
         echo = watch(bench, run, "echo", "camera.image")
         hear(echo.stdout, "\n")
         echo.send_signal(signal.SIGSTOP)
-        before = int(hear(run.stdout, "\n").split()[-1])
+        # What has been written may end within a line.
+        before = int(re.findall(r"at (\d+)\n", hear(run.stdout, "\n"))[-1])
         hear(run.stdout, f"at {before + 2}\n")
         echo.kill()
         echo.communicate()
