@@ -71,7 +71,9 @@ def assert_nothing_is_lost(outcome: Outcome, reason: str) -> None:
     """All arrays have arrived, and the lack of memory was told once."""
     assert outcome.code == 0, outcome.err
     assert "[receiver] all" in outcome.out.splitlines()
-    warnings = [line for line in outcome.err.splitlines() if "warning" in line]
+    # On a busy machine, federates lag behind their clocks and say so.
+    said = [line for line in outcome.err.splitlines() if "warning" in line]
+    warnings = [line for line in said if "behind its clock" not in line]
     assert len(warnings) == 1, outcome.err
     assert reason in warnings[0] and "travel inside their messages" in warnings[0]
 

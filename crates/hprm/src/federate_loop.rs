@@ -584,6 +584,7 @@ where
                 self.scheduler.start_late(at, first);
                 self.recorder.started(at);
                 self.phase = Phase::Running;
+                self.show_start();
             }
             // This federate holds the objects of a message from its arrival on. Opening and dropping the message
             // releases them.

@@ -88,6 +88,13 @@ where
         self.board.begins(tag, self.now);
     }
 
+    /// Shows that the program has a start time: the first reaction may run for ever.
+    pub(super) fn show_start(&mut self) {
+        if self.board.is_on() {
+            self.show_state(false);
+        }
+    }
+
     /// Shows the state of a loop that does not wait, if it is time to.
     #[inline]
     pub(super) fn show_busy(&mut self) {
