@@ -15,8 +15,8 @@ use hprm::recorder::TraceRequest;
 use hprm::supervisor::{Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor};
 use hprm::trace::TraceShare;
 use hprm::{
-    Address, Failure, FederateOptions, FederationId, HangTimeout, Kind, Label, Reach, Report,
-    RtiEvent, RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
+    Address, Failure, FederateOptions, HangTimeout, Kind, Label, Reach, Report, RtiEvent,
+    RtiHandle, RtiOptions, Security, ValueExchange, nanoseconds,
 };
 use hprm_core::{Program, Scope};
 use hprm_model::Compiled;
@@ -125,8 +125,8 @@ impl Plan {
         let options = RtiOptions {
             program: Arc::clone(program),
             fingerprint: Arc::clone(&fingerprint),
-            // It keeps other processes out, and no other process can reach these links.
-            federation: FederationId(0),
+            // No other process can reach these links, but what watches federations tells them apart by it.
+            federation: hprm::random_federation()?,
             listen: listen.clone(),
             also_listen: Vec::new(),
             security: Security::default(),

@@ -551,6 +551,25 @@ where
         handled.map_err(Failure::from)
     }
 
+    /// Begins to run at `first`, if tag zero is at `at`.
+    fn begin(&mut self, at: PhysicalTime, first: Tag) -> Result<(), Failure> {
+        let Membership { links, .. } = &mut self.federation;
+        links.become_busy();
+        if let Some((end_process, link)) = self.end_process.zip(links.rti_socket()) {
+            let federation = &self.scheduler.program().name;
+            let watch = OutliveWatch::start(link, federation, end_process);
+            self.outlive =
+                Some(watch.map_err(|error| {
+                    Failure::system("cannot watch the link to the RTI", &error)
+                })?);
+        }
+        self.scheduler.start_late(at, first);
+        self.recorder.started(at);
+        self.phase = Phase::Running;
+        self.show_start();
+        Ok(())
+    }
+
     fn apply(&mut self, output: Output) -> Result<(), Failure> {
         let Membership { links, objects, machine, .. } = &mut self.federation;
         match output {
@@ -572,20 +591,7 @@ where
                 }
             }
             Output::Rejoin => links.drop_rti_link()?,
-            Output::Start { at, first } => {
-                links.become_busy();
-                if let Some((end_process, link)) = self.end_process.zip(links.rti_socket()) {
-                    let federation = &self.scheduler.program().name;
-                    let watch = OutliveWatch::start(link, federation, end_process);
-                    self.outlive = Some(watch.map_err(|error| {
-                        Failure::system("cannot watch the link to the RTI", &error)
-                    })?);
-                }
-                self.scheduler.start_late(at, first);
-                self.recorder.started(at);
-                self.phase = Phase::Running;
-                self.show_start();
-            }
+            Output::Start { at, first } => self.begin(at, first)?,
             // This federate holds the objects of a message from its arrival on. Opening and dropping the message
             // releases them.
             Output::Discard { payload } => drop(objects.open(&payload)?),
