@@ -117,7 +117,8 @@ reactor Source {
   =}
   reaction(shutdown) {=
     stats = lf.store_stats()
-    few = len(os.listdir("/proc/self/fd")) <= stats["segments"] + 19
+    # Watchers of other tests, which look for a federation, are some of them for a moment.
+    few = len(os.listdir("/proc/self/fd")) <= stats["segments"] + 24
     print(stats["objects_sealed"], stats["inline_fallbacks"], few)
   =}
 }
