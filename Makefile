@@ -16,16 +16,20 @@ WORKERS ?= 3
 
 PYTHON_CODE := python tests bench examples docs packaging
 # Programs that the strictest checks of types must accept, as those of users who run them.
-TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/%,$(wildcard examples/*/*.py))
+TYPED_PROGRAMS := tests/twins $(filter-out examples/broadcast_gather/% examples/ros2_port/%,$(wildcard examples/*/*.py))
 RUST_SOURCES := Cargo.toml Cargo.lock \
-	$(shell find crates -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md' -o -path '*/templates/*' -o -path '*/font/*' -type f)
+	$(shell find crates -path crates/hprm-agent -prune -o -name '*.rs' -o -name 'Cargo.toml' -o -path '*/explanation/*.md' -o -path '*/templates/*' -o -path '*/font/*' -type f)
+
+# What the tests in Rust are made of: all of it, the command as in the wheel, so that cargo chooses the same features
+# for what it has compiled for the extension, and compiles that once.
+TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance bench bench-quick evaluation bench-ordering bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
 
 build: $(VENV)/.whole ## build the command `hprm` and the Python package into .venv
 
@@ -55,7 +59,7 @@ drive: $(VENV)/.built $(VENV)/.demo-requirements $(VENV)/.driving-requirements #
 	@cd examples/driving && $(CURDIR)/$(BIN)/python -m autopilot.demo
 
 test: lint $(VENV)/.checked $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
-	cargo test --workspace --exclude hprm-python
+	cargo test $(TESTED)
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
 	$(BIN)/python tests/mutants/run.py
 
@@ -78,6 +82,22 @@ conformance: build $(VENV)/.requirements ## run Lingua Franca's own tests; LF= n
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
 	$(BIN)/python tests/conformance/run.py "$(LF)" --single-threaded
 
+# Its nodes are another implementation, in Rust, whose 400 crates take some minutes to compile.
+conformance-ros2: build $(VENV)/.requirements ## talk to nodes of ROS 2 that HPRM has not written, over Zenoh
+	cargo build --quiet --locked --manifest-path tests/hiroz/Cargo.toml --target-dir out/hiroz
+	$(BIN)/python tests/hiroz/run.py out/hiroz/debug/hprm-hiroz
+
+# Zenoh and its 300 crates take some minutes, so the agent is in no other build.
+AGENT := out/agent/release/hprm-agent
+agent: toolchain ## build the command `hprm-agent`, which leads links between machines, into out/agent
+	cargo build --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
+	@echo "$(AGENT) --help"
+
+test-agent: build agent ## check the agent's lints, and run federations through agents that pause, end and are cut off
+	cargo fmt --check --manifest-path crates/hprm-agent/Cargo.toml
+	cargo clippy --release --locked --all-targets --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent -- -D warnings
+	$(BIN)/python -m pytest tests/agents -n $(WORKERS) --dist worksteal
+
 BENCH ?=
 bench: build $(VENV)/.requirements ## compare with all peers side by side, half an hour; BENCH= options; then bench-ordering
 	@$(BIN)/python bench/peers/run.py $(BENCH)
@@ -92,6 +112,9 @@ evaluation: build $(VENV)/.requirements ## make every figure of the paper again,
 
 bench-ordering: build $(VENV)/.requirements ## count messages out of order on a loaded machine, with tags and without
 	@$(BIN)/python bench/ordering.py
+
+bench-ros2-order: build $(VENV)/.requirements ## run programs of ROS 2 on a loaded machine, ten times each, with tags and without
+	@$(BIN)/python bench/ros2_order.py
 
 # Boomerang needs features that its compiler's version still calls unstable.
 bench-rust: toolchain ## compare the scheduler with boomerang, both in Rust, side by side
@@ -180,24 +203,25 @@ $(VENV)/.wheel-requirements: requirements-wheel.txt $(VENV)/.build-requirements
 	$(INSTALL) --quiet -r requirements-wheel.txt
 	@touch $@
 
+BUILT_FROM := $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES)
 BUILD := PATH="$(CURDIR)/$(BIN):$$PATH" $(INSTALL) --verbose --no-build-isolation --no-deps --editable .
 
 # Extension, package and command; pip says nothing of what cargo does unless it is verbose.
-$(VENV)/.built: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+$(VENV)/.built: $(BUILT_FROM) | toolchain
 	$(if $(wildcard $(VENV)/.whole $(VENV)/.checked),HPRM_WHOLE=1) $(BUILD)
 	@rm -f $(VENV)/.checked
 	@touch $@
 
 # The same with `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to compile: what the
 # demo shows needs neither. Where they have been built once, all builds have them.
-$(VENV)/.whole: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+$(VENV)/.whole: $(BUILT_FROM) | toolchain
 	HPRM_WHOLE=1 $(BUILD)
 	@rm -f $(VENV)/.checked
 	@touch $(VENV)/.built $@
 
 # The same for tests, in cargo's profile for development: it compiles in half the time, shares most of that with the
 # tests in Rust, and checks assertions and overflows. One of these builds is in .venv, whose stamp says which.
-$(VENV)/.checked: $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES) | toolchain
+$(VENV)/.checked: $(BUILT_FROM) | toolchain
 	HPRM_WHOLE=1 MATURIN_PEP517_ARGS="--profile dev" $(BUILD)
 	@rm -f $(VENV)/.built $(VENV)/.whole
 	@touch $@

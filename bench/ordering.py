@@ -13,16 +13,17 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broadcast_gather"))
 
+import federation
 import machine
 import untagged
+from busy import busy
 from progress import ProgressBar
 from shown import show
 
@@ -36,8 +37,8 @@ SHARES = {10.0: 0.04, 1.0: 0.24, 0.3: 0.36, 0.1: 0.36}
 TIME_LIMIT_S = 600.0
 
 
-class Failed(Exception):
-    """A program cannot be run or did not do its work; the message says which and why."""
+class Failed(federation.FederationError):
+    """A program did not do its work; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Tagged:
     def run(self, flow: untagged.Flow) -> dict[str, Any]:
         """Runs the program, and adds up what its subscribers have seen."""
         maxwait = -1 if self.maxwait_ms is None else round(self.maxwait_ms * 1e6)
-        command = [str(_hprm()), "run", f"--property=coordination={self.coordination}"]
+        command = [str(federation.command()), "run", f"--property=coordination={self.coordination}"]
         command += [str(PROGRAM), str(flow.steps), str(flow.period_ns), str(maxwait)]
         try:
             done = subprocess.run(
@@ -88,9 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parse(argv)
     chosen = contenders(not options.only_tagged)
     try:
-        with load(options.load):
+        with busy(options.load):
             rows = measure(options, chosen)
-    except Failed as error:
+    except federation.FederationError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     title = f"Messages out of order, beside {options.load} busy loops; noticed: the handler ran"
@@ -101,7 +102,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     missed = sum(row.get("undetected", 0) for row in rows)
     sent = sum(row["messages"] for row in rows if "tardy" in row)
     print(f"with tags: {missed} violations unnoticed in {sent} messages")
-    result = {"machine": machine.describe(_hprm()), "busy_loops": options.load, "rows": rows}
+    result = {
+        "machine": machine.describe(federation.command()),
+        "busy_loops": options.load,
+        "rows": rows,
+    }
     options.out.parent.mkdir(exist_ok=True)
     options.out.write_text(json.dumps(result, indent=1) + "\n")
     return 1 if missed else 0
@@ -153,33 +158,12 @@ def measure(options: argparse.Namespace, contenders: Contenders) -> list[dict[st
     return rows
 
 
-@contextmanager
-def load(loops: int) -> Iterator[None]:
-    """Keeps the machine busy meanwhile."""
-    command = [sys.executable, "-c", "while True: pass"]
-    busy = [subprocess.Popen(command) for _ in range(loops)]
-    try:
-        yield
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
-
-
 def cells(row: dict[str, Any]) -> list[str]:
     """What the table says of a contender with a period."""
     unnoticed = row.get("undetected", row.get("out_of_order"))
     counts = [row["messages"], unnoticed, row.get("tardy", "-")]
     rate = round(row["messages"] / row["seconds"])
     return [f"{row['period_ms']:g} ms", row["contender"], *map(str, counts), str(rate)]
-
-
-def _hprm() -> Path:
-    """The command that belongs to the running Python."""
-    hprm = Path(sys.executable).parent / "hprm"
-    if not hprm.exists():
-        raise Failed(f"{hprm} does not exist\n  hint: run `make build`")
-    return hprm
 
 
 if __name__ == "__main__":

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from picture import STYLE, svg_of
 
-from .texts import OURS
+from .record import Record
+from .texts import OURS, best_first
 
 _OURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _PEERS = ("#7f7f7f", "#b8860b", "#8c6bb1", "#41ab5d", "#3690c0", "#c51b8a", "#a6611a", "#4d4d4d")
@@ -22,10 +23,10 @@ _NOT_A_PEER = ("limit", "memcpy, recycled", "memcpy, fresh memory")
 _FAINT, _GRID, _FILL = "#666666", "#e2e2e2", "#f3f7ea"
 
 
-def lines(
-    title: str, unit: str, cases: Sequence[str], spreads: Mapping[str, Sequence[Spread | None]]
-) -> str:
+def lines(record: Record, title: str, unit: str) -> str:
     """A line for each contender over the cases, at equal distances; bars reach to the extremes."""
+    cases = record.cases()
+    spreads = {name: [record.spread(name, case) for case in cases] for name in best_first(record)}
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 5.2), layout="constrained")
         axes = figure.add_subplot()
@@ -37,7 +38,7 @@ def lines(
             _line(axes, name, spreads[name], style)
         axes.set_yscale("log")
         _ticks(axes.yaxis)
-        axes.set_xticks(range(len(cases)), list(cases))
+        axes.set_xticks(range(len(cases)), cases)
         axes.set_ylabel(f"{unit} (log scale)")
         axes.tick_params(length=0, labelcolor=_FAINT)
         _legend(axes, list(spreads))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from tables import Table as Table
+
 from .record import Record
 
 
@@ -35,15 +37,6 @@ class Effort:
         words += [f"--repetitions {self.repetitions}"] if self.repetitions else []
         words += [f"--contenders '{','.join(self.contenders)}'"] if self.contenders else []
         return " ".join(words)
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a heading. The first column is for names."""
-
-    title: str
-    columns: list[str]
-    rows: list[list[str]]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import contenders as who
 from . import charts
 from .experiment import Claim, Effort, Experiment, Section, Table
 from .record import Record
-from .texts import best_first, by_case, paragraphs, times
+from .texts import by_case, paragraphs, times
 from .workloads import measure as measure_workload
 
 NAME = "gather"
@@ -56,10 +56,7 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
-    spreads = {
-        name: [record.spread(name, case) for case in record.cases()] for name in best_first(record)
-    }
-    picture = charts.lines(_TITLE, "ms a round", record.cases(), spreads)
+    picture = charts.lines(record, _TITLE, "ms a round")
     return Section(
         PAPER, by_case(record, f"{_TITLE}, ms", _OURS[1]), [picture], _claims(record), DIFFERENCES
     )

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import time
 
+import federation
 import machine
 import ordering
+from busy import busy
 
 from .experiment import Claim, Effort, Experiment, ExperimentError, Section, Table
 from .record import Cell, Record
@@ -54,9 +56,9 @@ def measure(effort: Effort) -> Record:
     )
     loops = 0 if effort.quick else machine.describe(hprm())["cpus"]
     try:
-        with ordering.load(loops):
+        with busy(loops):
             rows = ordering.measure(options, chosen)
-    except ordering.Failed as error:
+    except federation.FederationError as error:
         raise ExperimentError(f"{NAME}: {error}") from None
     absent = {} if "pyzmq PUB/SUB" in there else {"pyzmq PUB/SUB": "pyzmq is not installed"}
     return Record(

@@ -7,7 +7,7 @@ import contenders as who
 from . import charts
 from .experiment import Claim, Effort, Experiment, Section, Table
 from .record import Record
-from .texts import best_first, by_case, paragraphs, times
+from .texts import by_case, paragraphs, times
 from .workloads import measure as measure_workload
 
 NAME = "store"
@@ -49,10 +49,7 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
-    spreads = {
-        name: [record.spread(name, case) for case in record.cases()] for name in best_first(record)
-    }
-    picture = charts.lines(_TITLE, "ms", record.cases(), spreads)
+    picture = charts.lines(record, _TITLE, "ms")
     tables = by_case(record, f"{_TITLE}, ms", "memcpy, recycled")
     return Section(PAPER, tables, [picture], _claims(record), DIFFERENCES)
 

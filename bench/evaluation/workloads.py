@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import contenders as who
+import federation
 import machine
 import plan
 import run as peers
@@ -26,10 +26,10 @@ _FULL = dataclasses.replace(plan.FULL, total_limit_s=12 * 60)
 
 def hprm() -> Path:
     """The command that belongs to the running Python."""
-    command = Path(sys.executable).parent / "hprm"
-    if not command.exists():
-        raise ExperimentError(f"{command} does not exist\n  hint: run `make build`")
-    return command
+    try:
+        return federation.command()
+    except federation.FederationError as error:
+        raise ExperimentError(str(error)) from None
 
 
 def taking_part(

@@ -23,11 +23,13 @@ What its constructor calls
     ``connect``
 Running and testing
     ``run``, ``check``, ``hprm.testing``; the command ``hprm``
+Looking at what runs
+    ``watch``
 In bodies
     ``background`` (what outlives a tag), ``empty`` and ``empty_like`` (arrays that are sent without
     a copy), ``Tag``
 Errors
-    ``ProgramError``, ``ProgramFailed``, ``ProgramWarning``
+    ``ProgramError``, ``ProgramFailed``, ``ProgramWarning``, ``WatchError``
 
 Times are a text with a unit (``"10 ms"``), a ``datetime.timedelta``, or whole numbers of
 nanoseconds (``Time``); ``MSEC(10)`` and the like make nanoseconds.
@@ -81,6 +83,7 @@ if TYPE_CHECKING:
     from hprm._parts import Action, Input, Mode, Output, PhysicalAction, Timer
     from hprm._reactions import reaction, reset, shutdown, startup
     from hprm._reactor import Federation, Reactor, federate
+    from hprm._watching import WatchError, watch
 
 # Programs of `.lf` files do without these, and start sooner.
 _LOADED_ON_DEMAND = {
@@ -94,6 +97,7 @@ _LOADED_ON_DEMAND = {
     ),
     **dict.fromkeys(("reaction", "reset", "shutdown", "startup"), "hprm._reactions"),
     **dict.fromkeys(("Federation", "Reactor", "federate"), "hprm._reactor"),
+    **dict.fromkeys(("WatchError", "watch"), "hprm._watching"),
 }
 
 
@@ -146,6 +150,7 @@ __all__ = [
     "USECS",
     "WEEK",
     "WEEKS",
+    "WatchError",
     "action_capsule_t",
     "background",
     "check",
@@ -159,4 +164,5 @@ __all__ = [
     "run",
     "shutdown",
     "startup",
+    "watch",
 ]

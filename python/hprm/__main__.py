@@ -29,6 +29,14 @@ def main() -> NoReturn:
 
         _syntax.report(options.files)
         leave(0)
+    if options.command == "view":
+        from hprm import _viewing
+
+        leave(_viewing.view(options))
+    if options.command == "bag":
+        from hprm.ros._bags import command
+
+        leave(command.run(options))
     if options.json:
         _hprm.tell_programs()
     has_warned = os.environ.pop(_mistakes.WARNED, None) is not None
@@ -163,6 +171,23 @@ def _parser() -> argparse.ArgumentParser:
     declare.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     syntax = commands.add_parser("syntax", help="find mistakes in the Python of programs")
     syntax.add_argument("files", nargs="+", help="the .lf files")
+    view = commands.add_parser("view", help="show what a running federation sends in Foxglove")
+    view.add_argument("--host", default="127.0.0.1", help="where to listen for viewers")
+    view.add_argument("--port", type=int, default=8765, help="the port; 0 for any")
+    view.add_argument("--of", metavar="FEDERATION", help="the federation, if several run")
+    view.add_argument(
+        "--wait", type=int, default=0, metavar="NANOSECONDS", help="how long to wait for it"
+    )
+    view.add_argument("ports", nargs="*", help="federates and their ports; all if there are none")
+    bag = commands.add_parser("bag", help="look at bags of ROS 2, and convert them")
+    of_bags = bag.add_subparsers(dest="bag", required=True)
+    info = of_bags.add_parser("info", help="say what is in bags")
+    info.add_argument("--json", action="store_true", help="print one JSON object a line")
+    info.add_argument("paths", nargs="+", help="bags")
+    convert = of_bags.add_parser("convert", help="write a copy of a bag in the other format")
+    convert.add_argument("--storage", choices=["mcap", "sqlite3"], help="the format of the copy")
+    convert.add_argument("source", help="the bag")
+    convert.add_argument("destination", help="the copy")
     federate = commands.add_parser("federate", help="run one federate of a program")
     for command in (run, federate):
         command.add_argument("--logical-trace", metavar="FILE", help="write what reactions do")

@@ -164,11 +164,16 @@ def _finish(code: int) -> NoReturn:
         _flush_streams,
         _write_files,
     ]
+    out_of_memory = False
     for step in steps:
-        # A signal ends what takes too long, as it does with Python.
-        with contextlib.suppress(_Stopped):
+        try:
             step()
-    code = code or int(_thread_failures.failed_at_the_end()) or _unwritten
+        except _Stopped:
+            # A signal ends what takes too long, as it does with Python.
+            continue
+        except MemoryError:
+            out_of_memory = True
+    code = code or int(_thread_failures.failed_at_the_end() or out_of_memory) or _unwritten
     if _is_observed() and threading.current_thread() is threading.main_thread():
         # A profiler reports when the program returns to it.
         sys.exit(code)

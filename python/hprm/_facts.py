@@ -39,7 +39,8 @@ def of_code(main: Reactor) -> list[tuple[str, str]]:
     every: set[type] = set()
     _classes(main, True, (lasting, every))
     paths = {_path(cls) for cls in every} - {None}
-    main_path = _path(type(main))
+    # A program that the package itself makes is of the same version everywhere.
+    main_path = None if _is_ours(type(main)) else _path(type(main))
     folder = "" if main_path is None else _home(main_path)
     modules = {path for path in paths if path is not None} | set(_beside(folder))
     facts = []
@@ -55,6 +56,10 @@ def of_code(main: Reactor) -> list[tuple[str, str]]:
     return facts
 
 
+def _is_ours(cls: type) -> bool:
+    return cls.__module__.startswith("hprm.")
+
+
 def _home(path: str) -> str:
     """Return the folder of a program: that of its file or, in a package, that of the outermost."""
     home = folder = os.path.dirname(os.path.abspath(path))
@@ -68,7 +73,7 @@ def _classes(reactor: Reactor, lasts: bool, found: tuple[set[type], set[type]]) 
     lasts = lasts and not construction.federate.get("transient", False)
     lasting, every = found
     for cls in type(reactor).__mro__:
-        if issubclass(cls, Reactor) and not cls.__module__.startswith("hprm."):
+        if issubclass(cls, Reactor) and not _is_ours(cls):
             every.add(cls)
             if lasts:
                 lasting.add(cls)

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
+from types import TracebackType
 from typing import (
     Any,
     Protocol,
@@ -207,6 +208,48 @@ def run_federate(path: str, federate: str, membership: Membership) -> int:
     If it was launched, then the launcher reports warnings and failures.
     """
 
+def run_member(
+    declared: Declared, federate: str, membership: Membership, failures: list[str]
+) -> int:
+    """Run one federate of a declared program in this thread, to its end. Return the exit code.
+
+    The process goes on. What has failed is appended to ``failures``, as JSON.
+    """
+
+@final
+class LocalRti:
+    """An RTI, in a thread of this process."""
+
+    @property
+    def address(self) -> str: ...
+    @property
+    def federation(self) -> str: ...
+    def request_stop(self) -> None: ...
+    def share(self, federate: str) -> tuple[Path, Path] | None: ...
+    def merge_shares(self, interrupted: bool, code: int) -> None: ...
+    def abort(self) -> None: ...
+    def wait(self) -> int: ...
+
+def leave_out_long_reactions() -> None:
+    """Report no reactions of programs that begin from now on that take long: others do."""
+
+def start_rti(
+    declared: Declared,
+    address: str,
+    properties: list[str],
+    tell: Callable[[str, str, str, float], object],
+    *,
+    logical_trace: str | None = None,
+) -> LocalRti:
+    """Start an RTI for a declared federation, which listens at an address.
+
+    ``tell`` is called, in another thread, with what becomes of a federate: ``lost``, ``failed``,
+    ``refused``, ``silent`` or ``answers``; then its name, a text, and for how many seconds it was
+    silent. What is wrong with the program, the address or the place for a logical trace is the
+    message of a ``RuntimeError``. Each federate writes its ``share`` of that trace;
+    ``merge_shares`` makes it when all have ended.
+    """
+
 def loading_failed(error: BaseException, path: str) -> tuple[int, list[str]]:
     """Return what an exception means that has ended the loading of the program at ``path``.
 
@@ -265,6 +308,9 @@ def die_with_parent(parent: int) -> bool:
 def in_store(function: Callable[..., _T], /, *arguments: Any, **keywords: Any) -> _T:
     """Call a function of NumPy whose array is to be in the federate's store, if there is one."""
 
+def use_store() -> None:
+    """From now on, have NumPy's large arrays of this thread be in the federate's store."""
+
 @final
 class Memory:
     """Received bytes, which other processes may read too: a buffer that cannot be written."""
@@ -322,3 +368,57 @@ def store_round_trip(
     value: Any, readers: int, capacity: int | None = None
 ) -> tuple[list[Any], dict[str, int]]:
     """Send a value through stores to that many readers; return theirs, and the sender's numbers."""
+
+@final
+class Watch:
+    """What federates send, from now on: an iterator over messages.
+
+    It ends when all federates that are watched have ended. In a ``with`` statement it is closed
+    at the end.
+    """
+
+    def __iter__(self) -> Watch: ...
+    def __next__(self) -> WatchedMessage: ...
+    def __enter__(self) -> Watch: ...
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _traceback: TracebackType | None,
+        /,
+    ) -> None: ...
+    def close(self) -> None:
+        """Watch no longer."""
+
+@final
+class WatchedMessage:
+    """A message that a federate has sent."""
+
+    @property
+    def port(self) -> str: ...
+    @property
+    def tag(self) -> Tag | None: ...
+    @property
+    def elapsed(self) -> int: ...
+    @property
+    def sent(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def missed(self) -> int: ...
+    @property
+    def value(self) -> Any: ...
+
+def watch_ports(
+    ports: list[str],
+    federation: str | None,
+    wait: int,
+    pickles: bool,
+    *,
+    options: bool = False,
+) -> Watch:
+    """Watch ports of a running federation, or all connections if none is named.
+
+    Wait so many nanoseconds until there is such a federation. Hints tell users of ``options`` of
+    the command, or else of arguments.
+    """

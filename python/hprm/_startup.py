@@ -8,11 +8,14 @@ import signal
 import sys
 from types import FrameType, TracebackType
 
+#: The modules that the command runs.
+_MODULES = {"hprm", "hprm.ros", "hprm.ros._bags"}
+
 
 def quiet() -> None:
-    """Have Ctrl-C end the process from now on, if ``python -m hprm`` begins here."""
+    """Have Ctrl-C end the process from now on, if ``python -m hprm`` or the like begins here."""
     # What `-m` is while it looks for its module.
-    if sys.argv[:1] != ["-m"] or "hprm" not in sys.orig_argv:
+    if sys.argv[:1] != ["-m"] or not _MODULES & set(sys.orig_argv):
         return
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
@@ -24,6 +27,11 @@ def done() -> None:
     """Have Ctrl-C raise ``KeyboardInterrupt`` from now on, as bodies expect it."""
     if signal.getsignal(signal.SIGINT) is _end:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    loaded()
+
+
+def loaded() -> None:
+    """Have failures be shown as Python does from now on: they are none of the start."""
     if sys.excepthook is _tell:
         sys.excepthook = sys.__excepthook__
 

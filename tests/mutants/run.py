@@ -14,8 +14,10 @@ import os
 import queue
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,8 +28,14 @@ CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
 HUNTS = ("seeds", "model")
 """The tests of `hprm-sim` that look for faults, the quickest first."""
 
+RELAY = "crates/hprm-federated/src/relay"
+"""Links between machines; the test `relay` looks for their faults."""
+
 PATIENCE = 600.0
 """Seconds that a test may take; if it takes longer, the mutant counts as found: it never ends."""
+
+FAULT = re.compile(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after")
+"""How a test names a fault: then it need not look for others."""
 
 
 class Unusable(Exception):
@@ -90,6 +98,7 @@ class Copy:
         path = self.folder / mutant.file
         original = path.read_text()
         path.write_text(mutant.apply(original))
+        hunts = ("relay",) if mutant.file.startswith(RELAY) else hunts
         try:
             return next(filter(None, (self.run(mutant, hunt) for hunt in hunts)), None)
         finally:
@@ -99,32 +108,49 @@ class Copy:
         """Return the first fault that a test finds with the mutant; None if it finds none."""
         built = self.cargo("--no-run", "--test", hunt)
         if built.returncode != 0:
-            raise Unusable(f"{mutant.name} does not compile:\n{built.stderr}")
-        try:
-            ran = self.cargo("--test", hunt, timeout=PATIENCE)
-        except subprocess.TimeoutExpired:
-            return f"{hunt}: the test does not end"
+            raise Unusable(f"{mutant.name} does not compile:\n{built.stdout}")
+        ran = self.cargo("--test", hunt, "--", "--nocapture", until=FAULT)
         if ran.returncode == 0:
             return None
-        match = re.search(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after", ran.stdout)
+        match = FAULT.search(ran.stdout)
         if not match:
             return f"{hunt}: " + " ".join(ran.stdout.split()[-12:])
         seed, wrong, told, states = match.groups()
         found = f"seed {seed}" if seed else f"state {states}"
         return f"{found:<12} {shortened(wrong or told)}"
 
-    def cargo(self, *words: str, timeout: float | None = None) -> subprocess.CompletedProcess[str]:
-        """Run the tests of the simulation in the copy."""
+    def cargo(
+        self, *words: str, until: re.Pattern[str] | None = None
+    ) -> subprocess.CompletedProcess[str]:
+        """Run the tests of the simulation in the copy, up to a line that is looked for."""
         command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
-        environment = os.environ | {"CARGO_TARGET_DIR": str(self.target), "RUST_BACKTRACE": "0"}
-        return subprocess.run(
+        environment = os.environ | {
+            "CARGO_INCREMENTAL": "1",
+            "CARGO_TARGET_DIR": str(self.target),
+            "RUST_BACKTRACE": "0",
+        }
+        with subprocess.Popen(
             command,
             cwd=self.folder,
             env=environment,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
-            timeout=timeout,
-        )
+            # The test is a child of cargo: both end at once, as one group.
+            start_new_session=True,
+        ) as process:
+            assert process.stdout is not None
+            watchdog = threading.Timer(PATIENCE, os.killpg, (process.pid, signal.SIGKILL))
+            watchdog.start()
+            lines = []
+            for line in process.stdout:
+                lines.append(line)
+                if until and until.search(line):
+                    os.killpg(process.pid, signal.SIGKILL)
+                    break
+            code = process.wait()
+            watchdog.cancel()
+        return subprocess.CompletedProcess(command, code, "".join(lines))
 
 
 class Copies:
@@ -136,7 +162,7 @@ class Copies:
         first, *others = (Copy(folder / str(index)) for index in range(number))
         built = first.cargo("--no-run")
         if built.returncode != 0:
-            raise Unusable(f"without a mutant, the tests do not compile:\n{built.stderr}")
+            raise Unusable(f"without a mutant, the tests do not compile:\n{built.stdout}")
         self.free.put(first)
         for copy in others:
             # So what the crates depend on is compiled once.

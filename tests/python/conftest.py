@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from processes import Bench, stores, until
+from processes import Bench, names_in_shared_memory, stores, until
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ def launch(tmp_path: Path) -> Run:
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     """A place to run programs in, which nothing may survive."""
-    shared = set(os.listdir("/dev/shm"))
+    shared = names_in_shared_memory()
     held = stores()
     bench = Bench(tmp_path)
     yield bench
     try:
         until(lambda: not bench.left(), "no process is left")
-        until(lambda: set(os.listdir("/dev/shm")) <= shared, "no shared memory is left")
+        until(lambda: names_in_shared_memory() <= shared, "no shared memory is left")
         until(lambda: stores() <= held, "no object store is left")
     finally:
         for pid in bench.left():

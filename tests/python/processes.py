@@ -185,7 +185,7 @@ def call(
 def rust_examples() -> Path:
     """Where the examples in Rust are, which are built together, once."""
     # As `make test` builds them: other packages would mean other features, and another build.
-    packages = ["--workspace", "--exclude", "hprm-python"]
+    packages = ["--workspace", "--features", "hprm-cli/whole"]
     built = ["cargo", "build", "--quiet", "--offline", *packages, "--examples"]
     subprocess.run(built, cwd=ROOT, check=True, timeout=600)
     return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "debug" / "examples"
@@ -207,6 +207,16 @@ def listens(address: str) -> bool:
     return any(line.split()[-1] == name for line in sockets)
 
 
+def names_in_shared_memory() -> set[str]:
+    """What has a name there, but for files of Zenoh, which other tests may run at the same time."""
+    return {name for name in os.listdir("/dev/shm") if not name.endswith(".zenoh")}
+
+
+#: Signals that come within 0.1 s of one another count as one, and a process that the system
+#: does not run for a moment sees the first one late.
+ANOTHER_SIGNAL_S = 1.0
+
+
 def finish(process: subprocess.Popen[str]) -> Outcome:
     """How a process ends."""
     out, err = process.communicate(timeout=DEADLINE_S)
@@ -225,6 +235,14 @@ def hear(stream: IO[str] | None, text: str) -> str:
         assert chunk != b"", f"waited in vain for {text!r} after {heard!r}"
         heard += chunk.decode()
     return heard
+
+
+def hear_number(stream: IO[str] | None) -> int:
+    """Read what a process writes, and return the number at the end of its last whole line.
+
+    A pipe may give the first half of a line.
+    """
+    return int(hear(stream, "\n").rpartition("\n")[0].split()[-1])
 
 
 def until(condition: Callable[[], bool], what: str) -> None:

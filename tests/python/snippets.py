@@ -7,7 +7,7 @@ import os, pathlib
 
 def tell(file, text):
     "Put a text where the test finds it, all of it or nothing."
-    draft = pathlib.Path(f"{file}.draft")
+    draft = pathlib.Path(f"{file}.{os.getpid()}.draft")
     draft.write_text(text)
     draft.rename(file)
 

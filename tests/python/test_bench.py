@@ -305,14 +305,20 @@ print("ended")
 """
 
 
-def test_daemons_and_children_end_with_a_session() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", CHILDREN, str(BENCH)],
+def beside_the_harness(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs a program in a process of its own; its argument is the folder of the harness."""
+    return subprocess.run(
+        [sys.executable, "-c", code, str(BENCH)],
+        env=os.environ | environment,
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
+
+
+def test_daemons_and_children_end_with_a_session() -> None:
+    done = beside_the_harness(CHILDREN)
     assert done.stdout == "ended\n", done.stderr
 
 
@@ -329,14 +335,7 @@ def test_a_session_that_fails_says_why_and_leaves_nothing(tmp_path: Path) -> Non
         "except launch.Failed as failure:\n"
         "    print(failure)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(BENCH)],
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = beside_the_harness(code, TMPDIR=str(tmp_path))
     assert "No module named 'transports.does_not_exist'" in done.stdout, done.stderr
     assert os.listdir(tmp_path) == []
     assert not [name for name in set(os.listdir("/dev/shm")) - before if "hprmbench" in name]
@@ -359,13 +358,7 @@ except KeyboardInterrupt:
 
 
 def test_a_second_request_to_end_waits_for_the_clean_up_of_the_first() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", IMPATIENT, str(BENCH)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = beside_the_harness(IMPATIENT)
     assert (done.stdout, done.stderr) == ("cleaned up\nstopped\n", "")
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from processes import rust_examples
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = str(Path(sys.executable).with_name("hprm"))
@@ -51,6 +52,17 @@ def test_the_ending_is_the_format_and_the_same_program_gives_the_same_file(
         assert one.startswith(b"<!doctype html>")
         # The page fetches nothing.
         assert b"http" not in one.replace(b"http://www.w3.org/2000/svg", b"")
+
+
+def test_an_executable_that_is_a_federation_is_drawn(tmp_path: Path) -> None:
+    done = draw(rust_examples() / "pipeline", "--output", "pipeline.svg", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "wrote pipeline.svg\n", "")
+    texts = {it.text for it in ElementTree.parse(tmp_path / "pipeline.svg").iter()}
+    assert {"camera", "detector", "planner", "motor"} <= {str(it).strip() for it in texts}
+    done = draw(rust_examples() / "camera", folder=tmp_path)
+    assert done.returncode == 1
+    assert "camera declares no federation\n" in done.stderr.splitlines(keepends=True)[0]
+    assert [it.name for it in tmp_path.iterdir()] == ["pipeline.svg"]
 
 
 def test_the_picture_of_the_readme_is_what_the_command_draws(tmp_path: Path) -> None:

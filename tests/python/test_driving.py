@@ -209,11 +209,12 @@ def test_the_car_stands_at_a_sign_and_then_goes_although_it_is_out_of_sight() ->
     assert course[-1][0] < -5.0
 
 
-def test_what_the_detector_sees_decides() -> None:
-    setting = Setting(2, 0, 0, 0)
-    blind, seeing = (journey(0, "geometric", eyes, setting) for eyes in ("off", "colours"))
-    assert (blind.ended, blind.red_lights, blind.stop_signs) == ("completed", 1, 1)
-    assert (seeing.ended, seeing.red_lights, seeing.stop_signs) == ("completed", 0, 0)
+@pytest.mark.parametrize(
+    ("eyes", "ran"), [("off", (1, 1)), ("colours", (0, 0)), ("network", (0, 0))]
+)
+def test_what_the_detector_sees_decides(eyes: str, ran: tuple[int, int]) -> None:
+    seen = journey(0, "geometric", eyes, Setting(2, 0, 0, 0))
+    assert (seen.ended, seen.red_lights, seen.stop_signs) == ("completed", *ran)
 
 
 # Agents, networks, and what judges them.

@@ -19,6 +19,8 @@ from training.environment import Drives
 from training.judge_detector import Tally, count
 from training.pictures import pictures
 
+DRIVING = Path(__file__).resolve().parents[2] / "examples" / "driving"
+
 
 def box(kind: str, left: int, faint: bool = False) -> Label:
     return Label(kind, left, 100, left + 20, 140, faint)
@@ -132,3 +134,14 @@ def test_curves_are_pictures_of_their_points() -> None:
     assert ">imitation</text>" in drawn and ">ppo</text>" in drawn
     assert drawn == policy_curve(points) != policy_curve(points[:1])
     assert ">steps</text>" in detector_curve([{"steps": 1, "loss": 2.0}, {"steps": 2, "loss": 1.0}])
+
+
+def test_the_readme_says_how_the_detector_was_judged() -> None:
+    judged = json.loads((DRIVING / "models" / "detector_judged.json").read_text())
+    readme = (DRIVING / "README.md").read_text()
+    assert f"On {judged['pictures']} pictures" in readme
+    assert f"The mean average precision is {judged['mean_average_precision']:.2f}" in readme
+    for kind, told in judged["kinds"].items():
+        figures = (told[it] for it in ("precision", "recall", "average_precision"))
+        row = [kind, str(told["asked"]), *(f"{it:.2f}" for it in figures)]
+        assert f"| {' | '.join(row)} |" in readme

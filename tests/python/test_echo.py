@@ -5,26 +5,21 @@ The handbook has it in docs/howto/echo.md.
 
 from __future__ import annotations
 
-import fcntl
 import json
+import os
 import re
+import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import COORDINATIONS, Bench, Outcome, finish, hear, until
+from processes import COORDINATIONS, Bench, finish, hear, hear_number
 
-
-@pytest.fixture(autouse=True)
-def in_turn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """One test at a time: each watcher asks all federations of this user what they are called."""
-    with Path(tmp_path_factory.getbasetemp().parent, "watchers.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
+HPRM = str(Path(sys.executable).with_name("hprm"))
 
 # A federation that goes on until it is stopped, and a value of every kind.
 VALUES = """\
@@ -196,6 +191,55 @@ def test_an_input_shows_the_tags_of_its_receiver(bench: Bench) -> None:
     stop(run)
 
 
+# One camera, whose image goes to both members of a bank, 10 ms later to one of them.
+BANK = """\
+target Python { keepalive: true }
+reactor Camera {
+  output image
+  output count
+  state n = 0
+  timer t(0, 10 ms)
+  reaction(t) -> image, count {=
+    image.set(self.n)
+    count.set(-self.n)
+    self.n += 1
+  =}
+}
+reactor Viewer {
+  input image
+  input count
+  reaction(image, count) {= pass =}
+}
+federated reactor {
+  camera = new Camera()
+  viewer = new[2] Viewer()
+  (camera.image)+ -> viewer.image
+  (camera.count)+ -> viewer.count
+}
+"""
+
+
+def test_several_ports_and_all_members_of_a_bank_are_shown(bench: Bench) -> None:
+    run = start(bench, BANK)
+    ports = ["viewer.image", "camera.count", "viewer[1].count"]
+    outcome = finish(watch(bench, run, "echo", *ports, "--count", "40", "--json"))
+    assert (outcome.code, outcome.err) == (0, "")
+    values: dict[str, dict[int, int]] = {}
+    for line in outcome.out.splitlines():
+        message = json.loads(line)
+        values.setdefault(message["port"], {})[message["tag"]["time"]] = message["value"]
+    assert set(values) == {"viewer[0].image", "viewer[1].image", "camera.count", "viewer[1].count"}
+    # Each is shown with all that it gets, as the others.
+    for port, by_time in values.items():
+        sign = -1 if port.endswith("count") else 1
+        assert all(value == sign * time // 10_000_000 for time, value in by_time.items()), port
+        assert len(by_time) >= 5
+    outcome = finish(watch(bench, run, "echo", "viewer.image", "camera.nothing"))
+    assert outcome.code == 1
+    outcome.assert_one_error("camera has no port nothing")
+    stop(run)
+
+
 def test_text_is_cut_unless_it_is_wanted_whole(bench: Bench) -> None:
     run = start(bench, VALUES)
     outcome = finish(watch(bench, run, "echo", "source.outs[1]", "--once"))
@@ -240,7 +284,7 @@ def test_a_watcher_that_stands_still_stops_nothing_and_learns_what_it_missed(ben
     echo = watch(bench, run, "echo", "camera.image")
     hear(echo.stdout, "\n")
     echo.send_signal(signal.SIGSTOP)
-    before = int(hear(run.stdout, "\n").split()[-1])
+    before = hear_number(run.stdout)
     hear(run.stdout, f"at {before + 40}\n")
     echo.send_signal(signal.SIGCONT)
     assert re.search(r"\.\.\. \d+ messages missed\n", hear(echo.stdout, "missed\n"))
@@ -259,8 +303,7 @@ def test_a_killed_watcher_holds_nothing_any_more(bench: Bench) -> None:
         echo = watch(bench, run, "echo", "camera.image")
         hear(echo.stdout, "\n")
         echo.send_signal(signal.SIGSTOP)
-        # What has been written may end within a line.
-        before = int(re.findall(r"at (\d+)\n", hear(run.stdout, "\n"))[-1])
+        before = hear_number(run.stdout)
         hear(run.stdout, f"at {before + 2}\n")
         echo.kill()
         echo.communicate()
@@ -346,15 +389,7 @@ federated reactor {
 
 
 def test_which_federation_is_meant_must_be_clear(bench: Bench) -> None:
-    tried: list[Outcome] = []
-
-    def is_told() -> bool:
-        tried.append(finish(bench.call("echo", "camera.image", "--of", "NoSuchFederation")))
-        # A federation that another test has stopped does not say what it is called.
-        return "does not answer" not in tried[-1].err
-
-    until(is_told, "all federations answer")
-    outcome = tried[-1]
+    outcome = finish(bench.call("echo", "camera.image", "--of", "NoSuchFederation"))
     assert outcome.code == 1
     outcome.assert_one_error("no federation NoSuchFederation of this user runs on this machine")
     # The name of a program is that of its file.
@@ -363,10 +398,26 @@ def test_which_federation_is_meant_must_be_clear(bench: Bench) -> None:
     assert all(finish(watch(bench, run, "rate", "--once")).code == 0 for run in both)
     outcome = finish(bench.call("echo", "source.outs", "--of", "Twice"))
     assert outcome.code == 1
-    outcome.assert_one_error("2 federations run on this machine", "Twice (", "--of")
+    numbers = [f"Twice, process {run.pid}: " for run in both]
+    outcome.assert_one_error("several federations of Twice run", "--of ", *numbers)
     for run in both:
         stop(run)
     assert finish(bench.call("rate", "--of", str(both[0].pid))).code == 1
+
+
+def test_two_federations_in_threads_are_told_apart(bench: Bench) -> None:
+    runs = [start(bench, BANK, "centralized", "--in-process")]
+    assert finish(watch(bench, runs[0], "rate", "--once")).code == 0
+    runs.append(start(bench, LARGE, "centralized", "--in-process"))
+    hear(runs[1].stdout, "at 2\n")
+    names = [{"camera", "viewer__0", "viewer__1"}, {"camera", "detector"}]
+    for run, federates in zip(runs, names, strict=True):
+        outcome = finish(bench.call("top", "--once", "--json", str(run.pid)))
+        assert {it["name"] for it in json.loads(outcome.out)["federates"]} == federates
+    assert once(bench, runs[0], "camera.count")["value"] <= 0
+    assert once(bench, runs[1], "camera.count")["value"] > 0
+    for run in runs:
+        stop(run)
 
 
 def test_a_federation_that_stands_still_is_one_error(bench: Bench) -> None:
@@ -387,7 +438,41 @@ def test_a_program_in_one_process_has_nothing_to_watch(bench: Bench) -> None:
     hear(run.stdout, "1\n")
     outcome = finish(bench.call("echo", "a.b", "--of", str(run.pid)))
     assert outcome.code == 1
-    outcome.assert_one_error("no federation", "not programs in one process")
+    outcome.assert_one_error(
+        f"process {run.pid} belongs to no federation", "program in one process"
+    )
+    stop(run)
+
+
+def test_federations_of_other_users_are_not_watched(bench: Bench) -> None:
+    if os.geteuid() != 0:
+        # A process of another user, and no federation.
+        outcome = finish(bench.call("echo", "camera.image", "--of", "1"))
+        assert outcome.code == 1
+        outcome.assert_one_error("process 1 belongs to another user")
+        return
+    run = start(bench, LARGE)
+    hear(run.stdout, "at 2\n")
+    with tempfile.TemporaryDirectory() as folder:
+        # Where the other user can execute it.
+        os.chmod(folder, 0o755)
+        copy = shutil.copy(HPRM, folder)
+        for of, said in ("Main", "no federation"), (str(run.pid), "belongs to another user"):
+            for command in (["echo", "camera.image"], ["rate"]):
+                outcome = subprocess.run(
+                    [copy, *command, "--of", of],
+                    user=65534,
+                    group=65534,
+                    extra_groups=[],
+                    capture_output=True,
+                    text=True,
+                    check=False,
+                    cwd="/",
+                    timeout=30,
+                )
+                assert (outcome.returncode, outcome.stdout) == (1, "")
+                assert said in outcome.stderr
+                assert outcome.stderr.count("error") == 1
     stop(run)
 
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import COORDINATIONS, Bench, finish, until
+from processes import COORDINATIONS, Bench, finish, names_in_shared_memory, until
 
 MAIN = """\
 target Python
@@ -414,15 +414,15 @@ def make_semaphore():
 def test_semaphores_do_not_outlive_a_federation(bench: Bench) -> None:
     text = program("centralized", "make_semaphore()")
     text = text.replace("import os,", f"{SEMAPHORE}\nimport os,")
-    before = set(os.listdir("/dev/shm"))
+    before = names_in_shared_memory()
     process = bench.start(text)
     until((bench.folder / "made").exists, "there is a semaphore")
-    made = set(os.listdir("/dev/shm")) - before
+    made = names_in_shared_memory() - before
     for pid in bench.left():
         if b"federate" in Path(f"/proc/{pid}/cmdline").read_bytes():
             os.kill(pid, signal.SIGTERM)
     assert finish(process).code == 1
-    assert made and not made & set(os.listdir("/dev/shm"))
+    assert made and not made & names_in_shared_memory()
 
 
 UNPRINTABLE = """

@@ -23,28 +23,28 @@ LIMIT = 8 << 20
 """What may be under way when a tag begins, as in docs/concepts/federations.md."""
 
 # The number of a message is in its first bytes. The source says how many it has sent, as the length
-# of a file.
+# of a file. It has no more tags after the last message: however far its tags lag behind physical
+# time by then, the federation can stop.
 PROGRAM = (
     """\
 target Python { coordination: COORDINATION, keepalive: true }
 preamble {=
-import os, pathlib, time
+import pathlib, time
 """
     + TELL
     + """\
 =}
 reactor Source {
   output out
-  timer t(0, 10 usec)
+  logical action again(10 usec)
   state count = 0
   state log = {= open("sent", "wb", buffering=0) =}
-  reaction(t) -> out {=
+  reaction(startup, again) -> out, again {=
     if self.count == 0: here("source")
-    if self.count < MESSAGES:
-        out.set(self.count.to_bytes(4, "little") + bytes(SIZE))
-        self.log.write(b"x")
+    out.set(self.count.to_bytes(4, "little") + bytes(SIZE))
+    self.log.write(b"x")
     self.count += 1
-    if pathlib.Path("done").exists(): request_stop()
+    if self.count < MESSAGES: again.schedule(0)
   =}
 }
 reactor Sink {
@@ -56,7 +56,7 @@ reactor Sink {
         here("sink")
         while BUSY and not pathlib.Path("go").exists(): time.sleep(0.005)
     self.count += 1
-    if self.count == MESSAGES: pathlib.Path("done").touch()
+    if self.count == MESSAGES: request_stop()
   =}
   reaction(shutdown) {= print("received", self.count) =}
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -58,6 +59,9 @@ def test_each_program_is_in_its_readme() -> None:
     for folder, parts in READMES:
         ran = {word for it in parts if isinstance(it, Command) for word in it.argv}
         ran |= {word for it in parts if isinstance(it, Terminals) for word in it.words()}
+        # A launch file names programs.
+        launched = [path.read_text() for path in folder.glob("*.launch.py") if path.name in ran]
+        ran |= {word for text in launched for word in re.findall(r'"(\w+\.py)"', text)}
         programs = {path.name for path in folder.iterdir() if path.suffix in {".lf", ".py"}}
         # What a test imports is tested with it.
         assert programs - ran <= {"Watchdog.lf", "watchdog.py"}, folder

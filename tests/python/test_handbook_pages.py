@@ -18,10 +18,22 @@ PAGES = sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))
 # Why blocks are only shown; the fewer, the better.
 NOT_RUN = {
     "benchmarks.md": ["it measures for half an hour"],
+    "howto/bags.md": [
+        *["test_ros_bags.py does, with a bag that the package rosbags has written"] * 2,
+        *["test_ros_bag_nodes.py does"] * 2,
+    ],
     "howto/evaluation.md": ["it measures for most of an hour"] * 2,
-    "howto/from-ros2.md": ["rclpy comes with an installation of ROS 2"],
+    "howto/from-ros2.md": [
+        "test_ros_port.py compares it",
+        "rclpy comes with an installation of ROS 2",
+    ],
     "howto/mixed.md": ["test_mixed.py runs it, with an executable that cargo has built"] * 2,
     "howto/profiling.md": ["py-spy needs the permission to trace processes"],
+    "howto/ros2.md": [
+        "it needs an installation of ROS 2",
+        "test_ros_zenoh.py does, with a node whose keys and bytes are written out by hand",
+        "test_ros_zenoh.py does, on a port of its own",
+    ],
     "howto/tracing.md": ["test_run_trace.py runs it, in several processes"],
     "reference/command-line.md": ["jq is not on every machine"],
 }
@@ -31,11 +43,12 @@ NOT_RUN = {
 def test_a_page_tells_the_truth(page: str, tmp_path: Path) -> None:
     if "openssl" in (DOCS / page).read_text() and shutil.which("openssl") is None:
         pytest.skip("openssl, which the page calls, is missing")
-    rti, federate = free_ports(2)
+    rti, federate, viewers = free_ports(3)
     stand_ins = {
         "robot.local": "127.0.0.1",
         "15045": str(rti),
         "15046": str(federate),
+        "8765": str(viewers),
         "unix:@robot": f"unix:@hprm-{uuid.uuid4().hex}",
     }
     Story(DOCS / page, tmp_path, stand_ins).run()

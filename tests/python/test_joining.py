@@ -108,7 +108,7 @@ def test_a_script_starts_a_federate_from_elsewhere(bench: Bench) -> None:
 
 def test_of_two_federations_one_is_to_be_named(bench: Bench) -> None:
     text = TRANSIENT.replace("self.life = 1 if", "self.life = 0 if")
-    runs = [bench.start(text), bench.start(text)]
+    runs = [bench.start(text) for _ in range(2)]
     for run in runs:
         hear(run.stdout, "life 0\n")
     refused = clean(bench, "federate", "Main.lf", "mid")

@@ -115,7 +115,10 @@ def test_too_little_memory_shows_no_code_of_hprm(
     tmp_path: Path, options: list[str], more: int
 ) -> None:
     done = run(tmp_path, f"-v {least_memory() + more}", "centralized", *options)
-    assert done.returncode == 1
+    # Rust and the C library abort in a thread that finds no memory for some bytes.
+    aborts = "memory allocation of", "out of memory", "cannot allocate memory"
+    told = aborts if done.returncode != 1 else ("error: ",)
+    assert done.returncode != 0 and any(it in done.stderr for it in told), done.stderr
     assert "/hprm/_" not in done.stderr.replace("/hprm/_hprm.", ""), done.stderr
 
 

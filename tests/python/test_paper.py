@@ -14,10 +14,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from processes import COORDINATIONS
 
 PAPER = Path(__file__).resolve().parents[1] / "paper"
 HPRM = Path(sys.executable).parent / "hprm"
-COORDINATIONS = ["centralized", "decentralized"]
 STEPS = 10
 
 

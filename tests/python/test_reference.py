@@ -110,6 +110,7 @@ def test_every_public_name_is_on_a_page() -> None:
     expected = {f"hprm.{name}" for name in hprm.__all__}
     expected |= {f"hprm.testing.{name}" for name in own}
     expected |= {"hprm.pytest_plugin.run_reactor", "hprm._hprm.mode_capsule_t"}
+    expected |= {"hprm._hprm.Watch", "hprm._hprm.WatchedMessage"}
     assert set(stated) == expected
 
 

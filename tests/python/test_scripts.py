@@ -15,6 +15,7 @@ from pathlib import Path
 import nbclient
 import nbformat
 import pytest
+from processes import ANOTHER_SIGNAL_S
 
 VISION = """
 import sys
@@ -288,8 +289,7 @@ except (hprm.ProgramFailed, KeyboardInterrupt) as error:
     assert script.stdout is not None
     assert script.stdout.readline() == "begun\n"
     script.send_signal(signal.SIGTERM)
-    # Later, it is another one.
-    time.sleep(0.2)
+    time.sleep(ANOTHER_SIGNAL_S)
     script.send_signal(signal.SIGTERM)
     out, err = script.communicate(timeout=60)
     assert (script.returncode, out) == (0, "goes on after ProgramFailed\n"), err

@@ -13,7 +13,7 @@ import time
 
 import pytest
 import test_stalls
-from processes import COORDINATIONS, Bench, Federation, Outcome, finish, until
+from processes import ANOTHER_SIGNAL_S, COORDINATIONS, Bench, Federation, Outcome, finish, until
 from test_hang import FEDERATES, program
 from test_reports import reports
 
@@ -109,8 +109,7 @@ def ask(process: subprocess.Popen[str], number: signal.Signals, times: int) -> O
     """Ask a process to stop, by as many signals, and say how it ends."""
     process.send_signal(number)
     if times == 2:
-        # Later than signals that come together.
-        time.sleep(0.2)
+        time.sleep(ANOTHER_SIGNAL_S)
         process.send_signal(number)
     return finish(process)
 

@@ -3,11 +3,13 @@
 //! Nothing is decided here but whether the words are well formed; clap answers the rest with usage
 //! and exit code 2.
 
+mod bag;
 mod comparing;
 mod compose;
 mod diagram;
 mod frames;
 mod new;
+mod ros;
 mod texts;
 mod top;
 mod tracing;
@@ -24,14 +26,16 @@ use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
 pub(crate) use self::texts::{Completions, Explain, Man};
+pub(crate) use crate::args::bag::{Bag, BagCommand, Play, Record, Storage};
 pub(crate) use crate::args::comparing::{Diff, Verify};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
 pub(crate) use crate::args::new::{Language, New};
+pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
 pub(crate) use crate::args::top::Top;
 pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
-pub(crate) use crate::args::watching::{Echo, Of, Rate};
+pub(crate) use crate::args::watching::{Echo, Listen, Of, Rate};
 use crate::source::Program;
 
 /// Run, check and look after deterministic programs for robots.
@@ -59,6 +63,9 @@ impl Arguments {
             | Command::Trace(_)
             | Command::Echo(_)
             | Command::Rate(_)
+            | Command::Bag(_)
+            | Command::Ros(_)
+            | Command::Launch(_)
             | Command::Top(_)
             | Command::Sim(_)
             | Command::Doctor(_)
@@ -104,9 +111,12 @@ pub(crate) enum Command {
     Verify(Verify),
     Echo(Echo),
     Rate(Rate),
+    Bag(Bag),
     Rti(RtiArguments),
     Federate(FederateArguments),
     Compose(Compose),
+    Ros(Ros),
+    Launch(Launch),
     Top(Top),
     Sim(Sim),
     Doctor(Doctor),
@@ -621,12 +631,13 @@ fn processor(text: &str) -> Result<u32, String> {
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 =
-        text.parse().map_err(|_| "not a number of seconds, such as 2.5".to_owned())?;
-    match Duration::try_from_secs_f64(seconds) {
-        Ok(duration) if !duration.is_zero() => Ok(duration),
-        _ => Err("not a positive number of seconds, such as 2.5".to_owned()),
-    }
+    let found = duration(text).filter(|it| !it.is_zero());
+    found.ok_or_else(|| "not a positive number of seconds, such as 2.5".to_owned())
+}
+
+/// A number of seconds, if it is one and not negative.
+fn duration(text: &str) -> Option<Duration> {
+    Duration::try_from_secs_f64(text.parse().ok()?).ok()
 }
 
 fn size(text: &str) -> Result<u64, String> {

@@ -54,8 +54,13 @@ fn section(page: &mut String, command: &Command, name: &str) {
         command.get_arguments().filter(|it| !it.is_hide_set() && it.get_id() != "help").collect();
     let (positional, options): (Vec<_>, Vec<_>) =
         arguments.into_iter().partition(|it| it.is_positional());
-    table(page, "argument", &positional);
-    table(page, "option", &options);
+    // One table for both keeps the page short.
+    let what = match (positional.is_empty(), options.is_empty()) {
+        (false, false) => "argument, option",
+        (false, true) => "argument",
+        _ => "option",
+    };
+    table(page, what, &[positional, options].concat());
     if let Some(examples) = command.get_after_help() {
         let _ = write!(page, "\n```\n{}\n```\n", examples.to_string().trim());
     }

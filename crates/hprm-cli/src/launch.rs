@@ -71,7 +71,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     .start()?;
     signals::outlive()?;
     let is_transient = program.federates.values().any(|federate| federate.transient);
-    let visible = || plan.become_visible(program, launching.rti(), federation);
+    let visible = || Visible::new(plan, program, launching.rti(), federation);
     let _visible = is_transient.then(visible).transpose()?;
     let descriptions = Descriptions::of(compiled).map_err(|error| {
         Error::new(format!("cannot hand the declarations of executables to federates: {error}"))
@@ -88,21 +88,29 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     Ok(launching.run(command, &mut message::tell)?)
 }
 
-impl Plan {
-    /// Lets transient federates be started again by others: by the commands of Lingua Franca, and by
-    /// name from anywhere, while the result lives.
-    fn become_visible(
-        &self,
+/// That the transient federates of a running federation can be started again by others, for as long as this lives: by
+/// the commands of Lingua Franca, and by name from anywhere.
+struct Visible {
+    entry: Option<Entry>,
+    commands: Option<Commands>,
+}
+
+impl Visible {
+    fn new(
+        plan: &Plan,
         program: &Program,
         rti: &Address,
         federation: FederationId,
-    ) -> Result<(Option<Entry>, Commands), Error> {
-        let is_left = registry::sweep(&self.file);
-        let others = registry::of_program(&self.file);
+    ) -> Result<Self, Error> {
+        let file = &plan.file;
+        // Without this, of two federations of the program that start at once, both made the commands, or none.
+        let _alone = registry::alone();
+        let is_left = registry::sweep(file);
+        let others = registry::of_program(file);
         let inherits = is_left || others.iter().any(|other| other.made);
-        let commands = launcher::write(program, &self.file, inherits)?;
-        let properties = self.properties.stated();
-        let mut record = Record::new(&self.file, rti, federation, properties, &self.python);
+        let commands = launcher::write(program, file, inherits)?;
+        let properties = plan.properties.stated();
+        let mut record = Record::new(file, rti, federation, properties, &plan.python);
         record.made = !commands.is_empty();
         // The program itself runs without.
         let entry = registry::enter(&record).map_err(|error| {
@@ -110,10 +118,20 @@ impl Plan {
                 .hint("other processes find the federation by --rti and --federation only")
                 .show_as_warning();
         });
-        // In this order they go: the commands look whether another federation needs them.
-        Ok((entry.ok(), commands))
+        Ok(Self { entry: entry.ok(), commands: Some(commands) })
     }
+}
 
+impl Drop for Visible {
+    fn drop(&mut self) {
+        let _alone = registry::alone();
+        // In this order: the commands look whether another federation needs them.
+        self.entry.take();
+        self.commands.take();
+    }
+}
+
+impl Plan {
     fn command(&self, membership: &Membership<'_>, federation: FederationId) -> Command {
         let mut command = python::module(&self.python, "federate");
         command.arg("--rti").arg(membership.rti.to_string());

@@ -8,6 +8,7 @@
 #![allow(clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod args;
+mod bag;
 mod bodies;
 mod check;
 mod columns;
@@ -34,6 +35,7 @@ mod parameters;
 mod probe;
 mod python;
 mod registry;
+mod ros;
 mod roster;
 mod rti;
 mod run;
@@ -102,9 +104,12 @@ fn command() -> ExitCode {
         Command::Verify(verify) => verify::verify(&verify),
         Command::Echo(echo) => watching::echo(&echo),
         Command::Rate(rate) => watching::rate(&rate),
+        Command::Bag(wanted) => bag::bag(&wanted),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),
         Command::Compose(compose) => compose::compose(&compose),
+        Command::Ros(wanted) => ros::ros(&wanted),
+        Command::Launch(wanted) => ros::launch(&wanted),
         Command::Top(wanted) => top::top(&wanted),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),

@@ -114,6 +114,20 @@ fn enter_in(folder: &Path, record: &Record) -> Result<Entry, Error> {
     }
 }
 
+/// Has other processes wait that change what the federations of a program share, while the result lives.
+///
+/// # Errors
+///
+/// If there is no folder that only this user can enter.
+pub(crate) fn alone() -> Result<File, Error> {
+    let path = folder()?.join("lock");
+    let opened = OpenOptions::new().create(true).append(true).mode(0o600).open(&path);
+    let locked = opened.and_then(|file| {
+        flock(&file, FlockOperation::LockExclusive).map(|()| file).map_err(Into::into)
+    });
+    locked.map_err(|error| Error::new(format!("cannot lock {}: {error}", path.display())))
+}
+
 /// The federations of a program that run.
 pub(crate) fn of_program(program: &Path) -> Vec<Record> {
     let program = real(program);

@@ -1,23 +1,24 @@
 //! `hprm echo` and `hprm rate`: watching connections of a running federation, from outside.
 //!
-//! `federation.rs` finds the federation and connects to its federates, `target.rs` says which channels a port has.
-//! `echo.rs` and `rate.rs` are the commands, `value.rs` shows values as text and `json.rs` as JSON.
+//! `hprm::watch` finds the federation and connects to its federates. `echo.rs` and `rate.rs` are the commands, `value.rs`
+//! shows values as text and `json.rs` as JSON, and `viewer.rs` leaves that to a viewer.
 
 mod echo;
-mod federation;
 mod json;
 mod rate;
 mod summary;
-mod target;
 mod value;
+mod viewer;
 
 pub(crate) use echo::echo;
 pub(crate) use rate::rate;
 
 use std::sync::mpsc::SyncSender;
+use std::thread;
 
-use hprm_core::{ChannelId, Program};
+use hprm::watch::{Opened, Search, WatchError, Wish, Words};
 
+use crate::args::Of;
 use crate::message::Error;
 use crate::signals;
 
@@ -27,7 +28,7 @@ enum News<T> {
     /// Something to print.
     Of(T),
     /// A federate has ended, or why it cannot be watched any more; and its name.
-    Ended(String, hprm::watch::WatchError),
+    Ended(String, WatchError),
     /// The user wants no more.
     Stop,
 }
@@ -38,13 +39,16 @@ fn tell_of_signals<T: Send + 'static>(news: SyncSender<News<T>>) -> Result<(), E
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))
 }
 
-/// The name of a port, without that of the main reactor.
-fn short(name: &str) -> &str {
-    name.split_once('.').map_or(name, |(_, rest)| rest)
-}
-
-/// Both ends of a channel: `camera.image -> planner.image`.
-fn ends(program: &Program, channel: ChannelId) -> [String; 2] {
-    let connection = &program.connections[program.channels[channel].connection];
-    [connection.from, connection.to].map(|port| short(&program.port_name(port)).to_owned())
+/// Watches ports, or all connections, of the federation that is meant.
+///
+/// # Errors
+///
+/// If there is no such port or federation, or none of the federates that send there can be watched in time.
+fn open(of: &Of, ports: &[String], wish: Wish) -> Result<Opened, Error> {
+    let (federation, ports) = (of.federation.clone(), ports.to_vec());
+    let search = Search { federation, ports, wish, words: Words::Options };
+    search.open(of.wait.unwrap_or_default(), |pause| {
+        thread::sleep(pause);
+        Ok(())
+    })
 }

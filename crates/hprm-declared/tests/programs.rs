@@ -423,7 +423,11 @@ fn hints_on_properties_have_the_words_of_python() {
         &[
             ("/reactors/2/federated", json!(true)),
             ("/reactors/2/reactions", json!([])),
-            ("/properties", json!([{"name": "fast", "at": at("class Vision"), "value": true}])),
+            (
+                "/properties",
+                json!([{"name": "fast", "at": at("class Vision"), "value": true},
+                       {"name": "coordination", "at": at("class Vision"), "value": {"text": "decentralized"}}]),
+            ),
         ],
         &[(
             "/properties",
@@ -433,7 +437,7 @@ fn hints_on_properties_have_the_words_of_python() {
     ];
     let hints: Vec<_> = all.iter().map(|changes| hint(changes)).collect();
     assert_snapshot!(hints.join("\n"), @r"
-    LF0605 `fast` does not go together with a federated program
+    LF0605 `fast` does not go together with decentralized coordination
       remove `fast=True`
     LF0605 `single-threaded` does not go together with `workers`
       remove one of them; `workers=1` has one worker

@@ -439,7 +439,7 @@ mod tests {
         prop_oneof![
             4 => message(),
             1 => hello,
-            1 => prop::collection::vec(peer, 0..4).prop_map(|peers| Frame::Peers { peers }),
+            1 => prop::collection::vec(peer, 0..4).prop_map(|peers| Frame::Peers { boards: peers.len() > 2, peers }),
             1 => any::<i64>().prop_map(|now| Frame::Ready { now: PhysicalTime(now) }),
             1 => tag().prop_map(|tag| Frame::NextEventTag { tag }),
             1 => (step(), any::<u64>())

@@ -82,13 +82,32 @@ pub(crate) struct Decentralized {
 
 impl Decentralized {
     pub(crate) fn new(program: &Program, topology: &Topology, me: FederateId) -> Self {
+        let absent_after = |channel: &Channel| program.connections[channel.connection].absent_after;
+        let reports = if topology.is_patient() { Some(Reports::All) } else { None };
+        Self::waiting(topology, me, program.federates[me].maxwait, absent_after, reports)
+    }
+
+    /// A federate that waits for ever, because boards tell it what its messages do not. The RTI needs to know
+    /// nothing but whether it is idle.
+    pub(crate) fn on_boards(topology: &Topology, me: FederateId) -> Self {
+        Self::waiting(topology, me, Nanos::MAX, |_| 0, None)
+    }
+
+    /// `reports` are those that the RTI needs, if it needs more than whether the federate is idle.
+    fn waiting(
+        topology: &Topology,
+        me: FederateId,
+        maxwait: Nanos,
+        absent_after: impl Fn(&Channel) -> Nanos,
+        reports: Option<Reports>,
+    ) -> Self {
         let on_cycle = topology.is_stepwise(me);
         let logical = || topology.channels().iter().filter(|(_, channel)| !channel.physical);
         let incoming = logical().filter(|(_, channel)| channel.to == me).map(|(id, channel)| {
             let incoming = Incoming {
                 from: channel.from,
                 known: channel.delay.shift(Tag::START).pred(),
-                absent_after: program.connections[channel.connection].absent_after,
+                absent_after: absent_after(channel),
                 received: 0,
                 latest: Tag::NEVER,
                 level: channel.first_reader,
@@ -107,7 +126,7 @@ impl Decentralized {
         let sent = logical().filter(|(_, channel)| channel.from == me).map(|(id, _)| (id, 0));
         let incoming: BTreeMap<_, Incoming> = incoming.collect();
         Self {
-            maxwait: program.federates[me].maxwait,
+            maxwait,
             uneven: incoming.values().any(|incoming| incoming.absent_after > 0),
             incoming,
             sent: sent.collect(),
@@ -115,11 +134,10 @@ impl Decentralized {
             on_cycle,
             safe: Step::NEVER,
             by_clock: topology.by_clock(me),
-            reports: match topology.starves() {
-                _ if topology.is_patient() => Reports::All,
+            reports: reports.unwrap_or(match topology.starves() {
                 true => Reports::Idle(topology.timeout()),
                 false => Reports::None,
-            },
+            }),
             unreported: BTreeSet::new(),
             reported: Step::NEVER,
             reported_at: PhysicalTime(0),
@@ -221,6 +239,28 @@ impl Decentralized {
         self.incoming.iter().filter_map(blocker).collect()
     }
 
+    /// Through which step the inputs must be known that a tag needs to begin and that are not; `NEVER` if there is none.
+    pub(crate) fn needs_to_begin(&self, tag: Tag) -> Step {
+        match self.is_stepwise() {
+            true => self.furthest(|_| Step::end(tag.pred())),
+            false => self.needs(Step::end(tag)),
+        }
+    }
+
+    /// The same for a step within a tag.
+    pub(crate) fn needs(&self, step: Step) -> Step {
+        match step <= self.safe {
+            true => Step::NEVER,
+            false => self.furthest(|incoming| self.needed(incoming, step).0),
+        }
+    }
+
+    fn furthest(&self, needed: impl Fn(&Incoming) -> Step) -> Step {
+        let unknown = self.incoming.values().map(|incoming| (incoming, needed(incoming)));
+        let unknown = unknown.filter(|(incoming, needed)| !self.knows(incoming, *needed));
+        unknown.map(|(_, needed)| needed).max().unwrap_or(Step::NEVER)
+    }
+
     /// Whether no message can come on an input any more for a tag, or an earlier one. The RTI vouches
     /// for that through a level of it.
     fn knows(&self, incoming: &Incoming, Step { tag, level }: Step) -> bool {
@@ -301,6 +341,17 @@ impl Decentralized {
         self.safe = self.safe.max(through);
     }
 
+    /// Through which step every message has arrived that is read there, by what is known besides messages.
+    pub(crate) fn safe_through(&self) -> Step {
+        self.safe
+    }
+
+    /// Every message that is read up to there has arrived. What was known before may not be true any more: another
+    /// federate may do something earlier than it had said, and knows that this one has not relied on it.
+    pub(crate) fn only_safe(&mut self, through: Step) {
+        self.safe = through;
+    }
+
     /// The program ends at `tag`. The RTI did not know that when it vouched for later tags.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.safe = self.safe.min(Step::end(tag.pred()));
@@ -373,7 +424,13 @@ impl Decentralized {
     }
 
     /// The next event, or the earliest that a clock can still cause.
-    fn certain(&self, now: PhysicalTime, start: PhysicalTime, current: Tag, next: Step) -> Step {
+    pub(crate) fn certain(
+        &self,
+        now: PhysicalTime,
+        start: PhysicalTime,
+        current: Tag,
+        next: Step,
+    ) -> Step {
         let clock = |delay| Tag::new(now.since(start).max(0).saturating_add(delay), 0);
         let clock = self.by_clock.map(|delay| Step::begin(clock(delay).max(current.succ())));
         clock.map_or(next, |clock| next.min(clock))

@@ -8,6 +8,7 @@ mod blockers;
 mod ending;
 mod meeting;
 mod messages;
+mod posting;
 mod starting;
 #[cfg(test)]
 mod tests;
@@ -16,12 +17,15 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use hprm_core::limits::FLOW_LIMIT;
-use hprm_core::{ChannelId, Coordination, FederateId, Fingerprint, PhysicalTime, Program, Tag};
+use hprm_core::{
+    ChannelId, Coordination, FederateId, Fingerprint, Nanos, PhysicalTime, Program, Tag,
+};
 
 use crate::centralized::Centralized;
 use crate::decentralized::Decentralized;
 use crate::federate::ending::Lingering;
 use crate::federate::meeting::Meeting;
+use crate::federate::posting::Showing;
 use crate::flow::Flow;
 use crate::startup::{EarlyMessage, Startup};
 use crate::stop::Stop;
@@ -58,6 +62,10 @@ pub struct Federate {
     fingerprint: Arc<Fingerprint>,
     startup: Startup,
     coordinator: Coordinator,
+    /// The boards in shared memory, if they say how far this federate may advance.
+    showing: Option<Showing>,
+    /// Whether tags begin before they are due.
+    is_fast: bool,
     stop: Stop,
     activity: Activity,
     /// The latest tag that has begun.
@@ -81,6 +89,8 @@ pub struct Federate {
     /// Federates that have ended, in order or not, and whose direct links are still open; and until when they
     /// may stay open.
     lingering: BTreeMap<FederateId, Lingering>,
+    /// How long the RTI has to explain why a direct link is broken.
+    explanation: Nanos,
     /// Federates that are about to join, and about which this one has not answered the RTI yet.
     meeting: Meeting,
     /// Counts messages in transit to receivers and from senders.
@@ -110,15 +120,14 @@ impl Federate {
         process: u64,
     ) -> Self {
         let topology = Topology::new(program);
-        let (coordinator, needed) = match topology.coordination() {
-            Coordination::Centralized => {
-                (Coordinator::Centralized(Centralized::new(&topology, me)), BTreeSet::new())
-            }
+        let neighbours = topology.upstream(me).iter().chain(topology.downstream(me));
+        let partners = neighbours.map(|edge| edge.federate).collect();
+        let mut startup = Startup::new(federation, host, partners);
+        let coordinator = match topology.coordination() {
+            Coordination::Centralized => Coordinator::Centralized(Centralized::new(&topology, me)),
             Coordination::Decentralized => {
-                let machine = Decentralized::new(program, &topology, me);
-                let neighbours = topology.upstream(me).iter().chain(topology.downstream(me));
-                let needed = neighbours.map(|edge| edge.federate).collect();
-                (Coordinator::Decentralized(machine), needed)
+                startup.need_links();
+                Coordinator::Decentralized(Decentralized::new(program, &topology, me))
             }
         };
         let hello = Frame::Hello {
@@ -135,8 +144,10 @@ impl Federate {
             flow: Flow::new(&topology, me, FLOW_LIMIT),
             topology,
             fingerprint,
-            startup: Startup::new(federation, host, needed),
+            startup,
             coordinator,
+            showing: None,
+            is_fast: program.properties.fast,
             stop: Stop::Open,
             activity: Activity::Unknown,
             current: Tag::NEVER,
@@ -148,6 +159,7 @@ impl Federate {
             opened: BTreeSet::new(),
             broken_links: BTreeMap::new(),
             lingering: BTreeMap::new(),
+            explanation: ending::EXPLANATION,
             meeting: Meeting::default(),
             ended: false,
             outputs: VecDeque::from([Output::ToRti(hello.clone())]),
@@ -161,6 +173,14 @@ impl Federate {
     #[must_use]
     pub fn with_flow_limit(mut self, bytes: u64) -> Self {
         self.flow = Flow::new(&self.topology, self.me, bytes);
+        self
+    }
+
+    /// Sets how long the RTI has to explain why a direct link is broken, in nanoseconds, if what it says may take longer
+    /// than usual to arrive: over relayed links, [`TOLD`](crate::relay::TOLD).
+    #[must_use]
+    pub fn with_explanation(mut self, limit: Nanos) -> Self {
+        self.explanation = limit;
         self
     }
 
@@ -259,7 +279,7 @@ impl Federate {
         };
         let broken_links = self.broken_links.values().map(|(until, _)| *until).min();
         let lingering = self.lingering.values().map(|lingering| lingering.until).min();
-        let times = [report, broken_links, lingering].into_iter().flatten();
+        let times = [report, self.next_look(), broken_links, lingering].into_iter().flatten();
         times.filter(|time| *time < PhysicalTime::FOREVER).min()
     }
 
@@ -319,6 +339,10 @@ impl Federate {
     /// should be closed.
     pub fn handle(&mut self, now: PhysicalTime, input: Input) -> Result<(), Fault> {
         if self.ended {
+            // Whether others wait for what this federate has posted last, their boards tell.
+            if let Input::Board { from, posting } = input {
+                self.read_board(from, posting);
+            }
             return Ok(());
         }
         if log::is_on() {
@@ -366,17 +390,12 @@ impl Federate {
             Input::Completed(tag) => self.completed(now, tag),
             Input::Send { channel, tag, payload } => self.send(channel, tag, payload)?,
             Input::Release { owner, serials } => self.release(owner, &serials),
-            Input::Segment { reader, segment, len } => {
-                let frame = Frame::Segment { owner: self.me, reader, segment, len };
-                self.route(reader, frame);
-            }
-            Input::Retired { reader, segments } => {
-                let frame = Frame::Retired { owner: self.me, reader, segments };
-                self.route(reader, frame);
-            }
+            Input::Segment { .. } | Input::Retired { .. } => self.tell_reader(input),
             Input::RequestStop => self.request_stop(),
             Input::Maxwait(maxwait) => {
-                if let Coordinator::Decentralized(machine) = &mut self.coordinator {
+                if let Coordinator::Decentralized(machine) = &mut self.coordinator
+                    && self.showing.is_none()
+                {
                     machine.set_maxwait(maxwait);
                 }
             }
@@ -386,9 +405,11 @@ impl Federate {
             Input::Finished => self.resign(Frame::Resign),
             Input::Leave => self.resign(self.leave_frame()),
             Input::Failed { message, code } => self.fail(message, code),
+            Input::Board { from, posting } => self.read_board(from, posting),
             Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
+        self.look_at_boards(now);
         Ok(())
     }
 
@@ -396,7 +417,10 @@ impl Federate {
         let unexpected = Err(Fault::Unexpected { frame: frame.name() });
         match frame {
             Frame::Refused { reason } => self.end(End::Refused(reason)),
-            Frame::Peers { peers } if self.startup.awaits_peers() => {
+            Frame::Peers { peers, boards } if self.startup.awaits_peers() => {
+                if boards {
+                    self.use_boards();
+                }
                 self.set_peers(peers);
                 self.connect();
                 self.get_ready(now);
@@ -405,6 +429,10 @@ impl Federate {
                 self.begin(now, at, first);
             }
             Frame::Joining { peer } if !self.startup.awaits_peers() => self.peer_joining(now, peer),
+            Frame::Board { owner, reader, notifier } if reader == self.me => {
+                self.take_board(now, owner, notifier);
+            }
+            Frame::Departing { federate, incarnation } => self.peer_departs(federate, incarnation),
             Frame::Joined { federate, first } => self.joined(federate, first),
             Frame::Depart { tag } if self.startup.start().is_some() => self.told_to_leave(tag),
             Frame::TagAdvanceGrant { .. }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 12;
+pub const PROTOCOL: u32 = 13;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
@@ -219,6 +219,8 @@ pub enum Frame {
     Peers {
         /// All federates.
         peers: Vec<Peer>,
+        /// Whether they coordinate themselves by boards in memory that all of them share.
+        boards: bool,
     },
     /// First on a direct link, from the side that opened it.
     PeerHello {
@@ -256,9 +258,9 @@ pub enum Frame {
     },
     /// The answer of a neighbour to `Joining`: from the tag after `after` on, it sends its messages to that
     /// federate too. Under decentralized coordination also the answer to `Joined`: from now on, the neighbour
-    /// waits for messages of that federate.
+    /// waits for messages of that federate. And the answer to `Departing`.
     Met {
-        /// The federate that is joining.
+        /// The federate that is joining, or leaving.
         federate: FederateId,
         /// Which process of that federate it is.
         incarnation: u32,
@@ -279,6 +281,24 @@ pub enum Frame {
     Depart {
         /// Its last tag, if it has not passed that tag yet.
         tag: Tag,
+    },
+    /// From each federate to all others, before the start, where they read boards. The frame comes with a descriptor:
+    /// of the owner's board, or of what wakes up the owner.
+    Board {
+        /// The federate that shows itself there.
+        owner: FederateId,
+        /// The federate that reads it.
+        reader: FederateId,
+        /// Whether the descriptor wakes up the owner.
+        notifier: bool,
+    },
+    /// RTI to the federates downstream of one that asks to leave, where federates read boards: once its board says
+    /// so, they answer with `Met`.
+    Departing {
+        /// The federate that asks to leave.
+        federate: FederateId,
+        /// Which process of that federate it is.
+        incarnation: u32,
     },
     /// Federate to RTI: nothing happens here before this tag, unless a message arrives.
     NextEventTag {
@@ -457,6 +477,34 @@ pub enum Frame {
     },
 }
 
+/// What the descriptor is for that a frame carries.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Carried {
+    /// A segment of a store.
+    Segment(u32),
+    /// The board of a federate.
+    Board,
+    /// What wakes up a federate.
+    Notifier,
+}
+
+impl Frame {
+    /// From and to which federate the frame carries a descriptor, if it does, and what that is for.
+    #[must_use]
+    pub fn carries(&self) -> Option<(FederateId, FederateId, Carried)> {
+        match *self {
+            Self::Segment { owner, reader, segment, .. } => {
+                Some((owner, reader, Carried::Segment(segment)))
+            }
+            Self::Board { owner, reader, notifier: false } => Some((owner, reader, Carried::Board)),
+            Self::Board { owner, reader, notifier: true } => {
+                Some((owner, reader, Carried::Notifier))
+            }
+            _ => None,
+        }
+    }
+}
+
 /// Writes the names of all kinds, and which frame has which.
 macro_rules! kinds {
     ($($kind:ident),* $(,)?) => {
@@ -477,7 +525,7 @@ macro_rules! kinds {
 
 kinds! {
     Hello, Refused, Peers, PeerHello, PeerWelcome, Loaded, Ready, Start, Joining, Met, Joined,
-    Depart, NextEventTag, NextEventLevel, LatestTagConfirmed, DownstreamNextEventTag,
+    Depart, Board, Departing, NextEventTag, NextEventLevel, LatestTagConfirmed, DownstreamNextEventTag,
     TagAdvanceGrant, ProvisionalTagAdvanceGrant, Message, Segment, Retired, Release, Processed,
     StopRequest, StopReply, StopGranted, Progress, Safe, PortAbsent, Ping, Pong, Resign, Leave,
     Gone, Failed, ClockRequest, ClockReply, ProgramRequest, ProgramReply,

@@ -4,7 +4,7 @@
 
 use hprm_core::{ChannelId, FederateId, Nanos, Payload, PhysicalTime, Tag};
 
-use crate::{Frame, Refusal};
+use crate::{Frame, Posting, Refusal};
 
 /// What has happened.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -98,6 +98,13 @@ pub enum Input {
         /// The exit code of its process.
         code: i32,
     },
+    /// What another federate shows on its board.
+    Board {
+        /// That federate.
+        from: FederateId,
+        /// What it shows.
+        posting: Posting,
+    },
     /// Time has passed: [`Federate::next_wakeup`](crate::Federate::next_wakeup) has come.
     Wake,
 }
@@ -151,6 +158,17 @@ pub enum Output {
         /// The value.
         payload: Payload,
     },
+    /// Read the board of another federate from now on, or wake it up with that `notifier`; the descriptor came with the
+    /// frame.
+    Board {
+        /// The federate that shows itself there.
+        owner: FederateId,
+        /// Whether the descriptor wakes it up.
+        notifier: bool,
+    },
+    /// Show this on the board of this federate. Then wake up those of [`Federate::released`](crate::Federate::released),
+    /// as far as they sleep.
+    Post(Posting),
     /// Close the direct links to a federate. What still comes on them means nothing.
     Disconnect(FederateId),
     /// The federation ends at this tag.

@@ -6,7 +6,7 @@
 //! descriptors and waiting are the driver's; running reactions is the scheduler's.
 //!
 //! The machines rely on two things only: a link keeps the order of its frames, and both ends learn
-//! when it ends.
+//! when it ends. [`relay`] makes such a link of a carrier that promises neither.
 //!
 //! Where to start: [`Frame`] is what the machines send to one another, [`Federate`] is the one end,
 //! [`Rti`] the other, [`Topology`] what both know of the program.
@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod blocker;
+mod boards;
 mod centralized;
 mod clock_sync;
 mod decentralized;
@@ -35,13 +36,16 @@ mod stop;
 mod topology;
 
 pub mod codec;
+pub mod relay;
 
 pub use blocker::{Blocker, FederationPhase, Hold, MemberView, Standing};
+pub use boards::{Posting, Tally};
 pub use clock_sync::{ClockSync, Correction, DRIFT, Estimate};
 pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{
-    Attempt, BadFederationId, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer, Refusal,
+    Attempt, BadFederationId, Carried, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer,
+    Refusal,
 };
 pub use input::{End, Input, Output, Permission};
 pub use rti::{DnetMode, HangTimeout, LinkId, Rti, RtiInput, RtiOutput, show_silence};

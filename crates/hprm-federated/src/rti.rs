@@ -4,11 +4,12 @@
 //! This file has the machine's state, and passes each input to the code for it. Joining and starting are in
 //! `join`, advancing in `advance`, the counts of direct messages under decentralized coordination in `traffic`,
 //! agreeing on a last tag in `ending`, federates that join late in `arriving`, processes that ask to join
-//! again in `attempts`, and federates that do not answer in `watch`. What people may see of it is in `overview`. The RTI never looks into a payload.
+//! again in `attempts`, federates that leave where others read boards in `departures`, and federates that do not answer in `watch`. What people may see of it is in `overview`. The RTI never looks into a payload.
 
 mod advance;
 mod arriving;
 mod attempts;
+mod departures;
 mod ending;
 mod join;
 mod overview;
@@ -30,6 +31,7 @@ use self::advance::Advance;
 pub use self::advance::DnetMode;
 use self::arriving::Arrivals;
 use self::attempts::Attempts;
+use self::departures::Departures;
 use self::ending::Negotiation;
 use self::join::{Candidate, Member};
 use self::traffic::Traffic;
@@ -198,6 +200,11 @@ pub struct Rti {
     start: PhysicalTime,
     /// The physical time of the latest input. The RTI needs it only if federates join late or leave early.
     now: PhysicalTime,
+    /// Whether federates may coordinate themselves by boards, and whether they do.
+    allows_boards: bool,
+    boards: bool,
+    /// Federates that have asked to leave, while the RTI asks others what they have done.
+    departures: Departures,
     advance: Advance,
     traffic: Traffic,
     /// When the join timeout ends, and how long it is; none if the RTI waits without a limit.
@@ -241,6 +248,9 @@ impl Rti {
             refused: BTreeSet::new(),
             start: PhysicalTime(0),
             now: PhysicalTime(0),
+            allows_boards: false,
+            boards: false,
+            departures: Departures::default(),
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
             join_limit: None,
@@ -260,6 +270,13 @@ impl Rti {
     #[must_use]
     pub fn dnet_mode(mut self, mode: DnetMode) -> Self {
         self.advance.set_dnet_mode(&self.topology, mode);
+        self
+    }
+
+    /// Lets federates that share memory coordinate themselves by boards there, where the program permits it.
+    #[must_use]
+    pub fn with_boards(mut self) -> Self {
+        self.allows_boards = true;
         self
     }
 
@@ -375,26 +392,21 @@ impl Rti {
             Frame::Pong if running => Ok(()),
             Frame::Ready { now } if self.phase == Phase::Loading => self.ready(from, now),
             Frame::Met { federate, incarnation, after } if running => {
-                self.neighbour_answered(from, federate, incarnation, after);
+                match self.departures.is_asked_by(federate) {
+                    true => self.departure_answered(from, federate, incarnation, after),
+                    false => self.neighbour_answered(from, federate, incarnation, after),
+                }
                 Ok(())
             }
             Frame::Failed { message, code, .. } => {
                 self.fail(from, message, code);
                 Ok(())
             }
-            Frame::Segment { owner, reader, .. } if owner == from => {
-                self.route(from, reader, frame)
-            }
-            Frame::Retired { owner, reader, .. } if owner == from => {
-                self.route(from, reader, frame)
-            }
-            Frame::Release { owner, reader, .. } if reader == from => {
-                self.route(from, owner, frame)
-            }
-            Frame::Processed { channel, .. } if running => {
-                let sender = self.topology.channel(channel, None, Some(from))?.from;
-                self.route(from, sender, frame)
-            }
+            Frame::Board { .. }
+            | Frame::Segment { .. }
+            | Frame::Retired { .. }
+            | Frame::Release { .. }
+            | Frame::Processed { .. } => self.forwarded_frame(from, frame),
             Frame::Message { channel, tag, payload } if running => {
                 self.message(from, channel, tag, payload)
             }
@@ -426,7 +438,10 @@ impl Rti {
                 Ok(())
             }
             Frame::Depart { tag } if running => {
-                self.tell_to_leave(from, tag);
+                match self.boards {
+                    true => self.ask_before_departure(from, tag),
+                    false => self.tell_to_leave(from, tag),
+                }
                 Ok(())
             }
             Frame::Leave { tag } if running => {
@@ -437,8 +452,33 @@ impl Rti {
         }
     }
 
+    /// A frame from one federate to another, which the RTI only forwards.
+    fn forwarded_frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
+        let running = self.phase == Phase::Running;
+        match frame {
+            Frame::Board { owner, reader, .. } if owner == from && self.boards && !running => {
+                self.route(from, reader, frame)
+            }
+            Frame::Segment { owner, reader, .. } if owner == from => {
+                self.route(from, reader, frame)
+            }
+            Frame::Retired { owner, reader, .. } if owner == from => {
+                self.route(from, reader, frame)
+            }
+            Frame::Release { owner, reader, .. } if reader == from => {
+                self.route(from, owner, frame)
+            }
+            Frame::Processed { channel, .. } if running => {
+                let sender = self.topology.channel(channel, None, Some(from))?.from;
+                self.route(from, sender, frame)
+            }
+            frame => Err(Fault::Unexpected { frame: frame.name() }),
+        }
+    }
+
+    /// Whether the RTI decides how far each federate may advance, and carries all messages.
     fn is_centralized(&self) -> bool {
-        self.topology.coordination() == Coordination::Centralized
+        self.topology.coordination() == Coordination::Centralized && !self.boards
     }
 
     /// Forwards a frame, unless its receiver has ended.
@@ -500,7 +540,7 @@ impl Rti {
         self.advance.next(&self.topology, from, step, received);
         self.send_grants();
         self.end_if_starved();
-        if let Some(frame) = self.advance.dnet(&self.topology, from) {
+        if let Some(frame) = self.advance.dnet(&self.topology, from).filter(|_| !self.boards) {
             self.send(from, frame);
         }
     }
@@ -518,7 +558,7 @@ impl Rti {
     /// Sends the grants that are new and useful, and tells federates to report again if others need the reports
     /// that they skip.
     fn send_grants(&mut self) {
-        if self.failed || self.traffic.lags() {
+        if self.failed || self.boards || self.traffic.lags() {
             return;
         }
         let centralized = self.is_centralized();

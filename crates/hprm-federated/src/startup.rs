@@ -26,10 +26,12 @@ pub(crate) struct Startup {
     peers: Option<BTreeMap<FederateId, Peer>>,
     /// The federates whose direct links are up.
     linked: BTreeSet<FederateId>,
-    /// The federates that may have a direct link with this one.
+    /// The federates that exchange logical messages with this one, and may have a direct link with it.
     partners: BTreeSet<FederateId>,
     /// Direct links without which this federate does not start.
     needed: BTreeSet<FederateId>,
+    /// Boards and notifiers of others without which this federate does not start.
+    needed_boards: BTreeSet<(FederateId, bool)>,
     loaded: bool,
     ready: bool,
     start: Option<PhysicalTime>,
@@ -43,7 +45,8 @@ impl Startup {
         partners: BTreeSet<FederateId>,
     ) -> Self {
         Self {
-            needed: partners.clone(),
+            needed: BTreeSet::new(),
+            needed_boards: BTreeSet::new(),
             partners,
             federation,
             host,
@@ -54,6 +57,22 @@ impl Startup {
             start: None,
             early: VecDeque::new(),
         }
+    }
+
+    /// This federate exchanges messages on direct links, so it does not start without them.
+    pub(crate) fn need_links(&mut self) {
+        self.needed = self.partners.clone();
+    }
+
+    /// This federate reads the boards of those others, and wakes them up with their notifiers. It does not start without
+    /// either.
+    pub(crate) fn need_boards(&mut self, of: impl Iterator<Item = FederateId>) {
+        self.needed_boards = of.flat_map(|owner| [(owner, false), (owner, true)]).collect();
+    }
+
+    /// Whether a board or notifier that has come is one for which this federate waits.
+    pub(crate) fn takes_board(&mut self, owner: FederateId, notifier: bool) -> bool {
+        self.needed_boards.remove(&(owner, notifier))
     }
 
     /// The time of tag zero, once it is known.
@@ -94,6 +113,7 @@ impl Startup {
     /// This federate starts without a direct link to a peer.
     pub(crate) fn needs_no_link_to(&mut self, peer: FederateId) {
         self.needed.remove(&peer);
+        self.needed_boards.retain(|(owner, _)| *owner != peer);
     }
 
     /// The incarnation of a peer, as far as is known.
@@ -130,7 +150,8 @@ impl Startup {
 
     /// True once: when everything that the start needs is complete.
     pub(crate) fn becomes_ready(&mut self) -> bool {
-        let complete = self.loaded && self.peers.is_some() && self.needed.is_subset(&self.linked);
+        let linked = self.peers.is_some() && self.needed.is_subset(&self.linked);
+        let complete = self.loaded && linked && self.needed_boards.is_empty();
         complete && !std::mem::replace(&mut self.ready, true)
     }
 

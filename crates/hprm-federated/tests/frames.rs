@@ -74,7 +74,7 @@ fn samples() -> Vec<Frame> {
             name: "a".to_owned(),
             facts: common::program().fingerprint().report(),
         },
-        Frame::Peers { peers: (0..3).map(peer).collect() },
+        Frame::Peers { peers: (0..3).map(peer).collect(), boards: true },
         Frame::PeerHello { protocol: PROTOCOL, federation: FederationId(1), from: owner },
         Frame::Start { at: PhysicalTime(50), first: Tag::START },
         Frame::NextEventTag { tag },

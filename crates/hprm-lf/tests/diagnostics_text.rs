@@ -510,9 +510,9 @@ fn targets() {
     1 | target Python { timeout: 3, fast: yes, coordination: none }
       |                                                      ^^^^
     "#);
-    let text = "target Python { fast: true }\nreactor A { }\nfederated reactor { a = new A() }";
+    let text = "target Python { fast: true }\nmain reactor { physical action a }";
     assert_snapshot!(errors_in(&[("Main.lf", text)]), @r#"
-    error[LF0605]: `fast` does not go together with a federated program
+    error[LF0605]: `fast` does not go together with physical actions
      --> Main.lf:1:23
       |
     1 | target Python { fast: true }

@@ -138,7 +138,16 @@ const ERRORS: &[(&str, &str)] = &[
     ("LF0603", "target Python { cpus: [] } main reactor { }"),
     ("LF0603", "target Python { store-full: panic } main reactor { }"),
     ("LF0604", "target Python { fast: true, FAST: false } main reactor { }"),
-    ("LF0605", "target Python { fast: true } federated reactor { }"),
+    ("LF0605", "target Python { fast: true, coordination: decentralized } federated reactor { }"),
+    (
+        "LF0605",
+        "target Python { fast: true } reactor A { } federated reactor { @transient a = new A() }",
+    ),
+    (
+        "LF0605",
+        "target Python { fast: true } reactor A { input i output o reaction(i) -> o {==} } \
+         federated reactor { a = new A() b = new A() a.o ~> b.i }",
+    ),
     ("LF0605", "target Python { fast: true } main reactor { physical action a }"),
     ("LF0605", "target Python { single-threaded: true } federated reactor { }"),
     ("LF0605", "target Python { single-threaded: true, tracing: true } main reactor { }"),

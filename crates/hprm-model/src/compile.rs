@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use hprm_core::{Federate, FederateId};
 
+use crate::check::attributes;
 use crate::check::{self, Models};
 use crate::code;
 use crate::compiled::{CompileFailure, Compiled, ExecutableFederate, PlacedAt};
@@ -14,7 +15,7 @@ use crate::library::{ClassId, Library};
 use crate::lower::{self, Lowered, Wanted};
 use crate::model::{Declarations, MAX_MEMBERS, Model, ResolvedInstance};
 use crate::overrides::Overrides;
-use crate::properties::TargetProperties;
+use crate::properties::{Physical, TargetProperties};
 use crate::property_rules;
 use crate::resolve;
 
@@ -88,7 +89,8 @@ fn stages(
     }
     let federated = main.is_some_and(|main| is_federated(library, main));
     property_rules::contradictions(library, federated, report);
-    stated.settle(federated, has_physical_action(&models), report);
+    let physical = Physical::of(&models);
+    stated.settle(federated, physical, report);
     if report.has_errors() {
         return None;
     }
@@ -113,11 +115,19 @@ fn is_federated(library: &Library, main: ClassId) -> bool {
     library.reactor(main).kind == ReactorKind::Federated
 }
 
-fn has_physical_action(models: &Models<'_>) -> bool {
-    let physical = |model: &Model<'_>| {
-        model.declared.actions.iter().any(|action| action.physical == Some(true))
-    };
-    models.iter().flatten().any(physical)
+impl Physical {
+    fn of(models: &Models<'_>) -> Self {
+        let has = |is: fn(&Declarations<'_>) -> bool| {
+            models.iter().flatten().any(|model| is(&model.declared))
+        };
+        Self {
+            actions: has(|it| it.actions.iter().any(|action| action.physical == Some(true))),
+            connections: has(|it| it.connections.iter().any(|connection| connection.physical)),
+            transients: has(|it| {
+                it.instances.iter().any(|it| attributes::is_there(&it.decl.attributes, "transient"))
+            }),
+        }
+    }
 }
 
 /// The classes of the main file, and those that they contain or extend, resolved.

@@ -262,17 +262,30 @@ impl TargetProperties {
     }
 
     /// Properties that follow from the program, and those that contradict it.
-    pub(crate) fn settle(&mut self, federated: bool, physical_actions: bool, report: &mut Report) {
-        if let Some(span) = self.fast
-            && (federated || physical_actions)
-        {
-            let with = if federated { "a federated program" } else { "physical actions" };
+    pub(crate) fn settle(&mut self, federated: bool, physical: Physical, report: &mut Report) {
+        let decentralized = self.properties.coordination == Coordination::Decentralized;
+        let obstacles = [
+            (physical.actions, "physical actions"),
+            (federated && decentralized, "decentralized coordination"),
+            (federated && physical.connections, "physical connections between federates"),
+            (federated && physical.transients, "transient federates"),
+        ];
+        let obstacle = obstacles.into_iter().find(|(is_there, _)| *is_there);
+        if let (Some(span), Some((_, with))) = (self.fast, obstacle) {
             let message = format!("`fast` does not go together with {with}");
             let hint = format!("remove {}", report.syntax().property("fast", "true"));
             report.add(Diagnostic::error("LF0605", span, message).hint(hint));
         }
-        self.properties.keepalive = self.keepalive.unwrap_or(physical_actions);
+        self.properties.keepalive = self.keepalive.unwrap_or(physical.actions);
     }
+}
+
+/// What a program has that follows the physical time.
+#[derive(Clone, Copy)]
+pub(crate) struct Physical {
+    pub(crate) actions: bool,
+    pub(crate) connections: bool,
+    pub(crate) transients: bool,
 }
 
 /// Properties of other targets of Lingua Franca: never taken for misspelled ones.

@@ -29,6 +29,7 @@ mod host;
 mod interrupt;
 mod load;
 mod measuring;
+mod member;
 mod mode;
 mod numpy_memory;
 mod parcel;
@@ -49,6 +50,7 @@ mod threads;
 mod time;
 mod users;
 mod value;
+mod watching;
 
 use pyo3::prelude::*;
 
@@ -70,9 +72,11 @@ mod _hprm {
     #[pymodule_export]
     use crate::measuring::{ArrivedValue, describe_value};
     #[pymodule_export]
+    use crate::member::{LocalRti, run_member, start_rti};
+    #[pymodule_export]
     use crate::mode::Mode;
     #[pymodule_export]
-    use crate::numpy_memory::{freeze, in_store};
+    use crate::numpy_memory::{enter, freeze, in_store};
     #[pymodule_export]
     use crate::port::Port;
     #[pymodule_export]
@@ -85,6 +89,8 @@ mod _hprm {
     #[pymodule_export]
     use crate::stage::{Stage, is_stage_of, stage_files};
     #[pymodule_export]
+    use crate::stalls::leave_out_long_reactions;
+    #[pymodule_export]
     use crate::tag::Tag;
     #[pymodule_export]
     use crate::testing::{decode, digest, encode, store_round_trip};
@@ -94,4 +100,6 @@ mod _hprm {
     use crate::threads::run_in_process;
     #[pymodule_export]
     use crate::time::stated_nanos;
+    #[pymodule_export]
+    use crate::watching::{Watch, WatchedMessage, watch_ports};
 }

@@ -102,7 +102,7 @@ pub(crate) fn load(
     let origins = origins(compiled, scope, &places);
     stalls::watch(py, &runtime, &places, is_thread)?;
     // Last, so that Ctrl-C interrupts a preamble at once.
-    let launched = care == Care::Launcher;
+    let launched = !matches!(care, Care::Own(_));
     let interrupt = match care {
         Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {
             signals::stop_in_time(what, inbox.clone(), progress)

@@ -49,7 +49,9 @@ pub(crate) fn refused() -> u64 {
 
 /// From now on, the large arrays that NumPy makes on this thread, and in contexts that are copied from
 /// its own, are in the store; if there is one, if NumPy is imported, and if the program has not chosen a
-/// handler of its own.
+/// handler of its own. Python calls it on threads that run code of a program although they are not the
+/// federate's.
+#[pyfunction(name = "use_store")]
 pub(crate) fn enter(py: Python<'_>) {
     if let Some(handler) = handler(py)
         && handler.current() == Some(handler.default)

@@ -153,7 +153,7 @@ pub(crate) struct Membership {
     share_of: Option<PathBuf>,
     /// Target properties, `KEY=VALUE`, that override the program's.
     #[pyo3(item)]
-    properties: Vec<String>,
+    pub(crate) properties: Vec<String>,
 }
 
 /// Runs one federate of a program to its end. Returns the exit code.
@@ -285,7 +285,7 @@ pub(crate) fn die_with_parent(parent: i32) -> PyResult<bool> {
     Ok(hprm::launch::die_with_parent(parent)?)
 }
 
-fn options(
+pub(crate) fn options(
     compiled: &Compiled,
     federate: &str,
     membership: Membership,

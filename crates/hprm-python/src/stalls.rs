@@ -75,6 +75,8 @@ static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 /// Whether the process forks, and whether the monitor's thread may hold locks; see [`pause`].
 static FORKING: AtomicBool = AtomicBool::new(false);
 static SAMPLING: AtomicBool = AtomicBool::new(false);
+/// Whether this process itself tells which of its bodies take long.
+static IS_TOLD_ELSEWHERE: AtomicBool = AtomicBool::new(false);
 /// A thread holds this lock while it reports, so that the process is not ended by force in the middle of a
 /// report.
 static REPORTING: Mutex<()> = Mutex::new(());
@@ -103,6 +105,9 @@ pub(crate) fn watch(
     is_thread: bool,
 ) -> Result<(), Failure> {
     let LongReaction(limit) = LongReaction::from_environment()?;
+    if IS_TOLD_ELSEWHERE.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     let (runtime, places) = (Arc::downgrade(runtime), Arc::clone(places));
     let (has_hooks, is_started) = {
         let mut monitor = monitor();
@@ -136,6 +141,13 @@ pub(crate) fn watch(
         });
     }
     Ok(())
+}
+
+/// Reports no reactions of programs that begin from now on: this process itself tells what takes long, in words of
+/// its users.
+#[pyfunction]
+pub(crate) fn leave_out_long_reactions() {
+    IS_TOLD_ELSEWHERE.store(true, Ordering::Relaxed);
 }
 
 /// Watches the reactions of a program no more: it has ended, even if its objects keep its runtime.

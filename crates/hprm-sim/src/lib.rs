@@ -13,12 +13,14 @@
 #![forbid(unsafe_code)]
 
 mod behaviour;
+mod boards;
 mod changes;
 mod direct_links;
 mod explained;
 mod generate;
 mod history;
 mod lives;
+mod machines;
 mod mailboxes;
 mod model;
 mod network;
@@ -26,6 +28,7 @@ mod node;
 mod oracle;
 mod patience;
 mod plan;
+mod relayed;
 mod rng;
 mod scenario;
 mod trial;
@@ -35,10 +38,12 @@ mod world;
 pub use behaviour::{Entry, Log};
 pub use changes::Maxwait;
 pub use generate::{Shape, generate};
+pub use machines::{Machines, Traffic};
 pub use model::{Action, Explored, Happening, Setting, Violation, explore};
 pub use network::{Instance, Latency, Partition, Place};
 pub use oracle::{difference, reference, reference_until};
 pub use plan::{Ending, Life, Outcome, Plan, Skew, Visit};
+pub use relayed::{RelayTrial, RelayVerdict};
 pub use rng::Rng;
 pub use scenario::scenario;
 pub use trial::{Trial, Verdict};

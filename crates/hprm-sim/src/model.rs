@@ -75,6 +75,8 @@ pub struct Setting {
     pub flow_limit: Option<u64>,
     /// When the RTI sends downstream next event tags.
     pub dnet: DnetMode,
+    /// Whether federates coordinate themselves by boards.
+    pub boards: bool,
 }
 
 /// Visits every state that can be reached.
@@ -83,8 +85,7 @@ pub struct Setting {
 ///
 /// If one of them violates a rule.
 pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Violation> {
-    let Setting { happenings, start_delay, flow_limit, dnet, .. } = setting;
-    let mut state = State::new(program, happenings, *start_delay, *flow_limit, *dnet);
+    let mut state = State::new(program, setting);
     if !setting.from_launch {
         assemble(&mut state);
     }

@@ -6,6 +6,7 @@ use std::fmt;
 use hprm_core::{FederateId, Nanos, PhysicalTime};
 use hprm_federated::{Frame, Input, LinkId, RtiInput};
 
+use crate::machines::{Agents, Notice};
 use crate::{Plan, Rng};
 
 /// A process that is a federate: the first one, or one that joined later.
@@ -64,6 +65,8 @@ pub enum Place {
     Rti,
     /// A federate.
     Federate(Instance),
+    /// What a federate shows on its board, as another one sees it.
+    Board(FederateId),
 }
 
 impl Place {
@@ -97,6 +100,8 @@ pub(crate) enum Event {
     Peer { from: Instance, to: Instance, link_event: LinkEvent },
     /// A wake-up of a federate.
     Wake(Instance),
+    /// A federate is woken up by another one, which has posted what it waits for.
+    Released(Instance),
     /// A wake-up of the RTI.
     WakeRti,
     /// A process is launched that joins as a transient federate.
@@ -113,6 +118,8 @@ pub(crate) enum Event {
     Cut(FederateId),
     /// A federate's physical action is scheduled.
     Happen(FederateId),
+    /// Something happens to agents or to their links, which the log shows.
+    Told(String),
 }
 
 /// How long a frame is in transit.
@@ -151,12 +158,16 @@ pub(crate) struct Network {
     busy: BTreeMap<(Place, Place), PhysicalTime>,
     /// Links that have broken, or that one end has closed.
     broken: BTreeSet<(Place, Place)>,
+    /// What leads the links between machines, if there are several.
+    agents: Option<Agents>,
 }
 
 impl Network {
     pub(crate) fn new(rng: Rng, plan: &Plan) -> Self {
+        let agents = plan.machines.as_ref().map(|machines| Agents::new(machines, rng.clone()));
         Self {
             rng,
+            agents,
             pending: BTreeMap::new(),
             sequence: 0,
             latency: plan.latency,
@@ -178,6 +189,10 @@ impl Network {
         if self.broken.contains(&(from, to)) {
             return;
         }
+        if self.are_apart(from, to) {
+            let notices = self.agents.as_mut().map(|agents| agents.send(now.0, from, to, event));
+            return self.notice(now, notices.unwrap_or_default());
+        }
         let is_direct = from != Place::Rti && to != Place::Rti;
         let latency = if is_direct { self.direct_latency } else { self.latency };
         let arrival = now.plus(self.delay(latency));
@@ -195,6 +210,29 @@ impl Network {
         *busy = (*busy).max(arrival);
         let arrival = *busy;
         self.at(arrival, event);
+    }
+
+    /// What agents tell happens at once.
+    fn notice(&mut self, now: PhysicalTime, notices: Vec<Notice>) {
+        for notice in notices {
+            self.at(
+                now,
+                match notice {
+                    Notice::Arrives(event) => event,
+                    Notice::Told(what) => Event::Told(what),
+                },
+            );
+        }
+    }
+
+    /// Whether two processes are on different machines.
+    pub(crate) fn are_apart(&self, one: Place, other: Place) -> bool {
+        self.agents.as_ref().is_some_and(|agents| agents.are_apart(one, other))
+    }
+
+    /// What leads the links between machines, if there are several.
+    pub(crate) fn agents(&mut self) -> Option<&mut Agents> {
+        self.agents.as_mut()
     }
 
     /// Breaks the link between a federate and the RTI: frames in transit are lost, and both ends learn of it.
@@ -250,6 +288,9 @@ impl Network {
         let is_end =
             |event: &Event| matches!(event, Event::Federate(to, Input::RtiLost) if *to == federate);
         self.pending.retain(|_, event| !is_end(event));
+        if let Some(agents) = &mut self.agents {
+            agents.relink(place);
+        }
     }
 
     fn lose_from_rti(&mut self, federate: Instance) -> Vec<Frame> {
@@ -317,6 +358,9 @@ impl Network {
                 if *on == link)
         };
         self.pending.retain(|_, event| !is_from(event));
+        if let Some(agents) = &mut self.agents {
+            agents.read_no_more(link);
+        }
     }
 
     /// Whether the link from one place to the other is broken.
@@ -337,6 +381,23 @@ impl Network {
     }
 
     pub(crate) fn next(&mut self) -> Option<(PhysicalTime, Event)> {
-        self.pending.pop_first().map(|((time, _), event)| (time, event))
+        loop {
+            let next = self.pending.first_key_value().map(|((time, _), _)| *time);
+            let Some(at) = self.agents.as_ref().and_then(|agents| next_of(agents, next)) else {
+                return self.pending.pop_first().map(|((time, _), event)| (time, event));
+            };
+            let notices = self.agents.as_mut().map(|agents| agents.step(at.0));
+            self.notice(at, notices.unwrap_or_default());
+        }
+    }
+}
+
+/// When agents do something before `other` happens. What they exchange for ever while nothing is on its way counts only
+/// as long as something else is to happen.
+fn next_of(agents: &Agents, other: Option<PhysicalTime>) -> Option<PhysicalTime> {
+    let at = PhysicalTime(agents.next()?);
+    match other {
+        Some(other) => (at <= other).then_some(at),
+        None => (!agents.is_idle()).then_some(at),
     }
 }

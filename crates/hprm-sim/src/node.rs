@@ -12,6 +12,7 @@ use hprm_core::{
     Action, ChannelId, FederateId, Fingerprint, Nanos, Origin, Payload, PhysicalTime, Program,
     Scheduled, Scheduler, Scope, Table, Tag,
 };
+use hprm_federated::relay::TOLD;
 use hprm_federated::{
     End, Fault, Federate, FederationId, HostId, Input, LinkId, Output, Permission,
 };
@@ -95,6 +96,9 @@ struct Launch {
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
     flow_limit: u64,
+    host: HostId,
+    /// How long the RTI has to explain why a direct link is broken, if not as long as usual.
+    explanation: Option<Nanos>,
 }
 
 impl Launch {
@@ -102,8 +106,20 @@ impl Launch {
     fn machine(&self, me: Instance, program: &Program) -> Federate {
         let (listen, fingerprint) = (Some(me.address()), Arc::clone(&self.fingerprint));
         let (federation, process) = (self.federation, u64::from(me.link(0).0));
-        Federate::new(me.federate, program, federation, fingerprint, HostId(1), listen, process)
-            .with_flow_limit(self.flow_limit)
+        let machine = Federate::new(
+            me.federate,
+            program,
+            federation,
+            fingerprint,
+            self.host,
+            listen,
+            process,
+        )
+        .with_flow_limit(self.flow_limit);
+        match self.explanation {
+            Some(limit) => machine.with_explanation(limit),
+            None => machine,
+        }
     }
 }
 
@@ -118,6 +134,8 @@ impl Node {
             federation,
             fingerprint: Arc::clone(fingerprint),
             flow_limit: plan.flow_limit.unwrap_or(FLOW_LIMIT),
+            host: host(me.federate, plan),
+            explanation: plan.machines.as_ref().map(|_| TOLD),
         };
         let stop = plan.stop.filter(|(federate, _)| *federate == me.federate && me.life == 0);
         Self {
@@ -405,6 +423,11 @@ impl Node {
         }
         Ok(())
     }
+}
+
+/// The machine of a federate, as it tells others.
+fn host(federate: FederateId, plan: &Plan) -> HostId {
+    HostId(plan.machines.as_ref().map_or(1, |machines| machines.of(federate) as u128 + 1))
 }
 
 /// Schedules the physical action of a federate. Returns for when, if it has one and it will happen.

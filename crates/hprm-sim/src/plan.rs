@@ -6,7 +6,7 @@ use hprm_core::{ChannelId, FederateId, Nanos, PhysicalTime, Table, Tag};
 use hprm_federated::DnetMode;
 
 use crate::network::{Latency, Partition};
-use crate::{Log, Maxwait};
+use crate::{Log, Machines, Maxwait, Traffic};
 
 /// What is to happen besides the program.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -43,6 +43,10 @@ pub struct Plan {
     pub flow_limit: Option<u64>,
     /// When the RTI sends downstream next event tags.
     pub dnet: DnetMode,
+    /// Whether federates coordinate themselves by boards, if the program permits it.
+    pub boards: bool,
+    /// The machines, if there are several: agents lead the links between them.
+    pub machines: Option<Machines>,
     /// When which federate's physical action is scheduled from outside.
     pub events: Vec<(FederateId, PhysicalTime)>,
 }
@@ -117,6 +121,10 @@ pub struct Outcome {
     pub lives: Vec<Life>,
     /// The least tag of a message that a broken link has lost, although its receiver came as far.
     pub lost_from: Tag,
+    /// What has come of the links between machines.
+    pub traffic: Traffic,
+    /// When the last process ended.
+    pub over: PhysicalTime,
     /// How many things happened.
     pub events: usize,
     /// By how much, at most, a tag has begun after it was due by the federate's clock.

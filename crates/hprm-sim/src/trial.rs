@@ -17,8 +17,8 @@ use crate::history::History;
 use crate::plan::Resets;
 use crate::rng::mix;
 use crate::{
-    Latency, Log, Outcome, Partition, Plan, Rng, Shape, Skew, Visit, World, difference, generate,
-    lives, reference_until, visits,
+    Latency, Log, Machines, Outcome, Partition, Plan, Rng, Shape, Skew, Traffic, Visit, World,
+    difference, generate, lives, reference_until, visits,
 };
 
 /// How long frames may be in transit; a program lasts 20,000 at most.
@@ -32,6 +32,9 @@ const FLOW_LIMITS: [u64; 4] = [0, 150, 400, 1_500];
 
 /// Separates the draws for flow control from all others of a seed.
 const FLOW: u64 = 0xf10e;
+
+/// The same for whether federates read boards.
+const BOARDS: u64 = 0xb0a2;
 
 /// The same for when the RTI sends downstream next event tags.
 const DNET: u64 = 0x5111;
@@ -63,6 +66,8 @@ pub struct Verdict {
     pub compared: bool,
     /// What federates and the RTI have waited for, by kind, at the moments at which that was looked at.
     pub waits: BTreeSet<&'static str>,
+    /// What has come of the links between machines.
+    pub traffic: Traffic,
 }
 
 impl Trial {
@@ -92,6 +97,8 @@ impl Trial {
             && plan.maxwaits.is_empty();
         plan.flow_limit = flow_limit(seed);
         plan.dnet = dnet_mode(seed);
+        plan.boards = Rng::new(mix(seed ^ BOARDS)).percent(50);
+        Machines::draw(seed, &program, &mut plan);
         Self { seed, shape, plan, program, patient, rng }
     }
 
@@ -148,6 +155,7 @@ impl Trial {
             failed: outcome.failed.is_some(),
             compared,
             waits: outcome.seen,
+            traffic: outcome.traffic,
         })
     }
 
@@ -156,8 +164,14 @@ impl Trial {
         let victims = [self.plan.crash, self.plan.cut].map(|fault| fault.map(|(victim, _)| victim));
         let broken = self.plan.broken.is_some_and(|(one, other, _)| [one, other].contains(&victim));
         let broken = broken || self.plan.broken_at_end.is_some_and(|me| me != victim);
-        if !victims.contains(&Some(victim)) && !broken {
+        let severed = outcome.traffic.severed.contains(&victim);
+        if !victims.contains(&Some(victim)) && !broken && !severed {
             return Err(format!("{} is reported, but nothing happened to it", self.name(victim)));
+        }
+        let fatal = self.plan.machines.as_ref().and_then(Machines::fatal).filter(|_| severed);
+        if let Some((from, until)) = fatal.filter(|(_, until)| outcome.over.0 > *until) {
+            let late = (until - from) / 1_000_000;
+            return Err(format!("not all have ended {late} ms after what happened to the links"));
         }
         let must = reference_until(&self.program, outcome.stop, None, &self.plan.leaves);
         let compared = compared && !self.has_transients();
@@ -343,6 +357,9 @@ impl Trial {
             }
             DnetMode::Usual => {}
         }
+        if plan.boards && self.shape.coordination == Coordination::Centralized {
+            writeln!(f, "  federates read boards")?;
+        }
         if let Some((federate, tag)) = plan.stop {
             writeln!(f, "  {} asks to stop at {tag} or later", self.name(federate))?;
         }
@@ -396,7 +413,7 @@ impl Trial {
                 "  {count} direct links end while they are opened; again after {pause} ns"
             )?;
         }
-        Ok(())
+        plan.machines.iter().try_for_each(|machines| write!(f, "{machines}"))
     }
 }
 

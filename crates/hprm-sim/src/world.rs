@@ -10,12 +10,14 @@ use hprm_federated::{
     Topology,
 };
 
+use crate::boards::Boards;
 use crate::explained::{Seen, wrong_holds};
+use crate::machines::Agents;
 use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
 use crate::plan::{Outcome, Plan, Resets, Skew, Visit};
 use crate::rng::mix;
-use crate::{Log, Rng};
+use crate::{Log, Machines, Rng};
 
 /// An event, as the log of a run shows it.
 struct Shown {
@@ -44,6 +46,7 @@ pub struct World {
     rng: Rng,
     network: Network,
     clocks: Table<FederateId, Skew>,
+    boards: Boards,
     joined: BTreeSet<Instance>,
     failed: Option<FederateId>,
     finished: bool,
@@ -53,6 +56,8 @@ pub struct World {
     wake: Option<PhysicalTime>,
     /// The messages that broken links have lost.
     lost: Vec<(ChannelId, Tag)>,
+    /// When the last process ended.
+    over: PhysicalTime,
     events: usize,
     frames: (usize, usize),
     /// What federates and the RTI have waited for, by kind.
@@ -70,8 +75,21 @@ const LOOK: u64 = 16;
 /// After how long a federate that has lost the RTI, or was killed, joins again.
 const PAUSE: Nanos = 1_000;
 
+/// The same if there are several machines, and the RTI may learn late that the former process has ended.
+const LONG_PAUSE: Nanos = 500_000_000;
+
 /// From the last federate's readiness to the start.
 const START_DELAY: Nanos = 10_000;
+
+fn rti(
+    topology: Topology,
+    federation: FederationId,
+    fingerprint: Arc<Fingerprint>,
+    plan: &Plan,
+) -> Rti {
+    let rti = Rti::new(topology, federation, fingerprint, START_DELAY).dnet_mode(plan.dnet);
+    if plan.boards { rti.with_boards() } else { rti }
+}
 
 impl World {
     /// A federation whose processes have just been launched.
@@ -87,7 +105,8 @@ impl World {
             fingerprint: Arc::clone(&fingerprint),
             nodes: BTreeMap::new(),
             launched: Table::filled(program.federates.len(), 0),
-            rti: Rti::new(topology, federation, fingerprint, START_DELAY).dnet_mode(plan.dnet),
+            rti: rti(topology, federation, fingerprint, &plan),
+            boards: Boards::new(program.federates.len()),
             network: Network::new(Rng::new(rng.draw()), &plan),
             clocks: program.federates.ids().map(clock).collect(),
             joined: BTreeSet::new(),
@@ -96,6 +115,7 @@ impl World {
             wrong: None,
             wake: None,
             lost: Vec::new(),
+            over: PhysicalTime(0),
             events: 0,
             frames: (0, 0),
             seen: Seen::new(),
@@ -139,6 +159,10 @@ impl World {
         self.begin(now, node, loaded);
     }
 
+    fn pause(&self) -> Nanos {
+        if self.plan.machines.is_some() { LONG_PAUSE } else { PAUSE }
+    }
+
     /// A process joins, and has loaded its program at `loaded`.
     fn begin(&mut self, now: PhysicalTime, mut node: Node, loaded: PhysicalTime) {
         let me = node.me;
@@ -162,7 +186,7 @@ impl World {
     pub fn record(mut self) -> Result<(Rti, Vec<RtiInput>), String> {
         let rti = self.rti.clone();
         self.tape = Some(Vec::new());
-        while let Some((now, event)) = self.network.next() {
+        while let Some((now, event)) = self.next() {
             self.step(now, event).map_err(|fault| fault.to_string())?;
         }
         let tape = self.tape.take().unwrap_or_default();
@@ -188,7 +212,7 @@ impl World {
         mut watch: impl FnMut(&dyn fmt::Display),
     ) -> Result<Outcome, String> {
         while self.events < STEPS {
-            let Some((now, event)) = self.network.next() else {
+            let Some((now, event)) = self.next() else {
                 return self.outcome();
             };
             self.events += 1;
@@ -200,6 +224,14 @@ impl World {
             }
         }
         Err("it goes on for ever".to_owned())
+    }
+
+    /// The next event.
+    fn next(&mut self) -> Option<(PhysicalTime, Event)> {
+        let next = self.network.next();
+        let lost = self.network.agents().map(Agents::take_lost);
+        self.lose(&lost.unwrap_or_default());
+        next
     }
 
     /// What is wrong with what the federates and the RTI say they wait for, if anything. It is looked at now and
@@ -222,8 +254,10 @@ impl World {
         wrong_holds(rti, now, links, seen)
     }
 
-    fn outcome(self) -> Result<Outcome, String> {
-        if let Some(wrong) = self.wrong {
+    fn outcome(mut self) -> Result<Outcome, String> {
+        let traffic = self.network.agents().map(|agents| agents.traffic());
+        let wrong = self.network.agents().and_then(|agents| agents.wrong().map(str::to_owned));
+        if let Some(wrong) = self.wrong.take().or(wrong) {
             return Err(wrong);
         }
         if !self.finished {
@@ -257,12 +291,13 @@ impl World {
         if let Some(wrong) = self.nodes.values().find_map(Node::wrong_bound) {
             return Err(wrong);
         }
+        // The tag of a message on a physical connection does not say when its receiver needs it.
         let missed = self.lost.iter().filter(|(channel, tag)| {
-            let receiver = self.program.channels[*channel].to;
-            *tag <= last[receiver]
+            let channel = &self.program.channels[*channel];
+            !channel.physical && *tag <= last[channel.to]
         });
         let lost_from = missed.map(|(_, tag)| *tag).min().unwrap_or(Tag::FOREVER);
-        let Self { failed, events, frames, seen, .. } = self;
+        let Self { failed, over, events, frames, seen, .. } = self;
         let lives = self.nodes.into_values().filter_map(Node::life).collect();
         Ok(Outcome {
             log,
@@ -274,6 +309,8 @@ impl World {
             stop,
             lives,
             lost_from,
+            traffic: traffic.unwrap_or_default(),
+            over,
             events,
             lag,
             frames,
@@ -300,8 +337,9 @@ impl World {
                 self.wake = None;
                 self.step_rti(now, RtiInput::Wake)
             }
-            Event::WakeRti => Ok(()),
+            Event::WakeRti | Event::Told(_) => Ok(()),
             Event::Federate(federate, input) => self.turn(now, federate, input),
+            Event::Released(federate) => self.turn(now, federate, Input::Wake),
             Event::Wake(federate) => {
                 let Some(node) = self.nodes.get_mut(&federate) else { return Ok(()) };
                 if node.wake.take_if(|wake| *wake == now).is_none() {
@@ -328,7 +366,7 @@ impl World {
                     self.node(instance).crashed = true;
                     self.leave(now, instance);
                     if !self.joined.contains(&instance) {
-                        self.network.at(now.plus(PAUSE), Event::Restart(federate));
+                        self.network.at(now.plus(self.pause()), Event::Restart(federate));
                     }
                 }
                 Ok(())
@@ -354,6 +392,7 @@ impl World {
                     let local = self.clocks[federate].local(now);
                     self.node(instance).happen(local)?;
                     self.advance(now, instance)?;
+                    self.look_at_boards(now, instance)?;
                 }
                 Ok(())
             }
@@ -472,8 +511,37 @@ impl World {
         if node.is_over() {
             return Ok(());
         }
-        node.input(local, input)?;
-        self.advance(now, me)
+        if node.machine.reads_boards() {
+            // It may see what some of them have shown before.
+            let Self { boards, nodes, rng, .. } = self;
+            let node = nodes.get_mut(&me).expect("it has a turn");
+            boards.read(node, local, |_| rng.percent(50))?;
+        }
+        self.node(me).input(local, input)?;
+        self.advance(now, me)?;
+        self.look_at_boards(now, me)
+    }
+
+    /// Before a federate sleeps, it reads all boards, and advances if they permit it. Then it wakes up those that wait
+    /// for what it has posted.
+    fn look_at_boards(&mut self, now: PhysicalTime, me: Instance) -> Result<(), Fault> {
+        if !self.node(me).machine.reads_boards() {
+            return Ok(());
+        }
+        let local = self.clocks[me.federate].local(now);
+        loop {
+            let node = self.nodes.get_mut(&me).expect("it has a turn");
+            if !self.boards.read(node, local, |_| true)? || node.is_over() {
+                break;
+            }
+            self.advance(now, me)?;
+        }
+        for released in self.node(me).machine.released() {
+            let Some(to) = self.find(released, |node| !node.is_over()) else { continue };
+            let board = Place::Board(me.federate);
+            self.network.send(now, board, Place::Federate(to), Event::Released(to));
+        }
+        Ok(())
     }
 
     /// A federate advances as far as it may.
@@ -496,7 +564,7 @@ impl World {
             if self.launched[me.federate] == 1 {
                 self.wrong.get_or_insert(format!("{me:?} is refused as a duplicate of itself"));
             }
-            self.network.at(now.plus(PAUSE), Event::Restart(me.federate));
+            self.network.at(now.plus(self.pause()), Event::Restart(me.federate));
         }
         if over {
             self.leave(now, me);
@@ -514,7 +582,7 @@ impl World {
         let me = Instance { federate, life: self.launched[federate] };
         self.launched[federate] += 1;
         let node = self.nodes[&former].again(me);
-        self.begin(now, node, now.plus(PAUSE));
+        self.begin(now, node, now.plus(self.pause()));
     }
 
     /// A federate opens another link to the RTI. The RTI learns of the end of the former one at its own time.
@@ -525,6 +593,7 @@ impl World {
 
     /// A federate's process ends, and so do its links.
     fn leave(&mut self, now: PhysicalTime, me: Instance) {
+        self.over = now;
         let from = Place::Federate(me);
         let closed = RtiInput::Closed { link: self.nodes[&me].link() };
         self.network.send(now, from, Place::Rti, Event::Rti(closed));
@@ -560,9 +629,15 @@ impl World {
                         self.send_link_event(now, me, to, LinkEvent::Frame(frame));
                     }
                 }
+                Output::Post(posting) => {
+                    if self.plan.machines.as_ref().is_some_and(Machines::separate_federates) {
+                        self.wrong.get_or_insert(format!("{me:?} posts, but shares no memory"));
+                    }
+                    self.boards.post(me.federate, posting);
+                }
                 Output::Rejoin => {
                     self.reconnect(me);
-                    self.network.at(now.plus(PAUSE), Event::Federate(me, Input::Rejoins));
+                    self.network.at(now.plus(self.pause()), Event::Federate(me, Input::Rejoins));
                 }
                 Output::Connect { peer, listen } => self.connect(now, me, peer, &listen),
                 Output::Disconnect(peer) => {
@@ -577,10 +652,11 @@ impl World {
         }
     }
 
-    /// Opens a direct link, unless the process that listened there has ended.
+    /// Opens a direct link, unless the process that listened there has ended. On another machine, that is found there.
     fn connect(&mut self, now: PhysicalTime, me: Instance, peer: FederateId, listen: &str) {
         let to = Instance::at(listen);
-        if self.nodes[&to].is_over() {
+        let (from, place) = (Place::Federate(me), Place::Federate(to));
+        if self.nodes[&to].is_over() && !self.network.are_apart(from, place) {
             let reason = "refused".to_owned();
             self.network.at(now, Event::Federate(me, Input::Unreachable { peer, reason }));
             return;
@@ -588,7 +664,6 @@ impl World {
         if let Some(former) = self.node(me).direct_links.open(to) {
             self.send_link_event(now, me, former, LinkEvent::Lost);
         }
-        let (from, place) = (Place::Federate(me), Place::Federate(to));
         self.network.send(now, from, place, Event::Connect { from: me, to });
     }
 
@@ -604,7 +679,7 @@ impl World {
                     let Some(me) = self.find(federate, |_| true) else { continue };
                     self.joined.remove(&me);
                     if self.nodes[&me].crashed {
-                        self.network.at(now.plus(PAUSE), Event::Restart(federate));
+                        self.network.at(now.plus(self.pause()), Event::Restart(federate));
                     }
                 }
                 RtiOutput::Failed { federate, .. } => self.failed = Some(federate),

@@ -58,6 +58,13 @@ const LAST_WORDS: &str = "
     b: on a
     c: on b
     a > b after 0";
+/// When `a` leaves before the others, it sends a message that `b` does not expect.
+const LEAVER: &str = "
+    a: every 3 > b
+    a: shutdown > b
+    a: shutdown > b
+    b: every 1
+    b: on a";
 const CYCLE_OF_THREE: &str = "
     a: every 1 > b
     b: on a > c
@@ -197,6 +204,28 @@ fn centralized_with_clocks() {
         ("clock", CLOCK, 10_000_000, &[Event(A), Stop(B)]),
     ];
     look("centralized", 1_000, &cases);
+}
+
+/// Federates that read one another's boards find out for themselves how far they may advance.
+#[test]
+fn boards() {
+    let cases: [Case; 9] = [
+        ("pair", PAIR, 2, &[]),
+        ("after", AFTER, 2, &[]),
+        ("cycle", CYCLE, 1, &[]),
+        ("delayed cycle", DELAYED_CYCLE, 1, &[]),
+        ("slow", SLOW, 3, &[]),
+        ("leaver", LEAVER, 2, &[Depart(A)]),
+        ("pair", PAIR, 1, &[Depart(B)]),
+        ("cycle", CYCLE, 0, &[Depart(A)]),
+        ("delayed cycle", DELAYED_CYCLE, 1, &[Depart(B)]),
+    ];
+    let clocks: [Case; 1] = [("clock", CLOCK, 10_000_000, &[Event(A)])];
+    let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
+    look_with(setting.clone(), "centralized", &cases);
+    look_with(setting.clone(), "centralized", &disturbed("pair", PAIR, 0));
+    look_with(setting.clone(), "centralized", &disturbed("cycle", CYCLE, 0));
+    look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
 }
 
 #[test]
@@ -355,9 +384,25 @@ fn at_length() {
         ("cycle", CYCLE, 1, &[Stop(A), Stop(B)]),
     ];
     let clocks: [Case; 1] = [("clock chain", CLOCK_CHAIN, 10_000_000, &[Event(A)])];
+    let boards: [Case; 6] = [
+        ("chain", CHAIN, 0, &[]),
+        ("delayed chain", DELAYED_CHAIN, 0, &[]),
+        ("fan-in", FAN_IN, 0, &[]),
+        ("diamond", DIAMOND, 0, &[]),
+        ("chain", CHAIN, 0, &[Crash(B)]),
+        ("chain", CHAIN, 0, &[Leave(B)]),
+    ];
     look("centralized", PAST, &centralized);
     look("decentralized", PAST, &decentralized);
     look("decentralized", 1_000, &clocks);
+    let with_clocks: [Case; 3] = [
+        ("clock", CLOCK, 20_000_000, &[Event(A)]),
+        ("clock and timer", CLOCK_AND_TIMER, 10_000_000, &[Event(A)]),
+        ("clock cycle", CLOCK_CYCLE, 10_000_000, &[Event(A)]),
+    ];
+    let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
+    look_with(setting.clone(), "centralized", &boards);
+    look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &with_clocks);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use hprm_core::{Coordination, Nanos};
 use hprm_federated::DnetMode;
-use hprm_sim::{Latency, Plan, Rng, Shape, Trial, World, generate, scenario};
+use hprm_sim::{Latency, Plan, Rng, Shape, Traffic, Trial, World, generate, scenario};
 
 /// Seeds of every build; `make sim-nightly` looks at a million.
 const SEEDS: u64 = 20_000;
@@ -12,17 +12,25 @@ const SEEDS: u64 = 20_000;
 #[test]
 fn random_federations_do_what_their_program_does() {
     let (mut compared, mut failed, mut tardy) = (0, 0, 0);
+    let (mut apart, mut broken, mut mended) = (0, 0, 0);
     for seed in 0..SEEDS {
         let trial = Trial::draw(seed);
         let verdict = trial.run().unwrap_or_else(|wrong| panic!("seed {seed}: {wrong}\n{trial}"));
         compared += u64::from(verdict.compared);
         failed += u64::from(verdict.failed);
         tardy += u64::from(verdict.tardy > 0);
+        let Traffic { links, lost, ref severed, .. } = verdict.traffic;
+        apart += u64::from(links > 0);
+        broken += u64::from(!severed.is_empty());
+        mended += u64::from(lost > 0 && severed.is_empty() && verdict.compared);
     }
     // Otherwise the seeds would test little.
     assert!(compared > SEEDS / 2, "only {compared} were compared");
     assert!(failed > SEEDS / 20, "only {failed} failed as they must");
     assert!(tardy > SEEDS / 50, "only {tardy} had tardy messages");
+    assert!(apart > SEEDS / 5, "only {apart} ran on several machines");
+    assert!(broken > SEEDS / 100, "only {broken} lost a link between machines");
+    assert!(mended > SEEDS / 20, "only {mended} lost packets and nothing else");
 }
 
 #[test]

@@ -102,8 +102,21 @@ impl Board {
     ///
     /// If the layout has more of something than any board.
     pub fn create(layout: BoardLayout) -> Result<Self, SegmentError> {
+        Self::named(BOARD_NAME, layout)
+    }
+
+    /// The same in memory of another name: watchers do not find it. Others map it by its descriptor.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::create`].
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::create`].
+    pub fn named(name: &str, layout: BoardLayout) -> Result<Self, SegmentError> {
         assert!(layout.is_possible(), "the caller has bounded what it shows");
-        let memory = PublishedWords::create(BOARD_NAME, layout.count())?;
+        let memory = PublishedWords::create(name, layout.count())?;
         let words = memory.words();
         words[LANES].store(layout.lanes as u64, Ordering::Relaxed);
         words[CELLS].store(layout.cells.len() as u64, Ordering::Relaxed);
@@ -111,6 +124,15 @@ impl Board {
             words[CAPACITIES + at].store(*capacity as u64, Ordering::Relaxed);
         }
         Ok(Self { memory, layout })
+    }
+
+    /// A descriptor by which another process maps it.
+    ///
+    /// # Errors
+    ///
+    /// If this process may open no more.
+    pub fn descriptor(&self) -> std::io::Result<OwnedFd> {
+        self.memory.descriptor()
     }
 
     /// From now on, others may read it.
@@ -210,22 +232,30 @@ impl BoardView {
     /// What is in a cell; none if nothing was published there, or what is there is not to be had.
     #[must_use]
     pub fn read(&self, cell: usize) -> Option<Vec<u8>> {
-        let (start, capacity) = self.layout.cell(cell)?;
-        let (_, bytes) = self.current(
-            start,
-            |buffer| {
-                let length = usize::try_from(self.memory.load(buffer)).unwrap_or(usize::MAX);
-                let length = length.min(capacity * WORD);
-                let mut bytes = Vec::with_capacity(words(length) * WORD);
-                for at in 0..words(length) {
-                    bytes.extend_from_slice(&self.memory.load(buffer + 1 + at).to_le_bytes());
-                }
-                bytes.truncate(length);
-                bytes
-            },
-            1 + capacity,
-        )?;
-        Some(bytes)
+        let mut bytes = Vec::new();
+        self.read_into(cell, &mut bytes).then_some(bytes)
+    }
+
+    /// The same into a buffer, whose contents it replaces. Returns whether there was something.
+    pub fn read_into(&self, cell: usize, bytes: &mut Vec<u8>) -> bool {
+        let Some((start, capacity)) = self.layout.cell(cell) else { return false };
+        let read = |buffer| {
+            let length = usize::try_from(self.memory.load(buffer)).unwrap_or(usize::MAX);
+            let length = length.min(capacity * WORD);
+            bytes.clear();
+            bytes.reserve(words(length) * WORD);
+            for at in 0..words(length) {
+                bytes.extend_from_slice(&self.memory.load(buffer + 1 + at).to_le_bytes());
+            }
+            bytes.truncate(length);
+        };
+        self.current(start, read, 1 + capacity).is_some()
+    }
+
+    /// How often something was published in a cell.
+    #[must_use]
+    pub fn publications(&self, cell: usize) -> u64 {
+        self.layout.cell(cell).map_or(0, |(start, _)| self.memory.load(start))
     }
 
     /// The last note and how many there have been; none, if there was none.
@@ -248,7 +278,12 @@ impl BoardView {
     }
 
     /// What `read` finds in the current buffer, which begins where it is told, and the number of the publication.
-    fn current<T>(&self, start: usize, read: impl Fn(usize) -> T, len: usize) -> Option<(u64, T)> {
+    fn current<T>(
+        &self,
+        start: usize,
+        mut read: impl FnMut(usize) -> T,
+        len: usize,
+    ) -> Option<(u64, T)> {
         for _ in 0..ATTEMPTS {
             let count = self.memory.load(start);
             if count == 0 {

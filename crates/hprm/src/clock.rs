@@ -49,7 +49,8 @@ impl Clock {
     }
 
     /// The time now by the clock of this machine, which is never corrected: for timeouts.
-    pub(crate) fn local() -> PhysicalTime {
+    #[must_use]
+    pub fn local() -> PhysicalTime {
         let local = *OFFSET + read(ClockId::Monotonic);
         PhysicalTime(local + DISTURBANCE.load(Ordering::Relaxed))
     }

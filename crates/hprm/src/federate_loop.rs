@@ -8,6 +8,7 @@
 //! The loop owns the links, the store and the clock, and decides nothing: the scheduler says which tag is next,
 //! and the federate's machine whether that tag may begin.
 
+pub(crate) mod boards;
 mod links;
 mod membership;
 mod objects;
@@ -27,7 +28,7 @@ use std::sync::Arc;
 use hprm_core::{
     ChannelId, FederateId, OutboundMessage, Payload, PhysicalTime, Program, Scheduler, Scope, Tag,
 };
-use hprm_federated::{End, Frame, Input, Output, Permission};
+use hprm_federated::{Carried, End, Frame, Input, Output, Permission};
 
 use crate::board::{BoardWriter, FederateState, Stage};
 use crate::link::Network;
@@ -230,6 +231,7 @@ where
             }
             self.read_inbox()?;
             self.read_links()?;
+            self.read_boards()?;
             self.federation.serve_watchers();
             self.report_loaded()?;
             self.send_releases()?;
@@ -241,6 +243,9 @@ where
             };
             if !advanced && self.phase != Phase::Done {
                 self.flush();
+            }
+            let may_go_on = self.wake_up_others()?;
+            if !advanced && !may_go_on && self.phase != Phase::Done {
                 self.wait();
             }
         }
@@ -380,7 +385,7 @@ where
     fn run_next_tag(&mut self) -> Result<bool, Failure> {
         self.report_next_event()?;
         let tag = self.scheduler.next_tag();
-        let due = tag.due(self.scheduler.start_time());
+        let due = self.due(tag);
         if tag == Tag::FOREVER
             || due > self.now
             || self.federation.machine.permission(tag, self.now) != Permission::Granted
@@ -406,11 +411,17 @@ where
         self.continue_tag()
     }
 
+    /// When a tag is due: at once, if the program does not wait for physical time.
+    fn due(&self, tag: Tag) -> PhysicalTime {
+        let is_now = self.scheduler.program().properties.fast && tag != Tag::FOREVER;
+        (if is_now { Tag::START } else { tag }).due(self.scheduler.start_time())
+    }
+
     /// Whether the loop must look at the links before it begins a tag. If the tag was already safe when the
     /// loop last looked at them, the loop has read all messages for the tag. It looks again after a while
     /// nevertheless, because other requests to this federate must not wait for long.
     fn should_look(&self, tag: Tag) -> bool {
-        let was_safe = tag.due(self.scheduler.start_time()) <= self.looked_at
+        let was_safe = self.due(tag) <= self.looked_at
             && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
         !was_safe || self.now.since(self.looked_at) > LINGER
     }
@@ -575,7 +586,12 @@ where
         match output {
             Output::ToRti(frame) => {
                 self.recorder.frame(Kind::FrameSent, machine.me(), &frame);
-                let descriptor = objects.descriptor_for(&frame)?;
+                let descriptor = match frame.carries() {
+                    Some((_, _, carried @ (Carried::Board | Carried::Notifier))) => {
+                        Some(links.board_descriptor(carried, machine.tallies())?)
+                    }
+                    _ => objects.descriptor_for(&frame)?,
+                };
                 links.send_to_rti(Report::in_frame(frame), descriptor);
             }
             Output::ToPeer { to, frame } => {
@@ -608,11 +624,18 @@ where
                 let tag = self.scheduler.deliver_physical(channel, Clock::now(), value);
                 self.federation.machine.assign_tag(channel, tag);
             }
+            Output::Board { owner, notifier } => links.attach_board(owner, notifier)?,
+            Output::Post(posting) => {
+                if let Some(boards) = links.boards() {
+                    boards.post(&posting);
+                }
+            }
             Output::Disconnect(peer) => links.disconnect(peer),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
             Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
             Output::Segment { owner, segment, len } => {
-                objects.attach(owner, segment, len, links.take_descriptor(owner, segment))?;
+                let descriptor = links.take_descriptor(owner, Carried::Segment(segment));
+                objects.attach(owner, segment, len, descriptor)?;
             }
             Output::Retired { owner, segments } => objects.retired(owner, &segments),
             Output::Released { reader, serials } => objects.released(reader, &serials),
@@ -691,7 +714,7 @@ where
             let tag = self.scheduler.next_tag();
             (tag, machine.permission(tag, self.now))
         };
-        let due = tag.due(self.scheduler.start_time());
+        let due = self.due(tag);
         let permitted = match permission {
             Permission::Granted => Some(due),
             Permission::WaitUntil(time) => Some(due.max(time)),

@@ -18,6 +18,7 @@
 #[doc = include_str!("../../../docs/reference/language/federations.md")]
 struct Handbook;
 
+pub mod agent;
 mod answer;
 pub mod board;
 mod clock;

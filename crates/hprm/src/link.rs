@@ -1,13 +1,14 @@
 //! Links: ordered, reliable connections that carry frames, to another process or to another thread.
 //!
 //! A [`Link`] is one of two kinds. A [`StreamLink`] leads to another process; its transport carries bytes: a
-//! Unix socket with ring buffers, TCP or TLS. A [`QueueLink`] leads to another thread of this process; its
+//! Unix socket with ring buffers, TCP or TLS, or what the agent of this machine leads to another one. A [`QueueLink`] leads to another thread of this process; its
 //! transport is a pair of queues, which carry frames as they are. A [`Network`] is where addresses mean
 //! something, so it makes links of one kind. Under this module are the transports, the handshake, and the
 //! acceptor of new links.
 
 mod acceptor;
 mod address;
+mod agents;
 pub(crate) mod descriptors;
 mod ends;
 mod keys;

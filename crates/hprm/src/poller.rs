@@ -13,6 +13,7 @@ use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::Frame;
 
 use crate::Clock;
+use crate::federate_loop::boards::Boards;
 use crate::link::{Link, LinkAcceptor};
 use crate::notifier::Notifier;
 use crate::wait::{
@@ -53,9 +54,15 @@ pub(crate) trait PollSet {
         None
     }
 
+    /// What federates show one another, if this loop reads that.
+    fn boards(&self) -> Option<&Boards> {
+        None
+    }
+
     /// Whether there may be something to read or to accept.
     fn may_be_readable(&self) -> bool {
         self.acceptor().is_some_and(|acceptor| acceptor.is_ready)
+            || self.boards().is_some_and(Boards::have_news)
             || self.polled_links().any(PolledLink::may_be_read)
     }
 
@@ -235,11 +242,13 @@ impl Poller {
         let sleeps = until != Some(NOW);
         if sleeps {
             on.links_mut().for_each(Link::announce_sleep);
+            on.boards().into_iter().for_each(Boards::announce_sleep);
         }
         // Only after the announcement: a peer that did not see it has already written what it had to write.
         let found = self.ask(on, wakeups, until);
         if sleeps {
             on.links_mut().for_each(Link::end_sleep);
+            on.boards().into_iter().for_each(Boards::end_sleep);
         }
         self.asked_at = Clock::local();
         found
@@ -253,7 +262,9 @@ impl Poller {
     ) -> Found {
         let acceptor_wakeup =
             on.acceptor().and_then(|acceptor| acceptor.inner.next_wakeup()).map(Clock::at);
-        let unread = on.polled_links().any(PolledLink::may_be_read).then(Clock::now);
+        let unread = on.polled_links().any(PolledLink::may_be_read)
+            || on.boards().is_some_and(Boards::have_news);
+        let unread = unread.then(Clock::now);
         let until = until.into_iter().chain(acceptor_wakeup).chain(unread).min();
         let mut ready = self.ready(on, wakeups, until).into_iter();
         let notified = ready.next().is_some_and(Ready::is_ready);

@@ -18,7 +18,7 @@ use std::time::Duration;
 use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
 use hprm_federated::codec::CodecError;
 use hprm_federated::{
-    FederationId, Frame, HangTimeout, LinkId, Refusal, RtiInput, RtiOutput, Topology,
+    Carried, FederationId, Frame, HangTimeout, LinkId, Refusal, RtiInput, RtiOutput, Topology,
 };
 
 use crate::board::{Identity, Role};
@@ -29,6 +29,7 @@ use crate::pipe_notifier::PipeNotifier;
 use crate::poller::{Broken, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::recorder::TraceRequest;
 use crate::spin;
+use crate::variables::may_use_boards;
 use crate::{Address, Clock, Failure, Report, Security, nanoseconds};
 
 use self::logging::RtiLog;
@@ -127,7 +128,7 @@ pub struct Rti {
     frames: Vec<(Frame, Option<OwnedFd>)>,
     next_link: u32,
     /// Descriptors of segments that the RTI forwards from owner to reader.
-    descriptors: BTreeMap<(FederateId, FederateId, u32), OwnedFd>,
+    descriptors: BTreeMap<(FederateId, FederateId, Carried), OwnedFd>,
     /// Links that the RTI closes once it has written everything to them.
     closing: Vec<LinkId>,
     control: Arc<Control>,
@@ -219,6 +220,10 @@ impl Rti {
         let delay = if addresses.any(Address::is_open) { START_DELAY_NETWORK } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.hang_timeout);
+        let machine = match may_use_boards(network)? {
+            true => machine.with_boards(),
+            false => machine,
+        };
         let listeners = std::iter::once(&options.listen)
             .chain(&options.also_listen)
             .map(|address| {
@@ -391,8 +396,8 @@ impl Rti {
     }
 
     fn handle_frame(&mut self, link: LinkId, frame: Frame, descriptor: Option<OwnedFd>) {
-        if let (Frame::Segment { owner, reader, segment, .. }, Some(fd)) = (&frame, descriptor) {
-            self.descriptors.insert((*owner, *reader, *segment), fd);
+        if let (Some(carried), Some(fd)) = (frame.carries(), descriptor) {
+            self.descriptors.insert(carried, fd);
         }
         self.recording.received(link, &frame);
         self.log.received(link, &frame);
@@ -487,12 +492,7 @@ impl Rti {
         self.recording.sent(link, &frame);
         self.log.sent(link, &frame);
         let Some(link) = self.links.get(link) else { return };
-        let descriptor = match &frame {
-            Frame::Segment { owner, reader, segment, .. } => {
-                self.descriptors.remove(&(*owner, *reader, *segment))
-            }
-            _ => None,
-        };
+        let descriptor = frame.carries().and_then(|carried| self.descriptors.remove(&carried));
         link.queue(frame, descriptor);
     }
 

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use hprm_core::read_size;
 
+use crate::link::Network;
 use crate::{Failure, Pickling};
 
 /// How many events that threads have scheduled may wait for reactions.
@@ -87,6 +88,7 @@ pub fn check_variables() -> Result<(), Failure> {
     Pickling::of(env::var_os(Pickling::NAME).as_deref()).map_err(Failure::option)?;
     EventLimit::from_environment()?;
     LongReaction::from_environment()?;
+    boards()?;
     Ok(())
 }
 
@@ -98,6 +100,26 @@ pub(crate) fn value_of(name: &str) -> Option<OsString> {
 /// What to say of a variable with a wrong value.
 pub(crate) fn wrong(name: &str, value: &OsStr, why: &str) -> String {
     format!("the environment variable {name}={} is wrong: {why}", value.to_string_lossy())
+}
+
+/// Whether federates of one machine, under centralized coordination, find out for themselves how far they may
+/// advance. Federates that are threads of one process do not.
+///
+/// # Errors
+///
+/// If the environment says it wrongly.
+pub(crate) fn may_use_boards(network: &Network) -> Result<bool, Failure> {
+    Ok(boards()? && network.notifier().is_some())
+}
+
+fn boards() -> Result<bool, Failure> {
+    const NAME: &str = "HPRM_BOARDS";
+    let Some(text) = value_of(NAME) else { return Ok(false) };
+    match text.to_str() {
+        Some("on") => Ok(true),
+        Some("off") => Ok(false),
+        _ => Err(Failure::option(wrong(NAME, &text, "neither on nor off"))),
+    }
 }
 
 #[cfg(test)]

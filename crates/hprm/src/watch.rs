@@ -11,21 +11,27 @@
 //!
 //! Under this module: `tap.rs` decides which message goes to which watcher, and counts; it is a machine. `tally.rs` is
 //! what is counted for a channel. `records.rs` is what the two ends say to one another, `record_socket.rs` carries
-//! that, with descriptors. `server.rs` is the federate's end. Of the other end, `listening.rs` finds federates,
-//! and `watcher.rs` sees what they send.
+//! that, with descriptors. `server.rs` is the federate's end. Of the other end, `watcher.rs` sees what a federate sends;
+//! `search.rs` finds what a user wants to watch, `target.rs` says which channels a port has, and `connecting.rs` connects to
+//! federates, which are found by their boards. `sights.rs` waits for all of them.
 
-mod listening;
+mod connecting;
 mod record_socket;
 mod records;
+mod search;
 mod server;
+mod sights;
 mod tally;
 mod tap;
+mod target;
 mod watcher;
 
-pub use listening::{Watcher, running};
 pub use records::Wish;
+pub use search::{Opened, Search, Watched, Words};
+pub use sights::{Next, Shown, Sights};
 pub use tally::Tally;
-pub use watcher::{Counts, Sight, Unseen, WatchError, Watching};
+pub use target::ends;
+pub use watcher::{Arrived, ArrivedPart, Counts, Held, Sight, Unseen, WatchError, Watching};
 
 pub(crate) use server::WatchServer;
 pub(crate) use tap::Sample;
@@ -36,16 +42,13 @@ use sha2::{Digest, Sha256};
 /// The most watchers of one federate at a time.
 const WATCHERS: u16 = 16;
 
-/// How the names of the abstract sockets begin at which federates listen for watchers.
-const NAME: &str = "hprm-watch-";
-
-/// The name of such a socket. `federation` is the name of the federation in frames. All users see the names of
-/// sockets, and names have little room, so it tells nothing.
-fn socket_name(federation: &str, federate: &str) -> String {
-    let process = std::process::id();
-    let digest = Sha256::digest(format!("{federation}\0{federate}\0{process}"));
+/// The name of the abstract socket at which a federate listens for watchers. `federation` is the name of the federation
+/// in frames, `pid` what its process calls itself; both are on its board. All users see the names of sockets, and names
+/// have little room, so it tells nothing.
+fn socket_name(federation: &str, federate: &str, pid: u32) -> String {
+    let digest = Sha256::digest(format!("{federation}\0{federate}\0{pid}"));
     let digits = digest.iter().take(16).map(|byte| format!("{byte:02x}"));
-    format!("{NAME}{}", digits.collect::<String>())
+    format!("hprm-watch-{}", digits.collect::<String>())
 }
 
 /// By which number a watcher is a reader in the store of the federate: one that no federate has, unless there are

@@ -1,11 +1,12 @@
 //! Which crate may depend on which: read from the manifests, so that no arrow appears unnoticed.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
 
-use cargo_metadata::{DependencyKind, MetadataCommand};
+use serde_json::Value;
 
 /// Each of our crates, and those of ours that it may name.
-const ARROWS: [(&str, &[&str]); 12] = [
+const ARROWS: [(&str, &[&str]); 13] = [
     ("hprm-core", &[]),
     ("hprm-codec", &["hprm-core"]),
     ("hprm-federated", &["hprm-core"]),
@@ -26,6 +27,7 @@ const ARROWS: [(&str, &[&str]); 12] = [
             "hprm-lf",
         ],
     ),
+    ("hprm-agent", &["hprm", "hprm-core", "hprm-federated"]),
     ("hprm-sim", &["hprm-core", "hprm-federated", "hprm-store"]),
     (
         "hprm-python",
@@ -66,14 +68,25 @@ const PURE: [&str; 8] = [
     "hprm-sim",
 ];
 
+/// What each package names for its own code, not for its tests. The agent is a workspace of its own.
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
-    let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata");
-    metadata
-        .packages
-        .iter()
+    let agent = concat!(env!("CARGO_MANIFEST_DIR"), "/../hprm-agent/Cargo.toml");
+    let mut all = dependencies_in(concat!(env!("CARGO_MANIFEST_DIR"), "/../../Cargo.toml"));
+    all.extend(dependencies_in(agent));
+    all
+}
+
+fn dependencies_in(manifest: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let arguments = ["metadata", "--no-deps", "--format-version", "1", "--manifest-path", manifest];
+    let output = Command::new(env!("CARGO")).args(arguments).output().expect("cargo runs");
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let name = |of: &Value| of["name"].as_str().expect("a name").to_owned();
+    let packages = metadata["packages"].as_array().expect("packages").iter();
+    packages
         .map(|package| {
-            let normal = package.dependencies.iter().filter(|d| d.kind == DependencyKind::Normal);
-            (package.name.to_string(), normal.map(|d| d.name.clone()).collect())
+            let dependencies = package["dependencies"].as_array().expect("dependencies").iter();
+            let normal = dependencies.filter(|dependency| dependency["kind"].is_null());
+            (name(package), normal.map(name).collect())
         })
         .collect()
 }
@@ -88,6 +101,13 @@ fn arrows_point_one_way() {
         for name in ours {
             assert!(allowed[package.as_str()].contains(&name), "{package} must not need {name}");
         }
+    }
+}
+
+#[test]
+fn only_the_agent_links_zenoh() {
+    for (package, names) in dependencies() {
+        assert_eq!(names.contains("zenoh"), package == "hprm-agent", "{package}");
     }
 }
 

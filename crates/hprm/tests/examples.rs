@@ -21,6 +21,10 @@ const EXAMPLES: [(&str, &str); 2] = [
     ),
 ];
 
+/// How a crate is compiled that is compiled once.
+const QUICKLY: [&str; 4] =
+    ["--config", "profile.dev.debug=false", "--config", "profile.dev.incremental=false"];
+
 const FEDERATION: &str = "[detector] 0 0.5\n[detector] 100000000 0.5\n[detector] 200000000 0.5\n";
 
 /// Examples that are federates of programs in other languages, whose tests run them: `tests/python/test_mixed.py`.
@@ -41,7 +45,7 @@ fn cargo(folder: &Path, arguments: &[&str]) -> Output {
 fn examples() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
-        let packages = ["--workspace", "--exclude", "hprm-python", "--examples"];
+        let packages = ["--workspace", "--features", "hprm-cli/whole", "--examples"];
         cargo(&root(), &[&["build", "--quiet", "--offline"], &packages[..]].concat());
         // The folder of this test is `deps`, beside that of the examples.
         std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("examples")
@@ -151,6 +155,7 @@ fn a_crate_outside_of_the_workspace_adds_the_library_and_runs() {
     fs::copy(root().join("Cargo.lock"), outside.join("Cargo.lock")).unwrap();
     let target = root().join("target/outside");
     let target = target.to_str().unwrap();
-    let output = cargo(&outside, &["run", "--quiet", "--offline", "--target-dir", target]);
+    let run = ["run", "--quiet", "--offline", "--target-dir", target];
+    let output = cargo(&outside, &[&run[..], &QUICKLY].concat());
     assert_eq!(String::from_utf8(output.stdout).unwrap(), FEDERATION);
 }

@@ -174,12 +174,15 @@ fn the_logical_trace_is_that_of_one_process() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
 }
 
+/// Without polling, one federate of a pair sleeps in each round. The other need not: where both share a processor, the
+/// kernel may run the receiver at once, so that the answer is there before the sender waits for it.
 fn a_federate_that_busy_polls_does_not_sleep() {
-    for (seconds, how) in [("1", "polls"), ("0", "sleeps")] {
-        let output = run(&["spinning", seconds]);
+    let outputs = ["1", "0"].map(|seconds| run(&["spinning", seconds]));
+    for output in &outputs {
         assert_eq!(output.status.code(), Some(0), "{output:?}");
-        assert_eq!(sorted(&output.stdout), [format!("[hub] {how}"), format!("[node] {how}")]);
     }
+    assert_eq!(sorted(&outputs[0].stdout), ["[hub] polls", "[node] polls"]);
+    assert!(text(&outputs[1].stdout).contains("sleeps"), "{:?}", outputs[1]);
 }
 
 fn a_bank_of_federates() {

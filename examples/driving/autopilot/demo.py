@@ -6,7 +6,6 @@ the repository.
 
 from __future__ import annotations
 
-import io
 import json
 import subprocess
 import sys
@@ -17,12 +16,12 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from .latency import PROGRESS
+from .picture_file import STYLE, svg_of
 
 HERE = Path(__file__).resolve().parents[1]
 OUT = HERE.parents[1] / "out"
@@ -67,12 +66,7 @@ def main() -> int:
 
 def box_plot(latencies: dict[str, list[int]]) -> str:
     """A box for each coordination, from quartile to quartile, with whiskers to 5 and 95 percent."""
-    style: dict[Any, Any] = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": "hprm",
-        "font.family": "sans-serif",
-    }
-    with matplotlib.rc_context(style):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.2), layout="constrained")
         axes = figure.add_subplot()
         values = [np.array(it) / 1e6 for it in latencies.values()]
@@ -88,9 +82,7 @@ def box_plot(latencies: dict[str, list[int]]) -> str:
         axes.set_xlim(left=0)
         axes.grid(axis="x", color="#e2e2e2")
         axes.set_title("Communication and inference", loc="left", fontweight="bold")
-        text = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    return text.getvalue()
+        return svg_of(figure)
 
 
 def _run(name: str, program: str, frames: int, more: list[str]) -> dict[str, Any]:

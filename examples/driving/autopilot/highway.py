@@ -110,9 +110,7 @@ class Highway:
         return self._way.end() or ("enough" if self._frame >= self._frames else "")
 
     def summary(self) -> str:
-        end = self.ended()
-        told = "on the way" if end in ("", "enough") else end
-        return f"frame {self._frame}: {self._way.along:.1f} m of {self._way.length:.1f} m, {told}"
+        return self._way.summary(self._frame, self.ended())
 
     def close(self) -> None:
         self._env.close()

@@ -48,6 +48,11 @@ class Way:
             route += seen_from((x, y), car.place, car.heading)
         return State(frame, car.speed, steer, tuple(route), self.along)
 
+    def summary(self, frame: int, end: str) -> str:
+        """How far it is at a frame, in a line; ``end`` is why the journey has ended."""
+        told = "on the way" if end in ("", "enough") else end
+        return f"frame {frame}: {self.along:.1f} m of {self.length:.1f} m, {told}"
+
     def draw(self, overhead: Overhead) -> None:
         """Draws what lies ahead of it."""
         overhead.line(ROUTE, self._ahead(), ROUTE_WIDTH)

@@ -5,24 +5,22 @@ Needs Matplotlib, and nothing that the training needs.
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import matplotlib
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from autopilot.picture_file import STYLE, svg_of
 from matplotlib.figure import Figure
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
-_STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "hprm"}
 _GRID, _PHASES = "#e2e2e2", {"imitation": "#eef3fb", "ppo": "#fdf3e6"}
 Points = list[dict[str, Any]]
 
 
 def policy_curve(points: Points) -> str:
     """How many journeys were completed, and how far the policy is from the expert."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.4), layout="constrained")
         axes = figure.add_subplot()
         steps = [it["steps"] / 1000 for it in points]
@@ -39,12 +37,12 @@ def policy_curve(points: Points) -> str:
         axes.set_ylim(0, 1.05)
         axes.set_title("The policy learns", loc="left", fontweight="bold")
         axes.legend(loc="lower right", frameon=False)
-        return _svg(figure)
+        return svg_of(figure)
 
 
 def detector_curve(points: Points) -> str:
     """The loss of the detector."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.4), layout="constrained")
         axes = figure.add_subplot()
         axes.plot([it["steps"] for it in points], [it["loss"] for it in points], color="#2f6bb3")
@@ -53,13 +51,7 @@ def detector_curve(points: Points) -> str:
         axes.set_yscale("log")
         axes.grid(color=_GRID)
         axes.set_title("The detector learns", loc="left", fontweight="bold")
-        return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    text = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    return text.getvalue()
+        return svg_of(figure)
 
 
 def main() -> None:

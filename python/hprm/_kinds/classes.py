@@ -1,15 +1,17 @@
-"""Dataclasses, named tuples, enumerations, and the classes of attrs and pydantic.
+"""Dataclasses, named tuples, enumerations, messages of ROS, and the classes of attrs and pydantic.
 
 An object is its class, by the names of its module and itself, and its attributes. The rule for what
 has arrived: a name leads to a class that the program could import itself, and only a class of one
 of these kinds is made; nothing is called but what such a class has from its library. No
 ``__init__`` and no ``__post_init__`` runs, as with pickle. A class that has its own way of being
-pickled is left to pickle.
+pickled is left to pickle. A class of messages, of ``hprm.ros`` or made by ROS itself, has a slot
+``_x`` for each field ``x``, and nothing else.
 """
 
 import copyreg
 import dataclasses
 import enum
+import functools
 import importlib
 import sys
 import types
@@ -30,9 +32,12 @@ _GENERATED = ("dataclasses", "attr._make")
 def instance(module: str, name: str, names: tuple[str, ...], *values: Any, trusted: bool) -> Any:
     """Make an object with attributes."""
     kind = _find(module, name, trusted)
+    slots = _message_slots(kind)
+    if slots is not None:
+        return _message(kind, slots, names, values)
     fields = _fields(kind)
     if fields is None or not _is_ordinary(kind):
-        raise _refused(kind, "neither a dataclass nor a class of attrs")
+        raise _refused(kind, "neither a dataclass nor a class of attrs nor one of messages")
     made = object.__new__(kind)
     for attribute, value in zip(names, values, strict=True):
         if type(attribute) is not str:
@@ -43,6 +48,17 @@ def instance(module: str, name: str, names: tuple[str, ...], *values: Any, trust
             object.__setattr__(made, attribute, value)
         else:
             raise ValueError(f"malformed payload: {name} has no attribute {attribute}")
+    return made
+
+
+def _message(kind: Any, slots: dict[str, Any], names: Any, values: tuple[Any, ...]) -> Any:
+    if names != tuple(slots):
+        raise ValueError(
+            f"malformed payload: {kind.__qualname__} has other fields here: {tuple(slots)}"
+        )
+    made: Any = object.__new__(kind)
+    for slot, value in zip(slots.values(), values, strict=True):
+        slot.__set__(made, value)
     return made
 
 
@@ -82,7 +98,7 @@ def model(module: str, name: str, state: dict[str, Any], *, trusted: bool) -> An
     return made
 
 
-def taker(kind: type) -> Any:
+def taker(kind: Any) -> Any:
     """Return what takes apart values of a class; None if it is not of such a kind."""
     if not _is_found(kind):
         return None
@@ -93,6 +109,9 @@ def taker(kind: type) -> Any:
     base = _pydantic(kind)
     if base is not None:
         return lambda value: (model, (kind.__module__, kind.__qualname__, base.__getstate__(value)))
+    of_message = _message_slots(kind)
+    if of_message is not None:
+        return functools.partial(_take_message, of_message)
     fields = _fields(kind)
     if fields is None or not _is_ordinary(kind):
         return None
@@ -136,6 +155,12 @@ def _take_instance(value: Any, slots: list[str]) -> Parts:
     return instance, (kind.__module__, kind.__qualname__, tuple(state), *state.values())
 
 
+def _take_message(slots: dict[str, Any], value: Any) -> Parts:
+    kind = type(value)
+    attributes = [slot.__get__(value) for slot in slots.values()]
+    return instance, (kind.__module__, kind.__qualname__, tuple(slots), *attributes)
+
+
 def _take_named_tuple(value: Any) -> Parts | None:
     kind = type(value)
     if getattr(value, "__dict__", None):
@@ -154,11 +179,27 @@ def _take_member(value: enum.Enum) -> Parts | None:
 
 
 def _fields(kind: type) -> list[str] | None:
-    """Return the names of the fields that a dataclass or a class of attrs declares."""
+    """Return the names of the fields that a dataclass or a class of attrs or messages declares."""
     if dataclasses.is_dataclass(kind):
         return list(kind.__dataclass_fields__)
     attributes = kind.__dict__.get("__attrs_attrs__")
-    return None if attributes is None else [attribute.name for attribute in attributes]
+    if attributes is not None:
+        return [attribute.name for attribute in attributes]
+    described = kind.__dict__.get("_fields_and_field_types")
+    if isinstance(described, dict) and _slots(kind) == tuple(f"_{it}" for it in described):
+        return list(_slots(kind))
+    return None
+
+
+@functools.lru_cache(maxsize=1024)
+def _message_slots(kind: Any) -> dict[str, Any] | None:
+    """Return the descriptors of the slots of a class of messages by field; None if it is none."""
+    described = kind.__dict__.get("_fields_and_field_types")
+    if not isinstance(described, dict) or _fields(kind) is None or not _is_ordinary(kind):
+        return None
+    slots = {str(it): _static(kind, f"_{it}") for it in described}
+    descriptors = all(type(it) is types.MemberDescriptorType for it in slots.values())
+    return slots if descriptors and not dataclasses.is_dataclass(kind) else None
 
 
 def _is_slot(kind: type, name: str) -> bool:

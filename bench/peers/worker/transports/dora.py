@@ -15,19 +15,22 @@ from dora import Node as DoraNode
 from session import Session
 
 
-class _End:
+class End:
     """A node of the dataflow: the one that runs in this process."""
 
     def __init__(self) -> None:
+        """Meets the daemon, which starts all nodes together."""
         self._node = DoraNode()
         self._waiting: dict[str, deque[Any]] = {}
 
-    def write(self, message: Any) -> None:
+    def write(self, message: Any, output: str = "data") -> None:
+        """Sends bytes on one of its outputs."""
         data = pa.py_buffer(message)
         array = pa.Array.from_buffers(pa.uint8(), data.size, [None, data])
-        self._node.send_output("data", array)
+        self._node.send_output(output, array)
 
     def read(self, source: str) -> Any:
+        """The next bytes of one of its inputs."""
         waiting = self._waiting.setdefault(source, deque())
         while not waiting:
             event = self._node.next(timeout=60.0)
@@ -43,7 +46,7 @@ class Hub:
 
     def __init__(self, session: Session) -> None:
         """Waits until every node has said that it is there."""
-        self._end = _End()
+        self._end = End()
         self._sources = [f"node{index}" for index in range(session.nodes)]
         for source in self._sources:
             self._end.read(source)
@@ -66,7 +69,7 @@ class Node:
 
     def __init__(self, session: Session, index: int) -> None:
         """Tells the hub that it is there; its inputs exist from the start."""
-        self._end = _End()
+        self._end = End()
         self._end.write(np.zeros(16, np.uint8))
 
     def receive(self) -> Any:

@@ -5,6 +5,7 @@
 mod draw;
 
 use std::io;
+use std::mem::ManuallyDrop;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -26,10 +27,13 @@ use crate::message::Error;
 pub(super) fn screen(boards: Boards, only: Option<usize>, interval: Duration) -> Result<(), Error> {
     let failed = |error: io::Error| Error::new(format!("cannot use the terminal: {error}"));
     // Restores the terminal before the message of a panic, too.
-    let mut terminal = ratatui::try_init().map_err(failed)?;
+    let terminal = ratatui::try_init().map_err(failed)?;
+    // Its end would print an error if the terminal is gone, and where there is no terminal to print it on, panic.
+    let mut terminal = ManuallyDrop::new(terminal);
     let shown = end_on_signals().and_then(|()| show(&mut terminal, boards, only, interval));
+    let cursor = terminal.show_cursor();
     let restored = ratatui::try_restore();
-    shown.and(restored).map_err(failed)
+    shown.and(cursor).and(restored).map_err(failed)
 }
 
 /// Has a signal restore the terminal and end the process. In a thread of its own, because the wait for keys does not

@@ -2,7 +2,8 @@
 //!
 //! Compared is what reactions did, up to where both runs are complete: if one of them ended earlier,
 //! then up to there, because its deployment and the time of a request to stop may decide on its
-//! end, but not on what comes before. What depends on the physical world is left out, unless asked for.
+//! end, but not on what comes before. What depends on the physical world is left out, unless asked for:
+//! also all that comes after a federate has left at a tag of the clock, since what is not there has no mark.
 //!
 //! Whether a deadline is met is for the clock to say, and what follows may look like another fault. So
 //! a deadline that was missed in one run only is a difference, and it is the first one, even if its
@@ -97,19 +98,22 @@ impl Judge {
                 a.name, programs[0], b.name, programs[1]
             )));
         }
-        let limit = limit(&a.end, &b.end);
-        let mut found = Comparison { limit, ..Comparison::default() };
+        let mut found = Comparison { limit: limit(&a.end, &b.end), ..Comparison::default() };
         loop {
             let next = [a.next_tag(), b.next_tag()].into_iter().flatten().min();
-            let Some(tag) = next.filter(|tag| limit.is_none_or(|limit| *tag < limit)) else {
+            let Some(tag) = next.filter(|tag| found.limit.is_none_or(|limit| *tag < limit)) else {
                 break;
             };
             let at_tag = |at: Option<At>| at == Some(tag);
             let from_a = if at_tag(a.next_tag()) { a.group()? } else { None };
             let from_b = if at_tag(b.next_tag()) { b.group()? } else { None };
+            let one_leaves = !self.physical && one_leaves(from_a.as_ref(), from_b.as_ref());
             self.compare_groups(from_a, from_b, &mut found);
             if found.divergence.is_some() {
                 return Ok(found);
+            }
+            if one_leaves {
+                found.limit = Some((tag.0, tag.1 + 1));
             }
         }
         // At which tag federates agree to stop is not decided by the program.
@@ -245,6 +249,19 @@ fn pairs<'a>(a: &'a [Entry], b: &'a [Entry]) -> Vec<[Option<&'a Entry>; 2]> {
     let rest = only_b.filter(|next| !of_a.contains_key(next.reaction.as_str()));
     pairs.extend(rest.map(|next| [None, Some(next)]));
     pairs
+}
+
+/// Whether the clock has a federate leave in one run, and it goes on in the other one.
+fn one_leaves(a: Option<&Group>, b: Option<&Group>) -> bool {
+    let [of_a, of_b] = [a, b].map(|group| {
+        let entries = group.into_iter().flat_map(|group| &group.entries);
+        let leaving = entries.filter(|entry| entry.leaves);
+        leaving.map(|entry| (entry.reaction.as_str(), entry.physical)).collect::<BTreeMap<_, _>>()
+    });
+    let only = |here: &BTreeMap<&str, bool>, there: &BTreeMap<&str, bool>| {
+        here.iter().any(|(reaction, physical)| *physical && !there.contains_key(reaction))
+    };
+    only(&of_a, &of_b) || only(&of_b, &of_a)
 }
 
 /// The difference, if a reaction missed its deadline in one of two runs.

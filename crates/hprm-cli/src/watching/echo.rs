@@ -1,5 +1,6 @@
 //! `hprm echo`: the values that pass a connection.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -7,12 +8,10 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
 use hprm::console;
-use hprm::watch::{Sight, WatchError, Watching, Wish};
+use hprm::watch::{Opened, Sight, WatchError, Watched, Wish};
 use hprm_core::Program;
 
-use super::federation::Opened;
-use super::target::Target;
-use super::{News, ends, json, tell_of_signals, value};
+use super::{News, json, open, tell_of_signals, value};
 use crate::args::Echo;
 use crate::message::{self, Error};
 
@@ -23,7 +22,6 @@ const LINES: usize = 8;
 #[derive(Clone, Debug)]
 struct Form {
     program: Arc<Program>,
-    is_output: bool,
     /// Whether lines need the name of the port.
     is_several: bool,
     limits: value::Limits,
@@ -36,22 +34,24 @@ struct Form {
 ///
 /// If there is none.
 pub(crate) fn echo(arguments: &Echo) -> Result<ExitCode, Error> {
-    let opened = Opened::new(&arguments.of, Some(&arguments.port), Wish::Values)?;
-    let Opened { program, target, watched } = opened;
+    if let Some(listen) = &arguments.foxglove {
+        return Err(super::viewer::become_viewer(arguments, listen));
+    }
+    let opened = open(&arguments.of, &arguments.ports, Wish::Values)?;
+    let Opened { program, is_several, watched } = opened;
     let limits = if arguments.full { value::Limits::NONE } else { value::Limits::SHORT };
-    let Target { is_output, is_several, .. } = target;
-    let form = Form { program, is_output, is_several, limits, json: arguments.json };
+    let form = Form { program, is_several, limits, json: arguments.json };
     let (news, arrivals) = sync_channel(LINES);
     tell_of_signals(news.clone())?;
     let mut alive = watched.len();
-    for (name, watching) in watched {
+    for watched in watched {
         let (news, form) = (news.clone(), form.clone());
         thread::Builder::new()
-            .name(name.clone())
-            .spawn(move || follow(&name, watching, &form, &news))
+            .name(watched.federate.clone())
+            .spawn(move || follow(watched, &form, &news))
             .map_err(|error| Error::new(format!("cannot start a thread: {error}")))?;
     }
-    let mut left = arguments.limit();
+    let (mut left, mut ended) = (arguments.limit(), BTreeSet::new());
     while alive > 0 && left > 0 {
         match arrivals.recv().expect("this thread has a sender, too") {
             News::Of(line) => {
@@ -63,7 +63,10 @@ pub(crate) fn echo(arguments: &Echo) -> Result<ExitCode, Error> {
                 left -= 1;
             }
             News::Ended(name, WatchError::Ended) => {
-                console::print_error(format!("{name} has ended\n").as_bytes());
+                // One that is watched at several ports may end more than once.
+                if ended.insert(name.clone()) {
+                    console::print_error(format!("{name} has ended\n").as_bytes());
+                }
                 alive -= 1;
             }
             News::Ended(name, error) => {
@@ -76,23 +79,23 @@ pub(crate) fn echo(arguments: &Echo) -> Result<ExitCode, Error> {
 }
 
 /// Makes lines of what a federate sends, until it ends or nothing reads them any more.
-fn follow(name: &str, mut watching: Watching, form: &Form, news: &SyncSender<News<String>>) {
+fn follow(mut watched: Watched, form: &Form, news: &SyncSender<News<String>>) {
     let mut missed = 0;
     loop {
         // A sight is dropped before the next one is asked for: the federate holds its objects as long.
-        let told = match watching.next_sight() {
+        let told = match watched.watching.next_sight() {
             Ok(sight) => {
                 let since = sight.dropped - missed;
                 missed = sight.dropped;
-                News::Of(form.line(&sight, since))
+                News::Of(form.line(&watched, &sight, since))
             }
             Err(error) => {
-                drop(news.send(News::Ended(name.to_owned(), error)));
+                drop(news.send(News::Ended(watched.federate, error)));
                 return;
             }
         };
         // The next call tells of an error, too.
-        let _ = watching.release();
+        let _ = watched.watching.release();
         if news.send(told).is_err() {
             return;
         }
@@ -101,10 +104,8 @@ fn follow(name: &str, mut watching: Watching, form: &Form, news: &SyncSender<New
 
 impl Form {
     /// A line for a message, before which so many were missed.
-    fn line(&self, sight: &Sight, missed: u64) -> String {
-        let [from, to] = ends(&self.program, sight.channel);
-        let (port, tag) =
-            if self.is_output { (from, Some(sight.tag)) } else { (to, sight.arrives) };
+    fn line(&self, watched: &Watched, sight: &Sight, missed: u64) -> String {
+        let (port, tag) = watched.place(&self.program, sight);
         if self.json {
             return format!("{}\n", json::message(&port, tag, sight, missed));
         }

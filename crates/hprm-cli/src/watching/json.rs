@@ -97,6 +97,7 @@ mod tests {
             channel: ChannelId(0),
             tag,
             arrives: None,
+            start: PhysicalTime(0),
             at: PhysicalTime(5),
             bytes: 9,
             dropped: 2,

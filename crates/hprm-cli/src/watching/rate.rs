@@ -9,12 +9,11 @@ use std::thread;
 use std::time::Duration;
 
 use hprm::console;
-use hprm::watch::{Counts, Tally, WatchError, Watching, Wish};
+use hprm::watch::{Counts, Opened, Tally, WatchError, Watched, Wish, ends};
 use hprm_core::{ChannelId, Program};
 use serde_json::json;
 
-use super::federation::Opened;
-use super::{News, ends, tell_of_signals};
+use super::{News, open, tell_of_signals};
 use crate::args::Rate;
 use crate::columns::{self, time};
 use crate::message::{self, Error};
@@ -28,16 +27,16 @@ type Reports = News<(String, Counts)>;
 ///
 /// If there is no such connection.
 pub(crate) fn rate(arguments: &Rate) -> Result<ExitCode, Error> {
-    let opened = Opened::new(&arguments.of, arguments.port.as_deref(), Wish::Counts)?;
+    let opened = open(&arguments.of, arguments.port.as_slice(), Wish::Counts)?;
     let Opened { program, watched, .. } = opened;
     let alive = watched.len();
     let (news, arrivals) = sync_channel(alive);
     tell_of_signals(news.clone())?;
-    for (name, watching) in watched {
+    for watched in watched {
         let (news, window) = (news.clone(), arguments.window);
         thread::Builder::new()
-            .name(name.clone())
-            .spawn(move || follow(&name, watching, window, &news))
+            .name(watched.federate.clone())
+            .spawn(move || follow(watched, window, &news))
             .map_err(|error| Error::new(format!("cannot start a thread: {error}")))?;
     }
     print_all(arguments, &program, &arrivals, alive)?;
@@ -45,11 +44,11 @@ pub(crate) fn rate(arguments: &Rate) -> Result<ExitCode, Error> {
 }
 
 /// Tells again and again what a federate has counted, until it ends or nothing reads that any more.
-fn follow(name: &str, mut watching: Watching, window: Duration, news: &SyncSender<Reports>) {
+fn follow(mut watched: Watched, window: Duration, news: &SyncSender<Reports>) {
     loop {
-        let told = match watching.counts(window) {
-            Ok(counts) => News::Of((name.to_owned(), counts)),
-            Err(error) => News::Ended(name.to_owned(), error),
+        let told = match watched.watching.counts(window) {
+            Ok(counts) => News::Of((watched.federate.clone(), counts)),
+            Err(error) => News::Ended(watched.federate.clone(), error),
         };
         let is_last = matches!(told, News::Ended(..));
         if news.send(told).is_err() || is_last {

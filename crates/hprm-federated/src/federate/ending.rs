@@ -8,8 +8,8 @@ use super::{Coordinator, Federate};
 use crate::stop::Stop;
 use crate::{End, Frame, Output};
 
-/// How long the RTI has to explain why there is no direct link.
-const EXPLANATION: Nanos = 2_000_000_000;
+/// How long the RTI has to explain why there is no direct link, and a link has to end after its federate.
+pub(super) const EXPLANATION: Nanos = 2_000_000_000;
 
 /// The longest text of a failure, in bytes; the rest is cut off.
 const MESSAGE: usize = 64 * 1024;
@@ -38,6 +38,9 @@ impl Federate {
             Coordinator::Centralized(machine) => machine.stop_at(tag),
             Coordinator::Decentralized(machine) => machine.stop_at(tag),
         }
+        if let Some(showing) = &mut self.showing {
+            showing.boards.stop_at(tag);
+        }
         self.expect(tag);
         self.outputs.push_back(Output::SetStop(tag));
     }
@@ -53,11 +56,13 @@ impl Federate {
 
     /// The RTI tells this federate to leave at `tag`. If this federate is in that tag or beyond it, it leaves
     /// later, and the RTI must know: it lets a federate advance no further than through its last tag. Under
-    /// centralized coordination the RTI knows which tags are complete.
+    /// centralized coordination the RTI knows which tags are complete, and where there are boards, the board of this
+    /// federate tells the others.
     pub(super) fn told_to_leave(&mut self, tag: Tag) {
         self.depart(tag);
         let last = self.last_tag();
-        if last > tag && matches!(self.coordinator, Coordinator::Decentralized(_)) {
+        let decentralized = matches!(self.coordinator, Coordinator::Decentralized(_));
+        if last > tag && decentralized && !self.reads_boards() {
             self.outputs.push_back(Output::ToRti(Frame::Depart { tag: last }));
         }
     }
@@ -94,7 +99,7 @@ impl Federate {
             return;
         }
         if self.startup.is_linked(peer) && !self.resigned.contains(&peer) {
-            let until = if in_order { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
+            let until = if in_order { PhysicalTime::FOREVER } else { now.plus(self.explanation) };
             self.lingering.insert(peer, Lingering { until, in_order });
         }
         self.startup.needs_no_link_to(peer);
@@ -119,7 +124,8 @@ impl Federate {
             // The peer sends nothing before it has been welcomed, so nothing is lost, and it opens the link
             // again; the RTI tells if it cannot.
             let is_opened_again = self.startup.start().is_none() && !self.opened.contains(&peer);
-            let until = if is_opened_again { PhysicalTime::FOREVER } else { now.plus(EXPLANATION) };
+            let until =
+                if is_opened_again { PhysicalTime::FOREVER } else { now.plus(self.explanation) };
             self.broken_links.insert(peer, (until, None));
         }
         self.link_has_ended(now, peer);
@@ -128,7 +134,7 @@ impl Federate {
     /// The federation starts: limits how long a direct link may stay broken. Its other end has seen it open, and
     /// does not open it again.
     pub(super) fn limit_broken_links(&mut self, now: PhysicalTime) {
-        let limit = now.plus(EXPLANATION);
+        let limit = now.plus(self.explanation);
         self.broken_links.values_mut().for_each(|(until, _)| *until = limit.min(*until));
     }
 
@@ -148,7 +154,7 @@ impl Federate {
             self.outputs.push_back(Output::Disconnect(peer));
             self.peer_lost(now, peer);
         } else {
-            let until = now.plus(EXPLANATION);
+            let until = now.plus(self.explanation);
             self.lingering.entry(peer).or_insert(Lingering { until, in_order: false });
         }
     }
@@ -174,7 +180,7 @@ impl Federate {
     /// transient one may be gone, and that is no failure.
     pub(super) fn unreachable(&mut self, now: PhysicalTime, peer: FederateId, reason: String) {
         if self.is_live(peer) && !self.topology.is_transient(peer) {
-            self.broken_links.insert(peer, (now.plus(EXPLANATION), Some(reason)));
+            self.broken_links.insert(peer, (now.plus(self.explanation), Some(reason)));
         }
     }
 
@@ -215,6 +221,7 @@ impl Federate {
             self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
         }
         self.outputs.push_back(Output::ToRti(last_frame));
+        self.post_end();
         self.ended = true;
     }
 

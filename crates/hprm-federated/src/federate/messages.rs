@@ -4,7 +4,7 @@ use hprm_core::{Channel, ChannelId, FederateId, Nanos, Payload, Tag};
 
 use super::{Activity, Coordinator, Federate};
 use crate::startup::EarlyMessage;
-use crate::{Fault, Frame, Output, codec};
+use crate::{Fault, Frame, Input, Output, codec};
 
 /// The most serial numbers in one frame.
 const RELEASES: usize = 4096;
@@ -24,6 +24,9 @@ impl Federate {
         match &mut self.coordinator {
             Coordinator::Centralized(machine) => machine.arrived(tag),
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
+        }
+        if let Some(showing) = &mut self.showing {
+            showing.boards.received(channel, tag);
         }
         self.expect(tag);
         if tag < self.current {
@@ -108,6 +111,9 @@ impl Federate {
             Coordinator::Decentralized(machine) if !channel.physical => {
                 if leaves {
                     machine.sent(id, tag);
+                    if let Some(showing) = &mut self.showing {
+                        showing.boards.sent(id, tag);
+                    }
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }
             }
@@ -121,6 +127,21 @@ impl Federate {
             }
         }
         Ok(())
+    }
+
+    /// Tells a reader about segments of this federate's store.
+    pub(super) fn tell_reader(&mut self, input: Input) {
+        match input {
+            Input::Segment { reader, segment, len } => {
+                let frame = Frame::Segment { owner: self.me, reader, segment, len };
+                self.route(reader, frame);
+            }
+            Input::Retired { reader, segments } => {
+                let frame = Frame::Retired { owner: self.me, reader, segments };
+                self.route(reader, frame);
+            }
+            _ => {}
+        }
     }
 
     pub(super) fn release(&mut self, owner: FederateId, serials: &[u64]) {

@@ -49,7 +49,7 @@ fn peers(count: u16) -> Frame {
         host: HostId(u128::from(id / 2)),
         listen: Some(format!("port {id}")),
     };
-    Frame::Peers { peers: (0..count).map(peer).collect() }
+    Frame::Peers { peers: (0..count).map(peer).collect(), boards: false }
 }
 
 /// Everything up to the start, with as many federates.

@@ -308,7 +308,8 @@ impl Rti {
         arrival.stage = Stage::Linking { until: self.now.plus(LINKING) };
         let link = arrival.link;
         let peers = self.peers();
-        self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Peers { peers } });
+        self.outputs
+            .push_back(RtiOutput::Send { link, frame: Frame::Peers { peers, boards: false } });
     }
 
     /// A neighbour has answered that it knows of an arriving federate, or waits for the federate's messages. It

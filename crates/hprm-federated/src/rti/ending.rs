@@ -136,6 +136,7 @@ impl Rti {
         self.members[federate] = Member::Gone;
         self.announce_end(federate, in_order);
         self.arrivals.forget(federate);
+        self.forget_departure(federate);
         self.send_grants();
         self.decide();
         self.end_if_starved();

@@ -178,8 +178,19 @@ impl Rti {
         if self.phase == Phase::Joining && self.all_have_joined() {
             self.phase = Phase::Loading;
             let peers = self.peers();
-            self.send_all(&Frame::Peers { peers });
+            self.boards = self.may_use_boards(&peers);
+            self.send_all(&Frame::Peers { peers, boards: self.boards });
         }
+    }
+
+    /// Whether the federates coordinate themselves by boards: all share one host's memory, and accept direct links.
+    /// A federate that joins late could not know what the others have found on boards.
+    fn may_use_boards(&self, peers: &[Peer]) -> bool {
+        let one_host = peers.windows(2).all(|pair| pair[0].host == pair[1].host);
+        let all_listen = peers.iter().all(|peer| peer.listen.is_some());
+        let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
+        let fits = centralized && !self.topology.has_transients();
+        self.allows_boards && fits && one_host && all_listen
     }
 
     fn all_have_joined(&self) -> bool {

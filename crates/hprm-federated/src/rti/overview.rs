@@ -55,7 +55,7 @@ impl Rti {
     /// What a federate wants to process next, if it needs a grant and has none.
     fn wanted(&self, federate: FederateId) -> Option<Step> {
         let lives = self.members[federate].is_live() && self.phase == Phase::Running;
-        let asks = lives && !self.topology.upstream(federate).is_empty();
+        let asks = lives && !self.boards && !self.topology.upstream(federate).is_empty();
         self.advance.ungranted(federate).filter(|_| asks)
     }
 

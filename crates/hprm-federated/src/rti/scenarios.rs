@@ -184,7 +184,7 @@ impl Scenario {
                         Frame::Depart { tag } => format!("must leave at {}", show(tag)),
                         Frame::Start { first, .. } => format!("begins at {}", show(first)),
                         Frame::Refused { reason } => format!("is refused: {reason}"),
-                        Frame::Peers { peers } => {
+                        Frame::Peers { peers, .. } => {
                             let peers: Vec<_> = peers.iter().map(|p| name(p.federate)).collect();
                             format!("is told of {}", peers.join(", "))
                         }

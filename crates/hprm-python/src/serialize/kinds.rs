@@ -11,6 +11,7 @@ use pyo3::types::{PyTuple, PyType};
 pub(super) struct Kinds {
     take_apart: Py<PyAny>,
     make: Py<PyAny>,
+    make_or_stand_in: Py<PyAny>,
     place: Py<PyAny>,
     slots_alone: Py<PyAny>,
     weak_references: Py<PyAny>,
@@ -37,6 +38,7 @@ impl Kinds {
             Ok(Self {
                 take_apart: module.getattr(intern!(py, "take_apart"))?.unbind(),
                 make: module.getattr(intern!(py, "make"))?.unbind(),
+                make_or_stand_in: module.getattr(intern!(py, "make_or_stand_in"))?.unbind(),
                 place: module.getattr(intern!(py, "place"))?.unbind(),
                 slots_alone: module.getattr(intern!(py, "slots_alone"))?.unbind(),
                 weak_references: py.import("_weakref")?.getattr("getweakrefcount")?.unbind(),
@@ -67,6 +69,16 @@ impl Kinds {
         trusted: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         self.make.bind(members.py()).call1((code, members, trusted))
+    }
+
+    /// The same for a process that only looks at what others send: what stands in for an object of a class that it has
+    /// not imported.
+    pub(super) fn make_or_stand_in<'py>(
+        &self,
+        code: u64,
+        members: &Bound<'py, PyTuple>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.make_or_stand_in.bind(members.py()).call1((code, members))
     }
 
     /// The descriptors of the slots of `value`, if its attributes can be reached only by a reference to it

@@ -9,12 +9,23 @@ use hprm::Pickling;
 pub(crate) struct Trust {
     pickling: Pickling,
     is_local: bool,
+    only_looks: bool,
 }
 
 impl Trust {
     /// Trust in a federate that is `is_local`: on this machine, of this user.
     pub(crate) const fn new(pickling: Pickling, is_local: bool) -> Self {
-        Self { pickling, is_local }
+        Self { pickling, is_local, only_looks: false }
+    }
+
+    /// That of a process that only looks at what others send: no pickle is read, and no module imported.
+    pub(crate) const fn looking() -> Self {
+        Self { pickling: Pickling::Deny, is_local: true, only_looks: true }
+    }
+
+    /// Whether that is all.
+    pub(super) fn only_looks(self) -> bool {
+        self.only_looks
     }
 
     /// Whether pickles may pass.

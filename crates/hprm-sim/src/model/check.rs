@@ -47,6 +47,7 @@ impl Judge {
         let seat = state.seats[me].get();
         let tag = seat.node.last_tag();
         let waits = self.topology.coordination() == Coordination::Centralized
+            && !seat.node.machine.reads_boards()
             && !self.topology.upstream(me).is_empty();
         let needed = match self.topology.is_stepwise(me) {
             true => Step::begin(tag),
@@ -61,7 +62,7 @@ impl Judge {
     /// before the message, says that there is none.
     fn overtaken(&self, state: &State, me: FederateId) -> Option<String> {
         let Seat { node, granted } = state.seats[me].get();
-        let mut granted = *granted;
+        let mut granted = node.machine.known_by_boards().unwrap_or(*granted);
         let here = state.place(me);
         for event in state.links.get(&(Place::Rti, here)).into_iter().flatten() {
             let Event::Federate(_, Input::FromRti(frame)) = event else { continue };
@@ -108,11 +109,13 @@ impl Judge {
         if tardy > 0 {
             return Some(format!("{tardy} messages were tardy"));
         }
-        if state.failed.is_some() || !state.left.is_empty() {
-            return self.early_end(state);
-        }
-        if self.topology.has_transients() {
+        if self.topology.has_transients() && state.failed.is_none() && state.left.is_empty() {
             return self.end_with_transients(state);
+        }
+        let left = nodes.iter().filter(|node| node.has_left()).map(|node| node.me.federate);
+        let left: BTreeSet<_> = state.left.iter().copied().chain(left).collect();
+        if state.failed.is_some() || !left.is_empty() {
+            return self.early_end(state, &left);
         }
         let last = nodes.iter().map(|node| node.last_tag()).max().unwrap_or(Tag::NEVER);
         if let Some(node) = nodes.iter().find(|node| !node.finished || node.last_tag() < last) {
@@ -138,20 +141,23 @@ impl Judge {
         wrong(&self.program, &lives, (stop, state.lost_from), true)
     }
 
-    /// What is wrong with an end that not all federates have reached in order.
-    fn early_end(&mut self, state: &State) -> Option<String> {
-        let reachable = state.left.iter().flat_map(|me| self.topology.reachable(*me));
+    /// What is wrong with an end that not all federates have reached in order. Those have left before the others.
+    fn early_end(&mut self, state: &State, left: &BTreeSet<FederateId>) -> Option<String> {
+        let reachable = left.iter().flat_map(|me| self.topology.reachable(*me));
         let concerned: BTreeSet<_> = reachable.collect();
         let program = Arc::clone(&self.program);
         let must = self.reference(Tag::FOREVER, state.event);
         program.reactions.ids().find_map(|reaction| {
             let me = home(&program, reaction)?;
-            let (is, must) =
-                (&state.seats[me].get().node.log.entries[reaction], &must.entries[reaction]);
-            let right = if state.failed.is_some() || state.left.contains(&me) {
-                must.starts_with(is) || concerned.contains(&me)
+            let node = &state.seats[me].get().node;
+            let (is, must) = (&node.log.entries[reaction], &must.entries[reaction]);
+            // What it did because it left, others do at the end.
+            let before = if node.has_left() { node.last_tag() } else { Tag::FOREVER };
+            let is: Vec<_> = is.iter().filter(|entry| entry.tag < before).cloned().collect();
+            let right = if state.failed.is_some() || left.contains(&me) {
+                must.starts_with(&is) || concerned.contains(&me)
             } else {
-                is == must || concerned.contains(&me)
+                is == *must || concerned.contains(&me)
             };
             let name = program.reaction_name(reaction);
             (!right).then(|| format!("{name} did {is:?}, but must do {must:?}"))

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program, Table, Tag};
+use hprm_core::{FederateId, Fingerprint, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    DnetMode, Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Step,
-    Topology,
+    Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Step, Topology,
 };
 
+use super::Setting;
 use super::digest::{Shared, digest};
 use crate::Plan;
 use crate::network::{Event, Instance, LinkEvent, Place};
@@ -94,18 +94,14 @@ pub(super) struct State {
 impl State {
     /// A federation whose processes have just been launched. Tag zero will be `start_delay` after
     /// the last federate has become ready.
-    pub(super) fn new(
-        program: &Arc<Program>,
-        happenings: &[Happening],
-        start_delay: Nanos,
-        flow_limit: Option<u64>,
-        dnet: DnetMode,
-    ) -> Self {
+    pub(super) fn new(program: &Arc<Program>, setting: &Setting) -> Self {
+        let Setting { ref happenings, start_delay, flow_limit, dnet, boards, .. } = *setting;
         let federation = FederationId(1);
         let topology = Topology::new(program);
         let fingerprint = Arc::new(program.fingerprint());
         let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
         let rti = rti.dnet_mode(dnet);
+        let rti = if boards { rti.with_boards() } else { rti };
         let plan = Plan { flow_limit, ..Plan::default() };
         let seat = |me| {
             let me = Instance::first(me);
@@ -468,6 +464,15 @@ impl State {
                 let input = RtiInput::Frame { link: self.link(me), frame };
                 self.send(place, Place::Rti, Event::Rti(input));
             }
+            Output::Post(posting) => {
+                let others = self.seats.ids().filter(|other| *other != me);
+                for other in others.collect::<Vec<_>>() {
+                    let to = self.instance(other);
+                    let input = Input::Board { from: me, posting: posting.clone() };
+                    let event = Event::Federate(to, input);
+                    self.send(Place::Board(me), Place::Federate(to), event);
+                }
+            }
             Output::Rejoin => {
                 let (rti, node) = (Place::Rti, place);
                 self.broken.retain(|ends| ![(rti, node), (node, rti)].contains(ends));
@@ -536,7 +541,7 @@ impl State {
                 let node = &self.seats[to.federate].get().node;
                 node.me != to || node.is_over()
             }
-            Place::Rti => false,
+            Place::Rti | Place::Board(_) => false,
         };
         if !self.broken.contains(&(from, to)) && !gone {
             self.links.entry((from, to)).or_default().push_back(event);

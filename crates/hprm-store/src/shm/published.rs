@@ -30,7 +30,7 @@ pub(crate) struct PublishedWords {
     mapping: Mapping,
     count: usize,
     /// Open as long as this lives: readers find the memory by the descriptors of its owner.
-    _file: OwnedFd,
+    file: OwnedFd,
 }
 
 impl PublishedWords {
@@ -45,7 +45,12 @@ impl PublishedWords {
         let mapping = Mapping::present(&file, size).map_err(error("mmap"))?;
         // Only now: the seal spares the writable mapping that exists, and forbids all later ones.
         fs::fcntl_add_seals(&file, SEALS).map_err(error("seal"))?;
-        Ok(Self { mapping, count, _file: file })
+        Ok(Self { mapping, count, file })
+    }
+
+    /// Another descriptor of the memory.
+    pub(crate) fn descriptor(&self) -> std::io::Result<OwnedFd> {
+        self.file.try_clone()
     }
 
     pub(crate) fn words(&self) -> &[AtomicU64] {
@@ -60,7 +65,7 @@ impl PublishedWords {
 #[cfg(test)]
 impl AsRawFd for PublishedWords {
     fn as_raw_fd(&self) -> RawFd {
-        self._file.as_raw_fd()
+        self.file.as_raw_fd()
     }
 }
 
@@ -129,7 +134,7 @@ mod tests {
         let writable = std::fs::OpenOptions::new().read(true).write(true).open(path).unwrap();
         let mapped = Mapping::new(&writable.into(), 4096, prot, MapFlags::empty());
         assert_eq!(mapped.map(|_| ()), Err(Errno::PERM));
-        assert_eq!(fs::ftruncate(&words._file, 0), Err(Errno::PERM));
+        assert_eq!(fs::ftruncate(&words.file, 0), Err(Errno::PERM));
     }
 
     #[test]

@@ -11,25 +11,28 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
 use hprm_federated::codec::CodecError;
-use hprm_federated::{FederationId, Frame, HostId, Input};
+use hprm_federated::{Carried, FederationId, Frame, HostId, Input};
 
 use super::FederateOptions;
+use super::boards::Boards;
 use super::openings::Openings;
 use super::reach;
 use super::search::Search;
+use crate::agent::agent_address;
 use crate::frame_log::{FrameLog, Party};
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
 use crate::spin;
+use crate::variables::may_use_boards;
 use crate::wait::{Deadline, Interest, wait};
 use crate::watch::WatchServer;
-use crate::{Clock, Failure};
+use crate::{Address, Clock, Failure};
 
 /// How long one attempt to connect to a peer may take. The federate's loop does nothing else meanwhile.
 const CONNECT_TIMEOUT: Nanos = 2_000_000_000;
 
-/// Descriptors of segments that have arrived, by owner and number.
-type Descriptors = BTreeMap<(FederateId, u32), OwnedFd>;
+/// Descriptors that have arrived, by owner and what they are for.
+type Descriptors = BTreeMap<(FederateId, Carried), OwnedFd>;
 
 /// The links of one federate, with what opens, accepts and polls them.
 pub(super) struct FederateLinks {
@@ -121,6 +124,8 @@ struct PolledLinks {
     acceptor: Option<PolledAcceptor>,
     /// Shows the messages of this federate to watchers.
     watch: Option<WatchServer>,
+    /// What federates show one another, if that coordinates them.
+    boards: Option<Boards>,
 }
 
 impl PollSet for PolledLinks {
@@ -147,6 +152,10 @@ impl PollSet for PolledLinks {
     fn watch_mut(&mut self) -> Option<&mut WatchServer> {
         self.watch.as_mut()
     }
+
+    fn boards(&self) -> Option<&Boards> {
+        self.boards.as_ref()
+    }
 }
 
 impl PolledLinks {
@@ -172,7 +181,7 @@ impl FederateLinks {
         let rti = search.find(&keys, &network)?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
         let (mut acceptor, mut advertised) = (None, None);
-        if decentralized {
+        if decentralized || rti.is_local() && may_use_boards(&network)? {
             let (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;
             let members = options.program.federates.len();
             acceptor = Some(PolledAcceptor::new(LinkAcceptor::new(
@@ -183,8 +192,12 @@ impl FederateLinks {
             )));
             advertised = Some(addresses);
         }
+        let agent = match options.rti {
+            Address::Agent(_) => agent_address().ok(),
+            _ => None,
+        };
         Ok(Self {
-            host: reach::host_id(rti.is_local(), decentralized),
+            host: reach::host_id(rti.is_local(), decentralized, agent.as_ref()),
             poller: Poller::new(network.notifier(), spin::time(&options.program)),
             network,
             polled: PolledLinks {
@@ -193,6 +206,7 @@ impl FederateLinks {
                 incoming: BTreeMap::new(),
                 acceptor,
                 watch: None,
+                boards: None,
             },
             search,
             openings: Openings::new(&options.reach),
@@ -390,9 +404,52 @@ impl FederateLinks {
         }
     }
 
-    /// The descriptor that came with the announcement of a segment.
-    pub(super) fn take_descriptor(&mut self, owner: FederateId, segment: u32) -> Option<OwnedFd> {
-        self.descriptors.remove(&(owner, segment))
+    /// The descriptor that came with a frame.
+    pub(super) fn take_descriptor(
+        &mut self,
+        owner: FederateId,
+        carried: Carried,
+    ) -> Option<OwnedFd> {
+        self.descriptors.remove(&(owner, carried))
+    }
+
+    /// Makes the board of this federate, which shows so many `tallies`, if it is not there yet, and returns a
+    /// descriptor of it, or of what wakes this federate up.
+    pub(super) fn board_descriptor(
+        &mut self,
+        carried: Carried,
+        tallies: usize,
+    ) -> Result<OwnedFd, Failure> {
+        let boards = match &mut self.polled.boards {
+            Some(boards) => boards,
+            boards => boards.insert(Boards::new(tallies)?),
+        };
+        let descriptor = match carried {
+            Carried::Notifier => self.network.notifier().map(|it| it.as_fd().try_clone_to_owned()),
+            _ => Some(boards.descriptor()),
+        };
+        descriptor
+            .unwrap_or_else(|| Err(io::ErrorKind::Unsupported.into()))
+            .map_err(|error| Failure::system("cannot show itself to other federates", &error))
+    }
+
+    /// Reads the board of another federate from now on, or wakes it up with its notifier.
+    pub(super) fn attach_board(
+        &mut self,
+        owner: FederateId,
+        notifier: bool,
+    ) -> Result<(), Failure> {
+        let carried = if notifier { Carried::Notifier } else { Carried::Board };
+        let descriptor = self.take_descriptor(owner, carried);
+        let Some((boards, descriptor)) = self.polled.boards.as_mut().zip(descriptor) else {
+            return Err(Failure::store(&"a board came without its descriptor"));
+        };
+        boards.attach(owner, notifier, descriptor)
+    }
+
+    /// The boards that this federate reads, if there are any.
+    pub(super) fn boards(&mut self) -> Option<&mut Boards> {
+        self.polled.boards.as_mut()
     }
 
     /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
@@ -630,8 +687,8 @@ impl Arriving<'_> {
 
 /// Keeps the descriptor that came with a segment until the segment is mapped.
 fn keep_descriptor(descriptors: &mut Descriptors, frame: &Frame, descriptor: Option<OwnedFd>) {
-    if let (Frame::Segment { owner, segment, .. }, Some(descriptor)) = (frame, descriptor) {
-        descriptors.insert((*owner, *segment), descriptor);
+    if let (Some((owner, _, carried)), Some(descriptor)) = (frame.carries(), descriptor) {
+        descriptors.insert((owner, carried), descriptor);
     }
 }
 

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Fingerprint, Nanos, Program};
-use hprm_federated::{Federate, FederationId, Input, Output};
+use hprm_federated::{Federate, FederationId, Input, Output, relay};
 use hprm_store::{Store, StoreLimits};
 
 use super::links::{FederateLinks, LinkSerial};
@@ -78,6 +78,10 @@ impl Membership {
             links.advertised(),
             u64::from_le_bytes(process),
         );
+        let machine = match options.rti {
+            Address::Agent(_) => machine.with_explanation(relay::TOLD),
+            _ => machine,
+        };
         let notified = inbox.clone();
         let wake = Box::new(move || notified.notify());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));

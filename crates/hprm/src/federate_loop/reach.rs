@@ -10,6 +10,7 @@ use std::time::Duration;
 use hprm_federated::HostId;
 
 use super::FederateOptions;
+use crate::agent::Place;
 use crate::link::{Keys, Link, LinkListener, Network};
 use crate::{Address, Failure};
 
@@ -71,7 +72,7 @@ pub(super) fn listen(
         Address::Abstract(rti) => Address::Abstract(format!("{rti}-{mine}")),
         Address::Path(rti) => Address::Path(format!("{rti}-{mine}")),
         // For peers on the same host, which share memory.
-        Address::Tcp(_) => Address::Abstract(format!("hprm-{}", uuid())),
+        Address::Tcp(_) | Address::Agent(_) => Address::Abstract(format!("hprm-{}", uuid())),
     };
     listeners.push(bind(network, &unix)?);
     addresses.push(unix.to_string());
@@ -82,6 +83,10 @@ pub(super) fn listen(
         keys.check_for(&any)?;
         let listener = bind(network, &any)?;
         addresses.push(format!("tcp:{host}:{}", port_of(listener.address())));
+        listeners.push(listener);
+    } else if matches!(options.rti, Address::Agent(_)) {
+        let listener = bind(network, &Address::Agent(Place::here(&uuid())))?;
+        addresses.push(listener.address().to_string());
         listeners.push(listener);
     } else if !rti.is_local() {
         let here = rti.local_address().map_err(|error| cannot_listen(&options.rti, &error))?;
@@ -122,14 +127,15 @@ fn host_and_port(advertise: &str) -> Result<(String, u16), Failure> {
 fn port_of(address: &Address) -> &str {
     match address {
         Address::Tcp(text) => text.rsplit_once(':').map_or("0", |(_, port)| port),
-        Address::Abstract(_) | Address::Path(_) => "0",
+        Address::Abstract(_) | Address::Path(_) | Address::Agent(_) => "0",
     }
 }
 
 /// The number of this host; federates with the same number share memory. The links of federates that have
 /// joined over Unix sockets carry descriptors. Of federates that have joined over TCP, only links with one
-/// another do, for which they must be in one network namespace and belong to one user.
-pub(super) fn host_id(local: bool, decentralized: bool) -> HostId {
+/// another do, for which they must be in one network namespace and belong to one user; and if they have joined through
+/// an `agent`, use the same one, because an agent stands for a machine.
+pub(super) fn host_id(local: bool, decentralized: bool, agent: Option<&Address>) -> HostId {
     let read = |name| std::fs::read_to_string(format!("/proc/sys/kernel/random/{name}"));
     let number = |text: String| {
         let digits: String = text.chars().filter(char::is_ascii_hexdigit).collect();
@@ -141,10 +147,17 @@ pub(super) fn host_id(local: bool, decentralized: bool) -> HostId {
         (false, true, Ok(namespace)) => {
             let user = rustix::process::geteuid().as_raw();
             let number = boot ^ u128::from(namespace.ino()) << 64 ^ u128::from(user) << 32;
-            HostId(number).joined_over_tcp()
+            let agent = agent.map_or(0, |address| scrambled(&address.to_string()));
+            HostId(number ^ u128::from(agent) << 16).joined_over_tcp()
         }
         (false, _, _) => HostId(read("uuid").map(number).unwrap_or_default()).joined_over_tcp(),
     }
+}
+
+/// A number that two texts share by chance only (FNV-1a).
+fn scrambled(text: &str) -> u64 {
+    let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, step)
 }
 
 fn uuid() -> String {
@@ -171,9 +184,13 @@ mod tests {
 
     #[test]
     fn federates_know_with_which_others_they_share_memory() {
-        assert_eq!(host_id(true, false), host_id(true, true));
-        assert_eq!(host_id(false, true), host_id(false, true));
-        assert_ne!(host_id(false, false), host_id(false, false));
-        assert_ne!(host_id(true, true), host_id(false, true));
+        assert_eq!(host_id(true, false, None), host_id(true, true, None));
+        assert_eq!(host_id(false, true, None), host_id(false, true, None));
+        assert_ne!(host_id(false, false, None), host_id(false, false, None));
+        assert_ne!(host_id(true, true, None), host_id(false, true, None));
+        let agents = ["unix:@one", "unix:@other"].map(|text| text.parse::<Address>().unwrap());
+        let [one, other] = agents.map(|agent| host_id(false, true, Some(&agent)));
+        assert_ne!(one, other);
+        assert_eq!(one, host_id(false, true, Some(&"unix:@one".parse().unwrap())));
     }
 }

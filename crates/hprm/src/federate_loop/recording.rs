@@ -42,7 +42,7 @@ where
             Phase::Processing => self.scheduler.tag(),
             _ => self.scheduler.next_tag(),
         };
-        let due = tag.due(self.scheduler.start_time());
+        let due = self.due(tag);
         let what = match self.phase {
             Phase::Joining => Wait::Start,
             _ if tag == Tag::FOREVER => Wait::Events,

@@ -39,8 +39,8 @@ where
         let program = self.scheduler.program();
         let port = program.connections[program.channels[channel].connection].from;
         let bytes = value.as_ref().map_or(0, |payload| payload.byte_count());
-        let (tag, at) = (self.scheduler.tag(), Clock::now());
-        let sample = Sample { channel, port, tag, at, bytes };
+        let (tag, start) = (self.scheduler.tag(), self.scheduler.start_time());
+        let sample = Sample { channel, port, tag, start, at: Clock::now(), bytes };
         let Membership { links, objects, .. } = &mut self.federation;
         if let Some(watch) = links.watch() {
             watch.show(&sample, arrives, value, &mut objects.store());

@@ -4,6 +4,8 @@ use std::fmt;
 use std::net::IpAddr;
 use std::str::FromStr;
 
+use crate::agent::Place;
+
 /// The address of an RTI or a federate.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Address {
@@ -13,13 +15,15 @@ pub enum Address {
     Path(String),
     /// `tcp:host:port`, or no more than `host:port`.
     Tcp(String),
+    /// `agent:machine/name`: a listener on a machine, to which the agents of the machines lead.
+    Agent(Place),
 }
 
 impl Address {
     /// Whether other machines can reach it, as far as its text tells.
     #[must_use]
     pub fn is_open(&self) -> bool {
-        let Self::Tcp(host_and_port) = self else { return false };
+        let Self::Tcp(host_and_port) = self else { return matches!(self, Self::Agent(_)) };
         let host = host_and_port.rsplit_once(':').map_or(host_and_port.as_str(), |(host, _)| host);
         let host = host.trim_start_matches('[').trim_end_matches(']');
         !host.parse::<IpAddr>().map_or(host == "localhost", |ip| ip.is_loopback())
@@ -28,13 +32,13 @@ impl Address {
     /// Whether it is a Unix socket.
     #[must_use]
     pub fn is_unix(&self) -> bool {
-        !matches!(self, Self::Tcp(_))
+        matches!(self, Self::Abstract(_) | Self::Path(_))
     }
 }
 
 /// Why a text is not an address.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-#[error("'{0}' is not an address: write HOST:PORT, unix:@NAME or unix:/PATH")]
+#[error("'{0}' is not an address: write HOST:PORT, unix:@NAME, unix:/PATH or agent:MACHINE/NAME")]
 pub struct AddressError(String);
 
 impl FromStr for Address {
@@ -49,6 +53,9 @@ impl FromStr for Address {
                 None if rest.starts_with('/') => Ok(Self::Path(rest.to_owned())),
                 None => Err(error()),
             },
+            ("agent", rest) if !is_host_and_port(text) => {
+                rest.parse().map(Self::Agent).map_err(|()| error())
+            }
             ("tcp", rest) if is_host_and_port(rest) => Ok(Self::Tcp(rest.to_owned())),
             ("tcp", _) => Err(error()),
             _ if is_host_and_port(text) => Ok(Self::Tcp(text.to_owned())),
@@ -71,6 +78,7 @@ impl fmt::Display for Address {
             Self::Abstract(name) => write!(f, "unix:@{name}"),
             Self::Path(path) => write!(f, "unix:{path}"),
             Self::Tcp(host) => write!(f, "tcp:{host}"),
+            Self::Agent(place) => write!(f, "agent:{place}"),
         }
     }
 }
@@ -81,7 +89,13 @@ mod tests {
 
     #[test]
     fn text_and_back() {
-        for text in ["unix:@hprm-1", "unix:/run/rti", "tcp:127.0.0.1:15045", "tcp:[::1]:0"] {
+        for text in [
+            "unix:@hprm-1",
+            "unix:/run/rti",
+            "tcp:127.0.0.1:15045",
+            "tcp:[::1]:0",
+            "agent:robot1/rti",
+        ] {
             assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
         }
     }

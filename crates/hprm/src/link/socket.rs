@@ -1,4 +1,4 @@
-//! Sockets: Unix and TCP with one interface, never blocking.
+//! Sockets: Unix, TCP and those of agents with one interface, never blocking.
 
 use std::collections::VecDeque;
 use std::io::{self, IoSlice, IoSliceMut};
@@ -18,8 +18,8 @@ use rustix::net::{
     sendmsg, sockopt,
 };
 
-use super::Address;
 use super::ends::CloseInChild;
+use super::{Address, agents};
 use crate::wait::{Deadline, Interest};
 
 /// How soon a TCP connection to a machine that has vanished ends. This long after the last bytes the kernel
@@ -61,14 +61,15 @@ pub(crate) struct SocketListener {
 enum SocketKind {
     Unix(UnixListener),
     Tcp(TcpListener),
+    /// The agent of this machine hands over what other machines open.
+    Agent(UnixStream),
 }
 
 impl Socket {
     pub(super) fn connect(address: &Address, deadline: Deadline) -> io::Result<Self> {
         match address {
-            Address::Abstract(_) | Address::Path(_) => {
-                Self::unix(UnixStream::connect_addr(&unix_address(address)?)?)
-            }
+            Address::Abstract(_) | Address::Path(_) => Self::unix(connect_unix(address)?),
+            Address::Agent(place) => Self::led_by_agent(agents::connect(place, deadline)?),
             Address::Tcp(host) => {
                 let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
                 for address in resolve(host, deadline)? {
@@ -84,15 +85,14 @@ impl Socket {
 
     fn unix(stream: UnixStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
-        // An abstract name has no permissions, so this process checks what the kernel tells about the peer.
-        let peer = sockopt::socket_peercred(&stream)?;
-        if peer.uid != rustix::process::geteuid() {
-            return Err(io::Error::new(
-                io::ErrorKind::PermissionDenied,
-                "the process at the other end belongs to another user",
-            ));
-        }
+        check_user(&stream)?;
         Ok(Self { _end: CloseInChild::of(&stream), fd: stream.into(), unix: true })
+    }
+
+    /// The other end is on another machine, although the kernel sees a Unix socket to the agent.
+    fn led_by_agent(stream: UnixStream) -> io::Result<Self> {
+        stream.set_nonblocking(true)?;
+        Ok(Self { _end: CloseInChild::of(&stream), fd: stream.into(), unix: false })
     }
 
     fn tcp(stream: TcpStream) -> io::Result<Self> {
@@ -177,6 +177,11 @@ impl SocketListener {
                 listener.set_nonblocking(true)?;
                 (CloseInChild::of(&listener), SocketKind::Unix(listener), address.clone())
             }
+            Address::Agent(place) => {
+                let (registration, place) = agents::listen(place)?;
+                let end = CloseInChild::of(&registration);
+                (end, SocketKind::Agent(registration), Address::Agent(place))
+            }
             Address::Tcp(host) => {
                 let listener = TcpListener::bind(host.as_str())?;
                 // During a flood, the kernel keeps the connections of members that come meanwhile.
@@ -200,6 +205,11 @@ impl SocketListener {
         let accepted = match &self.kind {
             SocketKind::Unix(listener) => listener.accept().map(|(stream, _)| Socket::unix(stream)),
             SocketKind::Tcp(listener) => listener.accept().map(|(stream, _)| Socket::tcp(stream)),
+            SocketKind::Agent(registration) => match agents::accept(registration) {
+                Ok(Some(stream)) => Ok(Socket::led_by_agent(stream)),
+                Ok(None) => return Ok(None),
+                Err(error) => Err(error),
+            },
         };
         match accepted {
             // A connection that this process must not serve, or that has ended, is no reason to stop
@@ -244,6 +254,7 @@ impl AsFd for SocketListener {
         match &self.kind {
             SocketKind::Unix(listener) => listener.as_fd(),
             SocketKind::Tcp(listener) => listener.as_fd(),
+            SocketKind::Agent(registration) => registration.as_fd(),
         }
     }
 }
@@ -293,6 +304,22 @@ fn unix_address(address: &Address) -> io::Result<SocketAddr> {
     match address {
         Address::Abstract(name) => SocketAddr::from_abstract_name(name),
         Address::Path(path) => SocketAddr::from_pathname(path),
-        Address::Tcp(_) => unreachable!("a TCP address is not a Unix address"),
+        Address::Tcp(_) | Address::Agent(_) => unreachable!("it is no Unix address"),
     }
+}
+
+/// Connects to a Unix socket of a process of the same user.
+pub(super) fn connect_unix(address: &Address) -> io::Result<UnixStream> {
+    let stream = UnixStream::connect_addr(&unix_address(address)?)?;
+    check_user(&stream)?;
+    Ok(stream)
+}
+
+/// An abstract name has no permissions, so this process checks what the kernel tells about the peer.
+fn check_user(stream: &UnixStream) -> io::Result<()> {
+    if sockopt::socket_peercred(stream)?.uid == rustix::process::geteuid() {
+        return Ok(());
+    }
+    let text = "the process at the other end belongs to another user";
+    Err(io::Error::new(io::ErrorKind::PermissionDenied, text))
 }

@@ -380,12 +380,12 @@ impl StreamLink {
                 return Ok(None);
             }
         };
-        let descriptor = match frame {
-            Frame::Segment { .. } => {
+        let descriptor = match frame.carries() {
+            Some(_) => {
                 self.stream.receive_descriptor(descriptors);
                 descriptors.pop_front()
             }
-            _ => None,
+            None => None,
         };
         Ok(Some((frame, descriptor)))
     }

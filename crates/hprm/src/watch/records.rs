@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Tally;
 
 /// The version of this protocol.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 
 /// What a watcher wants to know of the messages of a channel.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
@@ -56,10 +56,6 @@ pub(super) enum Told {
 pub(super) struct Introduction {
     pub(super) program: Program,
     pub(super) federate: FederateId,
-    /// The name of the federation in frames, which no other federation has.
-    pub(super) federation: String,
-    /// The numbers of its process, and of the one that has started it.
-    pub(super) processes: [u32; 2],
 }
 
 /// A message, as a watcher sees it.
@@ -70,6 +66,8 @@ pub(super) struct Seen {
     pub(super) tag: Tag,
     /// The receiver's tag; none if that is the time of arrival.
     pub(super) arrives: Option<Tag>,
+    /// The time of tag zero.
+    pub(super) start: PhysicalTime,
     /// When it was sent.
     pub(super) at: PhysicalTime,
     /// How many bytes its value has.

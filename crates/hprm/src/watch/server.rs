@@ -41,8 +41,6 @@ pub(crate) struct WatchServer {
     id: SourceId,
     program: Arc<Program>,
     me: FederateId,
-    /// The name of the federation in frames.
-    federation: String,
     watchers: BTreeMap<u16, Connection>,
     tap: Tap,
     /// Whether there may be something to accept or to read.
@@ -77,7 +75,7 @@ impl WatchServer {
         if program.federates.len() > usize::from(u16::MAX - WATCHERS) {
             return None;
         }
-        let name = socket_name(id, &program.federates[me].name);
+        let name = socket_name(id, &program.federates[me].name, std::process::id());
         let listener = RecordListener::bind(&name);
         let listener = listener.inspect_err(|error| tracing::debug!("cannot be watched: {error}"));
         Some(Self {
@@ -85,7 +83,6 @@ impl WatchServer {
             id: SourceId::new(),
             program: Arc::clone(program),
             me,
-            federation: id.to_owned(),
             watchers: BTreeMap::new(),
             tap: Tap::new(capacity / SHARE_OF_STORE),
             is_ready: true,
@@ -147,12 +144,7 @@ impl WatchServer {
             let _ = socket.send(&records::encode_first(&Told::Full), None);
             return;
         };
-        let introduction = Introduction {
-            program: (*self.program).clone(),
-            federate: self.me,
-            federation: self.federation.clone(),
-            processes: own_processes(),
-        };
+        let introduction = Introduction { program: (*self.program).clone(), federate: self.me };
         let first = records::encode_first(&Told::Federate(Box::new(introduction)));
         if socket.send(&first, None).is_ok() {
             let connection = Connection { id: SourceId::new(), socket, owed: VecDeque::new() };
@@ -231,6 +223,7 @@ impl WatchServer {
                 channel: sample.channel,
                 tag: sample.tag,
                 arrives,
+                start: sample.start,
                 at: sample.at,
                 bytes: sample.bytes,
                 dropped: self.tap.missed(watcher),
@@ -328,12 +321,6 @@ fn unsent(sent: io::Result<()>) -> Result<(), Unsent> {
         io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Unsent::Now,
         _ => Unsent::Ever,
     })
-}
-
-/// The numbers of this process, and of the one that has started it.
-fn own_processes() -> [u32; 2] {
-    let parent = rustix::process::getppid().map_or(0, |parent| parent.as_raw_nonzero().get());
-    [std::process::id(), parent.cast_unsigned()]
 }
 
 /// How many bytes a record has at least that contains a payload.

@@ -18,6 +18,8 @@ pub(crate) struct Sample {
     pub(crate) port: PortId,
     /// The sender's tag.
     pub(crate) tag: Tag,
+    /// The time of tag zero.
+    pub(crate) start: PhysicalTime,
     /// When it is sent.
     pub(crate) at: PhysicalTime,
     /// How many bytes its value has.
@@ -197,7 +199,8 @@ mod tests {
     fn sample(channel: u32, port: u32, time: i64) -> Sample {
         let tag = Tag { time, microstep: 0 };
         let (channel, port) = (ChannelId(channel), PortId(port));
-        Sample { channel, port, tag, at: PhysicalTime(time), bytes: 8 }
+        let at = PhysicalTime(time);
+        Sample { channel, port, tag, start: NOW, at, bytes: 8 }
     }
 
     fn watching(wish: Wish) -> Tap {

@@ -11,12 +11,15 @@ use hprm_core::{
 };
 use hprm_store::{Store, StoreLimits};
 
-use super::listening::connect;
-use super::{Sample, Sight, Unseen, WatchError, WatchServer, Watcher, Watching, Wish, socket_name};
+use super::connecting::{Watcher, connect};
+use super::{
+    ArrivedPart, Sample, Sight, Unseen, WatchError, WatchServer, Watching, Wish, socket_name,
+};
 
 const ME: FederateId = FederateId(0);
 const CHANNEL: ChannelId = ChannelId(0);
 const CAPACITY: u64 = 64 << 20;
+const START: PhysicalTime = PhysicalTime(7);
 const LIMIT: Duration = Duration::from_secs(10);
 
 /// `camera.image -> detector.image`.
@@ -52,7 +55,7 @@ impl Camera {
         let id = format!("{id}-{}", std::process::id());
         let server = WatchServer::listen(&program(), ME, &id, CAPACITY).expect("it listens");
         let limits = StoreLimits { capacity_bytes: CAPACITY, ..StoreLimits::default() };
-        let id = socket_name(&id, "camera");
+        let id = socket_name(&id, "camera", std::process::id());
         Self { id, server, store: Store::new(ME, limits), sent: 0 }
     }
 
@@ -62,8 +65,7 @@ impl Camera {
         let watcher = thread::spawn(move || {
             let watcher =
                 Watcher::new(connect(&id).expect("it listens"), LIMIT).expect("it connects");
-            assert_eq!((watcher.federate(), watcher.program().name.as_str()), (ME, "Main"));
-            assert!(watcher.is_process(std::process::id()));
+            assert_eq!((watcher.federate, watcher.program.name.as_str()), (ME, "Main"));
             watcher.watch(vec![CHANNEL, ChannelId(9)], wish).expect("it watches")
         });
         while !watcher.is_finished() {
@@ -89,7 +91,7 @@ impl Camera {
         let tag = Tag { time: self.sent, microstep: 0 };
         let bytes = value.as_ref().map_or(0, |payload| payload.byte_count());
         let at = PhysicalTime(self.sent);
-        let sample = Sample { channel: CHANNEL, port: PortId(0), tag, at, bytes };
+        let sample = Sample { channel: CHANNEL, port: PortId(0), tag, start: START, at, bytes };
         self.sent += 1;
         self.server.show(&sample, Some(tag), value, &mut self.store);
     }
@@ -132,11 +134,26 @@ fn what_a_watcher_holds_is_released_by_its_end() {
         let mut watching = camera.watched(Wish::Values);
         camera.send(&image(1 << 20));
         let sight = watching.next_sight().unwrap();
-        drop(watching);
+        drop((sight, watching));
         assert_eq!(camera.in_use(), 0);
-        drop(sight);
     }
     assert!(camera.server.is_idle());
+}
+
+#[test]
+fn what_is_held_does_not_change_when_nothing_is_watched_any_more() {
+    let mut camera = Camera::new("kept");
+    let mut watching = camera.watched(Wish::Values);
+    camera.send(&image(1 << 20));
+    let sight = watching.sight_by(None).unwrap().expect("it has come");
+    assert_eq!((sight.start, sight.at), (START, PhysicalTime(0)));
+    drop(watching);
+    assert!(camera.in_use() >= 1 << 20);
+    let arrived = sight.value.unwrap();
+    let [ArrivedPart::Object(held)] = &arrived.parts[..] else { panic!("{arrived:?}") };
+    assert_eq!(held.as_bytes()[0], 7);
+    drop(arrived);
+    assert_eq!(camera.in_use(), 0);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The other end of the connection: a process that watches what a federate sends.
 
 use std::io;
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -47,22 +47,24 @@ pub enum WatchError {
 /// A connection to a federate of which some channels are watched.
 #[derive(Debug)]
 pub struct Watching {
-    socket: RecordSocket,
+    socket: Arc<RecordSocket>,
     federate: FederateId,
     store: Store,
     /// Long records that have been read and are not released yet.
     tickets: Vec<u64>,
 }
 
-/// A message that a federate has sent.
+/// A message that a federate has sent, and its value: as it came, or decoded.
 #[derive(Debug)]
-pub struct Sight {
+pub struct Sight<V = Dynamic> {
     /// The channel on which it was sent.
     pub channel: ChannelId,
     /// The sender's tag.
     pub tag: Tag,
     /// The receiver's tag; none if that is the time of arrival.
     pub arrives: Option<Tag>,
+    /// The time of tag zero.
+    pub start: PhysicalTime,
     /// When it was sent.
     pub at: PhysicalTime,
     /// How many bytes its value has.
@@ -70,7 +72,47 @@ pub struct Sight {
     /// How many messages this process has missed so far, because it was too slow.
     pub dropped: u64,
     /// Its value. Arrays lie in the memory of the federate, which holds them until this is dropped.
-    pub value: Result<Dynamic, Unseen>,
+    pub value: Result<V, Unseen>,
+}
+
+/// A value as receivers get it.
+#[derive(Clone, Debug)]
+pub struct Arrived {
+    /// What describes it.
+    pub head: Vec<u8>,
+    /// Its buffers.
+    pub parts: Vec<ArrivedPart>,
+}
+
+/// A buffer of a value.
+#[derive(Clone, Debug)]
+pub enum ArrivedPart {
+    /// Bytes that came inside of the message.
+    Inline(Arc<Vec<u8>>),
+    /// Memory of the federate.
+    Object(Held),
+}
+
+/// Memory of the federate, which is read in place, and does not change as long as this lives.
+#[derive(Clone, Debug)]
+pub struct Held {
+    object: Object,
+    /// The end of the connection would release the object.
+    _socket: Arc<RecordSocket>,
+}
+
+impl Held {
+    /// The bytes.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        self.object.as_bytes()
+    }
+}
+
+impl Memory for Held {
+    fn bytes(&self) -> &[u8] {
+        self.as_bytes()
+    }
 }
 
 /// Why a value cannot be shown.
@@ -116,7 +158,7 @@ impl Watching {
         // This process makes no objects; the number only has to be another one than that of the federate.
         let me = FederateId(if federate.0 == 0 { 1 } else { 0 });
         let store = Store::new(me, StoreLimits::default());
-        Ok(Self { socket, federate, store, tickets: Vec::new() })
+        Ok(Self { socket: Arc::new(socket), federate, store, tickets: Vec::new() })
     }
 
     /// Waits for the next message of a channel that is watched with [`Wish::Values`]. What was seen before should be
@@ -127,8 +169,27 @@ impl Watching {
     /// [`WatchError::Ended`] when the federate has ended.
     pub fn next_sight(&mut self) -> Result<Sight, WatchError> {
         loop {
+            if let Some(sight) = self.sight_by(None)? {
+                return Ok(sight.decoded());
+            }
+        }
+    }
+
+    /// The next message, with its value as it came, if it comes until then; none if it does not, or a signal comes.
+    ///
+    /// # Errors
+    ///
+    /// [`WatchError::Ended`] when the federate has ended.
+    pub(super) fn sight_by(
+        &mut self,
+        until: Option<PhysicalTime>,
+    ) -> Result<Option<Sight<Arrived>>, WatchError> {
+        loop {
             self.release()?;
-            let (record, descriptor) = next_of(&self.socket, None)?;
+            if !wait_for(self.socket.as_fd(), until) {
+                return Ok(None);
+            }
+            let (record, descriptor) = received(&self.socket)?;
             match told(&record)? {
                 Told::Segment { segment, len } => {
                     let descriptor = descriptor.ok_or(WatchError::OtherVersion)?;
@@ -138,7 +199,7 @@ impl Watching {
                 Told::Retired { segments } => {
                     segments.iter().for_each(|it| self.store.detach(self.federate, *it));
                 }
-                Told::Message(seen) => return Ok(self.sight(seen)),
+                Told::Message(seen) => return Ok(Some(self.sight(seen))),
                 _ => {}
             }
         }
@@ -179,44 +240,75 @@ impl Watching {
         if serials.is_empty() { Ok(()) } else { ask(&self.socket, &Ask::Release { serials }) }
     }
 
-    fn sight(&mut self, seen: Seen) -> Sight {
-        let Seen { channel, tag, arrives, at, bytes, dropped, ticket, value } = seen;
+    fn sight(&mut self, seen: Seen) -> Sight<Arrived> {
+        let Seen { channel, tag, arrives, start, at, bytes, dropped, ticket, value } = seen;
         self.tickets.extend(ticket);
         let value = match value {
-            Content::Payload(payload) => self.value(payload),
+            Content::Payload(payload) => self.open(payload),
             Content::TooLarge => Err(Unseen::TooLarge),
             Content::Unencodable(reason) => Err(Unseen::Unencodable(reason)),
         };
-        Sight { channel, tag, arrives, at, bytes, dropped, value }
+        Sight { channel, tag, arrives, start, at, bytes, dropped, value }
     }
 
-    /// What a payload is the encoding of. Large arrays are not copied.
-    fn value(&mut self, payload: Payload) -> Result<Dynamic, Unseen> {
-        let unreadable = |error: &dyn std::fmt::Display| Unseen::Unreadable(error.to_string());
-        let mut parts: Vec<Arc<dyn Memory>> = Vec::new();
+    /// What has come, without a copy of what lies in the federate's store.
+    fn open(&mut self, payload: Payload) -> Result<Arrived, Unseen> {
+        let mut parts = Vec::with_capacity(payload.parts.len());
         for part in payload.parts {
             parts.push(match part {
-                Part::Inline(bytes) => Arc::new(bytes),
+                Part::Inline(bytes) => ArrivedPart::Inline(Arc::new(bytes)),
                 Part::Object(object) => {
                     let opened = self.store.open(object);
-                    Arc::new(InStore(opened.map_err(|error| unreadable(&error))?))
+                    let object = opened.map_err(|error| unreadable(&error))?;
+                    ArrivedPart::Object(Held { object, _socket: Arc::clone(&self.socket) })
                 }
             });
         }
-        if let Some(Pickle { names }) = Pickle::of(&payload.head, &parts) {
-            return Err(Unseen::Pickle { names });
-        }
-        outline(&payload.head, &parts).map_err(|error| unreadable(&error))
+        Ok(Arrived { head: payload.head, parts })
     }
 }
 
-/// Memory of the federate, which an array reads in place.
-struct InStore(Object);
-
-impl Memory for InStore {
-    fn bytes(&self) -> &[u8] {
-        self.0.as_bytes()
+impl AsFd for Watching {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
+}
+
+impl Sight<Arrived> {
+    /// The same with its value decoded. Large arrays are not copied.
+    pub(super) fn decoded(self) -> Sight {
+        let Self { channel, tag, arrives, start, at, bytes, dropped, value } = self;
+        let value = value.and_then(|arrived| arrived.decoded());
+        Sight { channel, tag, arrives, start, at, bytes, dropped, value }
+    }
+}
+
+impl Arrived {
+    fn decoded(self) -> Result<Dynamic, Unseen> {
+        let parts: Vec<Arc<dyn Memory>> = self.parts.into_iter().map(memory).collect();
+        if let Some(Pickle { names }) = Pickle::of(&self.head, &parts) {
+            return Err(Unseen::Pickle { names });
+        }
+        outline(&self.head, &parts).map_err(|error| unreadable(&error))
+    }
+
+    /// What the pickle names first, `module.Class`, if this is a pickle; and none in it, if that cannot be told.
+    #[must_use]
+    pub fn pickle(&self) -> Option<Option<String>> {
+        let parts: Vec<Arc<dyn Memory>> = self.parts.iter().cloned().map(memory).collect();
+        Pickle::of(&self.head, &parts).map(|it| it.names)
+    }
+}
+
+fn memory(part: ArrivedPart) -> Arc<dyn Memory> {
+    match part {
+        ArrivedPart::Inline(bytes) => bytes,
+        ArrivedPart::Object(held) => Arc::new(held),
+    }
+}
+
+fn unreadable(error: &dyn std::fmt::Display) -> Unseen {
+    Unseen::Unreadable(error.to_string())
 }
 
 /// The next record of a federate, for which this process waits no longer than `limit`.
@@ -230,6 +322,11 @@ pub(super) fn next_of(
             return Err(WatchError::Silent);
         }
     }
+    received(socket)
+}
+
+/// The record that has come.
+fn received(socket: &RecordSocket) -> Result<Received, WatchError> {
     match socket.receive() {
         Ok(received) => received.ok_or(WatchError::Ended),
         Err(error) => Err(gone_or(error)),

@@ -201,6 +201,30 @@ fn runs_that_were_stopped_are_compared_up_to_the_earlier_end() {
 }
 
 #[test]
+fn runs_are_compared_up_to_the_tag_at_which_the_clock_has_a_federate_leave() {
+    let at = |time: u64, reaction: &str, rest: &str| {
+        format!(r#"{{"tag":[{time},0],"reaction":"M.{reaction}"{rest}}}"#)
+    };
+    let leaves = r#","leaves":true,"physical":true"#;
+    let (first, left) = (at(1, "a.1", ""), at(2, "a.2", leaves));
+    let (later, received) = (at(3, "a.1", ""), at(3, "b.1", ""));
+    let short = [&first, &left, DONE];
+    let long = [&first, &later, &received, &at(4, "a.2", leaves), DONE];
+    assert_eq!(parting(&short, &long), None);
+    let found = compared(Judge::default(), &short, &long);
+    assert_eq!((found.equal, found.limit), (1, Some((2, 1))));
+    // Both leave: what the others do is compared.
+    assert!(parting(&[&first, &left, DONE], &[&first, &left, &received, DONE]).is_some());
+    // What comes before the leave is compared, and what is at its tag.
+    assert!(parting(&[&left, DONE], &long).is_some());
+    assert!(parting(&short, &[&first, &at(2, "b.1", ""), &later, DONE]).is_some());
+    // The program decides on a leave without a mark.
+    let logical = at(2, "a.2", r#","leaves":true"#);
+    assert!(parting(&[&first, &logical, DONE], &long).is_some());
+    assert!(compared(Judge { physical: true }, &short, &long).divergence.is_some());
+}
+
+#[test]
 fn an_end_at_another_tag_is_a_difference_if_the_run_was_not_stopped() {
     let earlier = r#"{"end":[12,0],"outcome":"done"}"#;
     let said = parting(&[&entry(""), DONE], &[&entry(""), earlier]).unwrap();

@@ -1,0 +1,324 @@
+//! The loop of an agent: one thread that waits for processes of this machine, for packets, and for time.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+
+use hprm::agent::{Answer, Place, Request};
+use hprm::{Clock, random_bytes};
+use hprm_core::{Nanos, PhysicalTime};
+use hprm_federated::relay::{Input, Relay};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::Failure;
+use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
+use crate::link::Link;
+use crate::local::{Local, answer};
+use crate::options::Options;
+
+/// The most links: each may hold some megabytes for a slow reader.
+const LINKS: usize = 1024;
+
+/// The most other agents that an agent knows.
+const AGENTS: usize = 1024;
+
+/// How long Zenoh may take an agent for alive that has ended while the network was broken: its lease, and a moment.
+const LEASE: Nanos = 12_000_000_000;
+
+/// How many events are taken before sockets are looked at again.
+const EVENTS: usize = 256;
+
+/// See the module.
+struct Agent {
+    me: AgentId,
+    carrier: Carrier,
+    local: Local,
+    links: BTreeMap<LinkId, Link>,
+    /// Those whose sockets are ready.
+    ready: Vec<LinkId>,
+    /// The other agents that are there.
+    others: BTreeSet<AgentId>,
+    /// Since when an older agent of the same name is there.
+    rival_since: Option<PhysicalTime>,
+}
+
+/// Runs an agent until a signal ends it.
+pub(crate) fn run(options: &Options) -> Result<(), Failure> {
+    let system = |error: std::io::Error| Failure::new(format!("the agent cannot run: {error}"));
+    let (stop, stops) = UnixStream::pair().map_err(system)?;
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        let stops = stops.try_clone().map_err(system)?;
+        signal_hook::low_level::pipe::register(signal, stops).map_err(system)?;
+    }
+    // First of all, so that a second agent of this machine disturbs nothing.
+    let local = Local::listen()?;
+    let epoch = Clock::local().0.unsigned_abs();
+    let me = AgentId { machine: options.name.clone(), epoch };
+    let carrier = Carrier::open(options, me.clone())?;
+    let (links, others) = (BTreeMap::new(), BTreeSet::new());
+    let (ready, rival_since) = (Vec::new(), None);
+    let mut agent = Agent { me, carrier, local, links, ready, others, rival_since };
+    println!("the agent of {} listens at {}", options.name, options.listen.join(" and "));
+    // Without a reader of the line, the agent runs as well.
+    let _ = std::io::stdout().flush();
+    while !agent.wait(&stop) {
+        agent.take_events();
+        agent.take_requests();
+        agent.drive_links();
+        if agent.is_second() {
+            agent.end();
+            let text = format!("another agent has the name '{}' already", options.name);
+            return Err(Failure::new(text).hint("give each machine a name of its own: --name NAME"));
+        }
+    }
+    agent.end();
+    Ok(())
+}
+
+impl Agent {
+    /// Waits until there is something to do. Returns whether the agent is to end.
+    fn wait(&mut self, stop: &UnixStream) -> bool {
+        let mut fds = vec![
+            PollFd::from_borrowed_fd(stop.as_fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.carrier.as_fd(), PollFlags::IN),
+        ];
+        let local = self.local.descriptors();
+        fds.extend(local.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
+        let before = fds.len();
+        let interests = || self.links.iter().filter_map(|(id, link)| Some((id, link.interest()?)));
+        fds.extend(interests().map(|(_, (socket, flags))| PollFd::new(socket, flags)));
+        let rival = self.rival_since.map(|since| since.plus(LEASE));
+        let wakeups = self.links.values().map(Link::next_wakeup).chain(rival);
+        let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
+        let timeout = due.map(|nanos| Timespec {
+            tv_sec: nanos / 1_000_000_000,
+            tv_nsec: nanos % 1_000_000_000,
+        });
+        if poll(&mut fds, timeout.as_ref()).is_err() {
+            // A signal has ended the wait, and the next one finds it.
+            return false;
+        }
+        let is_ready = |fd: &PollFd<'_>| !fd.revents().is_empty();
+        let ready = interests().zip(&fds[before..]).filter(|(_, fd)| is_ready(fd));
+        let ready: Vec<_> = ready.map(|((id, _), _)| id.clone()).collect();
+        let stops = is_ready(&fds[0]);
+        self.ready = ready;
+        stops
+    }
+
+    fn take_events(&mut self) {
+        self.carrier.acknowledge();
+        for taken in 0.. {
+            let Some(event) = self.carrier.next() else { return };
+            let now = Clock::local();
+            match event {
+                Event::Packet { link, packet } => self.packet(now, &link, packet),
+                Event::Opening(opening) => self.open_here(now, &opening),
+                Event::Opened { link, answer } => self.opened(now, &link, answer),
+                Event::Agent { agent, is_there } => self.other(now, agent, is_there),
+            }
+            if taken == EVENTS {
+                // More may be there; the next wait must not sleep.
+                return self.carrier.mark();
+            }
+        }
+    }
+
+    fn packet(&mut self, now: PhysicalTime, id: &LinkId, packet: Vec<u8>) {
+        match self.links.get_mut(id) {
+            Some(link) => link.handle(now, Input::Packet(packet)),
+            None => self.refuse(id, &packet),
+        }
+    }
+
+    /// Tells the other end that this agent knows nothing of a link.
+    fn refuse(&self, id: &LinkId, packet: &[u8]) {
+        if let Some(refusal) = Relay::refusal(packet) {
+            self.carrier.send_once(id, refusal);
+        }
+    }
+
+    /// Another machine opens a link to a listener here.
+    fn open_here(&mut self, now: PhysicalTime, opening: &Opening) {
+        let done = self.accept(now, &opening.link, &opening.name);
+        opening.answer(&match done {
+            Ok(()) => Answer::Done(self.me.machine.clone()),
+            Err(answer) => answer,
+        });
+    }
+
+    fn accept(&mut self, now: PhysicalTime, id: &LinkId, name: &str) -> Result<(), Answer> {
+        let (here, from) = (&self.me.machine, &id.agent.machine);
+        let refused = |error: &dyn std::fmt::Display| {
+            Answer::Refused(format!("the agent of {here} cannot open a link: {error}"))
+        };
+        if self.links.contains_key(id) || self.links.len() >= LINKS {
+            return Err(refused(&format!("it has {} links", self.links.len())));
+        }
+        let (mine, other) = UnixStream::pair().map_err(|error| refused(&error))?;
+        mine.set_nonblocking(true).map_err(|error| refused(&error))?;
+        let way = self.carrier.way(id).map_err(|error| refused(&error))?;
+        let relay = Relay::new(epoch().map_err(|error| refused(&error))?, now);
+        if !self.local.hand_over(name, &other) {
+            return Err(Answer::Absent(absent(here, name)));
+        }
+        let what = format!("of {from} to agent:{here}/{name}");
+        let mut link = Link::new(relay, way, what, mine);
+        link.opened();
+        self.links.insert(id.clone(), link);
+        Ok(())
+    }
+
+    /// The other machine has opened a link, or has not.
+    fn opened(&mut self, now: PhysicalTime, id: &LinkId, opened: Answer) {
+        let Some(link) = self.links.get_mut(id) else { return };
+        if let Some(socket) = link.socket() {
+            answer(socket, &opened);
+        }
+        match opened {
+            Answer::Done(_) => link.opened(),
+            Answer::Absent(why) | Answer::Refused(why) => {
+                link.handle(now, Input::Abort(why));
+                self.links.remove(id);
+            }
+        }
+    }
+
+    /// Another agent comes or goes, as Zenoh tells; it does not know whether only the network is broken.
+    fn other(&mut self, now: PhysicalTime, agent: AgentId, is_there: bool) {
+        for (_, link) in self.links.iter_mut().filter(|(id, _)| id.agent == agent) {
+            let input = if is_there { Input::CarrierUp } else { Input::CarrierDown };
+            link.handle(now, input);
+        }
+        if !is_there {
+            self.others.remove(&agent);
+        } else if agent != self.me && self.others.len() < AGENTS {
+            self.others.insert(agent);
+        }
+        let is_rival = |other: &AgentId| other.machine == self.me.machine && *other < self.me;
+        self.rival_since = match self.others.iter().any(is_rival) {
+            true => self.rival_since.or(Some(now)),
+            false => None,
+        };
+    }
+
+    /// Whether an older agent has the same name, and is not about to be forgotten.
+    fn is_second(&self) -> bool {
+        self.rival_since.is_some_and(|since| Clock::local() >= since.plus(LEASE))
+    }
+
+    fn take_requests(&mut self) {
+        for (stream, request) in self.local.requests() {
+            match request {
+                Request::Listen(place) => self.local.register(&self.me.machine, &place, stream),
+                Request::Connect(place) if place.is_on(&self.me.machine) => {
+                    self.connect_here(&place, &stream);
+                }
+                Request::Connect(place) => self.connect(&place, stream),
+                Request::Machines => self.tell_machines(stream),
+            }
+        }
+    }
+
+    /// Both processes are on this machine: one connection is enough, and the agent has no part in it.
+    fn connect_here(&mut self, place: &Place, stream: &UnixStream) {
+        if self.local.listens(&place.name) {
+            answer(stream, &Answer::Done(self.me.machine.clone()));
+            // If it has ended this moment, the connection ends, too.
+            self.local.hand_over(&place.name, stream);
+        } else {
+            answer(stream, &Answer::Absent(absent(&self.me.machine, &place.name)));
+        }
+    }
+
+    fn connect(&mut self, place: &Place, stream: UnixStream) {
+        let now = Clock::local();
+        let Place { machine, name } = place;
+        // Of several agents of one name, the oldest counts.
+        let Some(agent) = self.others.iter().find(|other| other.machine == *machine).cloned()
+        else {
+            let known = self.machines().into_iter().collect::<Vec<_>>().join(", ");
+            let text = format!("no agent has the name {machine}; there are: {known}");
+            return answer(&stream, &Answer::Absent(text));
+        };
+        match self.begin(now, agent, place, &stream) {
+            Ok((id, link)) => {
+                self.carrier.open_link(&id, name);
+                self.links.insert(id, link);
+            }
+            Err(why) => answer(&stream, &Answer::Refused(why)),
+        }
+    }
+
+    /// A link of which the other end is not there yet.
+    fn begin(
+        &self,
+        now: PhysicalTime,
+        agent: AgentId,
+        place: &Place,
+        stream: &UnixStream,
+    ) -> Result<(LinkId, Link), String> {
+        if self.links.len() >= LINKS {
+            return Err(format!("the agent of {} has {LINKS} links already", self.me.machine));
+        }
+        let failed = |error: std::io::Error| format!("the agent cannot open a link: {error}");
+        let socket = OwnedFd::from(stream.try_clone().map_err(failed)?);
+        let id = LinkId { agent, number: epoch()? };
+        let way = self.carrier.way(&id)?;
+        let relay = Relay::new(epoch()?, now);
+        let what = format!("to agent:{place}");
+        Ok((id, Link::new(relay, way, what, socket.into())))
+    }
+
+    fn tell_machines(&self, mut stream: UnixStream) {
+        let others = self.machines().into_iter().filter(|name| *name != self.me.machine);
+        let lines: String = others.map(|name| format!("{name}\n")).collect();
+        // The process may have ended.
+        let _ = write!(stream, "{} (this machine)\n{lines}", self.me.machine);
+    }
+
+    /// The names of all machines, this one too.
+    fn machines(&self) -> BTreeSet<&str> {
+        let others = self.others.iter().map(|other| other.machine.as_str());
+        others.chain([self.me.machine.as_str()]).collect()
+    }
+
+    /// Reads and writes what processes send and take, and lets time pass.
+    fn drive_links(&mut self) {
+        let now = Clock::local();
+        for id in std::mem::take(&mut self.ready) {
+            if let Some(link) = self.links.get_mut(&id).filter(|link| link.is_open()) {
+                link.socket_ready(now);
+            }
+        }
+        for link in self.links.values_mut() {
+            if link.next_wakeup() <= now {
+                link.handle(now, Input::Wake);
+            }
+        }
+        self.links.retain(|_, link| !link.is_over(now));
+    }
+
+    /// Tells the other ends of all links, and leaves nothing behind.
+    fn end(mut self) {
+        let now = Clock::local();
+        for link in self.links.values_mut() {
+            link.handle(now, Input::Abort(format!("the agent of {} has ended", self.me.machine)));
+        }
+        self.links.clear();
+        self.carrier.close();
+    }
+}
+
+/// A listener that is not there, perhaps not yet.
+fn absent(machine: &str, name: &str) -> String {
+    format!("no process listens at agent:{machine}/{name}")
+}
+
+/// A number that no other life of a link has.
+fn epoch() -> Result<u64, String> {
+    let bytes =
+        random_bytes().map_err(|error| format!("the system has no random numbers: {error}"))?;
+    Ok(u64::from_le_bytes(bytes))
+}

@@ -1,0 +1,370 @@
+//! What carries packets between agents: a Zenoh session, and all that this program knows of Zenoh.
+//!
+//! ```text
+//! hprm/agents/1/machines/AGENT        a liveliness token: that agent is there
+//! hprm/agents/1/open/AGENT            a query that opens a link to a listener there
+//! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
+//! ```
+//!
+//! An agent is named by its machine and its epoch, `robot1/18ac55e2f6a0b1c2`, so an agent that was started again, or
+//! another one that was given the same name, gets nothing that was meant for the first.
+//!
+//! Packets may be dropped: where Zenoh has no room, and where this program is too slow. A relayed link makes up for it.
+//! All calls return at once, or soon; what happens elsewhere comes as an [`Event`].
+
+use std::fmt;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::time::Duration;
+
+use hprm::agent::{Answer, is_name};
+use rustix::event::{EventfdFlags, eventfd};
+use serde::{Deserialize, Serialize};
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::CongestionControl;
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::SampleKind;
+
+use crate::Failure;
+use crate::options::Options;
+
+const ROOT: &str = "hprm/agents/1";
+
+/// How many packets and requests of other agents may wait for this program; more are dropped.
+const PACKETS: usize = 1024;
+
+/// How long an agent may take to open a link.
+const OPENING: Duration = Duration::from_secs(5);
+
+/// An agent: its machine, and when it was started, which tells it from others of that name.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+pub(crate) struct AgentId {
+    pub(crate) machine: String,
+    pub(crate) epoch: u64,
+}
+
+/// Which link it is, for both of its ends.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) struct LinkId {
+    /// The other agent.
+    pub(crate) agent: AgentId,
+    /// A random number.
+    pub(crate) number: u64,
+}
+
+/// What has happened elsewhere.
+#[derive(Debug)]
+pub(crate) enum Event {
+    /// A packet of a link has come.
+    Packet { link: LinkId, packet: Vec<u8> },
+    /// Another agent wants to open a link.
+    Opening(Opening),
+    /// A link that this agent wanted to open is open, or is not.
+    Opened { link: LinkId, answer: Answer },
+    /// An agent is there, or is not.
+    Agent { agent: AgentId, is_there: bool },
+}
+
+/// A link that another agent wants to open.
+#[derive(Debug)]
+pub(crate) struct Opening {
+    pub(crate) link: LinkId,
+    pub(crate) name: String,
+    query: Query,
+}
+
+/// What an agent says to open a link.
+#[derive(Serialize, Deserialize)]
+struct OpeningText {
+    number: u64,
+    from: AgentId,
+    name: String,
+}
+
+/// See the module.
+pub(crate) struct Carrier {
+    session: zenoh::Session,
+    me: AgentId,
+    inbox: Arc<Inbox>,
+    packets: Receiver<Event>,
+    events: Receiver<Event>,
+    _token: LivelinessToken,
+    _declared: (Subscriber<()>, Subscriber<()>, Queryable<()>),
+}
+
+/// Where the threads of Zenoh put what has happened.
+struct Inbox {
+    packets: SyncSender<Event>,
+    events: Sender<Event>,
+    ready: OwnedFd,
+}
+
+/// One direction of a link: packets for its other end.
+pub(crate) struct Way(Publisher<'static>);
+
+impl Carrier {
+    /// Opens a session, and makes this machine known.
+    pub(crate) fn open(options: &Options, me: AgentId) -> Result<Self, Failure> {
+        let session = zenoh::open(config(options)?).wait().map_err(|error| {
+            let listen = options.listen.join(" and ");
+            // What follows are places in Zenoh's sources.
+            let error = error.to_string();
+            let error = error.split(" at /").next().unwrap_or_default();
+            Failure::new(format!("the agent cannot listen at {listen}: {error}"))
+                .hint("name another port: --listen HOST:PORT")
+        })?;
+        let (packets_in, packets) = sync_channel(PACKETS);
+        let (events_in, events) = channel();
+        let ready = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)
+            .map_err(|error| Failure::new(format!("the agent has no descriptor left: {error}")))?;
+        let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
+        let (token, declared) = declare(&session, &me, &inbox)
+            .map_err(|error| Failure::new(format!("Zenoh fails: {error}")))?;
+        Ok(Self { session, me, inbox, packets, events, _token: token, _declared: declared })
+    }
+
+    /// What has happened, if anything has.
+    pub(crate) fn next(&self) -> Option<Event> {
+        self.events.try_recv().or_else(|_| self.packets.try_recv()).ok()
+    }
+
+    /// Takes the mark that something has happened.
+    pub(crate) fn acknowledge(&self) {
+        // It fails only if there is no mark.
+        let _ = rustix::io::read(&self.inbox.ready, &mut [0; 8]);
+    }
+
+    /// Marks that there is more to do.
+    pub(crate) fn mark(&self) {
+        self.inbox.mark();
+    }
+
+    /// Asks the agent of a machine to open a link; [`Event::Opened`] is the answer.
+    pub(crate) fn open_link(&self, link: &LinkId, name: &str) {
+        let LinkId { agent, number } = link;
+        let text = OpeningText { number: *number, from: self.me.clone(), name: name.to_owned() };
+        let payload = serde_json::to_vec(&text).expect("it has names only");
+        let inbox = Arc::clone(&self.inbox);
+        let absent = format!("the agent of {} does not answer", agent.machine);
+        let mut asked =
+            Asked { inbox, link: link.clone(), otherwise: Some(Answer::Absent(absent)) };
+        let got = self
+            .session
+            .get(format!("{ROOT}/open/{agent}"))
+            .payload(payload)
+            .timeout(OPENING)
+            .callback_mut(move |reply| {
+                if let Ok(sample) = reply.result() {
+                    let text = sample.payload().to_bytes();
+                    asked.answer(Answer::read(String::from_utf8_lossy(&text).trim_end()));
+                }
+            })
+            .wait();
+        // If it fails, the callback is gone, which is an answer.
+        drop(got);
+    }
+
+    /// The way to the other end of a link.
+    pub(crate) fn way(&self, link: &LinkId) -> Result<Way, String> {
+        let LinkId { agent, number } = link;
+        let publisher = self
+            .session
+            .declare_publisher(format!("{ROOT}/links/{agent}/{}/{number:016x}", self.me))
+            .congestion_control(CongestionControl::Drop)
+            .express(true)
+            .wait();
+        publisher.map(Way).map_err(|error| error.to_string())
+    }
+
+    /// Sends one packet of a link for which there is no way.
+    pub(crate) fn send_once(&self, link: &LinkId, packet: Vec<u8>) {
+        if let Ok(way) = self.way(link) {
+            way.send(packet);
+        }
+    }
+
+    /// Ends the session; what was sent leaves first.
+    pub(crate) fn close(self) {
+        // A session that cannot be closed ends with the process.
+        let _ = self.session.close().wait();
+    }
+}
+
+impl AsFd for Carrier {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.inbox.ready.as_fd()
+    }
+}
+
+impl Way {
+    /// Sends a packet, or drops it.
+    pub(crate) fn send(&self, packet: Vec<u8>) {
+        // A session that has ended carries nothing; the link notices the silence.
+        let _ = self.0.put(packet).wait();
+    }
+}
+
+impl Opening {
+    /// Answers the agent that asks.
+    pub(crate) fn answer(&self, answer: &Answer) {
+        // If it does not arrive, the other agent does not wait for ever.
+        let _ = self.query.reply(self.query.key_expr().clone(), answer.to_string()).wait();
+    }
+}
+
+/// An answer that comes, or does not; then another one is taken for it.
+struct Asked {
+    inbox: Arc<Inbox>,
+    link: LinkId,
+    otherwise: Option<Answer>,
+}
+
+impl Asked {
+    fn answer(&mut self, answer: Answer) {
+        if self.otherwise.take().is_some() {
+            self.inbox.put(Event::Opened { link: self.link.clone(), answer });
+        }
+    }
+}
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        if let Some(answer) = self.otherwise.clone() {
+            self.answer(answer);
+        }
+    }
+}
+
+impl Inbox {
+    fn put(&self, event: Event) {
+        // What others send may be any number, and is dropped where there is no room: a packet is sent again, and so is
+        // what opens a link. Without a receiver, the program ends.
+        let is_sent = matches!(event, Event::Packet { .. } | Event::Opening(_));
+        let _ = match is_sent {
+            true => self.packets.try_send(event).map_err(drop),
+            false => self.events.send(event).map_err(drop),
+        };
+        self.mark();
+    }
+
+    fn mark(&self) {
+        // It fails only if the mark is there already.
+        let _ = rustix::io::write(&self.ready, &1_u64.to_ne_bytes());
+    }
+}
+
+impl fmt::Display for AgentId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{:016x}", self.machine, self.epoch)
+    }
+}
+
+impl AgentId {
+    /// Reads the last two parts of a key.
+    fn read<'a>(parts: &mut impl Iterator<Item = &'a str>) -> Option<Self> {
+        let epoch = u64::from_str_radix(parts.next()?, 16).ok()?;
+        let machine = parts.next().filter(|machine| is_name(machine))?.to_owned();
+        Some(Self { machine, epoch })
+    }
+}
+
+type Declared = (LivelinessToken, (Subscriber<()>, Subscriber<()>, Queryable<()>));
+
+/// Makes the machine known, after what comes to it has somewhere to go.
+fn declare(
+    session: &zenoh::Session,
+    me: &AgentId,
+    inbox: &Arc<Inbox>,
+) -> Result<Declared, zenoh::Error> {
+    let into = Arc::clone(inbox);
+    let packets = session
+        .declare_subscriber(format!("{ROOT}/links/{me}/*/*/*"))
+        .callback(move |sample| {
+            if let Some(link) = link_of(sample.key_expr().as_str()) {
+                into.put(Event::Packet { link, packet: sample.payload().to_bytes().into_owned() });
+            }
+        })
+        .wait()?;
+    let into = Arc::clone(inbox);
+    let openings = session
+        .declare_queryable(format!("{ROOT}/open/{me}"))
+        .callback(move |query| {
+            if let Some(opening) = opening(query) {
+                into.put(Event::Opening(opening));
+            }
+        })
+        .wait()?;
+    let into = Arc::clone(inbox);
+    let machines = session
+        .liveliness()
+        .declare_subscriber(format!("{ROOT}/machines/*/*"))
+        .history(true)
+        .callback(move |sample| {
+            let is_there = sample.kind() == SampleKind::Put;
+            if let Some(agent) = AgentId::read(&mut sample.key_expr().as_str().rsplit('/')) {
+                into.put(Event::Agent { agent, is_there });
+            }
+        })
+        .wait()?;
+    let token = session.liveliness().declare_token(format!("{ROOT}/machines/{me}")).wait()?;
+    Ok((token, (packets, machines, openings)))
+}
+
+/// What another agent asks for, if it is well-formed.
+fn opening(query: Query) -> Option<Opening> {
+    let payload = query.payload()?.to_bytes();
+    let OpeningText { number, from, name } = serde_json::from_slice(&payload).ok()?;
+    let well_formed = is_name(&from.machine) && is_name(&name);
+    well_formed.then_some(Opening { link: LinkId { agent: from, number }, name, query })
+}
+
+/// The link to which the key of a packet belongs, if it is one.
+fn link_of(key: &str) -> Option<LinkId> {
+    let mut parts = key.rsplit('/');
+    let number = u64::from_str_radix(parts.next()?, 16).ok()?;
+    Some(LinkId { agent: AgentId::read(&mut parts)?, number })
+}
+
+fn config(options: &Options) -> Result<zenoh::Config, Failure> {
+    let protocol = if options.tls.is_some() { "tls" } else { "tcp" };
+    let endpoints = |places: &[String]| {
+        let places: Vec<_> = places.iter().map(|place| format!("{protocol}/{place}")).collect();
+        serde_json::to_string(&places).expect("texts are JSON")
+    };
+    let text = |text: &str| serde_json::to_string(text).expect("a text is JSON");
+    let mut settings = vec![
+        ("mode", text("peer")),
+        ("listen/endpoints", endpoints(&options.listen)),
+        ("connect/endpoints", endpoints(&options.connect)),
+        // Machines are named, so that no other one in the network is met by chance.
+        ("scouting/multicast/enabled", "false".to_owned()),
+        (
+            "connect/retry",
+            r#"{"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}"#
+                .to_owned(),
+        ),
+    ];
+    if let Some(tls) = &options.tls {
+        let path = |path: &std::path::Path| text(&path.to_string_lossy());
+        settings.extend([
+            ("transport/link/tls/root_ca_certificate", path(&tls.ca)),
+            ("transport/link/tls/listen_certificate", path(&tls.cert)),
+            ("transport/link/tls/listen_private_key", path(&tls.key)),
+            ("transport/link/tls/connect_certificate", path(&tls.cert)),
+            ("transport/link/tls/connect_private_key", path(&tls.key)),
+            ("transport/link/tls/enable_mtls", "true".to_owned()),
+            // As for links over TCP: what counts is the signature.
+            ("transport/link/tls/verify_name_on_connect", "false".to_owned()),
+        ]);
+    }
+    let mut config = zenoh::Config::default();
+    for (key, value) in settings {
+        config.insert_json5(key, &value).map_err(|error| {
+            Failure::new(format!("Zenoh does not take {key} = {value}: {error}"))
+        })?;
+    }
+    Ok(config)
+}

@@ -1,0 +1,199 @@
+//! One end of a link between machines: a relayed link, and the socket to the process at this end.
+
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+
+use hprm_core::PhysicalTime;
+use hprm_federated::relay::{End, FRAME_LIMIT, Input, Output, Relay};
+use rustix::event::PollFlags;
+
+use crate::carrier::Way;
+
+/// See the module.
+pub(crate) struct Link {
+    relay: Relay,
+    way: Way,
+    /// Which link it is, for people.
+    what: String,
+    /// The process at this end, as long as it is there.
+    socket: Option<UnixStream>,
+    /// Whether the process at the other end is known to be there.
+    is_open: bool,
+    /// Where what it sends is read into.
+    buffer: Box<[u8]>,
+    /// Whether it sends no more.
+    has_finished: bool,
+    /// What this end's process has not taken, and how much of the first of it it has.
+    unread: VecDeque<Vec<u8>>,
+    taken: usize,
+    /// Whether it takes nothing any more.
+    is_deaf: bool,
+    /// Whether the other end sends no more, and whether the process knows.
+    is_finished: bool,
+    has_told: bool,
+    ended: Option<End>,
+}
+
+impl Link {
+    /// A link whose other end may not be there yet.
+    pub(crate) fn new(relay: Relay, way: Way, what: String, socket: UnixStream) -> Self {
+        Self {
+            relay,
+            way,
+            what,
+            socket: Some(socket),
+            is_open: false,
+            buffer: vec![0; FRAME_LIMIT].into(),
+            has_finished: false,
+            unread: VecDeque::new(),
+            taken: 0,
+            is_deaf: false,
+            is_finished: false,
+            has_told: false,
+            ended: None,
+        }
+    }
+
+    /// The process at the other end is there.
+    pub(crate) fn opened(&mut self) {
+        self.is_open = true;
+    }
+
+    /// Whether the process at the other end is known to be there.
+    pub(crate) fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// The socket to the process at this end, for an answer.
+    pub(crate) fn socket(&self) -> Option<&UnixStream> {
+        self.socket.as_ref()
+    }
+
+    /// What to wait for at the socket.
+    pub(crate) fn interest(&self) -> Option<(&UnixStream, PollFlags)> {
+        let socket = self.socket.as_ref().filter(|_| self.is_open)?;
+        let mut flags = PollFlags::empty();
+        flags.set(PollFlags::IN, !self.has_finished && self.relay.room() > 0);
+        flags.set(PollFlags::OUT, !self.unread.is_empty());
+        // Without a flag, the end of the process would be told again and again.
+        (!flags.is_empty()).then_some((socket, flags))
+    }
+
+    pub(crate) fn next_wakeup(&self) -> PhysicalTime {
+        self.relay.next_wakeup()
+    }
+
+    /// Whether nothing of the link is left.
+    pub(crate) fn is_over(&self, now: PhysicalTime) -> bool {
+        self.relay.is_over(now) && self.socket.is_none()
+    }
+
+    /// Takes what has happened to the link, and does what follows.
+    pub(crate) fn handle(&mut self, now: PhysicalTime, input: Input) {
+        // Only frames can be refused, and those are no longer than there is room.
+        let _ = self.relay.handle(now, input);
+        self.proceed(now);
+    }
+
+    /// The socket may be ready.
+    pub(crate) fn socket_ready(&mut self, now: PhysicalTime) {
+        self.read(now);
+        self.proceed(now);
+    }
+
+    /// Reads what the process sends, as far as the link takes it.
+    fn read(&mut self, now: PhysicalTime) {
+        while !self.has_finished && self.relay.room() > 0 {
+            let Some(mut socket) = self.socket.as_ref() else { return };
+            let room = self.relay.room();
+            match socket.read(&mut self.buffer[..room]) {
+                Ok(0) => self.finish(now),
+                Ok(len) => {
+                    let frame = self.buffer[..len].to_vec();
+                    self.handle(now, Input::Frame(frame));
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                // The process has ended, and has not read all that it was sent.
+                Err(_) => self.finish(now),
+            }
+        }
+    }
+
+    fn finish(&mut self, now: PhysicalTime) {
+        self.has_finished = true;
+        self.handle(now, Input::Finish);
+    }
+
+    /// Does what the machine says, and writes what the process takes.
+    fn proceed(&mut self, now: PhysicalTime) {
+        loop {
+            while let Some(output) = self.relay.poll() {
+                match output {
+                    Output::Packet(packet) => self.way.send(packet),
+                    Output::Frame(frame) => self.unread.push_back(frame),
+                    Output::Finished => self.is_finished = true,
+                    Output::Ended(end) => self.ended = Some(end),
+                }
+            }
+            if !self.write(now) {
+                break;
+            }
+        }
+        match &self.ended {
+            Some(End::Finished) if self.unread.is_empty() => self.socket = None,
+            Some(End::Finished) => {}
+            Some(end) => {
+                if self.socket.take().is_some() && self.is_open {
+                    eprintln!("the link {} has ended: {end}", self.what);
+                }
+                self.unread.clear();
+            }
+            None if self.is_finished && self.unread.is_empty() && !self.has_told => {
+                self.has_told = true;
+                let closed = self.socket.as_ref().map(|socket| socket.shutdown(Shutdown::Write));
+                // The process may be gone already.
+                drop(closed);
+            }
+            None => {}
+        }
+    }
+
+    /// Writes to the process. Returns whether the machine was told of something.
+    fn write(&mut self, now: PhysicalTime) -> bool {
+        let mut told = false;
+        while self.is_open
+            && let Some(frame) = self.unread.front()
+        {
+            let written = match self.socket.as_ref().filter(|_| !self.is_deaf) {
+                Some(mut socket) => socket.write(&frame[self.taken..]),
+                None => Ok(frame.len() - self.taken),
+            };
+            match written {
+                Ok(count) => {
+                    self.taken += count;
+                    told |= self.took(now);
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                // The process has ended; what it has sent before still leaves.
+                Err(_) => self.is_deaf = true,
+            }
+        }
+        told
+    }
+
+    /// A frame has been taken as far as `taken` says.
+    fn took(&mut self, now: PhysicalTime) -> bool {
+        let len = self.unread.front().map_or(0, Vec::len);
+        if self.taken < len {
+            return false;
+        }
+        self.unread.pop_front();
+        self.taken = 0;
+        let _ = self.relay.handle(now, Input::Taken(len));
+        true
+    }
+}

@@ -1,0 +1,187 @@
+//! What processes of this machine want of the agent: their connections until a link begins, and the listeners that
+//! they have registered.
+
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, IoSlice, Read, Write};
+use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+
+use hprm::Address;
+use hprm::agent::{Answer, LINE_LIMIT, Place, Request, agent_address};
+use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg, sockopt};
+
+use crate::Failure;
+
+/// How many connections may wait for their first line; the oldest makes room for another one.
+const GREETINGS: usize = 64;
+
+/// See the module.
+pub(crate) struct Local {
+    listener: UnixListener,
+    path: Option<String>,
+    /// Connections whose first line is not complete.
+    greetings: Vec<(UnixStream, Vec<u8>)>,
+    registrations: BTreeMap<String, UnixStream>,
+}
+
+impl Local {
+    /// Listens for processes of this user.
+    pub(crate) fn listen() -> Result<Self, Failure> {
+        let address = agent_address().map_err(Failure::new)?;
+        let failed = |error: io::Error| match error.kind() {
+            io::ErrorKind::AddrInUse => {
+                Failure::new(format!("an agent runs on this machine already, at {address}"))
+                    .hint("`hprm-agent machines` asks it; HPRM_AGENT names another address")
+            }
+            _ => Failure::new(format!("the agent cannot listen at {address}: {error}")),
+        };
+        let socket = socket_address(&address).map_err(failed)?;
+        let listener = UnixListener::bind_addr(&socket).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        let path = match address {
+            Address::Path(path) => Some(path),
+            _ => None,
+        };
+        Ok(Self { listener, path, greetings: Vec::new(), registrations: BTreeMap::new() })
+    }
+
+    /// What shows that there is something to do.
+    pub(crate) fn descriptors(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        let greetings = self.greetings.iter().map(|(stream, _)| stream.as_fd());
+        let registrations = self.registrations.values().map(AsFd::as_fd);
+        std::iter::once(self.listener.as_fd()).chain(greetings).chain(registrations)
+    }
+
+    /// The requests that are complete now.
+    pub(crate) fn requests(&mut self) -> Vec<(UnixStream, Request)> {
+        while let Ok((stream, _)) = self.listener.accept() {
+            let is_mine = sockopt::socket_peercred(&stream)
+                .is_ok_and(|peer| peer.uid == rustix::process::geteuid());
+            if is_mine && stream.set_nonblocking(true).is_ok() {
+                self.greetings.push((stream, Vec::new()));
+            }
+            if self.greetings.len() > GREETINGS {
+                self.greetings.remove(0);
+            }
+        }
+        self.registrations.retain(|_, stream| is_open(stream));
+        let mut requests = Vec::new();
+        for (mut stream, mut line) in std::mem::take(&mut self.greetings) {
+            match read_line(&mut stream, &mut line) {
+                Ok(false) => self.greetings.push((stream, line)),
+                Ok(true) => match Request::read(&String::from_utf8_lossy(&line)) {
+                    Ok(request) => requests.push((stream, request)),
+                    Err(wrong) => answer(&stream, &Answer::Refused(wrong)),
+                },
+                // The process has ended, or says more than a line.
+                Err(_) => {}
+            }
+        }
+        requests
+    }
+
+    /// Registers a listener, or says why not.
+    pub(crate) fn register(&mut self, machine: &str, place: &Place, stream: UnixStream) {
+        self.registrations.retain(|_, stream| is_open(stream));
+        let refusal = if !place.is_on(machine) {
+            Some(format!("this machine is {machine}: listen at agent:{machine}/{}", place.name))
+        } else if self.registrations.contains_key(&place.name) {
+            Some(format!("another process listens at agent:{machine}/{} already", place.name))
+        } else {
+            None
+        };
+        match refusal {
+            Some(text) => answer(&stream, &Answer::Refused(text)),
+            None => {
+                answer(&stream, &Answer::Done(machine.to_owned()));
+                self.registrations.insert(place.name.clone(), stream);
+            }
+        }
+    }
+
+    /// Whether a process listens under a name.
+    pub(crate) fn listens(&self, name: &str) -> bool {
+        self.registrations.get(name).is_some_and(is_open)
+    }
+
+    /// Hands a connection to the process that listens under a name. Returns whether there is one.
+    pub(crate) fn hand_over(&mut self, name: &str, connection: &UnixStream) -> bool {
+        let Some(stream) = self.registrations.get(name) else { return false };
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+        let mut control = SendAncillaryBuffer::new(&mut space);
+        let descriptors = [connection.as_fd()];
+        let fits = control.push(SendAncillaryMessage::ScmRights(&descriptors));
+        let sent = sendmsg(stream, &[IoSlice::new(&[1])], &mut control, SendFlags::NOSIGNAL);
+        fits && sent.is_ok()
+    }
+}
+
+impl Drop for Local {
+    fn drop(&mut self) {
+        if let Some(path) = &self.path {
+            // It may have been removed already, which is as good.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// Answers a request. The buffer of a new connection takes a line.
+pub(crate) fn answer(mut stream: &UnixStream, answer: &Answer) {
+    // The process may have ended.
+    let _ = stream.write_all(answer.to_string().as_bytes());
+}
+
+/// Prints what the agent of this machine knows of all machines.
+pub(crate) fn show_machines() -> Result<(), Failure> {
+    let address = agent_address().map_err(Failure::new)?;
+    let none = |error: io::Error| {
+        Failure::new(format!("no agent answers on this machine, at {address}: {error}"))
+            .hint("start one: hprm-agent")
+    };
+    let socket = socket_address(&address).map_err(none)?;
+    let mut stream = UnixStream::connect_addr(&socket).map_err(none)?;
+    stream.write_all(Request::Machines.to_string().as_bytes()).map_err(none)?;
+    let lines = BufReader::new(stream).lines().collect::<Result<Vec<_>, _>>().map_err(none)?;
+    for line in lines {
+        println!("{line}");
+    }
+    Ok(())
+}
+
+fn socket_address(address: &Address) -> io::Result<SocketAddr> {
+    match address {
+        Address::Abstract(name) => SocketAddr::from_abstract_name(name),
+        Address::Path(path) => SocketAddr::from_pathname(path),
+        Address::Tcp(_) | Address::Agent(_) => Err(io::ErrorKind::InvalidInput.into()),
+    }
+}
+
+/// Reads a line as far as it has come. Returns whether it is complete. A process writes nothing after it before it has
+/// an answer.
+fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> io::Result<bool> {
+    let mut buffer = [0; LINE_LIMIT];
+    loop {
+        match stream.read(&mut buffer) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(count) => line.extend_from_slice(&buffer[..count]),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        match line.iter().position(|byte| *byte == b'\n') {
+            Some(end) if end + 1 == line.len() => {
+                line.truncate(end);
+                return Ok(true);
+            }
+            Some(_) => return Err(io::ErrorKind::InvalidData.into()),
+            None if line.len() >= LINE_LIMIT => return Err(io::ErrorKind::InvalidData.into()),
+            None => {}
+        }
+    }
+}
+
+/// Whether a registered process is still there; it sends nothing.
+fn is_open(mut stream: &UnixStream) -> bool {
+    matches!(stream.read(&mut [0]), Err(error) if error.kind() == io::ErrorKind::WouldBlock)
+}

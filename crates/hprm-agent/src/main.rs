@@ -1,0 +1,55 @@
+//! The command `hprm-agent`: one process on each machine that leads links between federations' processes of different
+//! machines, through Zenoh.
+//!
+//! This file has the command line. `agent.rs` is the loop, `carrier.rs` all that knows Zenoh, `local.rs` what processes
+//! of this machine want, `link.rs` one link.
+
+#![forbid(unsafe_code)]
+
+mod agent;
+mod carrier;
+mod link;
+mod local;
+mod options;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use options::{Arguments, Command};
+
+/// What the user is told, and what to do about it.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+struct Failure {
+    message: String,
+    hint: Option<String>,
+}
+
+impl Failure {
+    fn new(message: impl Into<String>) -> Self {
+        Self { message: message.into(), hint: None }
+    }
+
+    fn hint(self, hint: impl Into<String>) -> Self {
+        Self { hint: Some(hint.into()), ..self }
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let done = match arguments.command {
+        Some(Command::Machines) => local::show_machines(),
+        None => arguments.serve.check().and_then(|options| agent::run(&options)),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            if let Some(hint) = failure.hint {
+                eprintln!("  hint: {hint}");
+            }
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! What the command line may say, and what of it is refused.
+
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use hprm::agent::is_name;
+
+use crate::Failure;
+
+/// Lead links between processes of federations on different machines, through Zenoh.
+///
+/// One agent runs on each machine. A process reaches one on another machine by the address agent:MACHINE/NAME:
+/// `hprm rti --listen agent:robot1/rti` on one machine, `hprm federate --rti agent:robot1/rti` on the others.
+#[derive(Parser, Debug)]
+#[command(name = "hprm-agent", version, args_conflicts_with_subcommands = true)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Option<Command>,
+    #[command(flatten)]
+    pub(crate) serve: Serve,
+}
+
+#[derive(Subcommand, Debug)]
+pub(crate) enum Command {
+    /// List the machines whose agents this machine's agent sees
+    Machines,
+}
+
+/// How an agent runs.
+#[derive(Args, Debug)]
+pub(crate) struct Serve {
+    /// The name of this machine; by default its host name
+    #[arg(long)]
+    name: Option<String>,
+    /// Where other agents reach this one; other machines only with a certificate
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:7650")]
+    listen: Vec<String>,
+    /// Where another agent or a Zenoh router listens
+    #[arg(long, value_name = "HOST:PORT")]
+    connect: Vec<String>,
+    /// The certificate of this machine, in PEM
+    #[arg(long, value_name = "FILE", requires_all = ["tls_key", "tls_ca"])]
+    tls_cert: Option<PathBuf>,
+    /// Its key
+    #[arg(long, value_name = "FILE", requires_all = ["tls_cert", "tls_ca"])]
+    tls_key: Option<PathBuf>,
+    /// Certificates of the authorities that have signed those of all agents
+    #[arg(long, value_name = "FILE", requires_all = ["tls_cert", "tls_key"])]
+    tls_ca: Option<PathBuf>,
+}
+
+/// How an agent runs, checked.
+#[derive(Debug)]
+pub(crate) struct Options {
+    pub(crate) name: String,
+    pub(crate) listen: Vec<String>,
+    pub(crate) connect: Vec<String>,
+    pub(crate) tls: Option<Tls>,
+}
+
+/// The files of a certificate.
+#[derive(Debug)]
+pub(crate) struct Tls {
+    pub(crate) cert: PathBuf,
+    pub(crate) key: PathBuf,
+    pub(crate) ca: PathBuf,
+}
+
+impl Serve {
+    /// Refuses what would let other machines in without a certificate, and names that cannot be used.
+    pub(crate) fn check(self) -> Result<Options, Failure> {
+        let name = match self.name {
+            Some(name) => name,
+            None => host_name(),
+        };
+        if !is_name(&name) {
+            return Err(Failure::new(format!("'{name}' cannot be the name of a machine"))
+                .hint("write --name NAME with letters, digits, and '-', '_' or '.' between them"));
+        }
+        let tls = match (self.tls_cert, self.tls_key, self.tls_ca) {
+            (Some(cert), Some(key), Some(ca)) => Some(Tls { cert, key, ca }),
+            _ => None,
+        };
+        for file in tls.iter().flat_map(|tls| [&tls.cert, &tls.key, &tls.ca]) {
+            std::fs::read(file).map_err(|error| {
+                Failure::new(format!("cannot read {}: {error}", file.display()))
+            })?;
+        }
+        for (place, what) in self
+            .listen
+            .iter()
+            .map(|place| (place, "listen at"))
+            .chain(self.connect.iter().map(|place| (place, "connect to")))
+        {
+            if tls.is_none() && !is_loopback(place)? {
+                return Err(Failure::new(format!(
+                    "the agent does not {what} {place} without a certificate: other machines reach that, and could \
+                     read and change what federates send"
+                ))
+                .hint("name the files: --tls-cert, --tls-key and --tls-ca"));
+            }
+        }
+        Ok(Options { name, listen: self.listen, connect: self.connect, tls })
+    }
+}
+
+/// Whether only processes of this machine reach an address.
+fn is_loopback(place: &str) -> Result<bool, Failure> {
+    let wrong = |error: &dyn std::fmt::Display| {
+        Failure::new(format!("'{place}' is no address: {error}")).hint("write HOST:PORT")
+    };
+    if let Ok(address) = place.parse::<SocketAddr>() {
+        return Ok(address.ip().is_loopback());
+    }
+    let mut addresses = place.to_socket_addrs().map_err(|error| wrong(&error))?;
+    Ok(addresses.all(|address| address.ip().is_loopback()))
+}
+
+fn host_name() -> String {
+    let name = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    name.split('.').next().unwrap_or_default().to_owned()
+}

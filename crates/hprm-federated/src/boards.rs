@@ -1,0 +1,342 @@
+//! What federates show one another in shared memory, and how far each may advance because of that.
+//!
+//! Where all federates run on one machine, centralized coordination needs no frames to the RTI and back. Each federate
+//! posts on a board, which it alone writes, before which step it does nothing of its own accord, and how many messages
+//! it has sent and received. Whichever federate waits reads the boards of the others, and finds from them how early a
+//! message may still reach it. That is the RTI's computation (`earliest`), done at once instead of change by change: between
+//! two questions most boards have changed.
+//!
+//! **Old contents are safe.** A federate may see any of the contents that a board has had since it last looked, of each
+//! board independently of all others. Take the earliest message that may still reach it, and follow back what causes
+//! that message. Each message on the way was either sent after its sender's board was read, and then its cause is
+//! next; or it was sent before, and then it is counted at the sender, and not yet at the receiver if the receiver has
+//! to do something because of it that its board does not tell. In the first case, what the sender's board says holds
+//! for the cause; in the second, the bound for unread messages does. Steps increase along the way, so it ends.
+//!
+//! So nothing depends on the order in which memory is written: a message may reach its receiver before or after the
+//! board that counts it. How boards get from one process to another is up to the driver.
+
+use hprm_core::{ChannelId, FederateId, Table, Tag};
+
+use crate::{Step, Topology};
+
+/// How many messages one end of a channel has counted, and the tag of the last one.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Tally {
+    /// How many.
+    pub messages: u64,
+    /// The tag of the last one; `NEVER` if there was none.
+    pub latest: Tag,
+}
+
+/// What a federate shows of itself.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Posting {
+    /// Before this step it does nothing, unless a message reaches it that it has not counted.
+    pub next: Step,
+    /// Through which step it must know its inputs before it goes on; `NEVER` if it does not wait for that.
+    pub waits: Step,
+    /// It has asked to leave before the others: it promises no more than `next` until it knows at which tag.
+    pub departs: bool,
+    /// It has ended, and sends nothing more.
+    pub ended: bool,
+    /// What it has counted on its channels, in their order: on all that lead from it or to it, but physical ones. One
+    /// from a federate to itself is there twice; the first of these tallies counts what was sent.
+    pub tallies: Vec<Tally>,
+}
+
+/// One channel, and where its two tallies are.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+struct Line {
+    from: FederateId,
+    to: FederateId,
+    sent: usize,
+    received: usize,
+    /// The level before which the receiver has to know its messages, as in [`Edge::shift`](crate::Edge::shift).
+    level: u32,
+}
+
+/// See the module.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Boards {
+    me: FederateId,
+    lines: Vec<Line>,
+    /// The lines that lead to each federate.
+    leading_to: Table<FederateId, Vec<usize>>,
+    /// The federates to which those of each federate lead.
+    leading_from: Table<FederateId, Vec<FederateId>>,
+    /// Where the tally of a channel is on this federate's own board.
+    own: Vec<(ChannelId, usize)>,
+    postings: Table<FederateId, Posting>,
+    /// The step of the earliest message to each federate that its sender has counted, and the federate has not.
+    unread: Table<FederateId, Step>,
+    /// The last tag of the program, as far as this federate knows.
+    stop: Tag,
+    /// The federates downstream of this one.
+    downstream: Vec<FederateId>,
+    /// The federates from which something leads to this one, the furthest first.
+    upstream: Vec<FederateId>,
+    /// The same for this federate and all downstream.
+    around: Vec<FederateId>,
+    /// Through which step this federate knows its inputs, unless a board has changed since it was found.
+    known: Option<Step>,
+    /// Whether this federate has counted a message since it last posted.
+    counted: bool,
+}
+
+impl Tally {
+    const NONE: Self = Self { messages: 0, latest: Tag::NEVER };
+}
+
+impl Posting {
+    fn new(tallies: usize) -> Self {
+        Self {
+            next: Step::begin(Tag::START),
+            waits: Step::NEVER,
+            departs: false,
+            ended: false,
+            tallies: vec![Tally::NONE; tallies],
+        }
+    }
+}
+
+impl Boards {
+    /// Boards on which nothing has been posted: all federates may do something at tag zero.
+    pub(crate) fn new(topology: &Topology, me: FederateId) -> Self {
+        let federates = topology.federates().count();
+        let mut counts: Table<FederateId, usize> = Table::filled(federates, 0);
+        let mut take = |federate: FederateId| {
+            counts[federate] += 1;
+            counts[federate] - 1
+        };
+        let mut leading_to: Table<FederateId, Vec<usize>> = Table::filled(federates, Vec::new());
+        let mut leading_from: Table<FederateId, Vec<FederateId>> =
+            Table::filled(federates, Vec::new());
+        let (mut lines, mut own) = (Vec::new(), Vec::new());
+        for (id, channel) in topology.channels().iter().filter(|(_, channel)| !channel.physical) {
+            let (from, to) = (channel.from, channel.to);
+            let level = if channel.is_direct() { channel.first_reader } else { 0 };
+            let (sent, received) = (take(from), take(to));
+            let tallies = [(from, sent), (to, received)].into_iter();
+            own.extend(tallies.filter(|(end, _)| *end == me).map(|(_, at)| (id, at)));
+            leading_to[to].push(lines.len());
+            if !leading_from[from].contains(&to) {
+                leading_from[from].push(to);
+            }
+            lines.push(Line { from, to, sent, received, level });
+        }
+        let downstream: Vec<_> = topology.reachable(me).into_iter().collect();
+        Self {
+            me,
+            lines,
+            leading_to,
+            leading_from,
+            own,
+            postings: counts.values().map(|count| Posting::new(*count)).collect(),
+            unread: Table::filled(federates, Step::FOREVER),
+            stop: topology.timeout(),
+            upstream: leading_to_any(topology, &[me]),
+            around: leading_to_any(topology, &downstream),
+            downstream: downstream.into_iter().filter(|other| *other != me).collect(),
+            known: None,
+            counted: false,
+        }
+    }
+
+    /// What this federate shows.
+    pub(crate) fn own(&self) -> &Posting {
+        &self.postings[self.me]
+    }
+
+    /// A step of this federate, or the last tag of the program if that comes first: a federate processes it, whatever
+    /// else it has to do.
+    pub(crate) fn until_stop(&self, step: Step) -> Step {
+        if step.tag > self.stop { Step::begin(self.stop) } else { step }
+    }
+
+    /// Whether this federate sends to another one.
+    pub(crate) fn has_downstream(&self) -> bool {
+        !self.downstream.is_empty()
+    }
+
+    /// Whether a federate shows that it waits for the tag at which it may leave.
+    pub(crate) fn departs(&self, federate: FederateId) -> bool {
+        self.postings[federate].departs
+    }
+
+    /// Counts a message that this federate sends.
+    pub(crate) fn sent(&mut self, channel: ChannelId, tag: Tag) {
+        let at = self.own.partition_point(|(id, _)| *id < channel);
+        self.count(at, channel, tag);
+    }
+
+    /// Counts a message that has arrived.
+    pub(crate) fn received(&mut self, channel: ChannelId, tag: Tag) {
+        let after = self.own.partition_point(|(id, _)| *id <= channel);
+        self.count(after.wrapping_sub(1), channel, tag);
+    }
+
+    fn count(&mut self, at: usize, channel: ChannelId, tag: Tag) {
+        let Some((_, at)) = self.own.get(at).filter(|(id, _)| *id == channel) else { return };
+        let tally = &mut self.postings[self.me].tallies[*at];
+        *tally = Tally { messages: tally.messages + 1, latest: tally.latest.max(tag) };
+        self.counted = true;
+    }
+
+    /// From now on, this federate shows this, and what it has counted.
+    pub(crate) fn post(&mut self, next: Step, waits: Step, departs: bool) {
+        let own = &mut self.postings[self.me];
+        if own.next != next {
+            self.known = None;
+        }
+        (own.next, own.waits, own.departs) = (next, waits, departs);
+        if std::mem::take(&mut self.counted) {
+            self.refresh(self.me);
+        }
+    }
+
+    /// This federate has ended.
+    pub(crate) fn end(&mut self) {
+        self.postings[self.me].ended = true;
+        self.refresh(self.me);
+    }
+
+    /// Takes what another federate shows. What does not fit the program, no federate has posted.
+    pub(crate) fn read(&mut self, from: FederateId, posting: Posting) {
+        let known = self.postings.get(from).filter(|_| from != self.me);
+        if known.is_some_and(|known| known.tallies.len() == posting.tallies.len()) {
+            self.postings[from] = posting;
+            self.refresh(from);
+        }
+    }
+
+    /// The program ends at `tag`.
+    pub(crate) fn stop_at(&mut self, tag: Tag) {
+        self.stop = self.stop.min(tag);
+        self.known = None;
+    }
+
+    /// Through which step this federate knows everything that can reach it, as far as the boards tell that have been
+    /// read.
+    pub(crate) fn known(&mut self, topology: &Topology) -> Step {
+        let known = self.known.unwrap_or_else(|| {
+            let arrivals = self.arrivals(topology, &self.upstream);
+            self.through(self.me, &arrivals)
+        });
+        self.known = Some(known);
+        known
+    }
+
+    /// The federates that wait, and need not wait any more because of what this federate shows.
+    pub(crate) fn released(&self, topology: &Topology) -> Vec<FederateId> {
+        let waiting = |other: &FederateId| {
+            let Posting { waits, ended, .. } = self.postings[*other];
+            waits > Step::NEVER && !ended
+        };
+        let mut waiting: Vec<_> = self.downstream.iter().copied().filter(waiting).collect();
+        if !waiting.is_empty() {
+            let arrivals = self.arrivals(topology, &self.around);
+            waiting.retain(|it| self.postings[*it].waits <= self.through(*it, &arrivals));
+        }
+        waiting
+    }
+
+    /// Through which step a federate knows everything, if messages that are still to be sent arrive as given.
+    fn through(&self, federate: FederateId, arrivals: &Table<FederateId, Step>) -> Step {
+        self.unread[federate].min(arrivals[federate]).pred()
+    }
+
+    /// How early a message can still be sent to each federate that one of these sends to, and arrive there.
+    ///
+    /// Whatever a federate sends, it does of its own accord, or because of something that arrives there. Each way
+    /// around leads to a later step, so the values settle after as many rounds as a way has federates; few, because
+    /// those upstream come first.
+    fn arrivals(&self, topology: &Topology, of: &[FederateId]) -> Table<FederateId, Step> {
+        let mut arrivals = Table::filled(self.postings.len(), Step::FOREVER);
+        let mut settled = false;
+        while !settled {
+            settled = true;
+            for from in of.iter().copied().filter(|from| !self.postings[*from].ended) {
+                let earliest = self.spontaneous(from).min(arrivals[from]);
+                for edge in topology.downstream(from) {
+                    let arrival = edge.shift(earliest);
+                    if arrival < arrivals[edge.federate] {
+                        arrivals[edge.federate] = arrival;
+                        settled = false;
+                    }
+                }
+            }
+        }
+        arrivals
+    }
+
+    /// Before which step a federate does nothing, unless a message reaches it that has not been sent yet.
+    fn spontaneous(&self, federate: FederateId) -> Step {
+        // It may not know the last tag yet.
+        let next = self.until_stop(self.postings[federate].next);
+        self.unread[federate].min(next)
+    }
+
+    /// A federate's board has changed, and with it perhaps what its receivers have not read.
+    fn refresh(&mut self, federate: FederateId) {
+        self.known = None;
+        self.count_unread(federate);
+        for at in 0..self.leading_from[federate].len() {
+            let reader = self.leading_from[federate][at];
+            if reader != federate {
+                self.count_unread(reader);
+            }
+        }
+    }
+
+    /// What a federate that has ended has not read, it never will.
+    fn count_unread(&mut self, federate: FederateId) {
+        let lines = self.leading_to[federate].iter().map(|at| self.lines[*at]);
+        let unread = match self.postings[federate].ended {
+            true => None,
+            false => lines.filter_map(|line| self.unread_on(line)).min(),
+        };
+        self.unread[federate] = unread.unwrap_or(Step::FOREVER);
+    }
+
+    fn unread_on(&self, line: Line) -> Option<Step> {
+        let sent = self.postings[line.from].tallies[line.sent];
+        let received = self.postings[line.to].tallies[line.received];
+        if sent.messages <= received.messages {
+            return None;
+        }
+        // Tags on a channel increase. Of several unread messages only the tag of the last one is known.
+        let tag = match sent.messages - received.messages {
+            1 => sent.latest,
+            _ => received.latest.succ().max(Tag::START),
+        };
+        Some(Step { tag, level: line.level })
+    }
+}
+
+/// The federates from which something leads to one of these, each before those to which it sends where there is no
+/// way back.
+fn leading_to_any(topology: &Topology, targets: &[FederateId]) -> Vec<FederateId> {
+    let mut found = Vec::new();
+    let mut seen: Table<FederateId, bool> = topology.federates().map(|_| false).collect();
+    let senders = |federate| topology.upstream(federate).iter();
+    // The ways back that are being followed, each with the senders that are still to be visited.
+    let mut open: Vec<_> = targets.iter().map(|target| (None, senders(*target))).collect();
+    while let Some((federate, rest)) = open.last_mut() {
+        match rest.next() {
+            Some(edge) if seen[edge.federate] => {}
+            Some(edge) => {
+                seen[edge.federate] = true;
+                open.push((Some(edge.federate), senders(edge.federate)));
+            }
+            None => {
+                found.extend(*federate);
+                open.pop();
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;

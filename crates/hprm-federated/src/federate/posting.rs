@@ -1,0 +1,202 @@
+//! What this federate shows on its board, and what it finds on the boards of others.
+//!
+//! The rules by which boards tell how far a federate may advance are in `boards`. Here is when this federate posts:
+//! whenever it knows its next step. While it processes a tag, its board says what was true before, which is safe.
+
+use std::collections::BTreeMap;
+
+use hprm_core::{FederateId, Nanos, PhysicalTime};
+
+use super::{Activity, Coordinator, Federate};
+use crate::boards::Boards;
+use crate::decentralized::Decentralized;
+use crate::{Frame, Output, Posting, Step};
+
+/// How often a federate that a clock may wake at any moment posts how far its clock is.
+const CLOCK_POST: Nanos = 10_000_000;
+
+/// The boards, and what this federate has shown on its own.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Showing {
+    pub(super) boards: Boards,
+    /// What it has posted last.
+    shown: Option<Posting>,
+    /// When it posted last.
+    shown_at: PhysicalTime,
+    /// Federates that ask to leave, with the number of the process, for which the RTI waits until this one has read
+    /// that on their boards.
+    departing: BTreeMap<FederateId, u32>,
+}
+
+impl Federate {
+    /// From now on, boards say how far this federate may advance, and its messages go directly to their receivers.
+    pub(super) fn use_boards(&mut self) {
+        let boards = Boards::new(&self.topology, self.me);
+        let shown_at = PhysicalTime(i64::MIN);
+        self.showing = Some(Showing { boards, shown: None, shown_at, departing: BTreeMap::new() });
+        let machine = Decentralized::on_boards(&self.topology, self.me);
+        self.coordinator = Coordinator::Decentralized(machine);
+        self.startup.need_links();
+        let others: Vec<_> = self.topology.federates().filter(|it| *it != self.me).collect();
+        self.startup.need_boards(others.iter().copied());
+        for (reader, notifier) in others.into_iter().flat_map(|it| [(it, false), (it, true)]) {
+            let frame = Frame::Board { owner: self.me, reader, notifier };
+            self.outputs.push_back(Output::ToRti(frame));
+        }
+    }
+
+    /// The board of another federate has come, or what wakes it up.
+    pub(super) fn take_board(&mut self, now: PhysicalTime, owner: FederateId, notifier: bool) {
+        if self.startup.takes_board(owner, notifier) {
+            self.outputs.push_back(Output::Board { owner, notifier });
+            self.get_ready(now);
+        }
+    }
+
+    /// How many tallies this federate shows.
+    #[must_use]
+    pub fn tallies(&self) -> usize {
+        self.showing.as_ref().map_or(0, |showing| showing.boards.own().tallies.len())
+    }
+
+    /// Whether this federate reads boards.
+    #[must_use]
+    pub fn reads_boards(&self) -> bool {
+        self.showing.is_some()
+    }
+
+    /// Through which step, as the boards say, every message has arrived that is read there; none without boards.
+    #[must_use]
+    pub fn known_by_boards(&self) -> Option<Step> {
+        match &self.coordinator {
+            Coordinator::Decentralized(machine) => {
+                self.showing.as_ref().map(|_| machine.safe_through())
+            }
+            Coordinator::Centralized(_) => None,
+        }
+    }
+
+    /// The federates that need not wait any more because of what this federate has posted.
+    #[must_use]
+    pub fn released(&self) -> Vec<FederateId> {
+        let showing = self.showing.as_ref().filter(|_| self.next_step().is_some() || self.ended);
+        showing.map(|showing| showing.boards.released(&self.topology)).unwrap_or_default()
+    }
+
+    /// Another federate shows something new.
+    pub(super) fn read_board(&mut self, from: FederateId, posting: Posting) {
+        if let Some(showing) = &mut self.showing {
+            showing.boards.read(from, posting);
+        }
+    }
+
+    /// A federate asks to leave. This one answers when it has read that on the board.
+    pub(super) fn peer_departs(&mut self, federate: FederateId, incarnation: u32) {
+        if let Some(showing) = &mut self.showing {
+            showing.departing.insert(federate, incarnation);
+        }
+    }
+
+    /// Posts what is new, finds out how far this federate may advance, and answers about federates that leave.
+    pub(super) fn look_at_boards(&mut self, now: PhysicalTime) {
+        let Some(start) = self.startup.start().filter(|_| !self.ended) else { return };
+        let Some(next) = self.next_on_boards() else { return };
+        let departs = self.wants_to_leave && self.departure.is_none();
+        let waits = self.awaited(next, now, start);
+        let (Some(showing), Coordinator::Decentralized(machine)) =
+            (&mut self.showing, &mut self.coordinator)
+        else {
+            return;
+        };
+        let mut certain = machine.certain(now, start, self.current, next);
+        if departs {
+            certain = certain.min(Step::begin(self.current.succ().max(self.first)));
+        }
+        showing.boards.post(certain, waits, departs);
+        machine.safe(showing.boards.known(&self.topology));
+        if let Some(posting) = showing.news(now, certain < next && !departs) {
+            self.outputs.push_back(Output::Post(posting));
+        }
+        self.answer_about_departures();
+    }
+
+    /// This federate has ended: nothing more comes from it.
+    pub(super) fn post_end(&mut self) {
+        if let Some(showing) = &mut self.showing {
+            showing.boards.end();
+            self.outputs.push_back(Output::Post(showing.boards.own().clone()));
+        }
+    }
+
+    /// When to look at the boards again, if nothing wakes this federate up before: others do not wake it up for a
+    /// tag that is not due, and they may wait for what a clock can cause here.
+    pub(super) fn next_look(&self) -> Option<PhysicalTime> {
+        let (showing, next) = (self.showing.as_ref()?, self.next_on_boards()?);
+        let start = self.startup.start()?;
+        let posting = showing.boards.own();
+        let limited = posting.next < next && !posting.departs && showing.boards.has_downstream();
+        let clock = limited.then(|| showing.shown_at.plus(CLOCK_POST));
+        let due = next.tag.due(start);
+        let unasked = posting.waits == Step::NEVER && !self.is_fast;
+        let due = (unasked && self.needs(next) > Step::NEVER).then_some(due);
+        clock.into_iter().chain(due).min()
+    }
+
+    /// The next step of this federate, if it is known and there are boards.
+    fn next_on_boards(&self) -> Option<Step> {
+        Some(self.showing.as_ref()?.boards.until_stop(self.next_step()?))
+    }
+
+    /// Through which step this federate must know its inputs now, to go on; `NEVER` if it does not wait for that.
+    fn awaited(&self, next: Step, now: PhysicalTime, start: PhysicalTime) -> Step {
+        match self.is_fast || next.tag.due(start) <= now {
+            true => self.needs(next),
+            false => Step::NEVER,
+        }
+    }
+
+    fn needs(&self, next: Step) -> Step {
+        let Coordinator::Decentralized(machine) = &self.coordinator else { return Step::NEVER };
+        match self.activity {
+            Activity::Within(step) => machine.needs(step),
+            _ => machine.needs_to_begin(next.tag),
+        }
+    }
+
+    /// Answers about the federates that ask to leave, if their boards say so by now. From then on this federate
+    /// relies on nothing that they said before.
+    fn answer_about_departures(&mut self) {
+        let (Some(showing), Coordinator::Decentralized(machine)) =
+            (&mut self.showing, &mut self.coordinator)
+        else {
+            return;
+        };
+        let Showing { boards, departing, .. } = showing;
+        let read: Vec<_> = departing.keys().copied().filter(|it| boards.departs(*it)).collect();
+        for federate in read {
+            let Some(incarnation) = departing.remove(&federate) else { continue };
+            machine.only_safe(boards.known(&self.topology));
+            let frame = Frame::Met { federate, incarnation, after: self.current };
+            self.outputs.push_back(Output::ToRti(frame));
+        }
+    }
+}
+
+impl Showing {
+    /// What is to be posted, if it is new. What only a clock changes is posted now and then.
+    fn news(&mut self, now: PhysicalTime, by_clock: bool) -> Option<Posting> {
+        let own = self.boards.own();
+        if let Some(shown) = &self.shown {
+            let same = own.waits == shown.waits
+                && (own.departs, own.ended) == (shown.departs, shown.ended)
+                && own.tallies == shown.tallies;
+            let soon = by_clock && now < self.shown_at.plus(CLOCK_POST);
+            if same && (own.next == shown.next || soon) {
+                return None;
+            }
+        }
+        self.shown_at = now;
+        self.shown = Some(own.clone());
+        self.shown.clone()
+    }
+}

@@ -1,0 +1,96 @@
+//! How fast to send: when a frame counts as lost, and how much may be on its way.
+//!
+//! The carrier drops what it has no room for. So an end sends little more than what arrives: twice as much for each
+//! round trip without a loss, half as much after one, and little after a silence.
+
+use hprm_core::Nanos;
+
+use super::packet::FRAME_LIMIT;
+
+/// Bounds of the time after which a frame without an answer is sent again. The lower one is longer than an agent that
+/// is not scheduled for a moment; the upper one bounds how late a link notices that the carrier works again.
+const SHORTEST: Nanos = 20_000_000;
+const LONGEST: Nanos = 1_000_000_000;
+
+/// That time before anything is known of the carrier.
+const INITIAL: Nanos = 200_000_000;
+
+/// What may be on its way at first and after a silence, and at least: a few long frames, or 64 short ones.
+const LEAST: u64 = 4 * FRAME_LIMIT as u64;
+
+/// See the module.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Pace {
+    /// The mean of round trips, and how much they differ from it.
+    round_trip: Option<(Nanos, Nanos)>,
+    /// How often in succession nothing was answered.
+    timeouts: u32,
+    /// How much may be on its way, and up to which amount that may double.
+    window: u64,
+    threshold: u64,
+    limit: u64,
+    /// Losses of transmissions before this one have been answered by a smaller window.
+    answered: u64,
+}
+
+impl Pace {
+    /// For a link that has at most so much on its way.
+    pub(super) fn new(limit: u64) -> Self {
+        let (round_trip, timeouts, window, threshold, answered) = (None, 0, LEAST, limit, 0);
+        Self { round_trip, timeouts, window, threshold, limit, answered }
+    }
+
+    /// How much may be on its way, by cost.
+    pub(super) fn window(&self) -> u64 {
+        self.window
+    }
+
+    /// How long a frame may stay without an answer.
+    pub(super) fn timeout(&self) -> Nanos {
+        let patience = self.round_trip.map_or(INITIAL, |(mean, spread)| mean + 4 * spread);
+        (patience.clamp(SHORTEST, LONGEST) << self.timeouts.min(6)).min(LONGEST)
+    }
+
+    /// A frame that was sent once has been answered.
+    pub(super) fn measured(&mut self, time: Nanos) {
+        let time = time.max(0);
+        self.round_trip = Some(match self.round_trip {
+            None => (time, time / 2),
+            Some((mean, spread)) => {
+                let error = (mean - time).abs();
+                (mean - mean / 8 + time / 8, spread - spread / 4 + error / 4)
+            }
+        });
+    }
+
+    /// Something of that cost has arrived.
+    pub(super) fn arrived(&mut self, cost: u64) {
+        self.timeouts = 0;
+        let more = match self.window < self.threshold {
+            true => cost,
+            false => cost * FRAME_LIMIT as u64 / self.window,
+        };
+        self.window = (self.window + more).min(self.limit);
+    }
+
+    /// A transmission is lost, while others arrive. `latest` is the latest one that has been made.
+    pub(super) fn lost(&mut self, transmission: u64, latest: u64) {
+        if transmission >= self.answered {
+            self.threshold = (self.window / 2).max(LEAST);
+            self.window = self.threshold;
+            self.answered = latest + 1;
+        }
+    }
+
+    /// Nothing has been answered for as long as [`Pace::timeout`] says.
+    pub(super) fn timed_out(&mut self) {
+        self.timeouts += 1;
+        self.threshold = (self.window / 2).max(LEAST);
+        self.window = LEAST;
+    }
+
+    /// The carrier works again: what was learnt of its silence is void.
+    pub(super) fn resumed(&mut self) {
+        self.timeouts = 0;
+    }
+}

@@ -1,0 +1,353 @@
+//! The boards of a federation in memory: this federate's own, and those of the others as it reads them.
+//!
+//! What is on them is a [`Posting`] of the federate's machine, which decides what follows from it. Here is how it gets
+//! from one process to another, and how none of them sleeps while its board tells that it need not wait: a federate
+//! posts what it waits for, says that it sleeps, and then looks once more at the boards of the others; each of these
+//! posts, and then looks whether a federate sleeps that it has released. Whichever of both comes first, the other one
+//! sees it.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{Ordering, fence};
+
+use hprm_core::{FederateId, Tag};
+use hprm_federated::{Input, Posting, Step, Tally};
+use hprm_store::{Board, BoardLayout, BoardView};
+
+use super::FederateLoop;
+use super::membership::Membership;
+use crate::notifier::RemoteNotifier;
+use crate::{Failure, Host};
+
+/// The name of the memory, as `/proc/PID/fd` shows it after `/memfd:`.
+const NAME: &str = "hprm-coordination";
+
+/// The cell with the posting.
+const POSTING: usize = 0;
+
+/// The lane that says whether the owner sleeps.
+const ASLEEP: usize = 0;
+
+/// How many words a posting has before its tallies, and each tally.
+const HEAD: usize = 7;
+const TALLY: usize = 3;
+
+const WORD: usize = size_of::<u64>();
+
+/// See the module.
+#[derive(Debug)]
+pub(crate) struct Boards {
+    own: Board,
+    others: BTreeMap<FederateId, Other>,
+    /// Whether this federate has posted since it last looked which federates that releases.
+    posted: bool,
+    bytes: Vec<u8>,
+}
+
+/// What this federate has of another one.
+#[derive(Debug, Default)]
+struct Other {
+    board: Option<BoardView>,
+    notifier: Option<RemoteNotifier>,
+    /// How many postings there were when this federate last read the board.
+    read: u64,
+}
+
+impl Boards {
+    /// The board of this federate, which shows so many tallies.
+    pub(super) fn new(tallies: usize) -> Result<Self, Failure> {
+        let layout = BoardLayout { lanes: 1, cells: vec![(HEAD + TALLY * tallies) * WORD] };
+        let own = Board::named(NAME, layout).map_err(|error| Failure::store(&error))?;
+        own.open();
+        Ok(Self { own, others: BTreeMap::new(), posted: false, bytes: Vec::new() })
+    }
+
+    /// The descriptor by which others map the board of this federate.
+    pub(super) fn descriptor(&self) -> io::Result<OwnedFd> {
+        self.own.descriptor()
+    }
+
+    pub(super) fn attach(
+        &mut self,
+        owner: FederateId,
+        notifier: bool,
+        descriptor: OwnedFd,
+    ) -> Result<(), Failure> {
+        let other = self.others.entry(owner).or_default();
+        if notifier {
+            let remote = RemoteNotifier::new(descriptor);
+            let failed = |error| Failure::system("cannot wake up another federate", &error);
+            other.notifier = Some(remote.map_err(failed)?);
+            return Ok(());
+        }
+        let view = BoardView::map(&descriptor).map_err(|error| Failure::store(&error))?;
+        other.board = Some(view.ok_or_else(|| Failure::store(&"what came is no board"))?);
+        Ok(())
+    }
+
+    /// Shows something new.
+    pub(super) fn post(&mut self, posting: &Posting) {
+        self.bytes.clear();
+        write(posting, &mut self.bytes);
+        let fits = self.own.publish(POSTING, &self.bytes);
+        debug_assert!(fits, "a board has room for the tallies of its owner");
+        self.posted = true;
+    }
+
+    /// Whether this federate has posted since the last call. All that the others have shown before that can be
+    /// read then.
+    pub(super) fn take_posted(&mut self) -> bool {
+        let posted = std::mem::take(&mut self.posted);
+        if posted {
+            fence(Ordering::SeqCst);
+        }
+        posted
+    }
+
+    /// Whether another federate shows something new.
+    pub(crate) fn have_news(&self) -> bool {
+        self.others.values().any(|it| it.publications() != it.read)
+    }
+
+    /// What is new.
+    pub(super) fn read(&mut self) -> Vec<(FederateId, Posting)> {
+        let mut news = Vec::new();
+        for (federate, other) in &mut self.others {
+            let count = other.publications();
+            if count == other.read {
+                continue;
+            }
+            let found = other.board.as_ref().filter(|it| it.read_into(POSTING, &mut self.bytes));
+            // One that is being written again and again is read in the next round.
+            if let Some(posting) = found.and_then(|_| read(&self.bytes)) {
+                other.read = count;
+                news.push((*federate, posting));
+            }
+        }
+        news
+    }
+
+    /// Wakes up a federate, if it sleeps.
+    pub(super) fn wake_up(&self, federate: FederateId) {
+        let Some(other) = self.others.get(&federate) else { return };
+        let sleeps = other.board.as_ref().is_some_and(|board| board.lane(ASLEEP) != Some(0));
+        if sleeps && let Some(notifier) = &other.notifier {
+            notifier.notify();
+        }
+    }
+
+    /// From now on, others wake this federate up. It must look at the boards once more.
+    pub(crate) fn announce_sleep(&self) {
+        self.own.set_lane(ASLEEP, 1);
+        fence(Ordering::SeqCst);
+    }
+
+    /// This federate is awake.
+    pub(crate) fn end_sleep(&self) {
+        self.own.set_lane(ASLEEP, 0);
+    }
+}
+
+impl Other {
+    fn publications(&self) -> u64 {
+        self.board.as_ref().map_or(0, |board| board.publications(POSTING))
+    }
+}
+
+impl<H: Host> FederateLoop<'_, H>
+where
+    H::Value: Send + Sync,
+{
+    /// Reads what other federates show. Returns whether anything was new.
+    pub(super) fn read_boards(&mut self) -> Result<bool, Failure> {
+        let Some(boards) = self.federation.links.boards() else { return Ok(false) };
+        let news = boards.read();
+        let any = !news.is_empty();
+        for (from, posting) in news {
+            self.handle(Input::Board { from, posting })?;
+        }
+        Ok(any)
+    }
+
+    /// After this federate has shown something new: wakes up those that wait for that. Returns whether it has found
+    /// something new itself.
+    pub(super) fn wake_up_others(&mut self) -> Result<bool, Failure> {
+        let posted = self.federation.links.boards().is_some_and(Boards::take_posted);
+        if !posted {
+            return Ok(false);
+        }
+        let any = self.read_boards()?;
+        let Membership { machine, links, .. } = &mut self.federation;
+        if let Some(boards) = links.boards() {
+            machine.released().into_iter().for_each(|federate| boards.wake_up(federate));
+        }
+        Ok(any)
+    }
+}
+
+fn write(posting: &Posting, bytes: &mut Vec<u8>) {
+    let Posting { next, waits, departs, ended, ref tallies } = *posting;
+    let mut put = |word: u64| bytes.extend_from_slice(&word.to_le_bytes());
+    for step in [next, waits] {
+        put(step.tag.time.cast_unsigned());
+        put(u64::from(step.tag.microstep));
+        put(u64::from(step.level));
+    }
+    put(u64::from(departs) | u64::from(ended) << 1);
+    for Tally { messages, latest } in tallies {
+        put(*messages);
+        put(latest.time.cast_unsigned());
+        put(u64::from(latest.microstep));
+    }
+}
+
+/// The posting that was written so; none, if the bytes are something else.
+fn read(bytes: &[u8]) -> Option<Posting> {
+    let (words, []) = bytes.as_chunks::<WORD>() else { return None };
+    let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
+    let next = step(&mut words)?;
+    let waits = step(&mut words)?;
+    let flags = words.next()?;
+    let mut tallies = Vec::with_capacity(words.len() / TALLY);
+    while words.len() >= TALLY {
+        tallies.push(Tally { messages: words.next()?, latest: tag(&mut words)? });
+    }
+    Some(Posting { next, waits, departs: flags & 1 > 0, ended: flags & 2 > 0, tallies })
+}
+
+fn step(words: &mut impl Iterator<Item = u64>) -> Option<Step> {
+    Some(Step { tag: tag(words)?, level: words.next()?.try_into().ok()? })
+}
+
+fn tag(words: &mut impl Iterator<Item = u64>) -> Option<Tag> {
+    Some(Tag { time: words.next()?.cast_signed(), microstep: words.next()?.try_into().ok()? })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::notifier::Notifier;
+
+    fn any_tag() -> impl Strategy<Value = Tag> {
+        let tag =
+            (any::<i64>(), any::<u32>()).prop_map(|(time, microstep)| Tag { time, microstep });
+        prop_oneof![Just(Tag::NEVER), Just(Tag::FOREVER), tag]
+    }
+
+    fn any_step() -> impl Strategy<Value = Step> {
+        (any_tag(), any::<u32>()).prop_map(|(tag, level)| Step { tag, level })
+    }
+
+    fn any_posting() -> impl Strategy<Value = Posting> {
+        let tally =
+            (any::<u64>(), any_tag()).prop_map(|(messages, latest)| Tally { messages, latest });
+        let tallies = prop::collection::vec(tally, 0..9);
+        let parts = (any_step(), any_step(), any::<bool>(), any::<bool>(), tallies);
+        parts.prop_map(|(next, waits, departs, ended, tallies)| Posting {
+            next,
+            waits,
+            departs,
+            ended,
+            tallies,
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn a_posting_is_read_as_it_was_written(posting in any_posting()) {
+            let mut bytes = Vec::new();
+            write(&posting, &mut bytes);
+            prop_assert_eq!(bytes.len(), (HEAD + TALLY * posting.tallies.len()) * WORD);
+            prop_assert_eq!(read(&bytes), Some(posting));
+        }
+
+        #[test]
+        fn any_bytes_are_a_posting_or_none(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            if let Some(posting) = read(&bytes) {
+                prop_assert!(posting.tallies.len() * TALLY * WORD <= bytes.len());
+            }
+        }
+    }
+
+    /// Two federates that read each other's boards.
+    fn pair() -> [(Boards, Notifier); 2] {
+        let mut pair = [0, 1].map(|_| (Boards::new(1).unwrap(), Notifier::new().unwrap()));
+        for (me, other) in [(0, 1), (1, 0)] {
+            let owner = FederateId(u16::try_from(other).unwrap());
+            let board = pair[other].0.descriptor().unwrap();
+            let notifier = std::os::fd::AsFd::as_fd(&pair[other].1).try_clone_to_owned().unwrap();
+            pair[me].0.attach(owner, false, board).unwrap();
+            pair[me].0.attach(owner, true, notifier).unwrap();
+        }
+        pair
+    }
+
+    fn counted(messages: u64) -> Posting {
+        let tallies = vec![Tally { messages, latest: Tag::START }];
+        let (next, waits) = (Step::begin(Tag::START), Step::NEVER);
+        Posting { next, waits, departs: false, ended: false, tallies }
+    }
+
+    #[test]
+    fn what_is_posted_is_news_once() {
+        let [(mut a, _), (mut b, _)] = pair();
+        assert!(!b.have_news() && b.read().is_empty() && !a.take_posted());
+        a.post(&counted(1));
+        a.post(&counted(2));
+        assert!(b.have_news() && a.take_posted() && !a.take_posted());
+        assert_eq!(b.read(), [(FederateId(0), counted(2))]);
+        assert!(!b.have_news() && b.read().is_empty());
+    }
+
+    #[test]
+    fn what_is_no_board_is_refused() {
+        let [(mut a, _), (_, notifier)] = pair();
+        let other = std::os::fd::AsFd::as_fd(&notifier).try_clone_to_owned().unwrap();
+        assert!(a.attach(FederateId(1), false, other).is_err());
+    }
+
+    /// Each federate counts on when the other one has, and sleeps without a limit meanwhile: a wake-up that is lost
+    /// would be a test that does not end.
+    #[test]
+    #[allow(clippy::disallowed_methods, reason = "two federates are two threads")]
+    fn no_wake_up_is_lost() {
+        const ROUNDS: u64 = 100_000;
+        let [a, b] = pair();
+        let play = |(mut boards, notifier): (Boards, Notifier), me: u16, first: u64| {
+            let other = FederateId(1 - me);
+            let mut mine = first;
+            while mine < ROUNDS {
+                boards.post(&counted(mine));
+                assert!(boards.take_posted());
+                boards.wake_up(other);
+                let wanted = mine + 1;
+                loop {
+                    let theirs = boards.read().pop().map_or(0, |(_, it)| it.tallies[0].messages);
+                    if theirs >= wanted {
+                        break;
+                    }
+                    boards.announce_sleep();
+                    if !boards.have_news() {
+                        let interest = crate::wait::Interest {
+                            fd: std::os::fd::AsFd::as_fd(&notifier),
+                            write: false,
+                        };
+                        crate::wait::wait(&[interest], None);
+                    }
+                    boards.end_sleep();
+                    notifier.clear();
+                }
+                mine += 2;
+            }
+            boards.post(&counted(mine));
+            boards.take_posted();
+            boards.wake_up(other);
+        };
+        let other = std::thread::spawn(move || play(b, 1, 2));
+        play(a, 0, 1);
+        other.join().unwrap();
+    }
+}

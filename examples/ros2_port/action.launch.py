@@ -1,0 +1,14 @@
+"""An action and a client of it."""
+
+from launch import LaunchDescription
+from launch.actions import Shutdown
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription(
+        [
+            Node(package="ros2_port", executable="fibonacci_server.py"),
+            Node(package="ros2_port", executable="fibonacci_client.py", on_exit=Shutdown()),
+        ]
+    )

@@ -1,0 +1,74 @@
+"""The names under which programs import what is here: ``rclpy`` is ``hprm.ros``, and so on."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+#: Which module stands for which, with the modules below it.
+NAMES = {
+    "rclpy": "hprm.ros",
+    **{
+        name: f"hprm.ros._{name}"
+        for name in (
+            "ament_index_python",
+            "launch",
+            "launch_ros",
+            "launch_xml",
+            "launch_yaml",
+            "message_filters",
+            "rosbag2_py",
+            "rosidl_runtime_py",
+            "sensor_msgs_py",
+            "tf2_geometry_msgs",
+            "tf2_py",
+            "tf2_ros",
+        )
+    },
+}
+
+
+class _Loader(importlib.abc.Loader):
+    """Gives a module that has another name."""
+
+    def __init__(self, target: str) -> None:
+        self._target = target
+        self._spec: importlib.machinery.ModuleSpec | None = None
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+        module = importlib.import_module(self._target)
+        self._spec = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        # The import has given it the other name; it is executed already.
+        module.__spec__ = self._spec
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    def find_spec(
+        self, name: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        top, dot, rest = name.partition(".")
+        if top not in NAMES:
+            return None
+        target = NAMES[top] + dot + rest
+        try:
+            found = importlib.util.find_spec(target)
+        except ModuleNotFoundError:
+            found = None
+        if found is None:
+            return None
+        is_package = found.submodule_search_locations is not None
+        return importlib.machinery.ModuleSpec(name, _Loader(target), is_package=is_package)
+
+
+def install() -> None:
+    """Let programs import ``rclpy`` and what belongs to it, whatever is installed."""
+    if not any(isinstance(it, _Finder) for it in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())

@@ -1,0 +1,375 @@
+"""Running several scripts as one federation: from what they declare to the end of the last one.
+
+The scripts run until they block for the first time. Then the graph of all that they have declared
+is the federation; each gets it and joins, and the coordinator is left with the RTI, the output of
+the scripts, and their ends.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import selectors
+import signal
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import IO, TYPE_CHECKING, Any
+
+from hprm import _hprm
+from hprm._declared import Declared
+from hprm.ros._federation import Scripts
+from hprm.ros._graph import Graph, Script, identifier, mismatches
+from hprm.ros._lines import write_line
+from hprm.ros._meeting import properties, run_member
+from hprm.ros._members import Member, Plan
+from hprm.ros._messages import find_beside
+from hprm.ros._zenoh.session import BridgeError, Settings, open_session
+
+if TYPE_CHECKING:
+    from hprm.ros._zenoh.bridge import ZenohBridge
+
+#: For how many seconds scripts may go on after a signal, before they are killed.
+PATIENCE_S = 8.0
+
+#: After how many seconds scripts are named that the others wait for.
+SLOW_S = 10.0
+
+#: What ends a federation if all processes end well.
+WITHOUT_LEAVING = (
+    "has ended without leaving its federation, so the other scripts end\n"
+    "  hint: a script leaves when it ends as Python ends it, but not with os._exit()"
+)
+
+
+class Coordinator:
+    """Some scripts, from their start to the end of the last one."""
+
+    def __init__(
+        self,
+        plans: Sequence[Plan],
+        bridge: ZenohBridge | None = None,
+        logical_trace: str | None = None,
+        *,
+        is_fast: bool = False,
+    ) -> None:
+        """Start the scripts, and let there be a bridge between their hub and nodes elsewhere."""
+        self._bridge = bridge
+        self._is_fast = is_fast
+        self._logical_trace = logical_trace
+        self._hub: threading.Thread | None = None
+        taken: set[str] = set()
+        self._rti: _hprm.LocalRti | None = None
+        self._selector = selectors.DefaultSelector()
+        self._signals = 0
+        #: What the RTI tells of federates, in its thread, and what is not decided of that.
+        self._told: deque[tuple[str, str, str, float]] = deque()
+        self._lost: list[str] = []
+        #: The exit code of the first script that has failed by itself.
+        self._failed = 0
+        self._is_refused = False
+        self._is_over = False
+        self._until: float | None = None
+        self._slow_at: float | None = time.monotonic() + SLOW_S
+        self._wakes, self._wakeup = socket.socketpair()
+        self._wakeup.setblocking(False)
+        self._selector.register(self._wakes, selectors.EVENT_READ)
+        self.members = [
+            Member(identifier(plan.name, taken), number, plan)
+            for number, plan in enumerate(plans, start=1)
+        ]
+        self._readers: list[threading.Thread] = []
+        for member in self.members:
+            self._selector.register(member.connection, selectors.EVENT_READ, member)
+            threading.Thread(target=self._await, args=(member,), daemon=True).start()
+            for stream, out in (
+                (member.process.stdout, sys.stdout),
+                (member.process.stderr, sys.stderr),
+            ):
+                assert stream is not None
+                reader = threading.Thread(target=self._show, args=(member, stream, out))
+                reader.start()
+                self._readers.append(reader)
+
+    def run(self) -> int:
+        """Coordinate to the end; return the exit code."""
+        before = {
+            number: signal.signal(number, self._signalled)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        try:
+            while any(it.code is None for it in self.members):
+                limits = [it for it in (self._until, self._slow_at) if it is not None]
+                left = max(min(limits) - time.monotonic(), 0) if limits else None
+                for key, _ in self._selector.select(left):
+                    self._read(key.data)
+                for member in self.members:
+                    if member.ending is not None and member.code is None:
+                        self._note_end(member, member.ending)
+                self._note_events()
+                self._answer()
+                self._look_at_clock()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            if self._rti is not None:
+                self._end(self._rti)
+            for reader in self._readers:
+                reader.join()
+        return self._code()
+
+    def _look_at_clock(self) -> None:
+        """Do what is due by now."""
+        now = time.monotonic()
+        if self._until is not None and now >= self._until:
+            self._until = None
+            for member in self.members:
+                if member.code is None:
+                    text = f"has not ended for {PATIENCE_S:g} s, so it is killed"
+                    _tell_of(member, f"process {text} [pid {member.process.pid}]")
+            self._send(signal.SIGKILL)
+        if self._slow_at is not None and now >= self._slow_at:
+            self._slow_at = None
+            self._name_the_slow()
+
+    def _end(self, rti: _hprm.LocalRti) -> None:
+        """End what is left when the scripts have ended; make the trace of what they have done."""
+        if self._logical_trace is not None and self._hub is not None:
+            # Its share is whole then.
+            rti.request_stop()
+            self._hub.join(PATIENCE_S)
+        rti.abort()
+        rti.wait()
+        if self._hub is not None:
+            # Python cannot end in order while it runs.
+            self._hub.join(PATIENCE_S)
+        try:
+            rti.merge_shares(bool(self._signals), self._code())
+        except RuntimeError as error:
+            print(f"error: {error}", file=sys.stderr)
+            self._is_refused = True
+
+    def _code(self) -> int:
+        if self._signals:
+            return 128 + self._signals
+        if self._is_refused:
+            return 1
+        return self._failed or next((it.code for it in self.members if it.code), 0)
+
+    def _read(self, member: Member | None) -> None:
+        if member is None:
+            self._wakes.recv(1 << 10)
+        elif not member.read():
+            self._selector.unregister(member.connection)
+
+    # Meeting.
+
+    def _answer(self) -> None:
+        """Answer what scripts have asked, as far as that is known."""
+        members = [
+            it for it in self.members if it.is_member and it.code is None and not it.has_left
+        ]
+        if self._rti is not None or self._is_refused or not members:
+            return
+        served = {e.name for it in self.members for e in it.endpoints if e.kind == "service"}
+        for member in members:
+            if member.looks_for in served:
+                member.looks_for = None
+                member.answer({"found": True})
+        if not all(it.is_ready or it.looks_for for it in members):
+            return
+        for member in members:
+            if member.looks_for and not member.is_ready:
+                # Nothing that runs serves it; the script may have more to declare.
+                member.looks_for = None
+                member.answer({"found": False})
+                return
+        self._begin(members)
+
+    def _name_the_slow(self) -> None:
+        """Name the scripts without which the others do not begin."""
+        members = [it for it in self.members if it.is_member and it.code is None]
+        waits = [it for it in members if not it.is_ready and not it.looks_for and not it.has_left]
+        if self._rti is None and not self._is_refused and waits:
+            names = ", ".join(it.label for it in waits)
+            write_line(
+                f"warning: scripts begin when all of them spin, and wait for: {names}\n"
+                "  hint: a script spins with rclpy.spin(), or another call of rclpy that waits",
+                sys.stderr,
+            )
+
+    def _begin(self, members: list[Member]) -> None:
+        scripts = [Script(it.name, tuple(it.nodes), tuple(it.endpoints)) for it in members]
+        wrong = mismatches(scripts)
+        if wrong:
+            self._refuse(members, wrong)
+            return
+        self._slow_at = None
+        graph = Graph(scripts, self._bridge is not None)
+        address = f"unix:@hprm-{secrets.token_hex(8)}-rti"
+        federation = Scripts(graph, self._is_fast)
+        if self._bridge is not None:
+            federation.hub.bridge = self._bridge
+            self._bridge.join(graph)
+        declared = Declared(federation)
+        try:
+            rti = _hprm.start_rti(
+                declared,
+                address,
+                properties(self._is_fast),
+                self._take_event,
+                logical_trace=self._logical_trace,
+            )
+        except RuntimeError as error:
+            self._refuse(members, [str(error).removeprefix("error: ")])
+            return
+        self._rti = rti
+        for member in members:
+            member.answer(
+                {
+                    "graph": graph.document(),
+                    "name": member.name,
+                    "delay_ns": member.delay_ns,
+                    "is_fast": self._is_fast,
+                    "joining": _joining(rti, member.name),
+                }
+            )
+        if graph.has_hub:
+            hub: tuple[Any, ...] = (declared, "hub", _joining(rti, "hub"), [], self._is_fast)
+            self._hub = threading.Thread(target=run_member, args=hub, name="hub", daemon=True)
+            self._hub.start()
+
+    def _refuse(self, members: list[Member], wrong: list[str]) -> None:
+        """End the scripts before anything begins, because of what is wrong."""
+        for text in wrong:
+            print(f"error: {text}", file=sys.stderr)
+        # What the scripts say of that follows from it.
+        self._is_refused = True
+        for member in members:
+            member.answer({})
+        self._stop(signal.SIGTERM)
+
+    # Ends.
+
+    def _await(self, member: Member) -> None:
+        member.ending = member.process.wait()
+        self._wakeup.send(b"\0")
+
+    def _note_end(self, member: Member, ending: int) -> None:
+        """Note how a process has ended, and what follows for the others."""
+        # What it has told last.
+        member.read()
+        if self._is_over and ending in (-signal.SIGINT, 128 + signal.SIGINT):
+            # It was interrupted because another one has done its work: that is how it should end.
+            ending = 0
+        member.code = 128 - ending if ending < 0 else ending
+        is_expected = self._signals or self._is_refused
+        if member.code and not member.is_stranded and not is_expected:
+            self._failed = self._failed or member.code
+            command = " ".join(map(str, member.process.args))  # type: ignore[arg-type]
+            number = member.process.pid
+            text = f"process has died [pid {number}, exit code {ending}, cmd '{command}']."
+            _tell_of(member, text)
+        if self._bridge is not None:
+            self._bridge.leave(member.name)
+        if member.is_required and not self._signals:
+            self._is_over = True
+            self._stop(signal.SIGINT)
+
+    def _take_event(self, kind: str, name: str, text: str, seconds: float) -> None:
+        """Keep what the RTI tells in its thread."""
+        self._told.append((kind, name, text, seconds))
+        self._wakeup.send(b"\0")
+
+    def _note_events(self) -> None:
+        """Tell what the RTI has told of federates, as far as no process does."""
+        labels = {it.name: it.label for it in self.members}
+        while self._told:
+            kind, name, text, seconds = self._told.popleft()
+            label = labels.get(name, name)
+            if kind == "lost":
+                self._lost.append(name)
+            elif kind == "silent":
+                after = f"for {seconds:.3g} s; scripts that need its messages wait"
+                write_line(f"warning: {label} has not answered {after}", sys.stderr)
+            elif kind == "answers":
+                write_line(f"{label} answers again, after {seconds:.1f} s", sys.stderr)
+            elif kind == "refused":
+                write_line(f"error: {label} cannot take part: {text}", sys.stderr)
+            elif name not in labels:
+                # A script says itself why it has failed.
+                write_line(text, sys.stderr)
+        if self._signals or self._is_over:
+            # Their ends are what was asked for.
+            return
+        for member in self.members:
+            if member.name in self._lost and member.code == 0:
+                self._lost.remove(member.name)
+                self._failed = self._failed or 1
+                write_line(f"error: {member.label} {WITHOUT_LEAVING}", sys.stderr)
+
+    def _signalled(self, number: int, _frame: object) -> None:
+        first = self._signals == 0
+        self._signals = number
+        self._stop(signal.Signals(number) if first else signal.SIGKILL)
+        self._wakeup.send(b"\0")
+
+    def _stop(self, number: signal.Signals) -> None:
+        self._until = time.monotonic() + PATIENCE_S
+        self._send(number)
+
+    def _send(self, number: signal.Signals) -> None:
+        for member in self.members:
+            if member.code is None:
+                member.process.send_signal(number)
+
+    def _show(self, member: Member, stream: IO[bytes], out: Any) -> None:
+        """Show what a script prints, with its name before each line."""
+        for line in stream:
+            text = line.decode(errors="replace").rstrip("\n")
+            if self._is_refused:
+                continue
+            write_line(f"[{member.label}] {text}", out)
+
+
+def _tell_of(member: Member, text: str) -> None:
+    """Tell what is wrong with a process, as ``ros2 launch`` does."""
+    write_line(f"[ERROR] [{member.label}]: {text}", sys.stderr)
+
+
+def _joining(rti: _hprm.LocalRti, name: str) -> dict[str, Any]:
+    """What a federate needs to know to join."""
+    joining: dict[str, Any] = {"rti": rti.address, "federation": rti.federation}
+    share = rti.share(name)
+    if share is not None:
+        # Its process may have another working directory.
+        joining |= {"logical_trace": os.path.abspath(share[0]), "share_of": str(share[1])}
+    return joining
+
+
+def coordinate(
+    plans: Sequence[Plan],
+    settings: Settings | None = None,
+    logical_trace: str | None = None,
+    *,
+    is_fast: bool = False,
+) -> int:
+    """Run scripts as one federation, perhaps with a bridge, and return the exit code."""
+    if settings is None:
+        return Coordinator(plans, logical_trace=logical_trace, is_fast=is_fast).run()
+    try:
+        session = open_session(settings.endpoint, lambda text: print(text, file=sys.stderr))
+    except BridgeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    from hprm.ros._zenoh.bridge import ZenohBridge
+
+    find_beside([it.script for it in plans if it.script is not None])
+    bridge = ZenohBridge(session, settings)
+    try:
+        return Coordinator(plans, bridge, logical_trace).run()
+    finally:
+        bridge.close()

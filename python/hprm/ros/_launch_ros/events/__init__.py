@@ -1,0 +1,1 @@
+"""Events of nodes, as in ``launch_ros.events``."""

@@ -1,0 +1,1 @@
+"""Launch files in YAML, as the package ``launch_yaml``."""

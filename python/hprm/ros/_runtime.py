@@ -1,0 +1,597 @@
+"""A process of nodes while it runs: its federate, the tags of its callbacks, and what it sends.
+
+The script declares endpoints. When it blocks for the first time, a *meeting* (``_meeting.py``) says
+which graph it is part of, and the federate's loop begins in a thread of its own. From then on,
+reactions put what has come into the queues of the script and let its threads take turns
+(``_turns.py``); what those publish leaves at the tag that they hold. What happens in threads that
+hold no tag is *requested*: it is done by a reaction to a physical action.
+
+This knows no nodes and no callbacks, but functions that take messages.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import os
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from typing import Any
+
+from hprm import _hprm
+from hprm.ros._federation import Process
+from hprm.ros._graph import Endpoint, Flow
+from hprm.ros._late import LateEndpoints
+from hprm.ros._meeting import Meeting, Membership
+from hprm.ros._pace import STEP_NS, Pace
+from hprm.ros._turns import Turns
+
+#: For how many seconds a thread of a script may hold a tag without blocking.
+PATIENCE_S = 10.0
+
+#: For how many seconds a fast federate may go on before it is made to leave.
+NOTICING_S = 0.1
+
+#: For how many seconds if another thread sleeps meanwhile: this one may wait for a lock of that.
+PATIENCE_WITH_SLEEPERS_S = 2.0
+
+#: How many seconds after it has published first a script begins that does not block.
+STARTING_S = 0.5
+
+#: The environment variable with the time that clocks show at the start, in nanoseconds.
+START_TIME = "HPRM_ROS_START_TIME"
+
+#: With what the paths of code begin that is not of scripts.
+NOT_OF_SCRIPTS = (
+    os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
+    os.path.dirname(os.__file__),
+    "<frozen ",
+)
+
+Deliver = Callable[[Any], None]
+
+
+def _place(ident: int) -> str:
+    """Return where a thread is in the code of its script, as a traceback shows it."""
+    frame = sys._current_frames().get(ident)
+    frames = [] if frame is None else traceback.extract_stack(frame)
+    theirs = [it for it in frames if not it.filename.startswith(NOT_OF_SCRIPTS)]
+    return "".join(traceback.format_list(theirs[-1:]))
+
+
+class Alarm:
+    """Something that happens at a logical time."""
+
+    __slots__ = ("action", "is_on")
+
+    def __init__(self, action: Callable[[], None]) -> None:
+        """Call ``action`` when it is due, unless it is cancelled before."""
+        self.action = action
+        self.is_on = True
+
+    def cancel(self) -> None:
+        """Do nothing when it is due."""
+        self.is_on = False
+
+
+class Runtime:
+    """The federate of this process, from its declaration to its end."""
+
+    def __init__(self, meeting: Meeting) -> None:
+        """Declare endpoints to a meeting, and run what it decides."""
+        self.turns = Turns(PATIENCE_S, PATIENCE_WITH_SLEEPERS_S, self._lost)
+        #: Where this process learns which federation it is part of.
+        self.meeting = meeting
+        self._takers: dict[Flow, list[Deliver]] = {}
+        self._lock = threading.Lock()
+        self._loop: threading.Thread | None = None
+        self._loop_ident = 0
+        self._thread_hook = threading.excepthook
+        self._membership: Membership | None = None
+        self._process: Process | None = None
+        self._ended = threading.Event()
+        self._requests: deque[Callable[[], None]] = deque()
+        self._asked = False
+        self._alarms: list[tuple[int, int, Alarm]] = []
+        self._count = itertools.count()
+        self._scheduled: set[int] = set()
+        self._starter: threading.Timer | None = None
+        self._outgoing: dict[Flow, list[Any]] = {}
+        self._begun_at: Any = None
+        self._first: dict[Flow | None, list[Any]] = {}
+        self._to_itself: list[tuple[Flow, Any]] = []
+        self._tag: Any = None
+        self._has_begun = False
+        self._waits_to_begin = False
+        stated = os.environ.get(START_TIME)
+        #: What clocks show at the start, if that is stated, and how much less they show since then.
+        self._start_ns = None if stated is None else int(stated)
+        self._shift_ns = 0
+        #: Whether the script has asked for the end, and whether a reaction knows it.
+        self._is_left = self._leaves = False
+        #: Whether that was asked for at no tag: the one at which it is noticed says nothing then.
+        self._is_stopped_by_clock = False
+        #: Only if logical time does not wait for the physical one.
+        self._pace: Pace | None = None
+        self._late = LateEndpoints()
+        self._news: list[tuple[list[int], Any]] = []
+        #: What is called when the federate has ended, with its exit code.
+        self.on_end: list[Callable[[int], None]] = []
+        self.code = 0
+        self.failures: list[str] = []
+
+    # What scripts declare.
+
+    def declare(self, endpoint: Endpoint, deliver: Deliver | None = None) -> None:
+        """Declare an endpoint; ``deliver`` gets each message that it takes."""
+        if endpoint.takes is not None and deliver is not None:
+            self._takers.setdefault(endpoint.takes, []).append(deliver)
+        if self._loop is None:
+            self.meeting.declare(endpoint)
+            return
+        # Too late for a connection.
+        own = self._membership.name if self._membership else ""
+        self._late.note(own, endpoint)
+        self.request(lambda: self._announce("endpoint", asdict(endpoint)))
+
+    def declare_node(self, name: str) -> None:
+        """Declare a node, by its full name."""
+        if self._loop is None:
+            self.meeting.declare_node(name)
+            return
+        self._late.note_node(self._membership.name if self._membership else "", name)
+        self.request(lambda: self._announce("node", name))
+
+    def withdraw(self, flow: Flow, deliver: Deliver) -> None:
+        """Give no more messages to a function that :meth:`declare` has had."""
+        self._takers[flow].remove(deliver)
+
+    # What threads of scripts do.
+
+    @property
+    def can_run(self) -> bool:
+        """Whether the federate may still begin, or runs."""
+        return not self._ended.is_set()
+
+    @property
+    def has_left(self) -> bool:
+        """Whether the script has asked for the end, and nothing runs any more."""
+        return self._is_left and self._ended.is_set()
+
+    @property
+    def is_stranded(self) -> bool:
+        """Whether the federation has ended because of another process."""
+        return self._ended.is_set() and self.code != 0 and not self.failures
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether logical time does not wait for the physical one."""
+        return self._pace is not None
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the federation has begun."""
+        return self._has_begun
+
+    def now(self) -> int:
+        """The time of the tag that this thread holds, or that of the clock, in nanoseconds."""
+        if self._holds() or (self._pace is not None and self._has_begun):
+            return int(self._tag.time) - self._shift_ns
+        if self._start_ns is not None and not self._has_begun:
+            return self._start_ns
+        return time.time_ns() - self._shift_ns
+
+    def publish(self, flow: Flow, message: Any) -> None:
+        """Send a message at the tag that this thread holds, or as soon as possible."""
+        if self._holds():
+            self._send(flow, message)
+            return
+        with self._lock:
+            if not self._has_begun and self._starter is None:
+                # A script that only publishes may never block.
+                self._starter = threading.Timer(STARTING_S, self.start)
+                self._starter.daemon = True
+                self._starter.start()
+        self.request(lambda: self._send(flow, message))
+
+    def tell(self, flow: Flow, make: Callable[[], Any]) -> None:
+        """Publish what a node tells of itself, if it is taken; this is no reason to begin."""
+        if self._holds():
+            if self.is_taken(flow):
+                self._send(flow, make())
+        elif not self._has_begun or self.is_taken(flow):
+            self.request(lambda: self.tell(flow, make))
+
+    def is_taken(self, flow: Flow) -> bool:
+        """Return whether there is a taker of a flow, as far as that is known."""
+        membership = self._membership
+        if self._takers.get(flow) or membership is None:
+            return bool(self._takers.get(flow))
+        return flow in membership.outputs or bool(self._late.unlinked(flow, membership))
+
+    def request(self, action: Callable[[], None]) -> None:
+        """Have a reaction call ``action``, at a tag that is now or later: the start, at first."""
+        self._requests.append(action)
+        self._poke()
+
+    def wake(self) -> None:
+        """Have blocked threads look at what they wait for."""
+        if not self._holds():
+            self._poke()
+
+    def call_at(self, delay_ns: int, action: Callable[[], None]) -> Alarm:
+        """Call ``action`` in a reaction that much later than the tag of this thread."""
+        alarm = Alarm(action)
+        if self._holds():
+            self._set(delay_ns, alarm)
+        else:
+            self.request(lambda: self._set(delay_ns, alarm))
+        return alarm
+
+    def block(
+        self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
+    ) -> bool:
+        """Block this thread until the condition is true, or for so long; return whether it is.
+
+        A thread that ``sleeps`` may have locks of the program.
+        """
+        self.start()
+        if timeout_ns is None:
+            self._block(lambda: condition() or self._ended.is_set())
+            return condition()
+        over = threading.Event()
+        alarm = None
+        if timeout_ns > 0:
+            alarm = self.call_at(timeout_ns, over.set)
+        else:
+            # By the clock: a loop that polls would otherwise stop logical time.
+            self.request(over.set)
+        self._block(lambda: over.is_set() or condition() or self._ended.is_set(), sleeps)
+        if alarm is not None:
+            alarm.cancel()
+        return condition()
+
+    def _block(self, condition: Callable[[], bool], sleeps: bool = False) -> None:
+        self.turns.block(condition, self._poke, sleeps=sleeps)
+        # What the thread makes for its messages need not be copied when it publishes them.
+        _hprm.use_store()
+
+    def wait_for_service(self, name: str, timeout_ns: int | None) -> bool:
+        """Wait until a process serves a service, or for so long; return whether one does."""
+        if self._loop is None and self.meeting.has_service(name):
+            return True
+        return self.block(lambda: self.serves(name), timeout_ns)
+
+    def serves(self, name: str) -> bool:
+        """Return whether a process serves a service."""
+        if self._loop is None:
+            return bool(self.meeting.has_service(name))
+        return self.count("service", name) > 0
+
+    def count(self, kind: str, name: str) -> int:
+        """Return how many endpoints there are of a kind, with that name."""
+        return sum(it.kind == kind and it.name == name for it in self._endpoints())
+
+    def names_and_types(self, *kinds: str) -> list[tuple[str, list[str]]]:
+        """Return the names of endpoints of some kinds, with their types."""
+        found: dict[str, set[str]] = {}
+        for it in self._endpoints():
+            if it.kind in kinds:
+                found.setdefault(it.name, set()).add(it.type)
+        return [(name, sorted(types)) for name, types in sorted(found.items())]
+
+    def node_names(self) -> list[str]:
+        """Return the full names of all nodes."""
+        membership = self._membership
+        if membership is None:
+            return list(self.meeting.nodes)
+        names = [name for script in membership.graph.scripts for name in script.nodes]
+        return [*names, *self._late.nodes()]
+
+    def _endpoints(self) -> Iterator[Endpoint]:
+        membership = self._membership
+        if membership is None:
+            yield from self.meeting.endpoints
+        else:
+            for script in membership.graph.scripts:
+                yield from script.endpoints
+        yield from self._late.endpoints()
+
+    def start(self) -> None:
+        """Begin with what has been declared by now, unless the federate has begun."""
+        with self._lock:
+            if self._loop is not None or self._ended.is_set():
+                return
+            self._loop = threading.Thread(target=self._run, name="hprm federate", daemon=True)
+        self._loop.start()
+
+    def note_stop(self, by_signal: bool = False) -> None:
+        """Note that this thread, or a signal, asks for the end, which others notice at any tag."""
+        if by_signal or not self._holds():
+            self._is_stopped_by_clock = True
+
+    def leave(self, patience_s: float = 5.0) -> None:
+        """End the federate in order, and wait for that."""
+        loop = self._loop
+        self._is_left = True
+        if loop is None:
+            self.meeting.leave()
+            self._end(0)
+            return
+        if self._holds() and not self._is_stopped_by_clock:
+            self._leaves = True
+        else:
+            # At a tag of the clock, so that no other tag depends on when this was.
+            self.request(self._leave_now)
+        self.turns.leave()
+        self._poke()
+        if loop is threading.current_thread():
+            return
+        if self.is_fast and not self._ended.wait(NOTICING_S) and not self._leaves:
+            # A federate in which nothing happens any more notices no request if it is fast.
+            self._leave_at_once()
+        try:
+            if self._ended.wait(patience_s):
+                return
+        except KeyboardInterrupt:
+            self.turns.end()
+            raise
+        # A callback in another thread goes on: nothing waits for it any more.
+        self.turns.end()
+        self._ended.wait(1.0)
+
+    def _leave_at_once(self) -> None:
+        try:
+            if self._process is not None:
+                self._process.leave()
+        except RuntimeError:
+            # It has not begun, or it has ended.
+            return
+
+    def _leave_now(self) -> None:
+        self._leaves = True
+
+    def _holds(self) -> bool:
+        return self.turns.holds() or threading.get_ident() == self._loop_ident
+
+    def _poke(self) -> None:
+        """Have a reaction run soon."""
+        with self._lock:
+            process = self._process
+            if process is None or self._asked or not self._has_begun:
+                return
+            self._asked = True
+        if self._pace is not None:
+            self._pace.ask()
+            return
+        try:
+            process.outside.schedule(0)  # type: ignore[attr-defined]
+        except RuntimeError:
+            # It has ended.
+            return
+
+    def _lost(self, ident: int, patience_s: float) -> None:
+        named = {it.ident: it.name for it in threading.enumerate()}
+        print(
+            f"warning: {named.get(ident, 'a thread')} of this script has not come back to rclpy for"
+            f" {patience_s:g} s, so logical time goes on without it\n"
+            f"{_place(ident)}"
+            "  hint: what it publishes until it spins again has the time of the clock as its tag",
+            file=sys.stderr,
+        )
+
+    # The thread of the federate.
+
+    def _run(self) -> None:
+        self._loop_ident = threading.get_ident()
+        try:
+            membership = self.meeting.meet()
+            if membership is not None:
+                self._membership = membership
+                self._process = membership.process
+                membership.process.behavior = self
+                if membership.is_fast:
+                    self._pace = Pace(self.turns.blocked)
+                # A reaction is nothing that scripts know: `_lost` tells which thread it waits for.
+                _hprm.leave_out_long_reactions()
+                self.code = membership.run(self.failures)
+        except BaseException as error:
+            self.code = 1
+            sys.excepthook(type(error), error, error.__traceback__)
+        finally:
+            self._end(self.code)
+
+    def _end(self, code: int) -> None:
+        self._ended.set()
+        for action in self.on_end:
+            action(code)
+        self.turns.end()
+
+    # What reactions do: ``hprm.ros._federation.Behavior``.
+
+    def begin(self) -> None:
+        """Do what was asked for before the start."""
+        self._see_tag()
+        self._begun_at = self._tag
+        # What a thread of a script raises is told, and ends nothing else, as with rclpy.
+        threading.excepthook = self._thread_hook
+        with self._lock:
+            self._has_begun = True
+        if self._start_ns is not None:
+            self._shift_ns = int(self._tag.time) - self._start_ns
+        process, membership = self._process, self._membership
+        assert process is not None and membership is not None
+        if self._pace is not None:
+            self._pace.wait_for_threads()
+        if membership.delay_ns:
+            self._waits_to_begin = True
+            process.wake.schedule(membership.delay_ns)  # type: ignore[attr-defined]
+            return
+        self._do_requests()
+        self._finish()
+
+    def react(self) -> None:
+        """Take all that is present at a tag, and let callbacks run for it."""
+        self._see_tag()
+        process, membership = self._process, self._membership
+        assert process is not None and membership is not None
+        if self._waits_to_begin:
+            self._take_early(process, membership)
+            return
+        if process.local.is_present:  # type: ignore[attr-defined]
+            # First: what follows at this tag may send more, which is for the next one.
+            arrived, self._to_itself = self._to_itself, []
+            for flow, message in arrived:
+                self._deliver(flow, message)
+        for name, flow in membership.inputs:
+            self._take(process, name, flow)
+        if membership.has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
+            self._take_news(process.from_hub.value)  # type: ignore[attr-defined]
+        if process.wake.is_present:  # type: ignore[attr-defined]
+            self._do_alarms()
+        if process.outside.is_present:  # type: ignore[attr-defined]
+            self._look()
+            self._do_requests()
+        self._finish()
+
+    def end(self) -> None:
+        """Send what a fast federate has not noticed, unless a reaction has sent at this tag."""
+        before = self._tag
+        self._see_tag()
+        if self.is_fast and self._tag != before:
+            self._do_requests()
+            self._send_outgoing()
+
+    def _take(self, process: Process, name: str, flow: Flow) -> None:
+        for channel in getattr(process, name):
+            if channel.is_present:
+                for message in channel.value:
+                    self._deliver(flow, message)
+
+    def _take_early(self, process: Process, membership: Membership) -> None:
+        """Keep requests until the script begins; what is on topics is not for it yet."""
+        for name, flow in membership.inputs:
+            if flow.kind != "topic":
+                self._take(process, name, flow)
+        if membership.has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
+            news = process.from_hub.value  # type: ignore[attr-defined]
+            self._take_news([it for it in news if it[0] != "message" or it[1] != "topic"])
+        if process.outside.is_present:  # type: ignore[attr-defined]
+            self._look()
+        if self._is_left:
+            process.leave()
+        elif process.wake.is_present:  # type: ignore[attr-defined]
+            self._waits_to_begin = False
+            self._do_requests()
+            self._finish()
+
+    def _look(self) -> None:
+        """Look at what threads have asked for."""
+        with self._lock:
+            self._asked = False
+        if self._pace is not None:
+            self._pace.looks()
+
+    def _see_tag(self) -> None:
+        process = self._process
+        assert process is not None
+        self._tag = process.tag()
+
+    def _take_news(self, news: list[Any]) -> None:
+        """Note what others have made, and deliver what has come over the hub."""
+        for kind, *told in news:
+            if kind == "message":
+                flow_kind, name, message = told
+                self._deliver(Flow(flow_kind, name), message)
+            else:
+                self._late.take(kind, told)
+
+    def _do_alarms(self) -> None:
+        now = int(self._tag.time)
+        self._scheduled.discard(now)
+        while self._alarms and self._alarms[0][0] <= now:
+            _, _, alarm = heapq.heappop(self._alarms)
+            if alarm.is_on:
+                alarm.action()
+
+    def _do_requests(self) -> None:
+        while self._requests:
+            self._requests.popleft()()
+
+    def _deliver(self, flow: Flow, message: Any) -> None:
+        for deliver in self._takers.get(flow, ()):
+            deliver(message)
+
+    def _send(self, flow: Flow, message: Any) -> None:
+        self._outgoing.setdefault(flow, []).append(message)
+        if flow in self._takers:
+            self._to_itself.append((flow, message))
+        membership = self._membership
+        if membership is not None and membership.joining is not None:
+            receivers = self._late.unlinked(flow, membership)
+            if receivers:
+                self._news.append((receivers, ("message", flow.kind, flow.name, message)))
+
+    def _announce(self, kind: str, what: Any) -> None:
+        """Tell the other processes, and nodes elsewhere, what was made after the start."""
+        membership = self._membership
+        if membership is not None and membership.joining is not None:
+            graph = membership.graph
+            names = [it.name for it in graph.scripts]
+            others = [number for number, it in enumerate(names) if it != membership.name]
+            if graph.is_bridged:
+                others.append(len(names))
+            self._news.append((others, (kind, membership.name, what)))
+
+    def _set(self, delay_ns: int, alarm: Alarm) -> None:
+        due_ns = int(self._tag.time) + delay_ns
+        heapq.heappush(self._alarms, (due_ns, next(self._count), alarm))
+
+    def _with_first(self, flow: Flow | None, messages: list[Any]) -> list[Any]:
+        """Return what a port gets: at the first tag two reactions run, and the later adds to it.
+
+        Nothing else may keep the list: then an array that only a message has is not copied.
+        """
+        if self._tag != self._begun_at:
+            self._first.clear()
+            return messages
+        first = self._first.setdefault(flow, [])
+        first += messages
+        return list(first)
+
+    def _send_outgoing(self) -> None:
+        """Set the ports for what was published."""
+        membership, process = self._membership, self._process
+        assert membership is not None and process is not None
+        for flow, messages in self._outgoing.items():
+            name = membership.outputs.get(flow)
+            if name is not None:
+                getattr(process, name).set(self._with_first(flow, messages))
+        self._outgoing.clear()
+        if self._news:
+            news, self._news = self._news, []
+            process.to_hub.set(self._with_first(None, news))  # type: ignore[attr-defined]
+
+    def _finish(self) -> None:
+        """Let threads run for which there is something; then send what they have published."""
+        process = self._process
+        assert process is not None
+        self.turns.settle()
+        self._send_outgoing()
+        if self._to_itself:
+            process.local.schedule(0)  # type: ignore[attr-defined]
+        while self._alarms and not self._alarms[0][2].is_on:
+            heapq.heappop(self._alarms)
+        if self._alarms and self._alarms[0][0] not in self._scheduled:
+            due = self._alarms[0][0]
+            self._scheduled.add(due)
+            process.wake.schedule(max(due - int(self._tag.time), 0))  # type: ignore[attr-defined]
+        if self._leaves:
+            process.leave()
+        elif self._pace is not None and self._pace.end_tag(int(self._tag.time)):
+            process.outside.schedule(STEP_NS)  # type: ignore[attr-defined]

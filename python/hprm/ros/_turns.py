@@ -1,0 +1,180 @@
+"""Which thread of a script runs, and whether logical time waits for it: one thread at a time.
+
+The loop of the federate has a thread of its own. The threads of the script block in calls such as
+``rclpy.spin``; a reaction of the federate wakes one of them, which *holds* its tag until it blocks
+again. What the thread publishes meanwhile has that tag. This owns no queues and no callbacks: a
+blocked thread states a condition, which says whether there is something for it.
+
+A thread that does not block again within the patience loses its hold, so that one that has gone
+elsewhere stops no federation; it gets a hold with the next reaction that wakes it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+Condition = Callable[[], bool]
+
+
+class Waiter:
+    """A thread of the script that is blocked."""
+
+    __slots__ = ("condition", "ident", "sleeps", "wakes")
+
+    def __init__(self, ident: int, condition: Condition, sleeps: bool) -> None:
+        """Block the thread ``ident`` until the condition is true."""
+        self.ident = ident
+        self.sleeps = sleeps
+        self.condition = condition
+        self.wakes = threading.Lock()
+        self.wakes.acquire()
+
+
+class Turns:
+    """The threads of a script, and which of them hold logical time.
+
+    Parameters
+    ----------
+    patience
+        For how many seconds a thread may hold a tag without blocking again.
+    with_sleepers
+        The same while another thread sleeps, which may have locks that it waits for.
+    on_lost
+        Is called with the number of a thread that has lost its hold, and after how many seconds.
+
+    """
+
+    def __init__(
+        self, patience: float, with_sleepers: float, on_lost: Callable[[int, float], None]
+    ) -> None:
+        """Begin without any threads."""
+        self._lock = threading.Lock()
+        # Held but for the moment when the last thread has released the tag that the federate
+        # waits for. A lock takes a fraction of what a `Condition` does.
+        self._settled = threading.Lock()
+        self._settled.acquire()
+        self._is_settling = False
+        self._patience, self._with_sleepers = patience, with_sleepers
+        self._on_lost = on_lost
+        self._waiters: list[Waiter] = []
+        self._holders: set[int] = set()
+        self._is_over = False
+
+    def holds(self) -> bool:
+        """Return whether this thread holds the tag of a reaction that waits for it."""
+        return threading.get_ident() in self._holders
+
+    def block(
+        self, condition: Condition, poke: Callable[[], None], *, sleeps: bool = False
+    ) -> None:
+        """Block this thread until the condition is true, and it holds a tag; or all turns end.
+
+        ``poke`` has the federate look at the conditions, for a thread that holds no tag: what it
+        waits for may be there already.
+        """
+        ident = threading.get_ident()
+        with self._lock:
+            if self._is_over:
+                return
+            held = ident in self._holders
+            if held and condition():
+                return
+            waiter = Waiter(ident, condition, sleeps)
+            self._waiters.append(waiter)
+            self._release(ident)
+        try:
+            if not held:
+                poke()
+            # A signal may interrupt this.
+            waiter.wakes.acquire()
+        except BaseException:
+            with self._lock:
+                if waiter in self._waiters:
+                    self._waiters.remove(waiter)
+            raise
+
+    def settle(self) -> None:
+        """Wake the threads for which there is something, one after the other, and wait for each.
+
+        The federate calls it in a reaction, which ends when no thread holds its tag.
+        """
+        with self._lock:
+            while True:
+                if self._holders:
+                    self._wait()
+                waiter = next((it for it in self._waiters if it.condition()), None)
+                if waiter is None or self._is_over:
+                    return
+                self._waiters.remove(waiter)
+                self._holders.add(waiter.ident)
+                waiter.wakes.release()
+
+    def blocked(self) -> list[int]:
+        """Return the numbers of the threads that are blocked."""
+        with self._lock:
+            return [it.ident for it in self._waiters]
+
+    def take(self, ident: int) -> None:
+        """Let a thread hold the tag that this one holds: it has been given something to run."""
+        with self._lock:
+            self._holders.add(ident)
+
+    def leave(self) -> None:
+        """Let this thread hold no tag any more: it ends, or runs what is none of the script."""
+        with self._lock:
+            self._release(threading.get_ident())
+
+    def end(self) -> None:
+        """Wake all threads: there are no more turns."""
+        with self._lock:
+            self._is_over = True
+            self._holders.clear()
+            for waiter in self._waiters:
+                waiter.wakes.release()
+            self._waiters.clear()
+            self._tell_settled()
+
+    def _release(self, ident: int) -> None:
+        if ident in self._holders:
+            self._holders.remove(ident)
+            self._tell_settled()
+
+    def _tell_settled(self) -> None:
+        if self._is_settling and not self._holders:
+            self._is_settling = False
+            self._settled.release()
+
+    def _wait(self) -> None:
+        """Wait until no thread holds the tag, without the lock meanwhile."""
+        since = time.monotonic()
+        while self._holders and not self._is_over:
+            self._is_settling = True
+            self._lock.release()
+            try:
+                is_settled = self._settled.acquire(timeout=0.05)
+            finally:
+                self._lock.acquire()
+            # It may have been told before the lock was there again.
+            if is_settled or self._settled.acquire(blocking=False):
+                return
+            self._is_settling = False
+            # A thread that has ended does not tell it.
+            self._holders &= _running()
+            sleeps = any(it.sleeps for it in self._waiters)
+            patience = self._with_sleepers if sleeps else self._patience
+            if time.monotonic() > since + patience:
+                lost, self._holders = self._holders, set()
+                for ident in lost:
+                    self._on_lost(ident, patience)
+
+
+def _running() -> set[int]:
+    """The numbers of the threads that may come back, from whatever they do."""
+    threads = threading.enumerate()
+    first = threading.main_thread()
+    if not first.is_alive() and any(it.is_alive() and not it.daemon for it in threads):
+        # It is at its end, and only waits for others.
+        threads.remove(first)
+    return {it.ident for it in threads if it.ident is not None}

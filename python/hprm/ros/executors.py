@@ -1,0 +1,295 @@
+"""Executors, as ``rclpy.executors``: threads that spin, and run the callbacks of nodes.
+
+Callbacks run one at a time, in the order of tags and, at one tag, in the order in which their
+entities were made; so all executors run them in the same order. With several threads, a callback
+may block, in a call to a service for example, while others run.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from hprm.ros import _process
+from hprm.ros.task import Future, Task
+
+if TYPE_CHECKING:
+    from hprm.ros._entity import Entity
+    from hprm.ros.context import Context
+    from hprm.ros.node import Node
+
+
+class TimeoutException(Exception):
+    """There was nothing to do within the timeout."""
+
+
+class ShutdownException(Exception):
+    """The executor was shut down."""
+
+
+class ExternalShutdownException(Exception):
+    """The context was shut down while an executor was spinning."""
+
+
+class ConditionReachedException(Exception):
+    """What was waited for has happened."""
+
+
+class Executor:
+    """Runs the callbacks of nodes in the thread that spins."""
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        """Make an executor without nodes."""
+        from hprm.ros.utilities import get_default_context
+
+        self._context = get_default_context() if context is None else context
+        self._nodes: list[Node] = []
+        self._tasks: list[Task[Any]] = []
+        self._lock = threading.RLock()
+        self._is_shutdown = False
+        self._spinning: int | None = None
+        self._runtime = _process.runtime()
+        self._context.on_shutdown(self.wake)
+
+    @property
+    def context(self) -> Context:
+        """The context with which it ends."""
+        return self._context
+
+    def __enter__(self) -> Executor:
+        """Return the executor."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Shut it down."""
+        self.shutdown()
+
+    def _can_spin(self) -> bool:
+        """Whether it runs callbacks in what has begun last in this process."""
+        return self._context.ok() and self._runtime is _process.runtime()
+
+    # What it has to do.
+
+    def add_node(self, node: Node) -> bool:
+        """Run the callbacks of a node from now on; return whether it is new here."""
+        with self._lock:
+            if node in self._nodes:
+                return False
+            node.executor = self
+            self._nodes.append(node)
+        self.wake()
+        return True
+
+    def remove_node(self, node: Node) -> None:
+        """Run the callbacks of a node no more."""
+        with self._lock:
+            if node in self._nodes:
+                self._nodes.remove(node)
+
+    def get_nodes(self) -> list[Node]:
+        """Return the nodes."""
+        return list(self._nodes)
+
+    def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task[Any]:
+        """Run a function or a coroutine; return what becomes of it."""
+        task: Task[Any] = Task(callback, args, kwargs, executor=self)
+        with self._lock:
+            self._tasks.append(task)
+        self.wake()
+        return task
+
+    def wake(self) -> None:
+        """Have a thread that spins look for something to do."""
+        self._runtime.wake()
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Call ``action`` at the next tag of the clock."""
+        self._runtime.request(action)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Spin no more; return whether nothing is left to run."""
+        with self._lock:
+            self._is_shutdown = True
+        self.wake()
+        return True
+
+    # Spinning.
+
+    def spin(self) -> None:
+        """Run callbacks until the context or the executor is shut down."""
+        while self._context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback, no longer than the timeout, and run it."""
+        self._spin_once(timeout_sec, lambda: False)
+
+    def spin_until_future_complete(
+        self, future: Future[Any], timeout_sec: float | None = None
+    ) -> None:
+        """Run callbacks until a future is done, or for so long."""
+        if not future.done() and future._executor is None:
+            future._set_executor(self)
+        if timeout_sec is None or timeout_sec < 0:
+            while self._context.ok() and not future.done() and not self._is_shutdown:
+                self._spin_once(None, future.done)
+            return
+        until = self._runtime.now() + round(timeout_sec * 1e9)
+        while self._context.ok() and not future.done() and not self._is_shutdown:
+            left = until - self._runtime.now()
+            if left <= 0:
+                return
+            self._spin_once(left / 1e9, future.done)
+
+    def spin_once_until_future_complete(
+        self, future: Future[Any], timeout_sec: float | None = None
+    ) -> None:
+        """Wait for one callback, or until a future is done, no longer than the timeout."""
+        self._spin_once(timeout_sec, future.done)
+
+    def _spin_once(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
+        ident = threading.get_ident()
+        with self._lock:
+            if self._spinning is not None:
+                raise RuntimeError("Executor is already spinning")
+            self._spinning = ident
+        try:
+            self._wait_and_run(timeout_sec, is_over)
+        finally:
+            self._spinning = None
+
+    def _runs_callbacks_in_this_thread(self) -> bool:
+        """Whether this thread runs a callback, and takes what is for others only after it."""
+        return self._spinning == threading.get_ident()
+
+    def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
+        found: Task[Any] | Entity | None = None
+
+        def has_something() -> bool:
+            nonlocal found
+            ended = self._is_shutdown or not self._context.ok() or is_over()
+            found = None if ended else self._first()
+            return ended or found is not None
+
+        negative = timeout_sec is None or timeout_sec < 0
+        timeout_ns = None if negative else round((timeout_sec or 0) * 1e9)
+        self._runtime.block(has_something, timeout_ns)
+        if self._is_shutdown:
+            return
+        if not self._context.ok():
+            raise ExternalShutdownException
+        if found is None or not self._is_there(found):
+            found = self._first()
+        if found is not None:
+            self._run(*self._taken(found))
+
+    def _is_there(self, found: Task[Any] | Entity) -> bool:
+        """Return whether nothing else has taken what was found."""
+        if isinstance(found, Task):
+            return found.is_ready
+        return found.has_work() and found.callback_group.can_execute(found)
+
+    def _first(self) -> Task[Any] | Entity | None:
+        """Find the first thing to do."""
+        for task in list(self._tasks):
+            if task.done():
+                self._tasks.remove(task)
+            elif task.is_ready:
+                return task
+        for entity in self._entities():
+            if self._is_there(entity):
+                return entity
+        return None
+
+    def _entities(self) -> Iterator[Entity]:
+        for node in list(self._nodes):
+            yield from node._entities_in_order()
+
+    def _taken(self, found: Task[Any] | Entity) -> tuple[Task[Any], Entity | None]:
+        """Take what a callback needs, so that nothing else finds it."""
+        if isinstance(found, Task):
+            found.is_ready = False
+            return found, None
+        found.callback_group.beginning_execution(found)
+        return Task(found.take(), executor=self), found
+
+    def _run(self, task: Task[Any], entity: Entity | None) -> None:
+        """Run a task in this thread; what a callback raises, this raises."""
+        try:
+            task()
+        finally:
+            if entity is not None and task.done():
+                entity.callback_group.ending_execution(entity)
+        if not task.done():
+            if entity is not None:
+                # A callback with `await`: its group stays busy.
+                task.add_done_callback(lambda _: entity.callback_group.ending_execution(entity))
+                self._tasks.append(task)
+            return
+        error = task.exception()
+        if error is not None:
+            raise error
+
+
+class SingleThreadedExecutor(Executor):
+    """Runs callbacks in the thread that spins."""
+
+
+class MultiThreadedExecutor(Executor):
+    """Runs each callback in a thread of its own, so that one may block while others run."""
+
+    def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
+        """Make an executor without nodes; at most so many callbacks are open."""
+        super().__init__(context=context)
+        if num_threads is not None and num_threads < 2:
+            num_threads = 2
+        self._limit = num_threads
+        self._errors: list[BaseException] = []
+        self._running = 0
+
+    def _runs_callbacks_in_this_thread(self) -> bool:
+        return False
+
+    def _first(self) -> Task[Any] | Entity | None:
+        if self._limit is not None and self._running >= self._limit:
+            return None
+        return super()._first()
+
+    def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
+        # Here rclpy's executor of several threads ends its spin, rather than raising.
+        with suppress(ExternalShutdownException):
+            super()._wait_and_run(timeout_sec, lambda: bool(self._errors) or is_over())
+        if self._errors:
+            raise self._errors.pop(0)
+
+    def _run(self, task: Task[Any], entity: Entity | None) -> None:
+        self._running += 1
+        may_begin = threading.Event()
+
+        def run() -> None:
+            may_begin.wait()
+            try:
+                super(MultiThreadedExecutor, self)._run(task, entity)
+            except BaseException as error:
+                self._errors.append(error)
+            finally:
+                self._running -= 1
+                held = self._runtime.turns.holds()
+                self._runtime.turns.leave()
+                if not held:
+                    # It has lost its tag, so no reaction ends with it, and looks at what it did.
+                    self.wake()
+
+        thread = threading.Thread(target=run, name="callback", daemon=True)
+        thread.start()
+        assert thread.ident is not None
+        self._runtime.turns.take(thread.ident)
+        may_begin.set()

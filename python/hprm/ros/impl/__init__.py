@@ -1,0 +1,1 @@
+"""Modules of ``rclpy.impl`` that programs import, mostly for annotations."""

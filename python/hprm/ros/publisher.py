@@ -1,0 +1,84 @@
+"""Publishers, as ``rclpy.publisher``."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from hprm.ros._graph import Flow
+from hprm.ros._interface import copy_of
+from hprm.ros.exceptions import InvalidHandle
+
+if TYPE_CHECKING:
+    from hprm.ros.duration import Duration
+    from hprm.ros.node import Node
+    from hprm.ros.qos import QoSProfile
+
+MsgT = TypeVar("MsgT")
+
+
+class Publisher(Generic[MsgT]):
+    """Sends messages to all subscriptions of a topic."""
+
+    def __init__(
+        self, node: Node, msg_type: type[MsgT], topic: str, qos_profile: QoSProfile
+    ) -> None:
+        """Make the publisher of a node; ``topic`` is its full name."""
+        self._node = node
+        self._flow = Flow("topic", topic)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self._destroyed = False
+
+    def publish(self, msg: MsgT | bytes) -> None:
+        """Send a message: the callback that publishes it may change it afterwards.
+
+        Raises
+        ------
+        TypeError
+            If it is no message of the type of this publisher.
+
+        """
+        if self._destroyed:
+            raise InvalidHandle("cannot use Destroyable because destruction was requested")
+        if isinstance(msg, bytes):
+            from hprm.ros.serialization import deserialize_message
+
+            msg = deserialize_message(msg, self.msg_type)
+        if not isinstance(msg, self.msg_type):
+            raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+        self._node._runtime.publish(self._flow, copy_of(msg))
+
+    def get_subscription_count(self) -> int:
+        """Return how many subscriptions the topic has."""
+        return self._node.count_subscribers(self.topic)
+
+    @property
+    def topic_name(self) -> str:
+        """The full name of the topic."""
+        return self.topic
+
+    def assert_liveliness(self) -> None:
+        """Do nothing: a publisher is alive as long as its process."""
+
+    def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
+        """Return at once: what was published is in order on its way."""
+        return True
+
+    def destroy(self) -> None:
+        """Publish no more."""
+        self._destroyed = True
+
+    def __enter__(self) -> Publisher[MsgT]:
+        """Return the publisher."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Destroy it."""
+        self.destroy()

@@ -1,0 +1,90 @@
+"""Services, as ``rclpy.service``."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hprm.ros._entity import Entity, Queue
+from hprm.ros._graph import Flow
+from hprm.ros._interface import check_callback, copy_of
+from hprm.ros.callback_groups import CallbackGroup
+from hprm.ros.task import Future
+
+if TYPE_CHECKING:
+    from hprm.ros.node import Node
+    from hprm.ros.qos import QoSProfile
+
+
+class Service(Entity):
+    """Answers requests."""
+
+    order = 4
+
+    def __init__(
+        self,
+        node: Node,
+        srv_type: type[Any],
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        callback_group: CallbackGroup,
+        qos_profile: QoSProfile,
+    ) -> None:
+        """Make the service of a node; ``srv_name`` is its full name."""
+        check_callback(callback)
+        super().__init__(node, callback_group)
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.service_name = srv_name
+        self.callback = callback
+        self.qos_profile = qos_profile
+        self._request = Flow("request", srv_name)
+        self._response = Flow("response", srv_name)
+        # No request is lost, however many wait: each has a client that waits, too.
+        self._queue = Queue(None)
+
+    def deliver(self, request: Any) -> None:
+        """Put a request into the queue: the client, its number, and the message."""
+        if not self._destroyed:
+            self._queue.put(request)
+
+    def has_work(self) -> bool:
+        """Return whether a request waits."""
+        return len(self._queue) > 0 and not self._destroyed
+
+    def take(self) -> Callable[[], Any]:
+        """Take the oldest request."""
+        client, number, request = self._queue.take()
+        request = copy_of(request)
+        if inspect.iscoroutinefunction(self.callback):
+
+            async def awaits() -> None:
+                response = await self.callback(request, self.srv_type.Response())
+                self._answer(client, number, response)
+
+            return awaits
+
+        def answer() -> None:
+            response = self.callback(request, self.srv_type.Response())
+            self._answer(client, number, response)
+
+        return answer
+
+    def send_response(self, response: Any, header: tuple[str, int]) -> None:
+        """Send a response to the request with that header."""
+        self._answer(*header, response)
+
+    def destroy(self) -> None:
+        """Answer no more requests."""
+        super().destroy()
+        self._node._runtime.withdraw(self._request, self.deliver)
+
+    def _answer(self, client: str, number: int, response: Any) -> None:
+        if isinstance(response, Future):
+            # Of an action: its result comes later, and other callbacks of the group before it.
+            response.add_done_callback(lambda it: self._answer(client, number, it.result()))
+            return
+        if not isinstance(response, self.srv_type.Response):
+            raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
+        self._node._runtime.publish(self._response, (client, number, copy_of(response)))

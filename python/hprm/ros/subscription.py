@@ -1,0 +1,124 @@
+"""Subscriptions, as ``rclpy.subscription``."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from hprm.ros._entity import Entity, Queue
+from hprm.ros._graph import Flow
+from hprm.ros._interface import check_callback, copy_of
+from hprm.ros.callback_groups import CallbackGroup
+
+if TYPE_CHECKING:
+    from hprm.ros.node import Node
+    from hprm.ros.qos import QoSProfile
+
+
+class Subscription(Entity):
+    """Calls back with each message of a topic."""
+
+    order = 1
+
+    class CallbackType(Enum):
+        """What a callback takes."""
+
+        MessageOnly = 0
+        WithMessageInfo = 1
+
+    def __init__(
+        self,
+        node: Node,
+        msg_type: type[Any],
+        topic: str,
+        callback: Callable[..., Any],
+        callback_group: CallbackGroup,
+        qos_profile: QoSProfile,
+        raw: bool = False,
+    ) -> None:
+        """Make the subscription of a node; ``topic`` is its full name."""
+        super().__init__(node, callback_group)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.topic_name = topic
+        self.qos_profile = qos_profile
+        self.raw = raw
+        self._flow = Flow("topic", topic)
+        self.callback = callback
+        self._queue = Queue(node._depth_of(qos_profile))
+
+    @property
+    def callback(self) -> Callable[..., Any]:
+        """What is called with each message."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, value: Callable[..., Any]) -> None:
+        check_callback(value)
+        self._callback = value
+        self._callback_type = Subscription.CallbackType.MessageOnly
+        if _takes_info(value):
+            self._callback_type = Subscription.CallbackType.WithMessageInfo
+
+    @property
+    def dropped(self) -> int:
+        """How many messages the queue has dropped, because no thread was spinning in time."""
+        return self._queue.dropped
+
+    def deliver(self, message: Any) -> None:
+        """Put a message into the queue; all subscriptions of the process get the same one."""
+        if not self._destroyed:
+            self._queue.put((message, self._node._runtime.now()))
+
+    def has_work(self) -> bool:
+        """Return whether a message waits."""
+        return len(self._queue) > 0 and not self._destroyed
+
+    def take(self) -> Callable[[], Any]:
+        """Take the oldest message."""
+        message, received = self._queue.take()
+        message = copy_of(message)
+        if self.raw:
+            from hprm.ros.serialization import serialize_message
+
+            message = serialize_message(message)
+        if self._callback_type is Subscription.CallbackType.MessageOnly:
+            return _call(self._callback, message)
+        info = {
+            "source_timestamp": received,
+            "received_timestamp": received,
+            "publication_sequence_number": None,
+            "reception_sequence_number": None,
+        }
+        return _call(self._callback, message, info)
+
+    def destroy(self) -> None:
+        """Take no more messages."""
+        super().destroy()
+        self._node._runtime.withdraw(self._flow, self.deliver)
+
+
+def _call(callback: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    if inspect.iscoroutinefunction(callback):
+
+        async def awaits() -> Any:
+            return await callback(*arguments)
+
+        return awaits
+    return lambda: callback(*arguments)
+
+
+def _takes_info(callback: Callable[..., Any]) -> bool:
+    """Whether a callback has two parameters that must be given."""
+    try:
+        parameters = inspect.signature(callback).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    positional = [
+        it
+        for it in parameters
+        if it.kind in (it.POSITIONAL_ONLY, it.POSITIONAL_OR_KEYWORD) and it.default is it.empty
+    ]
+    return len(positional) == 2

@@ -1,0 +1,262 @@
+"""Machines for tests: agents on ports of this machine, and a proxy that cuts connections."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import re
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+AGENT = os.environ.get("HPRM_AGENT_PROGRAM", str(ROOT / "out" / "agent" / "release" / "hprm-agent"))
+HPRM = str(Path(sys.executable).with_name("hprm"))
+
+PROGRAM = """\
+target Python { timeout: 200 msec }
+preamble {=
+import numpy as np
+=}
+reactor Source {
+  input[2] answers
+  output out
+  timer t(0, 20 msec)
+  state count = 0
+  state received = []
+  reaction(t) -> out {=
+    self.count += 1
+    out.set(np.full(20_000, self.count))
+    if self.count == 5: print("running", flush=True)
+  =}
+  reaction(answers) {=
+    for answer in answers:
+        if answer.is_present:
+            self.received.append(answer.value)
+  =}
+  reaction(shutdown) {= print(len(self.received), sum(self.received)) =}
+}
+reactor Sink(bank_index = 0) {
+  input inp
+  output answer
+  reaction(inp) -> answer {= answer.set(int(inp.value[-1]) * 10 + self.bank_index) =}
+}
+federated reactor {
+  source = new Source()
+  sink = new[2] Sink()
+  (source.out)+ -> sink.inp
+  sink.answer -> source.answers after 30 msec
+}
+"""
+
+#: On which machine the federates of PROGRAM run.
+PLACES = {"source": "robot1", "sink__0": "robot2", "sink__1": "robot2"}
+
+#: What a federate says that is late, as it is while the link is broken.
+LAGS = re.compile(r"warning: federate \w+ lags .*\n  hint: .*\n")
+
+
+#: How many times connections are cut at random; more of them on demand.
+CUTS = int(os.environ.get("HPRM_TEST_CUTS", "3"))
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports of this machine at which nothing listens."""
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [listener.getsockname()[1] for listener in sockets]
+    for listener in sockets:
+        listener.close()
+    return ports
+
+
+@dataclass
+class Machines:
+    """Two machines, each with an agent, in a folder that their processes share."""
+
+    folder: Path
+    proxy: Proxy | None = None
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+    agents: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
+
+    def spawn(self, machine: str, *command: str) -> subprocess.Popen[str]:
+        """Starts a command on a machine."""
+        address = f"unix:@{self.address(machine)}"
+        process = subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=os.environ | {"HPRM_AGENT": address},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.started.append(process)
+        return process
+
+    def start_agents(self, *, through: bool = False) -> None:
+        """Starts both agents; with `through`, connections between them lead through a proxy."""
+        here, there = free_ports(2)
+        target = here
+        if through:
+            self.proxy = Proxy(here)
+            target = self.proxy.port
+        self.start_agent("robot1", "--listen", f"127.0.0.1:{here}")
+        connect = ["--connect", f"127.0.0.1:{target}"]
+        self.start_agent("robot2", "--listen", f"127.0.0.1:{there}", *connect)
+        while self.machines("robot2") != ["robot2 (this machine)", "robot1"]:
+            pass
+        while self.machines("robot1") != ["robot1 (this machine)", "robot2"]:
+            pass
+
+    def start_agent(self, machine: str, *options: str) -> None:
+        """Starts an agent, and waits until it listens."""
+        agent = self.spawn(machine, AGENT, "--name", machine, *options)
+        assert agent.stdout is not None
+        assert agent.stdout.readline().startswith(f"the agent of {machine} listens at")
+        self.agents[machine] = agent
+
+    def machines(self, machine: str) -> list[str]:
+        """The machines of which an agent knows."""
+        asked = self.spawn(machine, AGENT, "machines")
+        out, err = asked.communicate(timeout=30)
+        assert (asked.returncode, err) == (0, "")
+        return out.splitlines()
+
+    def federation(
+        self, program: str, places: dict[str, str], *options: str
+    ) -> tuple[subprocess.Popen[str], list[subprocess.Popen[str]]]:
+        """Starts the RTI of a program on the first machine, and its federates where they belong."""
+        (self.folder / "Fed.lf").write_text(program)
+        common = ["--federation-file", "secret", *options]
+        rti = self.spawn("robot1", HPRM, "rti", "Fed.lf", "--listen", "agent:robot1/rti", *common)
+        assert rti.stdout is not None
+        address = rti.stdout.readline().split()[-1]
+        federates = []
+        for name, machine in places.items():
+            joining = ["--rti", address, "--logical-trace", name, *common]
+            federates.append(self.spawn(machine, HPRM, "federate", "Fed.lf", name, *joining))
+        return rti, federates
+
+    def address(self, machine: str) -> str:
+        """The name of the Unix socket of a machine's agent."""
+        return f"hprm-test-{os.getpid()}-{self.folder.name}-{machine}"
+
+    def close(self) -> None:
+        """Leaves nothing behind."""
+        for process in self.started:
+            process.kill()
+            process.communicate()
+        if self.proxy:
+            self.proxy.close()
+
+
+class Proxy:
+    """Leads TCP connections to a port of this machine, until it cuts them."""
+
+    def __init__(self, target: int) -> None:
+        self.target = target
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.pairs: list[socket.socket] = []
+        self.lock = threading.Lock()
+        self.is_cut = False
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            try:
+                server = socket.create_connection(("127.0.0.1", self.target))
+            except OSError:
+                client.close()
+                continue
+            with self.lock:
+                if self.is_cut:
+                    client.close()
+                    server.close()
+                    continue
+                self.pairs += [client, server]
+            for ends in [(client, server), (server, client)]:
+                threading.Thread(target=self._lead, args=ends, daemon=True).start()
+
+    @staticmethod
+    def _lead(source: socket.socket, sink: socket.socket) -> None:
+        try:
+            while data := source.recv(1 << 16):
+                sink.sendall(data)
+        except OSError:
+            pass
+        for end in (source, sink):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self) -> None:
+        """Ends all connections, and every new one at once."""
+        with self.lock:
+            self.is_cut = True
+            for end in self.pairs:
+                # A reset: what was on its way is lost.
+                linger = (1).to_bytes(4, sys.byteorder) + (0).to_bytes(4, sys.byteorder)
+                try:
+                    end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+                    end.shutdown(socket.SHUT_RDWR)
+                except OSError:
+                    pass
+                end.close()
+            self.pairs.clear()
+
+    def mend(self) -> None:
+        """Leads connections again."""
+        with self.lock:
+            self.is_cut = False
+
+    def cut_at_random(self, seed: int, stop: threading.Event) -> int:
+        """Cuts the connections again and again, for a moment each. Returns how often."""
+        rng = random.Random(seed)
+        cuts = 0
+        while not stop.wait(rng.uniform(0.05, 1.5)):
+            self.cut()
+            cuts += 1
+            stop.wait(rng.uniform(0, 1))
+            self.mend()
+        return cuts
+
+    def close(self) -> None:
+        """Ends all of it."""
+        self.cut()
+        self.listener.close()
+
+
+def reactions(paths: Iterable[Path]) -> list[dict[str, object]]:
+    """What reactions did, by tag and name."""
+    lines = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
+    return sorted(
+        (line for line in lines if "reaction" in line),
+        key=lambda line: (line["tag"], line["reaction"]),
+    )
+
+
+def alone(folder: Path, program: str) -> tuple[str, list[dict[str, object]]]:
+    """What a program prints and does in one process."""
+    (folder / "alone").mkdir()
+    alone = program.replace("federated reactor", "main reactor")
+    assert alone != program
+    (folder / "alone" / "Fed.lf").write_text(alone)
+    command = [HPRM, "run", "--logical-trace", "trace", "Fed.lf"]
+    done = subprocess.run(command, cwd=folder / "alone", capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, reactions([folder / "alone" / "trace"])
+
+
+def finish(process: subprocess.Popen[str], read: str = "") -> tuple[int, str, str]:
+    """How a process ends, and what it writes; without what it says of being late."""
+    out, err = process.communicate(timeout=90)
+    return process.returncode, read + out, LAGS.sub("", err)

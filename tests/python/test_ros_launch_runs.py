@@ -1,0 +1,206 @@
+"""What a launch file starts later, what it shows, and what it hands to a shell."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+from processes import Bench, Outcome, finish, hear
+
+EARLY = """
+import rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import Int64
+
+
+class Early(Node):
+    def __init__(self):
+        super().__init__("early")
+        self.count = 0
+        self.publisher = self.create_publisher(Int64, "count", 10)
+        self.client = self.create_client(AddTwoInts, "add")
+        print("serves", self.client.wait_for_service(), flush=True)
+        self.create_timer(0.1, self.tick)
+
+    def tick(self):
+        self.count += 1
+        self.publisher.publish(Int64(data=self.count))
+        if self.count == 1:
+            self.asked = self.get_clock().now()
+            future = self.client.call_async(AddTwoInts.Request(a=1, b=2))
+            future.add_done_callback(self.tell)
+
+    def tell(self, future):
+        waited = self.get_clock().now() - self.asked
+        print("sum", future.result().sum, "after", waited.nanoseconds // 1000000, "ms", flush=True)
+
+
+rclpy.init()
+rclpy.spin(Early())
+"""
+
+LATER = """
+import rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import Int64
+
+
+class Later(Node):
+    def __init__(self):
+        super().__init__("later")
+        self.create_subscription(Int64, "count", self.hear, 10)
+        self.create_service(AddTwoInts, "add", self.add)
+        self.create_timer(0.1, lambda: print("timer", flush=True))
+
+    def add(self, request, response):
+        response.sum = request.a + request.b
+        return response
+
+    def hear(self, message):
+        print("count", message.data, flush=True)
+        if message.data == 8:
+            raise SystemExit
+
+
+rclpy.init()
+rclpy.spin(Later())
+"""
+
+LAUNCH = """\
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, TimerAction
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+def generate_launch_description():
+    robot = LaunchConfiguration("robot")
+    return LaunchDescription([
+        DeclareLaunchArgument("robot", description="its name"),
+        DeclareLaunchArgument("camera", default_value=[robot, "/camera"]),
+        Node(executable="early.py"),
+        TimerAction(period=0.55, actions=[
+            Node(executable="later.py"),
+            ExecuteProcess(cmd=["echo", "$((40", "+", "2))"], shell=True, name="shell"),
+        ]),
+        Node(package="nowhere", executable="x", condition=IfCondition(robot)),
+    ])
+"""
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> str:
+    (tmp_path / "early.py").write_text(EARLY)
+    (tmp_path / "later.py").write_text(LATER)
+    (tmp_path / "a.launch.py").write_text(LAUNCH)
+    return "a.launch.py"
+
+
+def test_a_timer_of_a_launch_counts_in_logical_time(bench: Bench, launch: str) -> None:
+    process = bench.call("launch", launch, "robot:=false")
+    heard = hear(process.stdout, "count 8\n")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    assert outcome.code == 130, outcome.err
+    lines = [it for it in (heard + outcome.out).splitlines() if "[shell" not in it]
+    assert [it for it in lines if "[later" in it] == [
+        # What was told before is not for it; its time begins when it does.
+        *("[later.py-2] count 6", "[later.py-2] timer", "[later.py-2] count 7"),
+        *("[later.py-2] timer", "[later.py-2] count 8"),
+    ]
+    assert [it for it in lines if "[early" in it] == [
+        "[early.py-1] serves True",
+        "[early.py-1] sum 3 after 450 ms",
+    ]
+
+
+def test_a_shell_gets_the_whole_command(bench: Bench, launch: str) -> None:
+    process = bench.call("launch", launch, "robot:=false")
+    hear(process.stdout, "[shell-3] 42\n")
+    process.send_signal(signal.SIGINT)
+    assert finish(process).code == 130
+
+
+def test_arguments_are_shown_also_if_one_is_missing(bench: Bench, launch: str) -> None:
+    outcome = finish(bench.call("launch", "--show-args", launch))
+    assert outcome.code == 0, outcome.err
+    assert "'robot':\n        its name\n" in outcome.out
+
+
+HEAD = """\
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo
+from launch.substitutions import LaunchConfiguration
+
+def generate_launch_description():
+"""
+
+
+@pytest.fixture
+def launched(bench: Bench, tmp_path: Path):
+    """Start a launch file with one function, by the words behind it."""
+
+    def start(body: str, *words: str) -> Outcome:
+        (tmp_path / "one.launch.py").write_text(f"{HEAD}    {body}\n")
+        return finish(bench.call("launch", "one.launch.py", *words))
+
+    return start
+
+
+def test_a_command_that_is_not_there_is_one_error_and_nothing_starts(launched) -> None:
+    starts = "ExecuteProcess(cmd=['touch', 'made'])"
+    for wrong in ("nosuchcommand", "./nosuchcommand"):
+        outcome = launched(f"return LaunchDescription([{starts}, ExecuteProcess(cmd=['{wrong}'])])")
+        assert outcome.code == 1
+        outcome.assert_one_error(f"there is no command '{wrong}' that can be executed")
+
+
+@pytest.mark.parametrize(
+    ("body", "frames", "last"),
+    [
+        ("raise ValueError('on purpose')", 1, "ValueError: on purpose"),
+        ("ExecuteProcess(cmd=[], comand=[])", 1, "ExecuteProcess has no argument comand"),
+        ("return (", 1, "SyntaxError: '(' was never closed"),
+    ],
+)
+def test_what_the_code_of_a_launch_file_raises_is_shown_without_ours(
+    launched, body: str, frames: int, last: str
+) -> None:
+    outcome = launched(body)
+    assert outcome.code == 1
+    lines = outcome.err.splitlines()
+    assert lines[-1].endswith(last)
+    assert len([it for it in lines if it.startswith("  File ")]) == frames, outcome.err
+    assert "one.launch.py" in outcome.err
+
+
+def test_an_argument_that_nothing_takes_is_a_warning(launched) -> None:
+    body = (
+        "return LaunchDescription([DeclareLaunchArgument('a', default_value='1'),"
+        " LogInfo(msg=LaunchConfiguration('b', default='2')), ExecuteProcess(cmd=['true'])])"
+    )
+    outcome = launched(body, "a:=3", "b:=4", "c:=5")
+    assert (outcome.code, outcome.out) == (0, "4\n")
+    assert outcome.err == "warning: nothing takes the launch argument 'c'\n"
+
+
+def test_a_launch_file_may_be_named_by_its_package(bench: Bench, tmp_path: Path) -> None:
+    folder = tmp_path / "src" / "robot_bringup" / "launch"
+    folder.mkdir(parents=True)
+    (folder.parent / "package.xml").write_text("<package><name>robot_bringup</name></package>")
+    (folder / "robot.launch.xml").write_text(
+        "<launch><arg name='says'/><executable cmd='echo $(var says)' on_exit='shutdown'/>"
+        "<executable cmd='sleep 100'/></launch>"
+    )
+    outcome = finish(bench.call("launch", "robot_bringup", "robot.launch.xml", "says:=hello"))
+    assert (outcome.code, outcome.out) == (0, "[echo-1] hello\n"), outcome.err
+    outcome = finish(bench.call("launch", "robot_bringup", "none.launch.xml"))
+    outcome.assert_one_error("has no launch file 'none.launch.xml'")
+    (folder / "robot.launch.xml").write_text(
+        "<launch><executable cmd='true' on_exit='stay'/></launch>"
+    )
+    outcome = finish(bench.call("launch", "robot_bringup", "robot.launch.xml"))
+    outcome.assert_one_error("on_exit is 'stay': it may be shutdown")
