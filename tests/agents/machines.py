@@ -14,6 +14,7 @@ import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 AGENT = os.environ.get("HPRM_AGENT_PROGRAM", str(ROOT / "out" / "agent" / "release" / "hprm-agent"))
@@ -108,9 +109,9 @@ class Machines:
         self.start_agent("robot1", "--listen", f"127.0.0.1:{here}")
         connect = ["--connect", f"127.0.0.1:{target}"]
         self.start_agent("robot2", "--listen", f"127.0.0.1:{there}", *connect)
-        while self.machines("robot2") != ["robot2 (this machine)", "robot1"]:
+        while self.machines("robot2") != ["robot2", "robot1"]:
             pass
-        while self.machines("robot1") != ["robot1 (this machine)", "robot2"]:
+        while self.machines("robot1") != ["robot1", "robot2"]:
             pass
 
     def start_agent(self, machine: str, *options: str) -> None:
@@ -121,11 +122,18 @@ class Machines:
         self.agents[machine] = agent
 
     def machines(self, machine: str) -> list[str]:
-        """The machines of which an agent knows."""
-        asked = self.spawn(machine, AGENT, "machines")
+        """The names of the machines of which an agent knows, its own first."""
+        told = self.tell_machines(machine)
+        assert [one["is_here"] for one in told] == [True] + [False] * (len(told) - 1)
+        return [one["name"] for one in told]
+
+    def tell_machines(self, machine: str) -> list[dict[str, Any]]:
+        """What an agent knows of all machines."""
+        asked = self.spawn(machine, HPRM, "machines", "--json")
         out, err = asked.communicate(timeout=30)
         assert (asked.returncode, err) == (0, "")
-        return out.splitlines()
+        told: list[dict[str, Any]] = json.loads(out)["machines"]
+        return told
 
     def federation(
         self, program: str, places: dict[str, str], *options: str

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
+import shutil
 import signal
 import socket
 import subprocess
@@ -213,6 +215,81 @@ def test_an_agent_refuses_what_would_let_other_machines_in(machines: Machines) -
         assert "without a certificate" in err and "--tls-cert" in err
 
 
+def test_machines_are_listed_with_what_runs_there(machines: Machines) -> None:
+    machines.start_agents()
+    rti, federates = machines.federation(LONG, PLACES)
+    read = running(federates[0])
+    here, there = machines.tell_machines("robot2")
+    assert here["clock"] is None
+    # Both are this machine, in truth.
+    clock = there["clock"]
+    assert abs(clock["offset"]) <= clock["bound"] < 1_000_000_000
+    version = subprocess.run([HPRM, "--version"], capture_output=True, text=True).stdout.split()[1]
+    for one in (here, there):
+        about = one["about"]
+        assert about["version"] == version
+        assert about["processors"] == len(os.sched_getaffinity(0))
+        pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        assert about["memory"] == pytest.approx(pages, rel=0.01)
+        assert "Fed" in about["federations"]
+        (address,) = about["addresses"]
+        assert address.startswith("127.0.0.1:")
+    code, out, err = finish(machines.spawn("robot1", HPRM, "machines"))
+    assert (code, err) == (0, "")
+    title, *lines = out.splitlines()
+    assert title.split()[:5] == ["machine", "version", "processors", "memory", "clock"]
+    assert [line.split("  ")[0] for line in lines] == ["robot1 (this machine)", "robot2"]
+    check(machines, LONG, "centralized", rti, federates, read)
+
+
+def test_a_machine_that_does_not_answer_is_listed_as_such(machines: Machines) -> None:
+    machines.start_agents()
+    agent = machines.agents["robot2"]
+    os.kill(agent.pid, signal.SIGSTOP)
+    code, out, _ = finish(machines.spawn("robot1", HPRM, "machines"))
+    os.kill(agent.pid, signal.SIGCONT)
+    assert code == 0
+    assert out.splitlines()[-1].split() == ["robot2", "(does", "not", "answer)", *"------"]
+
+
+def test_without_an_agent_its_absence_is_told(machines: Machines) -> None:
+    code, out, err = finish(machines.spawn("robot1", HPRM, "machines"))
+    assert (code, out, err.count("error: no agent runs on this machine")) == (1, "", 1)
+    code, out, _ = finish(machines.spawn("robot1", HPRM, "machines", "--json"))
+    assert code == 1 and "no agent runs" in json.loads(out)["error"]["message"]
+
+
+def test_the_word_agent_starts_the_agent_beside_the_command_or_on_the_path(
+    machines: Machines, tmp_path: Path
+) -> None:
+    (port,) = free_ports(1)
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "hprm-agent").symlink_to(AGENT)
+    hprm = folder / "hprm"
+    shutil.copy(HPRM, hprm)
+    agent = machines.spawn(
+        "robot1", str(hprm), "agent", "--name", "robot1", "--listen", f"127.0.0.1:{port}"
+    )
+    assert agent.stdout is not None
+    assert agent.stdout.readline() == f"the agent of robot1 listens at 127.0.0.1:{port}\n"
+    assert machines.machines("robot1") == ["robot1"]
+    agent.send_signal(signal.SIGINT)
+    assert finish(agent)[::2] == (0, "")
+    (folder / "hprm-agent").unlink()
+    environment = os.environ | {"PATH": "/usr/bin:/bin"}
+    done = subprocess.run(
+        [hprm, "agent", "--help"], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: hprm-agent is neither beside this command nor on")
+    environment["PATH"] = str(Path(AGENT).parent)
+    done = subprocess.run(
+        [hprm, "agent", "--help"], capture_output=True, text=True, env=environment
+    )
+    assert (done.returncode, done.stderr) == (0, "") and "--tls-cert" in done.stdout
+
+
 def test_names_and_sockets_belong_to_one_agent(machines: Machines) -> None:
     machines.start_agents()
     (port,) = free_ports(1)
@@ -267,7 +344,7 @@ def test_bytes_that_are_no_packets_and_idle_connections_disturb_nothing(machines
     check(machines, LONG, "centralized", rti, federates, read)
     for connection in idle:
         connection.close()
-    assert machines.machines("robot1") == ["robot1 (this machine)", "robot2"]
+    assert machines.machines("robot1") == ["robot1", "robot2"]
 
 
 def certify(folder: Path) -> None:
@@ -310,7 +387,7 @@ def test_agents_with_certificates_know_one_another_and_no_others(
         machines.start_agent(name, "--listen", f"127.0.0.1:{ports[at]}", *connect, *mine)
     while "robot2" not in machines.machines("robot1"):
         pass
-    assert machines.machines("robot3") == ["robot3 (this machine)"]
-    assert machines.machines("robot1") == ["robot1 (this machine)", "robot2"]
+    assert machines.machines("robot3") == ["robot3"]
+    assert machines.machines("robot1") == ["robot1", "robot2"]
     rti, federates = machines.federation(PROGRAM, PLACES)
     check(machines, PROGRAM, "centralized", rti, federates)

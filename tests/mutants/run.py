@@ -1,7 +1,8 @@
 """Checks that simulation and model checking find the faults that the mutants describe.
 
 A mutant is a text in this folder: what is wrong with it, a file, the lines that are replaced, and
-those that replace them. This script puts each mutant into a copy of the pure crates, so the code
+those that replace them. Behind the file, the text may name the test that is known to find it, which
+is run first then. This script puts each mutant into a copy of the pure crates, so the code
 that ships has no hooks for this; then it runs the tests of `crates/hprm-sim`, which must fail. A
 mutant is an error if its old lines are not there exactly once, or if it does not compile: it has to
 follow the code.
@@ -51,6 +52,7 @@ class Mutant:
     file: str
     old: str
     new: str
+    found_by: str | None = None
 
     @classmethod
     def read(cls, path: Path) -> Mutant:
@@ -62,7 +64,16 @@ class Mutant:
             raise Unusable(
                 f"{path.name} lacks the line that says what is wrong, or lines to replace"
             )
-        return cls(path.stem, what[2:], file, old, new)
+        file, *found_by = file.split()
+        if found_by and found_by not in ([hunt] for hunt in HUNTS):
+            raise Unusable(f"{path.name} names no test that looks for faults: {found_by}")
+        return cls(path.stem, what[2:], file, old, new, *found_by)
+
+    def hunts(self, allowed: tuple[str, ...]) -> list[str]:
+        """Return the tests that look for it, in the order in which they are run."""
+        if self.file.startswith(RELAY):
+            return ["relay"]
+        return sorted(allowed, key=lambda hunt: hunt != self.found_by)
 
     def apply(self, text: str) -> str:
         """Return the source text with the fault in it."""
@@ -98,9 +109,9 @@ class Copy:
         path = self.folder / mutant.file
         original = path.read_text()
         path.write_text(mutant.apply(original))
-        hunts = ("relay",) if mutant.file.startswith(RELAY) else hunts
         try:
-            return next(filter(None, (self.run(mutant, hunt) for hunt in hunts)), None)
+            found = (self.run(mutant, hunt) for hunt in mutant.hunts(hunts))
+            return next(filter(None, found), None)
         finally:
             path.write_text(original)
 
@@ -184,6 +195,8 @@ class Copies:
             print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
             return found
 
+        # Those that simulation does not find take longest, and begin first.
+        mutants = sorted(mutants, key=lambda mutant: mutant.found_by is None)
         with ThreadPoolExecutor(self.number) as pool:
             return list(pool.map(checked, mutants))
 

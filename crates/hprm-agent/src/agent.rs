@@ -271,11 +271,12 @@ impl Agent {
         Ok((id, Link::new(relay, way, what, socket.into())))
     }
 
-    fn tell_machines(&self, mut stream: UnixStream) {
-        let others = self.machines().into_iter().filter(|name| *name != self.me.machine);
-        let lines: String = others.map(|name| format!("{name}\n")).collect();
-        // The process may have ended.
-        let _ = write!(stream, "{} (this machine)\n{lines}", self.me.machine);
+    fn tell_machines(&self, stream: UnixStream) {
+        let mut others: Vec<_> = self.others.iter().cloned().collect();
+        others.retain(|other| other.machine != self.me.machine);
+        // Of several agents of one name, the oldest counts; they are sorted by name and age.
+        others.dedup_by(|later, earlier| later.machine == earlier.machine);
+        self.carrier.tell_machines(others, stream);
     }
 
     /// The names of all machines, this one too.

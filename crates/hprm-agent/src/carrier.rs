@@ -4,6 +4,7 @@
 //! hprm/agents/1/machines/AGENT        a liveliness token: that agent is there
 //! hprm/agents/1/open/AGENT            a query that opens a link to a listener there
 //! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
+//! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
 //! ```
 //!
 //! An agent is named by its machine and its epoch, `robot1/18ac55e2f6a0b1c2`, so an agent that was started again, or
@@ -14,6 +15,7 @@
 
 use std::fmt;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Duration;
@@ -29,9 +31,10 @@ use zenoh::query::{Query, Queryable};
 use zenoh::sample::SampleKind;
 
 use crate::Failure;
+use crate::about::{self, Here};
 use crate::options::Options;
 
-const ROOT: &str = "hprm/agents/1";
+pub(crate) const ROOT: &str = "hprm/agents/1";
 
 /// How many packets and requests of other agents may wait for this program; more are dropped.
 const PACKETS: usize = 1024;
@@ -92,7 +95,9 @@ pub(crate) struct Carrier {
     packets: Receiver<Event>,
     events: Receiver<Event>,
     _token: LivelinessToken,
+    here: Arc<Here>,
     _declared: (Subscriber<()>, Subscriber<()>, Queryable<()>),
+    _about: Queryable<()>,
 }
 
 /// Where the threads of Zenoh put what has happened.
@@ -121,9 +126,21 @@ impl Carrier {
         let ready = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)
             .map_err(|error| Failure::new(format!("the agent has no descriptor left: {error}")))?;
         let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
-        let (token, declared) = declare(&session, &me, &inbox)
-            .map_err(|error| Failure::new(format!("Zenoh fails: {error}")))?;
-        Ok(Self { session, me, inbox, packets, events, _token: token, _declared: declared })
+        let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
+        let here = Arc::new(Here::new(options));
+        let about = about::declare(&session, &me, Arc::clone(&here)).map_err(failed)?;
+        let (token, declared) = declare(&session, &me, &inbox).map_err(failed)?;
+        Ok(Self {
+            session,
+            me,
+            inbox,
+            packets,
+            events,
+            _token: token,
+            here,
+            _declared: declared,
+            _about: about,
+        })
     }
 
     /// What has happened, if anything has.
@@ -165,6 +182,11 @@ impl Carrier {
             .wait();
         // If it fails, the callback is gone, which is an answer.
         drop(got);
+    }
+
+    /// Tells a process what other agents, of different names, say of their machines.
+    pub(crate) fn tell_machines(&self, others: Vec<AgentId>, stream: UnixStream) {
+        about::tell(self.session.clone(), Arc::clone(&self.here), others, stream);
     }
 
     /// The way to the other end of a link.

@@ -2,7 +2,7 @@
 //! they have registered.
 
 use std::collections::BTreeMap;
-use std::io::{self, BufRead, BufReader, IoSlice, Read, Write};
+use std::io::{self, IoSlice, Read, Write};
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::linux::net::SocketAddrExt;
@@ -33,7 +33,7 @@ impl Local {
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::AddrInUse => {
                 Failure::new(format!("an agent runs on this machine already, at {address}"))
-                    .hint("`hprm-agent machines` asks it; HPRM_AGENT names another address")
+                    .hint("`hprm machines` asks it; HPRM_AGENT names another address")
             }
             _ => Failure::new(format!("the agent cannot listen at {address}: {error}")),
         };
@@ -131,23 +131,6 @@ impl Drop for Local {
 pub(crate) fn answer(mut stream: &UnixStream, answer: &Answer) {
     // The process may have ended.
     let _ = stream.write_all(answer.to_string().as_bytes());
-}
-
-/// Prints what the agent of this machine knows of all machines.
-pub(crate) fn show_machines() -> Result<(), Failure> {
-    let address = agent_address().map_err(Failure::new)?;
-    let none = |error: io::Error| {
-        Failure::new(format!("no agent answers on this machine, at {address}: {error}"))
-            .hint("start one: hprm-agent")
-    };
-    let socket = socket_address(&address).map_err(none)?;
-    let mut stream = UnixStream::connect_addr(&socket).map_err(none)?;
-    stream.write_all(Request::Machines.to_string().as_bytes()).map_err(none)?;
-    let lines = BufReader::new(stream).lines().collect::<Result<Vec<_>, _>>().map_err(none)?;
-    for line in lines {
-        println!("{line}");
-    }
-    Ok(())
 }
 
 fn socket_address(address: &Address) -> io::Result<SocketAddr> {

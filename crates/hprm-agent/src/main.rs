@@ -1,11 +1,12 @@
 //! The command `hprm-agent`: one process on each machine that leads links between federations' processes of different
 //! machines, through Zenoh.
 //!
-//! This file has the command line. `agent.rs` is the loop, `carrier.rs` all that knows Zenoh, `local.rs` what processes
+//! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
 //! of this machine want, `link.rs` one link.
 
 #![forbid(unsafe_code)]
 
+mod about;
 mod agent;
 mod carrier;
 mod link;
@@ -16,7 +17,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-use options::{Arguments, Command};
+use options::Arguments;
 
 /// What the user is told, and what to do about it.
 #[derive(Debug, thiserror::Error)]
@@ -38,11 +39,7 @@ impl Failure {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let done = match arguments.command {
-        Some(Command::Machines) => local::show_machines(),
-        None => arguments.serve.check().and_then(|options| agent::run(&options)),
-    };
-    match done {
+    match arguments.check().and_then(|options| agent::run(&options)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {failure}");

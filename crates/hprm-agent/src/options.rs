@@ -3,7 +3,7 @@
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::Parser;
 use hprm::agent::is_name;
 
 use crate::Failure;
@@ -12,24 +12,10 @@ use crate::Failure;
 ///
 /// One agent runs on each machine. A process reaches one on another machine by the address agent:MACHINE/NAME:
 /// `hprm rti --listen agent:robot1/rti` on one machine, `hprm federate --rti agent:robot1/rti` on the others.
+/// `hprm machines` lists the machines whose agents see one another.
 #[derive(Parser, Debug)]
-#[command(name = "hprm-agent", version, args_conflicts_with_subcommands = true)]
+#[command(name = "hprm-agent", version)]
 pub(crate) struct Arguments {
-    #[command(subcommand)]
-    pub(crate) command: Option<Command>,
-    #[command(flatten)]
-    pub(crate) serve: Serve,
-}
-
-#[derive(Subcommand, Debug)]
-pub(crate) enum Command {
-    /// List the machines whose agents this machine's agent sees
-    Machines,
-}
-
-/// How an agent runs.
-#[derive(Args, Debug)]
-pub(crate) struct Serve {
     /// The name of this machine; by default its host name
     #[arg(long)]
     name: Option<String>,
@@ -67,7 +53,7 @@ pub(crate) struct Tls {
     pub(crate) ca: PathBuf,
 }
 
-impl Serve {
+impl Arguments {
     /// Refuses what would let other machines in without a certificate, and names that cannot be used.
     pub(crate) fn check(self) -> Result<Options, Failure> {
         let name = match self.name {

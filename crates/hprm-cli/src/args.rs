@@ -8,6 +8,7 @@ mod comparing;
 mod compose;
 mod diagram;
 mod frames;
+mod machines;
 mod new;
 mod ros;
 mod texts;
@@ -31,6 +32,7 @@ pub(crate) use crate::args::comparing::{Diff, Verify};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
+pub(crate) use crate::args::machines::{Agent, Machines};
 pub(crate) use crate::args::new::{Language, New};
 pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
 pub(crate) use crate::args::top::Top;
@@ -67,6 +69,8 @@ impl Arguments {
             | Command::Ros(_)
             | Command::Launch(_)
             | Command::Top(_)
+            | Command::Machines(_)
+            | Command::Agent(_)
             | Command::Sim(_)
             | Command::Doctor(_)
             | Command::Completions(_)
@@ -118,6 +122,8 @@ pub(crate) enum Command {
     Ros(Ros),
     Launch(Launch),
     Top(Top),
+    Machines(Machines),
+    Agent(Agent),
     Sim(Sim),
     Doctor(Doctor),
     Completions(Completions),

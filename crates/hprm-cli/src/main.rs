@@ -29,6 +29,7 @@ mod join;
 mod launch;
 mod launcher;
 mod limits;
+mod machines;
 mod message;
 mod new;
 mod parameters;
@@ -111,6 +112,8 @@ fn command() -> ExitCode {
         Command::Ros(wanted) => ros::ros(&wanted),
         Command::Launch(wanted) => ros::launch(&wanted),
         Command::Top(wanted) => top::top(&wanted),
+        Command::Machines(wanted) => machines::machines(&wanted),
+        Command::Agent(wanted) => machines::agent(&wanted),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
         Command::Completions(wanted) => Ok(generate::completions(&wanted)),

@@ -3,13 +3,19 @@
 //! A process connects to the Unix socket of the agent, writes a [`Request`], and reads an [`Answer`]. After
 //! [`Request::Connect`] the connection is the link: the bytes of both ends follow. After [`Request::Listen`] it is a
 //! registration: for each link that another machine opens, the agent sends a byte with the descriptor of a connection.
+//! After [`Request::Machines`] the agent sends a list of [`Machine`] as JSON, and ends the connection.
 //! The agent links Zenoh; this crate only knows these lines.
 
+mod machines;
+
 use std::fmt;
+use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+pub use self::machines::{About, ClockReading, Machine};
 use crate::Address;
+use crate::link::ask_for_machines;
 
 /// Names an address at which the agent of this machine listens, if it is not the usual one.
 pub const AGENT: &str = "HPRM_AGENT";
@@ -37,6 +43,15 @@ pub fn agent_address() -> Result<Address, String> {
     let wrong =
         || format!("{AGENT} is {}: write unix:@NAME or unix:/PATH", PathBuf::from(text).display());
     address.filter(Address::is_unix).ok_or_else(wrong)
+}
+
+/// The machines of which the agent of this one knows: this one first, the others by their names.
+///
+/// # Errors
+///
+/// If no agent runs here, or it does not answer within some seconds.
+pub fn machines() -> io::Result<Vec<Machine>> {
+    ask_for_machines()
 }
 
 /// A name of a listener, and the machine on which it is: `MACHINE/NAME`.
@@ -94,14 +109,14 @@ pub enum Request {
     Connect(Place),
     /// To be that listener, until the connection ends.
     Listen(Place),
-    /// The names of all machines.
+    /// What is known of all machines.
     Machines,
 }
 
 /// What the agent answers.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// It is done. The text is the name of the machine, or the names of all of them.
+    /// It is done. The text is the name of the machine.
     Done(String),
     /// There is no such machine or listener, perhaps not yet.
     Absent(String),

@@ -32,6 +32,7 @@ use hprm_federated::codec::CodecError;
 use crate::notifier::Notifier;
 use crate::wait::Deadline;
 pub(crate) use acceptor::LinkAcceptor;
+pub(crate) use agents::ask_for_machines;
 pub use address::{Address, AddressError};
 pub(crate) use ends::CloseInChild;
 pub(crate) use keys::Keys;

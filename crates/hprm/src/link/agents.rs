@@ -13,12 +13,18 @@ use std::time::Duration;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 
 use super::socket::connect_unix;
-use crate::agent::{Answer, LINE_LIMIT, Place, Request, agent_address};
+use crate::agent::{Answer, LINE_LIMIT, Machine, Place, Request, agent_address};
 use crate::wait::{Deadline, Interest};
 use crate::{Address, Clock, nanoseconds};
 
 /// How long the agent may take to register a listener.
 const REGISTRATION: Duration = Duration::from_secs(5);
+
+/// How long the agent may take to ask all others of their machines.
+const MACHINES: Duration = Duration::from_secs(10);
+
+/// The most bytes of what it says of them.
+const MACHINES_LIMIT: usize = 64 << 20;
 
 /// Connects to a listener on another machine.
 pub(super) fn connect(place: &Place, deadline: Deadline) -> io::Result<UnixStream> {
@@ -27,7 +33,7 @@ pub(super) fn connect(place: &Place, deadline: Deadline) -> io::Result<UnixStrea
 
 /// Registers a listener. Returns also the place that it has.
 pub(super) fn listen(place: &Place) -> io::Result<(UnixStream, Place)> {
-    let deadline = Deadline::at(Clock::now().plus(nanoseconds(REGISTRATION)));
+    let deadline = within(REGISTRATION);
     let (registration, machine) = ask(&Request::Listen(place.clone()), deadline)?;
     Ok((registration, Place { machine, name: place.name.clone() }))
 }
@@ -49,6 +55,26 @@ pub(super) fn accept(registration: &UnixStream) -> io::Result<Option<UnixStream>
     });
     let descriptor: Option<OwnedFd> = descriptors.last();
     Ok(descriptor.map(UnixStream::from))
+}
+
+/// What the agent knows of all machines.
+pub(crate) fn ask_for_machines() -> io::Result<Vec<Machine>> {
+    let deadline = within(MACHINES);
+    let (mut stream, _) = ask(&Request::Machines, deadline)?;
+    let (mut text, mut buffer) = (Vec::new(), [0; 4096]);
+    loop {
+        match stream.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(len) if text.len() + len <= MACHINES_LIMIT => text.extend(&buffer[..len]),
+            Ok(_) => return Err(io::ErrorKind::InvalidData.into()),
+            Err(error) => wait_if_blocked(&stream, error, deadline)?,
+        }
+    }
+    Ok(serde_json::from_slice(&text)?)
+}
+
+fn within(time: Duration) -> Deadline {
+    Deadline::at(Clock::now().plus(nanoseconds(time)))
 }
 
 /// Sends a request to the agent, and waits for its answer.
@@ -76,18 +102,25 @@ fn read_line(stream: &mut UnixStream, deadline: Deadline) -> io::Result<String> 
             Ok(_) if byte == *b"\n" => break,
             Ok(_) if line.len() < LINE_LIMIT => line.extend(byte),
             Ok(_) => return Err(io::ErrorKind::InvalidData.into()),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                deadline.wait(Interest { fd: stream.as_fd(), write: false })?;
-            }
-            Err(error) => return Err(error),
+            Err(error) => wait_if_blocked(stream, error, deadline)?,
         }
     }
     String::from_utf8(line).map_err(|_| io::ErrorKind::InvalidData.into())
 }
 
+/// Waits until more can be read, if that was all that was wrong.
+fn wait_if_blocked(stream: &UnixStream, error: io::Error, deadline: Deadline) -> io::Result<()> {
+    match error.kind() {
+        io::ErrorKind::Interrupted => Ok(()),
+        io::ErrorKind::WouldBlock => {
+            deadline.wait(Interest { fd: stream.as_fd(), write: false }).map(drop)
+        }
+        _ => Err(error),
+    }
+}
+
 fn no_agent(address: &Address, error: &io::Error) -> io::Error {
-    let text = format!("no agent runs on this machine, at {address}: start `hprm-agent`");
+    let text = format!("no agent runs on this machine, at {address}: start `hprm agent`");
     match error.kind() {
         io::ErrorKind::ConnectionRefused | io::ErrorKind::NotFound => {
             io::Error::new(io::ErrorKind::NotFound, text)

@@ -1,0 +1,132 @@
+//! `hprm machines` and `hprm agent`: what this command has to do with agents, which are programs of their own.
+
+use std::env;
+use std::io::ErrorKind;
+use std::os::unix::process::CommandExt;
+use std::process::{Command, ExitCode};
+
+use hprm::agent::{About, ClockReading, Machine, machines as ask};
+use serde_json::json;
+
+use crate::args::{Agent, Machines};
+use crate::columns;
+use crate::message::{self, Error, print_line};
+use crate::top::bytes;
+
+/// The program of an agent.
+const PROGRAM: &str = "hprm-agent";
+
+/// Lists the machines whose agents see one another.
+///
+/// # Errors
+///
+/// If no agent runs on this machine, or it does not answer.
+pub(crate) fn machines(wanted: &Machines) -> Result<ExitCode, Error> {
+    message::or_json(wanted.json, show(wanted.json))
+}
+
+fn show(json: bool) -> Result<ExitCode, Error> {
+    let machines = ask().map_err(|error| Error::new(message::reason(&error)))?;
+    match json {
+        true => print_line(&json!({ "machines": machines }).to_string()),
+        false => print_line(&table(&machines)),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+const TITLES: [&str; 7] =
+    ["machine", "version", "processors", "memory", "clock", "federations", "listens at"];
+
+fn table(machines: &[Machine]) -> String {
+    columns::text(&TITLES, machines.iter().map(row).collect())
+}
+
+fn row(machine: &Machine) -> Vec<String> {
+    let name = match (machine.is_here, &machine.about) {
+        (true, _) => format!("{} (this machine)", machine.name),
+        (false, Some(_)) => machine.name.clone(),
+        (false, None) => format!("{} (does not answer)", machine.name),
+    };
+    let mut cells = vec![name];
+    match &machine.about {
+        Some(About { version, addresses, processors, memory, federations }) => cells.extend([
+            version.clone(),
+            processors.to_string(),
+            bytes(*memory),
+            clock(machine.clock),
+            or_none(federations),
+            or_none(addresses),
+        ]),
+        None => cells.resize(TITLES.len(), "-".to_owned()),
+    }
+    cells
+}
+
+/// By how much a clock is ahead of this machine's.
+fn clock(reading: Option<ClockReading>) -> String {
+    let Some(ClockReading { offset, bound }) = reading else { return "-".to_owned() };
+    let sign = if offset > 0 { "+" } else { "" };
+    format!("{sign}{} ±{}", columns::time(Some(offset)), columns::time(Some(bound)))
+}
+
+fn or_none(texts: &[String]) -> String {
+    if texts.is_empty() { "-".to_owned() } else { texts.join(", ") }
+}
+
+/// Becomes the agent of this machine. Returns only if that fails.
+///
+/// # Errors
+///
+/// If there is no such program, or it cannot be started.
+pub(crate) fn agent(wanted: &Agent) -> Result<ExitCode, Error> {
+    let beside = env::current_exe().ok().map(|hprm| hprm.with_file_name(PROGRAM));
+    let beside = beside.filter(|path| path.is_file());
+    let mut command = match &beside {
+        Some(path) => Command::new(path),
+        None => Command::new(PROGRAM),
+    };
+    command.args(&wanted.options);
+    let error = command.exec();
+    Err(match error.kind() {
+        ErrorKind::NotFound => {
+            Error::new(format!("{PROGRAM} is neither beside this command nor on the PATH"))
+                .hint("it is a program of its own; a clone of HPRM builds it: make agent")
+        }
+        _ => Error::new(format!("cannot run {}: {error}", command.get_program().display())),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn machines_are_lines_of_a_table() {
+        let about = About {
+            version: "0.1.0".to_owned(),
+            addresses: vec!["192.0.2.1:7650".to_owned()],
+            processors: 4,
+            memory: 8_000_000_000,
+            federations: vec!["Vision".to_owned(), "Arm".to_owned()],
+        };
+        let machine = |name: &str, about, clock| Machine {
+            name: name.to_owned(),
+            is_here: name == "robot1",
+            about,
+            clock,
+        };
+        let clock = ClockReading { offset: 1_500_000, bound: 200_000 };
+        let alone = About { federations: Vec::new(), ..about.clone() };
+        let shown = table(&[
+            machine("robot1", Some(alone), None),
+            machine("robot2", Some(about), Some(clock)),
+            machine("robot3", None, None),
+        ]);
+        let expected = "\
+machine                   version  processors   memory              clock  federations      listens at
+robot1 (this machine)       0.1.0           4  8.00 GB                  -            -  192.0.2.1:7650
+robot2                      0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650
+robot3 (does not answer)        -           -        -                  -            -               -";
+        assert_eq!(shown, expected);
+    }
+}
