@@ -484,6 +484,15 @@ def test_ctrl_c_ends_all(bench: Bench, write, scripts: list[str]) -> None:
     until(lambda: not bench.left(), "all have ended")
 
 
+def test_ctrl_c_in_generated_code_is_shown_where_the_script_is(bench: Bench, write) -> None:
+    # As where the package is being imported, and a dataclass generates a method.
+    write(script='exec("raise KeyboardInterrupt")\n')
+    outcome = finish(bench.call("ros", "run", "script.py"))
+    assert outcome.code in (130, -signal.SIGINT)
+    assert 'File "script.py", line ' in outcome.err
+    assert "<string>" not in outcome.err
+
+
 LAUNCH = """\
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument

@@ -173,7 +173,9 @@ def _cut(traceback: TracebackType | None) -> None:
     """Take away what the package, and Python for it, does behind the last line of the script."""
     last, each = None, traceback
     while each is not None:
-        if not each.tb_frame.f_code.co_filename.startswith(_runtime.NOT_OF_SCRIPTS):
+        path = each.tb_frame.f_code.co_filename
+        # What modules of Python generate, as dataclasses do, has no file.
+        if not path.startswith((*_runtime.NOT_OF_SCRIPTS, "<")):
             last = each
         each = each.tb_next
     if last is not None:
