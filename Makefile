@@ -89,9 +89,10 @@ conformance-ros2: build $(VENV)/.requirements ## talk to nodes of ROS 2 that HPR
 
 # Zenoh and its 300 crates take some minutes, so the agent is in no other build.
 AGENT := out/agent/release/hprm-agent
-agent: toolchain ## build the command `hprm-agent`, which leads links between machines, into out/agent
+agent: $(VENV)/.build-requirements ## build the command `hprm-agent`, which leads links between machines, into out/agent and .venv
 	cargo build --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
-	@echo "$(AGENT) --help"
+	cp $(AGENT) $(BIN)/hprm-agent
+	@echo "$(BIN)/hprm agent --help"
 
 test-agent: build agent ## check the agent's lints, and run federations through agents that pause, end and are cut off
 	cargo fmt --check --manifest-path crates/hprm-agent/Cargo.toml

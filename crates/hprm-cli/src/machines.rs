@@ -123,10 +123,10 @@ mod tests {
             machine("robot3", None, None),
         ]);
         let expected = "\
-machine                   version  processors   memory              clock  federations      listens at
-robot1 (this machine)       0.1.0           4  8.00 GB                  -            -  192.0.2.1:7650
+machine                   version  processors   memory             clock  federations      listens at
+robot1 (this machine)       0.1.0           4  8.00 GB                 -            -  192.0.2.1:7650
 robot2                      0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650
-robot3 (does not answer)        -           -        -                  -            -               -";
+robot3 (does not answer)        -           -        -                 -            -               -";
         assert_eq!(shown, expected);
     }
 }

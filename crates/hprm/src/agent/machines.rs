@@ -32,7 +32,7 @@ pub struct About {
     pub federations: Vec<String>,
 }
 
-/// What the clock of a machine shows beside another one, found from messages there and back.
+/// What the clock of a machine shows beside another one, found from round trips.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct ClockReading {
     /// By how many nanoseconds it is ahead.
@@ -46,7 +46,7 @@ impl ClockReading {
     /// times are in nanoseconds.
     #[must_use]
     pub fn of(sent: i64, shown: i64, answered: i64) -> Self {
-        let half = answered.saturating_sub(sent).max(0).div_ceil(2);
+        let half = answered.saturating_sub(sent).max(0).saturating_add(1) / 2;
         Self { offset: shown.saturating_sub(sent).saturating_sub(half), bound: half }
     }
 }
