@@ -91,7 +91,13 @@ class Machines:
         process = subprocess.Popen(
             command,
             cwd=self.folder,
-            env=os.environ | {"HPRM_AGENT": address},
+            env=os.environ
+            | {
+                "HPRM_AGENT": address,
+                "XDG_CACHE_HOME": str(self.folder / f"cache-{machine}"),
+                # Where the agent finds the command.
+                "PATH": f"{Path(HPRM).parent}:{os.environ['PATH']}",
+            },
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -99,16 +105,16 @@ class Machines:
         self.started.append(process)
         return process
 
-    def start_agents(self, *, through: bool = False) -> None:
+    def start_agents(self, *options: str, through: bool = False) -> None:
         """Starts both agents; with `through`, connections between them lead through a proxy."""
         here, there = free_ports(2)
         target = here
         if through:
             self.proxy = Proxy(here)
             target = self.proxy.port
-        self.start_agent("robot1", "--listen", f"127.0.0.1:{here}")
+        self.start_agent("robot1", "--listen", f"127.0.0.1:{here}", *options)
         connect = ["--connect", f"127.0.0.1:{target}"]
-        self.start_agent("robot2", "--listen", f"127.0.0.1:{there}", *connect)
+        self.start_agent("robot2", "--listen", f"127.0.0.1:{there}", *connect, *options)
         while self.machines("robot2") != ["robot2", "robot1"]:
             pass
         while self.machines("robot1") != ["robot1", "robot2"]:

@@ -16,6 +16,7 @@ use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::options::Options;
+use crate::starters::Starters;
 
 /// The most links: each may hold some megabytes for a slow reader.
 const LINKS: usize = 1024;
@@ -34,6 +35,7 @@ struct Agent {
     me: AgentId,
     carrier: Carrier,
     local: Local,
+    starters: Starters,
     links: BTreeMap<LinkId, Link>,
     /// Those whose sockets are ready.
     ready: Vec<LinkId>,
@@ -58,7 +60,8 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let carrier = Carrier::open(options, me.clone())?;
     let (links, others) = (BTreeMap::new(), BTreeSet::new());
     let (ready, rival_since) = (Vec::new(), None);
-    let mut agent = Agent { me, carrier, local, links, ready, others, rival_since };
+    let starters = Starters::new(&options.name, options.programs.clone());
+    let mut agent = Agent { me, carrier, local, starters, links, ready, others, rival_since };
     println!("the agent of {} listens at {}", options.name, options.listen.join(" and "));
     // Without a reader of the line, the agent runs as well.
     let _ = std::io::stdout().flush();
@@ -160,7 +163,9 @@ impl Agent {
         mine.set_nonblocking(true).map_err(|error| refused(&error))?;
         let way = self.carrier.way(id).map_err(|error| refused(&error))?;
         let relay = Relay::new(epoch().map_err(|error| refused(&error))?, now);
-        if !self.local.hand_over(name, &other) {
+        if Starters::is_meant(name) {
+            self.starters.start(&other).map_err(Answer::Refused)?;
+        } else if !self.local.hand_over(name, &other) {
             return Err(Answer::Absent(absent(here, name)));
         }
         let what = format!("of {from} to agent:{here}/{name}");
@@ -299,6 +304,7 @@ impl Agent {
             }
         }
         self.links.retain(|_, link| !link.is_over(now));
+        self.starters.reap();
     }
 
     /// Tells the other ends of all links, and leaves nothing behind.

@@ -13,6 +13,7 @@ use hprm::agent::{Answer, LINE_LIMIT, Place, Request, agent_address};
 use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg, sockopt};
 
 use crate::Failure;
+use crate::starters::Starters;
 
 /// How many connections may wait for their first line; the oldest makes room for another one.
 const GREETINGS: usize = 64;
@@ -87,6 +88,8 @@ impl Local {
         self.registrations.retain(|_, stream| is_open(stream));
         let refusal = if !place.is_on(machine) {
             Some(format!("this machine is {machine}: listen at agent:{machine}/{}", place.name))
+        } else if Starters::is_meant(&place.name) {
+            Some(format!("agent:{machine}/{} is where the agent starts programs", place.name))
         } else if self.registrations.contains_key(&place.name) {
             Some(format!("another process listens at agent:{machine}/{} already", place.name))
         } else {

@@ -2,7 +2,7 @@
 //! machines, through Zenoh.
 //!
 //! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
-//! of this machine want, `link.rs` one link.
+//! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines.
 
 #![forbid(unsafe_code)]
 
@@ -12,6 +12,7 @@ mod carrier;
 mod link;
 mod local;
 mod options;
+mod starters;
 
 use std::process::ExitCode;
 

@@ -1,7 +1,10 @@
 //! What the command line may say, and what of it is refused.
 
+use std::fs::File;
+use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
-use std::path::PathBuf;
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use hprm::agent::is_name;
@@ -34,6 +37,12 @@ pub(crate) struct Arguments {
     /// Certificates of the authorities that have signed those of all agents
     #[arg(long, value_name = "FILE", requires_all = ["tls_cert", "tls_key"])]
     tls_ca: Option<PathBuf>,
+    /// Start programs for those who have one of the keys in this file; it is made, with a key, if it is missing
+    #[arg(long, value_name = "FILE")]
+    fleet_keys: Option<PathBuf>,
+    /// Start programs also as root
+    #[arg(long, requires = "fleet_keys")]
+    allow_root: bool,
 }
 
 /// How an agent runs, checked.
@@ -43,6 +52,15 @@ pub(crate) struct Options {
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
     pub(crate) tls: Option<Tls>,
+    pub(crate) programs: Option<Programs>,
+}
+
+/// For whom the agent starts programs.
+#[derive(Clone, Debug)]
+pub(crate) struct Programs {
+    /// The file with their keys.
+    pub(crate) keys: PathBuf,
+    pub(crate) allow_root: bool,
 }
 
 /// The files of a certificate.
@@ -87,7 +105,15 @@ impl Arguments {
                 .hint("name the files: --tls-cert, --tls-key and --tls-ca"));
             }
         }
-        Ok(Options { name, listen: self.listen, connect: self.connect, tls })
+        let allow_root = self.allow_root;
+        let programs = self.fleet_keys.map(|keys| {
+            make_keys(&keys)?;
+            // The agent may change its folder, and what it starts has another one.
+            let keys = std::path::absolute(&keys).unwrap_or(keys);
+            Ok(Programs { keys, allow_root })
+        });
+        let programs = programs.transpose()?;
+        Ok(Options { name, listen: self.listen, connect: self.connect, tls, programs })
     }
 }
 
@@ -101,6 +127,30 @@ fn is_loopback(place: &str) -> Result<bool, Failure> {
     }
     let mut addresses = place.to_socket_addrs().map_err(|error| wrong(&error))?;
     Ok(addresses.all(|address| address.ip().is_loopback()))
+}
+
+/// Makes a file with a key, unless there is such a file; others must not read it.
+fn make_keys(path: &Path) -> Result<(), Failure> {
+    let failed = |error: std::io::Error| {
+        Failure::new(format!("cannot use the fleet keys in {}: {error}", path.display()))
+    };
+    let options = File::options().write(true).create_new(true).mode(0o600).open(path);
+    match options {
+        Ok(mut file) => {
+            let key =
+                hprm::random_federation().map_err(|error| Failure::new(error.report().message))?;
+            writeln!(file, "{key}").map_err(failed)
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+            let mode = std::fs::metadata(path).map_err(failed)?.permissions().mode();
+            if mode & 0o077 != 0 {
+                let text = format!("others can read the fleet keys in {}", path.display());
+                return Err(Failure::new(text).hint(format!("chmod 600 {}", path.display())));
+            }
+            Ok(())
+        }
+        Err(error) => Err(failed(error)),
+    }
 }
 
 fn host_name() -> String {

@@ -32,7 +32,7 @@ pub(crate) use crate::args::comparing::{Diff, Verify};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
-pub(crate) use crate::args::machines::{Agent, Machines};
+pub(crate) use crate::args::machines::{Agent, At, Machines, Starter};
 pub(crate) use crate::args::new::{Language, New};
 pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
 pub(crate) use crate::args::top::Top;
@@ -71,6 +71,8 @@ impl Arguments {
             | Command::Top(_)
             | Command::Machines(_)
             | Command::Agent(_)
+            | Command::StandIn
+            | Command::Starter(_)
             | Command::Sim(_)
             | Command::Doctor(_)
             | Command::Completions(_)
@@ -124,6 +126,10 @@ pub(crate) enum Command {
     Top(Top),
     Machines(Machines),
     Agent(Agent),
+    #[command(hide = true)]
+    StandIn,
+    #[command(hide = true)]
+    Starter(Starter),
     Sim(Sim),
     Doctor(Doctor),
     Completions(Completions),
@@ -305,6 +311,8 @@ pub(crate) struct Run {
     #[arg(long, value_name = "FEDERATE", conflicts_with = "in_process")]
     pub(crate) debug: Option<String>,
     #[command(flatten)]
+    pub(crate) at: At,
+    #[command(flatten)]
     pub(crate) hang: Hang,
     #[command(flatten)]
     pub(crate) failures: Failures,
@@ -329,6 +337,7 @@ impl Run {
         self.federation_known
             || self.in_process
             || self.debug.is_some()
+            || !self.at.at.is_empty()
             || self.hang.limit.is_some()
             || self.join_timeout != JOIN_TIMEOUT
             || self.frames.are_asked_for()

@@ -9,10 +9,13 @@ use hprm_model::{Compiled, Diagnostic, PlacedAt, Severity};
 
 /// Warnings about parts of a federation that are to run elsewhere.
 pub(crate) fn elsewhere(compiled: &Compiled) -> Vec<Diagnostic> {
-    let system = rustix::system::uname();
-    let own = system.nodename().to_string_lossy();
-    let elsewhere = compiled.hosts.iter().filter(|placed| !is_here(&placed.host, &own));
+    let elsewhere = compiled.hosts.iter().filter(|placed| !is_this_machine(&placed.host));
     elsewhere.map(warning).collect()
+}
+
+/// Whether `host`, as programs write it, means this machine.
+pub(crate) fn is_this_machine(host: &str) -> bool {
+    is_here(host, &rustix::system::uname().nodename().to_string_lossy())
 }
 
 fn warning(placed: &PlacedAt) -> Diagnostic {
@@ -20,8 +23,8 @@ fn warning(placed: &PlacedAt) -> Diagnostic {
     let (message, hint) = match federate {
         Some(name) => (
             format!("federate `{name}` is to run at `{host}`, and `hprm run` starts it here"),
-            "`hprm rti` and `hprm federate` start a federation on several machines \
-             (docs/howto/deployment.md)",
+            "with agents, --fleet-key FILE starts it there (docs/howto/agents.md); by hand, `hprm rti` and \
+             `hprm federate` do (docs/howto/deployment.md)",
         ),
         None => (
             format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),

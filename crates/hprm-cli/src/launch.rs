@@ -13,7 +13,10 @@ use hprm::Descriptions;
 use hprm::launch::{Launch, Membership};
 use hprm::recorder::TraceRequest;
 use hprm::supervisor::Advice;
-use hprm::{Address, FederationId, HangTimeout, STAGE, Security, random_federation};
+use hprm::{
+    Address, Failure, FederationId, HangTimeout, STAGE, Security, THROUGH_AGENT, random_bytes,
+    random_federation,
+};
 use hprm_core::{FederateId, Program};
 use hprm_model::Compiled;
 
@@ -21,6 +24,7 @@ use crate::args::{PYTHON, Properties};
 use crate::launcher::{self, Commands};
 use crate::message::{self, Error};
 use crate::registry::{self, Entry, Record};
+use crate::remote::{Errands, Places};
 use crate::{executable, python, signals, trace};
 
 /// Where a process finds the secret of its federation. On the command line, all users could see it.
@@ -46,6 +50,8 @@ pub(crate) struct Plan {
     /// Where the files of the program lie side by side, if not beside it.
     pub(crate) stage: Option<PathBuf>,
     pub(crate) security: Security,
+    /// Federates that are to run on other machines.
+    pub(crate) places: Option<Places>,
 }
 
 /// Runs a federation to its end, and returns the exit code.
@@ -56,10 +62,13 @@ pub(crate) struct Plan {
 pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let program = &compiled.program;
     let federation = random_federation()?;
+    let places = plan.places.as_ref();
+    let elsewhere = places.map(|places| places.listener(random_name())).into_iter();
     let launching = Launch {
         program: Arc::clone(program),
         fingerprint: Arc::new(compiled.fingerprint()),
         federation,
+        also_listen: elsewhere.clone().collect(),
         security: plan.security.clone(),
         join_timeout: plan.join_timeout,
         hang_timeout: plan.hang_timeout,
@@ -76,7 +85,16 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let descriptions = Descriptions::of(compiled).map_err(|error| {
         Error::new(format!("cannot hand the declarations of executables to federates: {error}"))
     })?;
+    let errands = elsewhere.map(|rti| Errands::new(compiled, &plan.file, rti.to_string()));
+    let errands = errands.last().transpose()?;
     let command = |membership: &Membership<'_>| {
+        if let Some((places, errands)) = places.zip(errands.as_ref())
+            && let Some(machine) = places.machine_of(membership.federate)
+        {
+            let where_to = (membership, machine);
+            let command = errands.command((plan, places), where_to, federation);
+            return command.map_err(|error| Failure::command(error.report().message.clone()));
+        }
         let meeting = (federation, &plan.security);
         if let Some(command) = executable::launched(compiled, membership, meeting)? {
             return Ok(command);
@@ -86,6 +104,11 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         Ok(command)
     };
     Ok(launching.run(command, &mut message::tell)?)
+}
+
+/// A name that no other listener of this machine has.
+fn random_name() -> String {
+    format!("run-{:016x}", random_bytes().map(u64::from_le_bytes).unwrap_or_default())
 }
 
 /// That the transient federates of a running federation can be started again by others, for as long as this lives: by
@@ -138,6 +161,9 @@ impl Plan {
         command.args(membership.share.iter().flat_map(trace::share_options));
         command.args(self.properties.options());
         // It leaves the words on its failure to this process, and never outlives it.
+        if self.places.is_some() {
+            command.arg("--advertise").arg(THROUGH_AGENT);
+        }
         command.arg("--launched");
         command.arg("--die-with-parent").arg(std::process::id().to_string());
         command.arg("--").arg(&self.file).arg(membership.name).args(&self.arguments);

@@ -36,6 +36,7 @@ mod parameters;
 mod probe;
 mod python;
 mod registry;
+mod remote;
 mod ros;
 mod roster;
 mod rti;
@@ -114,6 +115,8 @@ fn command() -> ExitCode {
         Command::Top(wanted) => top::top(&wanted),
         Command::Machines(wanted) => machines::machines(&wanted),
         Command::Agent(wanted) => machines::agent(&wanted),
+        Command::StandIn => remote::stand_in(),
+        Command::Starter(wanted) => remote::starter(&wanted),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
         Command::Completions(wanted) => Ok(generate::completions(&wanted)),

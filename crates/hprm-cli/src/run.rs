@@ -18,7 +18,7 @@ use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::source::Program as Wanted;
 use crate::{
-    check, declare, executable, frames, hosts, join, python, rti, secret, signals, threads,
+    check, declare, executable, frames, hosts, join, python, remote, rti, secret, signals, threads,
 };
 
 /// Runs a program to its end.
@@ -51,7 +51,10 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         return Err(replace(alone(&python, arguments, None)));
     }
     frames::begin(&arguments.frames, Some(&compiled.program))?;
-    check::show(&hosts::elsewhere(&compiled), &compiled.sources);
+    let places = remote::places(&compiled.program, &arguments.at)?;
+    if arguments.at.fleet_key.is_none() {
+        check::show(&hosts::elsewhere(&compiled), &compiled.sources);
+    }
     if arguments.in_process {
         executable::refuse_threads(&compiled)?;
         return threads::run(&compiled, &python, arguments);
@@ -73,6 +76,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         trace: arguments.tracing.request(compiled.trace_file()),
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
+        places,
     };
     let code = launch::launch(&compiled, &plan)?;
     Ok(u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from))

@@ -10,15 +10,21 @@ mod machines;
 
 use std::fmt;
 use std::io;
+use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::time::Duration;
 
 pub use self::machines::{About, ClockReading, Machine};
 use crate::Address;
-use crate::link::ask_for_machines;
+use crate::link::{ask_for_machines, connect_through_agent};
 
 /// Names an address at which the agent of this machine listens, if it is not the usual one.
 pub const AGENT: &str = "HPRM_AGENT";
+
+/// The listener of every machine at which its agent starts programs, if it may: each link to it has a starter of its
+/// own. No process can listen there.
+pub const STARTERS: &str = "starters";
 
 /// The most bytes of a line.
 pub const LINE_LIMIT: usize = 512;
@@ -52,6 +58,15 @@ pub fn agent_address() -> Result<Address, String> {
 /// If no agent runs here, or it does not answer within some seconds.
 pub fn machines() -> io::Result<Vec<Machine>> {
     ask_for_machines()
+}
+
+/// Connects to a listener on another machine. The connection does not block.
+///
+/// # Errors
+///
+/// If no agent runs here, or the listener is not there, or is not reached in time.
+pub fn connect(place: &Place, within: Duration) -> io::Result<UnixStream> {
+    connect_through_agent(place, within)
 }
 
 /// A name of a listener, and the machine on which it is: `MACHINE/NAME`.

@@ -40,7 +40,7 @@ use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
 pub use membership::FederateOptions;
 pub use outlive::EndProcess;
-pub use reach::Reach;
+pub use reach::{Reach, THROUGH_AGENT};
 
 use links::LinkSerial;
 use membership::Membership;

@@ -47,6 +47,8 @@ pub struct Launch {
     pub fingerprint: Arc<Fingerprint>,
     /// The secret of the federation, which its processes must be given in private.
     pub federation: FederationId,
+    /// Where its RTI listens as well, for federates of other machines.
+    pub also_listen: Vec<Address>,
     /// How its links are protected.
     pub security: Security,
     /// How long the federates may take to join and load.

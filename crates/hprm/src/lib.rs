@@ -64,7 +64,9 @@ pub use clock::{Clock, nanoseconds};
 pub use describing::{DESCRIPTIONS, Descriptions, declaration_of, read_descriptions};
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};
-pub use federate_loop::{EndProcess, FederateOptions, Reach, run_federate, run_federate_in};
+pub use federate_loop::{
+    EndProcess, FederateOptions, Reach, THROUGH_AGENT, run_federate, run_federate_in,
+};
 pub use frame_log::{FRAMES, FRAMES_TO, begin_frame_log};
 pub use handover::{Handover, Meeting, Which};
 pub use host::{Host, SharedBodies};

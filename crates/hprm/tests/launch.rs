@@ -37,6 +37,7 @@ fn launch(transient: bool) -> Launch {
         fingerprint: Arc::new(program.fingerprint()),
         program: Arc::new(program),
         federation: random_federation().unwrap(),
+        also_listen: Vec::new(),
         security: Security::default(),
         join_timeout: Duration::from_secs(60),
         hang_timeout: HangTimeout::default(),

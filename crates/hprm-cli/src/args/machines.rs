@@ -1,8 +1,10 @@
 //! What can be typed after `hprm machines` and `hprm agent`.
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 
 use clap::Args;
+use hprm::agent::is_name;
 
 /// List the machines whose agents see one another.
 ///
@@ -28,4 +30,41 @@ pub(crate) struct Agent {
     /// What hprm-agent is given.
     #[arg(value_name = "OPTIONS", trailing_var_arg = true, allow_hyphen_values = true)]
     pub(crate) options: Vec<OsString>,
+}
+
+/// Which federates run on other machines.
+#[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct At {
+    /// Run a federate, or all members of a bank, on a machine that `hprm machines` lists, instead of where the program
+    /// says. May be repeated. The program's files travel there.
+    #[arg(long, value_name = "FEDERATE=MACHINE", conflicts_with_all = ["in_process", "debug"], value_parser = at)]
+    pub(crate) at: Vec<(String, String)>,
+    /// The file with a fleet key that the agents of those machines know. With it, federates also run where the program
+    /// says (at).
+    #[arg(long, value_name = "FILE", env = "HPRM_FLEET_KEY", hide_env_values = true)]
+    pub(crate) fleet_key: Option<PathBuf>,
+}
+
+fn at(text: &str) -> Result<(String, String), String> {
+    let stated =
+        text.split_once('=').filter(|(federate, machine)| !federate.is_empty() && is_name(machine));
+    let stated = stated.map(|(federate, machine)| (federate.to_owned(), machine.to_owned()));
+    stated.ok_or_else(|| "write FEDERATE=MACHINE, as in --at camera=robot1".to_owned())
+}
+
+/// Start a federate for a stand-in, as the agent of this machine asks.
+#[derive(Args, Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Starter {
+    /// The process of the agent.
+    #[arg(long)]
+    pub(crate) agent: i32,
+    /// This machine.
+    #[arg(long)]
+    pub(crate) machine: String,
+    /// The file with the keys of those that may start programs here.
+    #[arg(long)]
+    pub(crate) keys: PathBuf,
+    /// Whether programs may run as root.
+    #[arg(long)]
+    pub(crate) allow_root: bool,
 }

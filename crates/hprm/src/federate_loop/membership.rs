@@ -78,9 +78,9 @@ impl Membership {
             links.advertised(),
             u64::from_le_bytes(process),
         );
-        let machine = match options.rti {
-            Address::Agent(_) => machine.with_explanation(relay::TOLD),
-            _ => machine,
+        let machine = match super::reach::is_reached_through_agent(options) {
+            true => machine.with_explanation(relay::TOLD),
+            false => machine,
         };
         let notified = inbox.clone();
         let wake = Box::new(move || notified.notify());

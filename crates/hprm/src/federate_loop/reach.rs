@@ -14,13 +14,17 @@ use crate::agent::Place;
 use crate::link::{Keys, Link, LinkListener, Network};
 use crate::{Address, Failure};
 
+/// What [`Reach::advertise`] says of a federate that others reach through the agent of its machine, wherever the RTI
+/// is.
+pub const THROUGH_AGENT: &str = "agent:";
+
 /// How long to look for the RTI, and where peers find this federate.
 #[derive(Clone, Debug)]
 pub struct Reach {
     /// How long to try to reach the RTI, which may be started later.
     pub connect_timeout: Duration,
     /// `HOST` or `HOST:PORT` under which other machines reach this federate, if that is not where
-    /// its connection to the RTI begins.
+    /// its connection to the RTI begins; or [`THROUGH_AGENT`].
     pub advertise: Option<String>,
     /// Called once if the RTI is not there yet, with a message for the user.
     pub notice: Option<fn(&str)>,
@@ -76,17 +80,17 @@ pub(super) fn listen(
     };
     listeners.push(bind(network, &unix)?);
     addresses.push(unix.to_string());
-    if let Some(advertise) = &options.reach.advertise {
+    if is_reached_through_agent(options) {
+        let listener = bind(network, &Address::Agent(Place::here(&uuid())))?;
+        addresses.push(listener.address().to_string());
+        listeners.push(listener);
+    } else if let Some(advertise) = &options.reach.advertise {
         let (host, port) = host_and_port(advertise)?;
         let any = if host.starts_with('[') { "[::]" } else { "0.0.0.0" };
         let any = Address::Tcp(format!("{any}:{port}"));
         keys.check_for(&any)?;
         let listener = bind(network, &any)?;
         addresses.push(format!("tcp:{host}:{}", port_of(listener.address())));
-        listeners.push(listener);
-    } else if matches!(options.rti, Address::Agent(_)) {
-        let listener = bind(network, &Address::Agent(Place::here(&uuid())))?;
-        addresses.push(listener.address().to_string());
         listeners.push(listener);
     } else if !rti.is_local() {
         let here = rti.local_address().map_err(|error| cannot_listen(&options.rti, &error))?;
@@ -95,6 +99,13 @@ pub(super) fn listen(
         listeners.push(listener);
     }
     Ok((listeners, addresses.join(" ")))
+}
+
+/// Whether federates of other machines reach this one through the agent of this machine.
+pub(super) fn is_reached_through_agent(options: &FederateOptions) -> bool {
+    let has_joined = matches!(options.rti, Address::Agent(_));
+    has_joined && options.reach.advertise.is_none()
+        || options.reach.advertise.as_deref() == Some(THROUGH_AGENT)
 }
 
 fn bind(network: &Network, address: &Address) -> Result<LinkListener, Failure> {

@@ -34,7 +34,7 @@ impl RtiThread {
             fingerprint: Arc::clone(&launch.fingerprint),
             federation: launch.federation,
             listen: private_address()?,
-            also_listen: Vec::new(),
+            also_listen: launch.also_listen.clone(),
             security: launch.security.clone(),
             hang_timeout: launch.hang_timeout,
         };

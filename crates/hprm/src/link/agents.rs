@@ -31,6 +31,11 @@ pub(super) fn connect(place: &Place, deadline: Deadline) -> io::Result<UnixStrea
     ask(&Request::Connect(place.clone()), deadline).map(|(stream, _)| stream)
 }
 
+/// The same, within a time.
+pub(crate) fn connect_through_agent(place: &Place, time: Duration) -> io::Result<UnixStream> {
+    connect(place, within(time))
+}
+
 /// Registers a listener. Returns also the place that it has.
 pub(super) fn listen(place: &Place) -> io::Result<(UnixStream, Place)> {
     let deadline = within(REGISTRATION);

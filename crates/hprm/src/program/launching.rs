@@ -50,6 +50,7 @@ impl Launching {
             program: Arc::clone(program),
             fingerprint: Arc::clone(&fingerprint),
             federation,
+            also_listen: Vec::new(),
             security: security.clone(),
             join_timeout: self.join_timeout,
             hang_timeout: self.hang_timeout,

@@ -1,0 +1,345 @@
+//! The process on this machine that stands for a federate on another one.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use hprm::FederationId;
+use hprm::agent::{self, Place, STARTERS};
+use hprm::launch::{Membership, die_with_parent};
+use hprm_model::Compiled;
+use rustix::fs::{MemfdFlags, memfd_create};
+use rustix::process::{Resource, Rlimit, setrlimit};
+use serde::{Deserialize, Serialize};
+
+use super::Places;
+use super::key::{self, Occasion, Side};
+use super::program::{self, Files};
+use super::wire::{self, Asked, CHUNK, Ended, Manifest, Told};
+use crate::launch::Plan;
+use crate::message::{self, Error, print_error};
+use crate::{declare, signals};
+
+/// How long a machine may take to be reached, and to answer before the federate runs.
+const CONNECTING: Duration = Duration::from_secs(10);
+const ANSWERING: Duration = Duration::from_secs(60);
+
+/// What a launcher has a stand-in do. It travels as the standard input of that process, where nobody else reads it.
+#[derive(Serialize, Deserialize)]
+struct Errand {
+    launcher: i32,
+    machine: String,
+    key: PathBuf,
+    manifest: Manifest,
+    /// Where the files of the manifest lie here.
+    paths: Vec<PathBuf>,
+    /// Where the share of the logical trace is to be.
+    share: Option<PathBuf>,
+}
+
+/// What a launcher knows that starts stand-ins.
+pub(crate) struct Errands {
+    files: Files,
+    rti: String,
+}
+
+impl Errands {
+    /// For a program, and an RTI that other machines reach at `rti`.
+    ///
+    /// # Errors
+    ///
+    /// If a file of the program cannot be read.
+    pub(crate) fn new(compiled: &Compiled, file: &Path, rti: String) -> Result<Self, Error> {
+        Ok(Self { files: program::files(compiled, file)?, rti })
+    }
+
+    /// The command of the stand-in of a federate.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be told what to do.
+    pub(crate) fn command(
+        &self,
+        (plan, places): (&Plan, &Places),
+        (membership, machine): (&Membership<'_>, &str),
+        federation: FederationId,
+    ) -> Result<Command, Error> {
+        let arguments = plan.arguments.iter().map(|argument| argument.to_str().map(str::to_owned));
+        let arguments: Option<Vec<_>> = arguments.collect();
+        let share = membership.share.as_ref();
+        let manifest = Manifest {
+            main: self.files.main.clone(),
+            reactor: declare::reactor_of(&plan.file).map(str::to_owned),
+            federate: membership.name.to_owned(),
+            rti: self.rti.clone(),
+            federation: federation.to_string(),
+            properties: plan.properties.stated(),
+            arguments: arguments.ok_or_else(|| {
+                Error::option("arguments of a program on another machine have to be UTF-8 text")
+            })?,
+            trace: share.map(|share| share.trace.display().to_string()),
+            files: self.files.listed.clone(),
+        };
+        let errand = Errand {
+            launcher: i32::try_from(std::process::id()).unwrap_or_default(),
+            machine: machine.to_owned(),
+            key: places.key().to_owned(),
+            manifest,
+            paths: self.files.paths.clone(),
+            share: share.map(|share| share.file.clone()),
+        };
+        let unable = |error: io::Error| {
+            Error::new(format!("cannot start federate {} on {machine}: {error}", membership.name))
+        };
+        let this = std::env::current_exe().map_err(unable)?;
+        let mut command = Command::new(this);
+        command.arg("stand-in").stdin(Stdio::from(errand.file().map_err(unable)?));
+        Ok(command)
+    }
+}
+
+impl Errand {
+    fn file(&self) -> io::Result<File> {
+        let mut file = File::from(memfd_create("hprm-errand", MemfdFlags::CLOEXEC)?);
+        file.write_all(&postcard::to_allocvec(self).map_err(io::Error::other)?)?;
+        io::Seek::rewind(&mut file)?;
+        Ok(file)
+    }
+
+    fn read() -> Result<Self, Error> {
+        let mut text = Vec::new();
+        let read = io::stdin().lock().read_to_end(&mut text);
+        let errand = read.ok().and_then(|_| postcard::from_bytes(&text).ok());
+        errand.ok_or_else(|| {
+            Error::option("`hprm run` starts stand-ins, for federates that run on other machines")
+        })
+    }
+}
+
+/// Stands for a federate, as the launcher says.
+///
+/// # Errors
+///
+/// If the federate cannot be started, or the link to its machine ends before it does.
+pub(crate) fn stand_in() -> Result<ExitCode, Error> {
+    let errand = Errand::read()?;
+    let failed = |error: io::Error| Error::new(format!("cannot stand for a federate: {error}"));
+    if !die_with_parent(errand.launcher).map_err(failed)? {
+        return Ok(ExitCode::FAILURE);
+    }
+    let forward = Arc::new(Mutex::new(Forward::default()));
+    let forwarded = Arc::clone(&forward);
+    signals::watch(move |signal| {
+        locked(&forwarded).take(signal.0);
+        true
+    })
+    .map_err(failed)?;
+    let stream = errand.connect()?;
+    let ended = errand.prove(&stream).and_then(|()| errand.follow(&stream, &forward));
+    ended.map(end).map_err(|wrong| match wrong {
+        Lost::Told(error) => error,
+        Lost::Link(error) => errand.lost(&error),
+    })
+}
+
+impl Errand {
+    /// Asks the agent of this machine for a link to a starter.
+    fn connect(&self) -> Result<UnixStream, Error> {
+        let place = Place { machine: self.machine.clone(), name: STARTERS.to_owned() };
+        let connected = agent::connect(&place, CONNECTING).and_then(|stream| {
+            stream.set_nonblocking(false)?;
+            stream.set_read_timeout(Some(ANSWERING))?;
+            Ok(stream)
+        });
+        connected.map_err(|error| {
+            let (federate, machine) = (&self.manifest.federate, &self.machine);
+            let why = message::reason(&error);
+            Error::new(format!("federate {federate} cannot be started on {machine}: {why}"))
+        })
+    }
+
+    /// Shows the starter that this process may have something started, and has the starter show the same.
+    fn prove(&self, stream: &UnixStream) -> Result<(), Lost> {
+        let keys = key::read(&self.key)?;
+        let key = &keys[0];
+        let theirs = match next(stream)? {
+            Told::Challenge { version: wire::VERSION, nonce } => nonce,
+            _ => return Err(self.told(format!("{} has another version of HPRM", self.machine))),
+        };
+        let mine = key::nonce()?;
+        let occasion = Occasion { machine: &self.machine, nonces: [theirs, mine] };
+        let proof = key.prove(Side::StandIn, &occasion);
+        wire::write(stream, &Asked::Proof { nonce: mine, proof })?;
+        match next(stream)? {
+            Told::Proved(proof) if key.is_proved(Side::Starter, &occasion, &proof) => Ok(()),
+            _ => {
+                Err(self.told(format!("{} does not prove that it has the fleet key", self.machine)))
+            }
+        }
+    }
+
+    /// Has the federate started, and does as it does.
+    fn follow(&self, stream: &UnixStream, forward: &Mutex<Forward>) -> Result<Ended, Lost> {
+        wire::write(stream, &Asked::Program(Box::new(self.manifest.clone())))?;
+        let mut share = None;
+        loop {
+            match next(stream)? {
+                Told::Missing(places) => self.send(stream, &places)?,
+                Told::Started => {
+                    stream.set_read_timeout(None)?;
+                    locked(forward).begin(stream.try_clone()?);
+                }
+                Told::Output { is_error: true, bytes } => print_error(&bytes),
+                Told::Output { is_error: false, bytes } => {
+                    // Without a reader, the launcher ends all of it.
+                    let _ = message::print(&bytes);
+                }
+                Told::Trace(bytes) => self.keep_trace(&mut share, &bytes)?,
+                Told::Ended(ended) => {
+                    // The starter reads nothing more.
+                    let _ = stream.shutdown(Shutdown::Both);
+                    return Ok(ended);
+                }
+                _ => return Err(self.told(format!("{} says what is not expected", self.machine))),
+            }
+        }
+    }
+
+    /// Sends files, one after the other. One that has changed since it was listed is refused by the starter.
+    fn send(&self, stream: &UnixStream, places: &[u32]) -> Result<(), Lost> {
+        for place in places {
+            let place = *place as usize;
+            let known = self.paths.get(place).zip(self.manifest.files.get(place));
+            let Some((path, listed)) = known else {
+                return Err(
+                    self.told(format!("{} asks for a file that is not listed", self.machine))
+                );
+            };
+            let failed = |why: String| self.told(format!("cannot send {}: {why}", path.display()));
+            let file = File::open(path).map_err(|error| failed(message::reason(&error)))?;
+            let (mut file, mut left) = (file.take(listed.len), listed.len);
+            while left > 0 {
+                let mut bytes = Vec::new();
+                let chunk = file.by_ref().take(CHUNK as u64).read_to_end(&mut bytes);
+                let count = chunk.map_err(|error| failed(message::reason(&error)))? as u64;
+                if count == 0 {
+                    return Err(failed("it has become shorter".to_owned()));
+                }
+                left -= count;
+                wire::write(stream, &Asked::Bytes(bytes))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn keep_trace(&self, share: &mut Option<File>, bytes: &[u8]) -> Result<(), Lost> {
+        let Some(path) = &self.share else { return Ok(()) };
+        let kept = match share {
+            Some(file) => file.write_all(bytes),
+            None => File::create(path).and_then(|file| share.insert(file).write_all(bytes)),
+        };
+        kept.map_err(|error| {
+            self.told(format!("cannot write {}: {}", path.display(), message::reason(&error)))
+        })
+    }
+
+    #[expect(clippy::unused_self, reason = "it is about this errand")]
+    fn told(&self, text: String) -> Lost {
+        Lost::Told(Error::new(text))
+    }
+
+    fn lost(&self, error: &io::Error) -> Error {
+        let Self { machine, manifest, .. } = self;
+        let federate = &manifest.federate;
+        let why = match error.kind() {
+            io::ErrorKind::UnexpectedEof => "it has ended".to_owned(),
+            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => "nothing comes".to_owned(),
+            _ => message::reason(error),
+        };
+        Error::new(format!("the link to federate {federate} on {machine}: {why}"))
+            .hint(format!("what the agent of {machine} writes says more"))
+    }
+}
+
+/// What the starter says next.
+fn next(stream: &UnixStream) -> Result<Told, Lost> {
+    match wire::read(stream)? {
+        None => Err(Lost::Link(io::ErrorKind::UnexpectedEof.into())),
+        Some(Told::Failed { message, hint }) => {
+            let error = Error::new(message);
+            Err(Lost::Told(match hint {
+                Some(hint) => error.hint(hint),
+                None => error,
+            }))
+        }
+        Some(told) => Ok(told),
+    }
+}
+
+/// Ends as the federate has.
+fn end(ended: Ended) -> ExitCode {
+    match ended {
+        Ended::Code(code) => u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from),
+        Ended::Signal(signal) => {
+            let none = Rlimit { current: Some(0), maximum: Some(0) };
+            // What it has left in its memory is of no interest; this ends the process.
+            let _ = setrlimit(Resource::Core, none);
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Where signals go.
+#[derive(Default)]
+struct Forward {
+    /// Once the federate runs.
+    stream: Option<UnixStream>,
+    /// Those that came before.
+    early: Vec<i32>,
+}
+
+impl Forward {
+    fn take(&mut self, signal: i32) {
+        match &self.stream {
+            // Without a link, the process is about to end.
+            Some(stream) => drop(wire::write(stream, &Asked::Signal(signal))),
+            None => self.early.push(signal),
+        }
+    }
+
+    fn begin(&mut self, stream: UnixStream) {
+        self.stream = Some(stream);
+        for signal in std::mem::take(&mut self.early) {
+            self.take(signal);
+        }
+    }
+}
+
+fn locked(forward: &Mutex<Forward>) -> MutexGuard<'_, Forward> {
+    forward.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Why a stand-in cannot go on.
+enum Lost {
+    /// What the starter, or this process, says.
+    Told(Error),
+    Link(io::Error),
+}
+
+impl From<io::Error> for Lost {
+    fn from(error: io::Error) -> Self {
+        Self::Link(error)
+    }
+}
+
+impl From<Error> for Lost {
+    fn from(error: Error) -> Self {
+        Self::Told(error)
+    }
+}

@@ -1,0 +1,231 @@
+"""Federates that `hprm run` starts on other machines do what they do on one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from machines import HPRM, PROGRAM, Machines, alone, finish, reactions
+
+COORDINATIONS = ["centralized", "decentralized"]
+ENDLESS = PROGRAM.replace("timeout: 200 msec", "timeout: 1000 sec")
+AT = ["--at", "sink=robot2", "--fleet-key", "keys"]
+
+
+def start(machines: Machines) -> None:
+    """Starts agents that start programs; they make the file with the key."""
+    machines.start_agents("--fleet-keys", "keys", "--allow-root")
+
+
+def run(machines: Machines, program: str, *options: str) -> subprocess.Popen[str]:
+    """Runs a program from the first machine."""
+    (machines.folder / "Fed.lf").write_text(program)
+    return machines.spawn("robot1", HPRM, "run", *options, "Fed.lf")
+
+
+def left(machines: Machines) -> list[str]:
+    """Processes that belong to programs of the test, and files of runs."""
+    mark = f"HPRM_AGENT=unix:@{machines.address('robot')}".encode()
+    found = []
+    for process in Path("/proc").iterdir():
+        try:
+            command = (process / "cmdline").read_bytes().split(b"\0")
+            is_mine = mark in (process / "environ").read_bytes()
+        except OSError:
+            continue
+        if is_mine and not command[0].endswith(b"hprm-agent"):
+            found.append(b" ".join(command).decode())
+    return found + [str(path) for path in machines.folder.glob("cache-*/hprm/programs/runs/*")]
+
+
+def nothing_is_left(machines: Machines) -> None:
+    """Waits until nothing of the program is left."""
+    until = time.monotonic() + 30
+    while left(machines) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert left(machines) == []
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_federates_on_another_machine_do_what_one_process_does(
+    machines: Machines, coordination: str
+) -> None:
+    start(machines)
+    options = ["--property", f"coordination={coordination}", "--logical-trace", "trace"]
+    out, expected = alone(machines.folder, PROGRAM)
+    said = "".join(f"[source] {line}\n" for line in out.splitlines())
+    for at in (AT, ["--at", "source=robot2", *AT[2:]]):
+        assert finish(run(machines, PROGRAM, *options, *at)) == (0, said, "")
+        assert reactions([machines.folder / "trace"]) == expected
+        nothing_is_left(machines)
+
+
+def test_the_program_says_where_its_federates_run(machines: Machines) -> None:
+    start(machines)
+    program = PROGRAM.replace("source = new Source()", "source = new Source() at robot2")
+    program = program.replace("print(len(", "import os; print(os.environ['HPRM_AGENT'], len(")
+    code, out, err = finish(run(machines, program, *AT[2:]))
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1].split()[1] == f"unix:@{machines.address('robot2')}"
+
+
+def test_modules_and_files_travel_and_those_that_are_there_do_not_again(machines: Machines) -> None:
+    start(machines)
+    (machines.folder / "lib").mkdir()
+    (machines.folder / "lib" / "words.py").write_text("def word(): return 'from a module'\n")
+    (machines.folder / "data.txt").write_text("from a file")
+    program = """
+target Python { files: ["data.txt"] }
+preamble {=
+import sys
+import pathlib
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+from lib.words import word
+=}
+reactor Says { reaction(startup) {=
+  print(word(), pathlib.Path(__file__).with_name("data.txt").read_text(), flush=True)
+=} }
+federated reactor { here = new Says()
+  there = new Says() }
+"""
+    for _ in range(2):
+        code, out, err = finish(run(machines, program, "--at", "there=robot2", *AT[2:]))
+        assert (code, err) == (0, "")
+        said = "from a module from a file"
+        assert sorted(out.splitlines()) == [f"[here] {said}", f"[there] {said}"]
+        kept = sorted((machines.folder / "cache-robot2/hprm/programs/files").iterdir())
+        assert len(kept) == 3
+    nothing_is_left(machines)
+
+
+@pytest.mark.parametrize(
+    "body, code, said",
+    [("raise ValueError('no')", 1, "ValueError: no"), ("import os; os._exit(7)", 7, "exit")],
+)
+def test_what_fails_elsewhere_is_told_here(
+    machines: Machines, body: str, code: int, said: str
+) -> None:
+    start(machines)
+    program = PROGRAM.replace("answer.set(int(", f"{body}; answer.set(int(")
+    found, _, err = finish(run(machines, program, *AT))
+    assert (found, err.count("error: ")) == (code, 1), err
+    assert said in err
+    nothing_is_left(machines)
+
+
+@pytest.mark.parametrize("victim", ["launcher", "federate", "agent", "stand-in", "starter"])
+def test_a_killed_process_leaves_nothing_on_any_machine(machines: Machines, victim: str) -> None:
+    start(machines)
+    launcher = run(machines, ENDLESS, *AT)
+    assert launcher.stdout is not None
+    assert launcher.stdout.readline() == "[source] running\n"
+    words = {"federate": "robot2", "stand-in": "stand-in", "starter": " starter "}
+    if victim == "launcher":
+        launcher.kill()
+    elif victim == "agent":
+        machines.agents["robot2"].kill()
+    else:
+        pids = [
+            int(path.name)
+            for path in Path("/proc").iterdir()
+            if path.name.isdigit() and belongs(path, machines, words[victim], victim)
+        ]
+        assert pids
+        os.kill(pids[0], signal.SIGKILL)
+    code, _, err = finish(launcher)
+    assert code != 0
+    if victim != "launcher":
+        assert err.count("error: ") == 1, err
+    if victim not in ("starter", "agent"):
+        nothing_is_left(machines)
+        return
+    # The files of a killed starter are removed by the next one.
+    until = time.monotonic() + 30
+    while any("cache-" not in it for it in left(machines)) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert [it for it in left(machines) if "cache-" not in it] == []
+
+
+def belongs(process: Path, machines: Machines, word: str, victim: str) -> bool:
+    """Whether a process is such a one of the program."""
+    try:
+        command = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        environment = (process / "environ").read_bytes().decode()
+    except OSError:
+        return False
+    if machines.address("robot") not in environment:
+        return False
+    if victim == "federate":
+        return " federate " in command and f"cache-{word}" in command
+    return word in command and "hprm" in command
+
+
+def test_ctrl_c_stops_in_order(machines: Machines) -> None:
+    start(machines)
+    launcher = run(machines, ENDLESS, *AT)
+    assert launcher.stdout is not None
+    assert launcher.stdout.readline() == "[source] running\n"
+    launcher.send_signal(signal.SIGINT)
+    code, out, err = finish(launcher)
+    assert code == 130, err
+    assert out.startswith("[source] ")
+    nothing_is_left(machines)
+
+
+def test_what_cannot_be_started_is_told_before_anything_runs(machines: Machines) -> None:
+    code, _, err = finish(run(machines, PROGRAM, "--at", "sink=robot2"))
+    assert code != 0 and "needs a fleet key" in err and "--fleet-key" in err
+    code, _, err = finish(run(machines, PROGRAM, *AT))
+    assert code == 1 and "no agent runs on this machine" in err
+    start(machines)
+    for at, said in [
+        (["--at", "sink=robot9"], "no agent has that name; there are: robot1, robot2"),
+        (["--at", "sinc=robot2"], "no federate is called sinc"),
+        (["--at", "sink"], "write FEDERATE=MACHINE"),
+        (["--at", "sink=robot2", "--in-process"], "cannot be used with"),
+    ]:
+        code, out, err = finish(run(machines, PROGRAM, *at, "--fleet-key", "keys"))
+        assert (code != 0, out) == (True, ""), err
+        assert err.count("error: ") == 1 and said in err, err
+
+
+def test_only_those_with_a_key_start_programs(machines: Machines) -> None:
+    start(machines)
+    other = machines.folder / "other"
+    other.write_text("0123456789abcdef" * 2)
+    other.chmod(0o600)
+    at = ["--at", "sink=robot2", "--fleet-key", "other"]
+    code, _, err = finish(run(machines, PROGRAM, *at))
+    assert code == 1 and "robot2 does not know the fleet key" in err
+    # Once its line is in the file, it counts; without it, no more.
+    keys = machines.folder / "keys"
+    ours = keys.read_text()
+    keys.write_text(ours + other.read_text() + " ada\n")
+    assert finish(run(machines, PROGRAM, *at))[0] == 0
+    keys.write_text(ours)
+    code, _, err = finish(run(machines, PROGRAM, *at))
+    assert code == 1 and "robot2 does not know the fleet key" in err
+    other.chmod(0o644)
+    code, _, err = finish(run(machines, PROGRAM, *at))
+    assert code == 1 and "others can read the fleet keys" in err
+    nothing_is_left(machines)
+
+
+@pytest.mark.parametrize(
+    "options, said",
+    [([], "starts no programs: start it with --fleet-keys"), (["--fleet-keys", "keys"], "as root")],
+)
+def test_an_agent_starts_programs_only_if_it_was_told(
+    machines: Machines, options: list[str], said: str
+) -> None:
+    if options and os.geteuid() != 0:
+        pytest.skip("it is about root")
+    machines.start_agents(*options)
+    (machines.folder / "keys").touch(mode=0o600)
+    (machines.folder / "keys").write_text("0" * 31 + "1")
+    code, _, err = finish(run(machines, PROGRAM, *AT))
+    assert code == 1 and said in err, err
