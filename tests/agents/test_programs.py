@@ -199,8 +199,9 @@ def test_only_those_with_a_key_start_programs(machines: Machines) -> None:
     other.write_text("0123456789abcdef" * 2)
     other.chmod(0o600)
     at = ["--at", "sink=robot2", "--fleet-key", "other"]
-    code, _, err = finish(run(machines, PROGRAM, *at))
-    assert code == 1 and "robot2 does not know the fleet key" in err
+    code, out, err = finish(run(machines, PROGRAM, *at))
+    assert (code, out, err.count("error: ")) == (1, "", 1)
+    assert "robot2 does not know the fleet key" in err
     # Once its line is in the file, it counts; without it, no more.
     keys = machines.folder / "keys"
     ours = keys.read_text()
@@ -227,5 +228,6 @@ def test_an_agent_starts_programs_only_if_it_was_told(
     machines.start_agents(*options)
     (machines.folder / "keys").touch(mode=0o600)
     (machines.folder / "keys").write_text("0" * 31 + "1")
-    code, _, err = finish(run(machines, PROGRAM, *AT))
-    assert code == 1 and said in err, err
+    code, out, err = finish(run(machines, PROGRAM, *AT))
+    assert (code, out, err.count("error: ")) == (1, "", 1)
+    assert said in err, err

@@ -85,8 +85,8 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     let descriptions = Descriptions::of(compiled).map_err(|error| {
         Error::new(format!("cannot hand the declarations of executables to federates: {error}"))
     })?;
-    let errands = elsewhere.map(|rti| Errands::new(compiled, &plan.file, rti.to_string()));
-    let errands = errands.last().transpose()?;
+    let mut errands = elsewhere.map(|rti| Errands::new(compiled, &plan.file, rti.to_string()));
+    let errands = errands.next().transpose()?;
     let command = |membership: &Membership<'_>| {
         if let Some((places, errands)) = places.zip(errands.as_ref())
             && let Some(machine) = places.machine_of(membership.federate)

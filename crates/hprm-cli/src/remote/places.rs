@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use hprm::agent::{self, Machine, Place};
 use hprm_core::{FederateId, Program};
 
+use super::stand_in::probe;
 use crate::args::At;
 use crate::hosts::is_this_machine;
 use crate::message::{self, Error};
@@ -69,6 +70,10 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     for (federate, machine) in &machines {
         check(&program.federates[*federate].name, machine, &known)?;
     }
+    let mut asked: Vec<_> = machines.values().collect();
+    asked.sort();
+    asked.dedup();
+    asked.into_iter().try_for_each(|machine| probe(machine, key))?;
     let places = Places { machines, here, key: key.clone() };
     Ok((!places.machines.is_empty()).then_some(places))
 }

@@ -139,50 +139,68 @@ pub(crate) fn stand_in() -> Result<ExitCode, Error> {
         true
     })
     .map_err(failed)?;
-    let stream = errand.connect()?;
-    let ended = errand.prove(&stream).and_then(|()| errand.follow(&stream, &forward));
-    ended.map(end).map_err(|wrong| match wrong {
-        Lost::Told(error) => error,
-        Lost::Link(error) => errand.lost(&error),
-    })
+    let stream = admitted(&errand.machine, &errand.key)?;
+    match errand.follow(&stream, &forward) {
+        Ok(ended) => Ok(end(ended)),
+        // The launcher tells that the federate has ended, and this is why.
+        Err(Lost::Link(error)) => {
+            errand.lost(&error).show_as_warning();
+            Ok(ExitCode::FAILURE)
+        }
+        Err(Lost::Told(error)) => Err(error),
+    }
+}
+
+/// Whether the agent of a machine starts programs for those who have a key, before anything is started.
+///
+/// # Errors
+///
+/// Why not.
+pub(super) fn probe(machine: &str, key: &Path) -> Result<(), Error> {
+    admitted(machine, key).map(drop)
+}
+
+/// A link to a starter that knows the key.
+fn admitted(machine: &str, key: &Path) -> Result<UnixStream, Error> {
+    let unreached = |error: io::Error| {
+        let why = message::reason(&error);
+        Error::new(format!("no program can be started on {machine}: {why}"))
+    };
+    let stream = connect(machine).map_err(unreached)?;
+    match prove(&stream, machine, key) {
+        Ok(()) => Ok(stream),
+        Err(Lost::Told(error)) => Err(error),
+        Err(Lost::Link(error)) => Err(unreached(error)),
+    }
+}
+
+/// Asks the agent of this machine for a link to a starter.
+fn connect(machine: &str) -> io::Result<UnixStream> {
+    let place = Place { machine: machine.to_owned(), name: STARTERS.to_owned() };
+    let stream = agent::connect(&place, CONNECTING)?;
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(ANSWERING))?;
+    Ok(stream)
+}
+
+/// Shows the starter that this process may have something started, and has the starter show the same.
+fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
+    let keys = key::read(key)?;
+    let key = &keys[0];
+    let Told::Challenge { version: wire::VERSION, nonce: theirs } = next(stream)? else {
+        return Err(told(format!("{machine} has another version of HPRM")));
+    };
+    let mine = key::nonce()?;
+    let occasion = Occasion { machine, nonces: [theirs, mine] };
+    let proof = key.prove(Side::StandIn, &occasion);
+    wire::write(stream, &Asked::Proof { nonce: mine, proof })?;
+    match next(stream)? {
+        Told::Proved(proof) if key.is_proved(Side::Starter, &occasion, &proof) => Ok(()),
+        _ => Err(told(format!("{machine} does not prove that it has the fleet key"))),
+    }
 }
 
 impl Errand {
-    /// Asks the agent of this machine for a link to a starter.
-    fn connect(&self) -> Result<UnixStream, Error> {
-        let place = Place { machine: self.machine.clone(), name: STARTERS.to_owned() };
-        let connected = agent::connect(&place, CONNECTING).and_then(|stream| {
-            stream.set_nonblocking(false)?;
-            stream.set_read_timeout(Some(ANSWERING))?;
-            Ok(stream)
-        });
-        connected.map_err(|error| {
-            let (federate, machine) = (&self.manifest.federate, &self.machine);
-            let why = message::reason(&error);
-            Error::new(format!("federate {federate} cannot be started on {machine}: {why}"))
-        })
-    }
-
-    /// Shows the starter that this process may have something started, and has the starter show the same.
-    fn prove(&self, stream: &UnixStream) -> Result<(), Lost> {
-        let keys = key::read(&self.key)?;
-        let key = &keys[0];
-        let theirs = match next(stream)? {
-            Told::Challenge { version: wire::VERSION, nonce } => nonce,
-            _ => return Err(self.told(format!("{} has another version of HPRM", self.machine))),
-        };
-        let mine = key::nonce()?;
-        let occasion = Occasion { machine: &self.machine, nonces: [theirs, mine] };
-        let proof = key.prove(Side::StandIn, &occasion);
-        wire::write(stream, &Asked::Proof { nonce: mine, proof })?;
-        match next(stream)? {
-            Told::Proved(proof) if key.is_proved(Side::Starter, &occasion, &proof) => Ok(()),
-            _ => {
-                Err(self.told(format!("{} does not prove that it has the fleet key", self.machine)))
-            }
-        }
-    }
-
     /// Has the federate started, and does as it does.
     fn follow(&self, stream: &UnixStream, forward: &Mutex<Forward>) -> Result<Ended, Lost> {
         wire::write(stream, &Asked::Program(Box::new(self.manifest.clone())))?;
@@ -205,7 +223,7 @@ impl Errand {
                     let _ = stream.shutdown(Shutdown::Both);
                     return Ok(ended);
                 }
-                _ => return Err(self.told(format!("{} says what is not expected", self.machine))),
+                _ => return Err(told(format!("{} says what is not expected", self.machine))),
             }
         }
     }
@@ -216,11 +234,9 @@ impl Errand {
             let place = *place as usize;
             let known = self.paths.get(place).zip(self.manifest.files.get(place));
             let Some((path, listed)) = known else {
-                return Err(
-                    self.told(format!("{} asks for a file that is not listed", self.machine))
-                );
+                return Err(told(format!("{} asks for a file that is not listed", self.machine)));
             };
-            let failed = |why: String| self.told(format!("cannot send {}: {why}", path.display()));
+            let failed = |why: String| told(format!("cannot send {}: {why}", path.display()));
             let file = File::open(path).map_err(|error| failed(message::reason(&error)))?;
             let (mut file, mut left) = (file.take(listed.len), listed.len);
             while left > 0 {
@@ -244,13 +260,8 @@ impl Errand {
             None => File::create(path).and_then(|file| share.insert(file).write_all(bytes)),
         };
         kept.map_err(|error| {
-            self.told(format!("cannot write {}: {}", path.display(), message::reason(&error)))
+            told(format!("cannot write {}: {}", path.display(), message::reason(&error)))
         })
-    }
-
-    #[expect(clippy::unused_self, reason = "it is about this errand")]
-    fn told(&self, text: String) -> Lost {
-        Lost::Told(Error::new(text))
     }
 
     fn lost(&self, error: &io::Error) -> Error {
@@ -264,6 +275,10 @@ impl Errand {
         Error::new(format!("the link to federate {federate} on {machine}: {why}"))
             .hint(format!("what the agent of {machine} writes says more"))
     }
+}
+
+fn told(text: String) -> Lost {
+    Lost::Told(Error::new(text))
 }
 
 /// What the starter says next.

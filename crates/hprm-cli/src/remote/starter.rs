@@ -7,7 +7,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -22,15 +22,15 @@ use super::key::{self, Occasion, Side};
 use super::wire::{self, Asked, CHUNK, Ended, Listed, Manifest, Told};
 use crate::args::{Interpreter, Starter};
 use crate::launch::{FEDERATION_ID, PROPERTIES};
-use crate::message::{self, Error};
+use crate::message::{self, Error, print_error};
 use crate::python;
 
 /// How long the stand-in may take to say what it wants, and how long a pause in a file may be.
 const ASKING: Duration = Duration::from_secs(30);
 
-/// How long a federate may take to end that has lost its stand-in, and its last words to come.
+/// How long a federate may take to end that has lost its stand-in, and what it has written to be read.
 const ENDING: Duration = Duration::from_secs(3);
-const LAST_WORDS: Duration = Duration::from_secs(1);
+const LAST_WORDS: Duration = Duration::from_secs(30);
 
 /// Where a federate writes its share of the logical trace, beside the files of its program.
 const SHARE: &str = ".logical-trace";
@@ -72,6 +72,8 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let owner = admit(stream, wanted)?;
     let manifest = match wire::read(stream) {
         Ok(Some(Asked::Program(manifest))) => manifest,
+        // A launcher only wanted to know whether it might.
+        Ok(None) => return Ok(()),
         _ => return Err(Error::new("the stand-in does not say what is to be started")),
     };
     if let Some(mistake) = cache::mistake(&manifest.main, &manifest.files) {
@@ -84,7 +86,8 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let laid = laid.map_err(|error| failed("lay out the files of the program", &error))?;
     let mut command = command(&manifest, &laid)?;
     let child = command.spawn().map_err(|error| failed("start an interpreter", &error))?;
-    eprintln!("federate {} of {} has been started for {owner}", manifest.federate, manifest.main);
+    let Manifest { federate, main, .. } = &*manifest;
+    print_error(format!("federate {federate} of {main} has been started for {owner}\n").as_bytes());
     let run =
         Run { stream: Arc::new(Mutex::new(stream.try_clone().map_err(|e| failed("run", &e))?)) };
     let share = manifest.trace.is_some().then(|| laid.folder().join(SHARE));
@@ -188,7 +191,7 @@ impl Run {
         let pid = Pid::from_child(&child);
         let has_ended = Arc::new(AtomicBool::new(false));
         self.tell(&Told::Started)?;
-        let (said, words) = channel();
+        let (said, words) = channel::<()>();
         let pipes: [(bool, Option<Box<dyn Read + Send>>); 2] = [
             (false, child.stdout.take().map(|pipe| Box::new(pipe) as _)),
             (true, child.stderr.take().map(|pipe| Box::new(pipe) as _)),
@@ -208,9 +211,10 @@ impl Run {
         // Not reaped yet, so that its number stays its own.
         while waitid(WaitId::Pid(pid), WaitIdOptions::EXITED | WaitIdOptions::NOWAIT).is_err() {}
         has_ended.store(true, Ordering::SeqCst);
-        self.last_words(&words);
         // What it has started ends with it.
         let _ = kill_process_group(pid, Signal::KILL);
+        // All that they have written is on its way then; unless a process has left the group, and writes for ever.
+        let _ = words.recv_timeout(LAST_WORDS);
         let status = child.wait()?;
         self.send_share(share)?;
         let code = status.code().map(Ended::Code);
@@ -230,13 +234,6 @@ impl Run {
             if self.tell(&Told::Output { is_error, bytes }).is_err() {
                 return;
             }
-        }
-    }
-
-    /// Waits until all that the federate has written is on its way; a process that it has left may write for ever.
-    fn last_words(&self, words: &Receiver<()>) {
-        while matches!(words.recv_timeout(LAST_WORDS), Ok(()) | Err(RecvTimeoutError::Timeout)) {
-            return;
         }
     }
 
