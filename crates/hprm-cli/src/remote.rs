@@ -10,16 +10,16 @@
 //! such link the agent there starts a starter, which is this command again. The link ends with either of them, and the
 //! starter then ends the federate. So no process is left, whichever of them is killed.
 //!
-//! `places` says which federate belongs where, `program` which files it needs, `wire` what both say to one another,
+//! `places` says which federate belongs where, `program` which files it needs, `protocol` what both say to one another,
 //! `key` how each proves that it may, `cache` keeps files.
 
 mod cache;
 mod key;
 mod places;
 mod program;
+mod protocol;
 mod stand_in;
 mod starter;
-mod wire;
 
 pub(crate) use self::places::{Places, places};
 pub(crate) use self::stand_in::{Errands, stand_in};

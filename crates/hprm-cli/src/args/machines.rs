@@ -11,10 +11,6 @@ use hprm::agent::is_name;
 /// The agent of this machine asks those of all others: for the version of HPRM, processors, memory, what their clocks
 /// show beside that of this machine, and the names of the federations that run there.
 #[derive(Args, Clone, PartialEq, Eq, Debug)]
-#[command(after_help = "\
-Examples:
-  hprm machines
-  hprm machines --json | jq '.machines[] | select(.about == null) | .name'")]
 pub(crate) struct Machines {
     /// Print one JSON object.
     #[arg(long)]

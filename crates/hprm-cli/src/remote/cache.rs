@@ -16,7 +16,7 @@ use std::time::{Duration, SystemTime};
 use rustix::fs::{FlockOperation, flock};
 
 use super::program::{BYTES, FILES, digest};
-use super::wire::{Digest, Listed};
+use super::protocol::{Digest, Listed};
 
 /// The most bytes of all files that are kept.
 const KEPT: u64 = 4 << 30;

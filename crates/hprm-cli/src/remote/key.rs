@@ -1,4 +1,4 @@
-//! Fleet keys: whoever has one may start programs on machines whose agents know it.
+//! Fleet keys: a user with one may start programs on machines whose agents know it.
 //!
 //! A stand-in and a starter each prove to the other that they have the key, by an HMAC of what both have drawn, so that
 //! neither sends the key, nor anything else before the proof. What follows is protected by the links between agents.
@@ -15,7 +15,7 @@ use hmac::{Hmac, Mac};
 use hprm::{FederationId, random_bytes};
 use sha2::Sha256;
 
-use super::wire::{Nonce, Proof};
+use super::protocol::{Nonce, Proof};
 use crate::message::{self, Error};
 
 /// The most bytes of a file of keys.

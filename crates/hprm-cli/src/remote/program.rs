@@ -10,7 +10,7 @@ use std::path::{Component, Path, PathBuf};
 use hprm_model::Compiled;
 use sha2::{Digest as _, Sha256};
 
-use super::wire::{CHUNK, Digest, Listed};
+use super::protocol::{CHUNK, Digest, Listed};
 use crate::declare;
 use crate::message::{self, Error};
 

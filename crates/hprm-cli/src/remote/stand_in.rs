@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::Places;
 use super::key::{self, Occasion, Side};
 use super::program::{self, Files};
-use super::wire::{self, Asked, CHUNK, Ended, Manifest, Told};
+use super::protocol::{self, Asked, CHUNK, Ended, Manifest, Told};
 use crate::launch::Plan;
 use crate::message::{self, Error, print_error};
 use crate::{declare, signals};
@@ -29,7 +29,7 @@ use crate::{declare, signals};
 const CONNECTING: Duration = Duration::from_secs(10);
 const ANSWERING: Duration = Duration::from_secs(60);
 
-/// What a launcher has a stand-in do. It travels as the standard input of that process, where nobody else reads it.
+/// What a launcher has a stand-in do. It travels as the standard input of that process, where no other user reads it.
 #[derive(Serialize, Deserialize)]
 struct Errand {
     launcher: i32,
@@ -151,7 +151,7 @@ pub(crate) fn stand_in() -> Result<ExitCode, Error> {
     }
 }
 
-/// Whether the agent of a machine starts programs for those who have a key, before anything is started.
+/// Whether the agent of a machine starts programs for users with a key, before anything is started.
 ///
 /// # Errors
 ///
@@ -187,13 +187,13 @@ fn connect(machine: &str) -> io::Result<UnixStream> {
 fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
     let keys = key::read(key)?;
     let key = &keys[0];
-    let Told::Challenge { version: wire::VERSION, nonce: theirs } = next(stream)? else {
+    let Told::Challenge { version: protocol::VERSION, nonce: theirs } = next(stream)? else {
         return Err(told(format!("{machine} has another version of HPRM")));
     };
     let mine = key::nonce()?;
     let occasion = Occasion { machine, nonces: [theirs, mine] };
     let proof = key.prove(Side::StandIn, &occasion);
-    wire::write(stream, &Asked::Proof { nonce: mine, proof })?;
+    protocol::write(stream, &Asked::Proof { nonce: mine, proof })?;
     match next(stream)? {
         Told::Proved(proof) if key.is_proved(Side::Starter, &occasion, &proof) => Ok(()),
         _ => Err(told(format!("{machine} does not prove that it has the fleet key"))),
@@ -203,7 +203,7 @@ fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
 impl Errand {
     /// Has the federate started, and does as it does.
     fn follow(&self, stream: &UnixStream, forward: &Mutex<Forward>) -> Result<Ended, Lost> {
-        wire::write(stream, &Asked::Program(Box::new(self.manifest.clone())))?;
+        protocol::write(stream, &Asked::Program(Box::new(self.manifest.clone())))?;
         let mut share = None;
         loop {
             match next(stream)? {
@@ -247,7 +247,7 @@ impl Errand {
                     return Err(failed("it has become shorter".to_owned()));
                 }
                 left -= count;
-                wire::write(stream, &Asked::Bytes(bytes))?;
+                protocol::write(stream, &Asked::Bytes(bytes))?;
             }
         }
         Ok(())
@@ -283,7 +283,7 @@ fn told(text: String) -> Lost {
 
 /// What the starter says next.
 fn next(stream: &UnixStream) -> Result<Told, Lost> {
-    match wire::read(stream)? {
+    match protocol::read(stream)? {
         None => Err(Lost::Link(io::ErrorKind::UnexpectedEof.into())),
         Some(Told::Failed { message, hint }) => {
             let error = Error::new(message);
@@ -323,7 +323,7 @@ impl Forward {
     fn take(&mut self, signal: i32) {
         match &self.stream {
             // Without a link, the process is about to end.
-            Some(stream) => drop(wire::write(stream, &Asked::Signal(signal))),
+            Some(stream) => drop(protocol::write(stream, &Asked::Signal(signal))),
             None => self.early.push(signal),
         }
     }

@@ -19,7 +19,7 @@ use rustix::process::{
 
 use super::cache::{self, Cache, Laid};
 use super::key::{self, Occasion, Side};
-use super::wire::{self, Asked, CHUNK, Ended, Listed, Manifest, Told};
+use super::protocol::{self, Asked, CHUNK, Ended, Listed, Manifest, Told};
 use crate::args::{Interpreter, Starter};
 use crate::launch::{FEDERATION_ID, PROPERTIES};
 use crate::message::{self, Error, print_error};
@@ -39,7 +39,7 @@ const SHARE: &str = ".logical-trace";
 ///
 /// # Errors
 ///
-/// None that anybody waits for: the stand-in is told.
+/// What the stand-in is told as well.
 pub(crate) fn starter(wanted: &Starter) -> Result<ExitCode, Error> {
     let failed = |error: io::Error| Error::new(format!("cannot start a federate: {error}"));
     if !die_with_parent(wanted.agent).map_err(failed)? {
@@ -54,7 +54,7 @@ pub(crate) fn starter(wanted: &Starter) -> Result<ExitCode, Error> {
             let report = error.report();
             let (message, hint) = (report.message.clone(), report.hint.clone());
             // The stand-in may have ended.
-            let _ = wire::write(&stream, &Told::Failed { message, hint });
+            let _ = protocol::write(&stream, &Told::Failed { message, hint });
             Err(error)
         }
     }
@@ -70,7 +70,7 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
             .hint("run it as another user; or, if programs of others may be root there, with --allow-root"));
     }
     let owner = admit(stream, wanted)?;
-    let manifest = match wire::read(stream) {
+    let manifest = match protocol::read(stream) {
         Ok(Some(Asked::Program(manifest))) => manifest,
         // A launcher only wanted to know whether it might.
         Ok(None) => return Ok(()),
@@ -109,14 +109,17 @@ fn admit(stream: &UnixStream, wanted: &Starter) -> Result<String, Error> {
     };
     let mine = key::nonce()?;
     let gone = |_| Error::new("the stand-in has ended");
-    wire::write(stream, &Told::Challenge { version: wire::VERSION, nonce: mine }).map_err(gone)?;
-    let Ok(Some(Asked::Proof { nonce, proof })) = wire::read(stream) else { return Err(refused()) };
+    protocol::write(stream, &Told::Challenge { version: protocol::VERSION, nonce: mine })
+        .map_err(gone)?;
+    let Ok(Some(Asked::Proof { nonce, proof })) = protocol::read(stream) else {
+        return Err(refused());
+    };
     let occasion = Occasion { machine, nonces: [mine, nonce] };
     // Read each time, so that a key that is taken out of the file counts no more.
     let keys = key::read(&wanted.keys)?;
     let known = keys.iter().find(|key| key.is_proved(Side::StandIn, &occasion, &proof));
     let known = known.ok_or_else(refused)?;
-    wire::write(stream, &Told::Proved(known.prove(Side::Starter, &occasion))).map_err(gone)?;
+    protocol::write(stream, &Told::Proved(known.prove(Side::Starter, &occasion))).map_err(gone)?;
     Ok(if known.owner.is_empty() { "a key without a name".to_owned() } else { known.owner.clone() })
 }
 
@@ -124,7 +127,7 @@ fn admit(stream: &UnixStream, wanted: &Starter) -> Result<String, Error> {
 fn fetch(stream: &UnixStream, cache: &Cache, listed: &[Listed]) -> io::Result<()> {
     let missing = cache.missing(listed);
     let places = missing.iter().map(|place| u32::try_from(*place).unwrap_or(u32::MAX)).collect();
-    wire::write(stream, &Told::Missing(places))?;
+    protocol::write(stream, &Told::Missing(places))?;
     for place in missing {
         cache.keep(&listed[place], Incoming { stream, bytes: Vec::new(), taken: 0 })?;
     }
@@ -141,7 +144,7 @@ struct Incoming<'a> {
 impl Read for Incoming<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.taken == self.bytes.len() {
-            self.bytes = match wire::read(self.stream)? {
+            self.bytes = match protocol::read(self.stream)? {
                 Some(Asked::Bytes(bytes)) => bytes,
                 Some(_) => return Err(io::ErrorKind::InvalidData.into()),
                 None => return Err(io::ErrorKind::UnexpectedEof.into()),
@@ -223,7 +226,7 @@ impl Run {
 
     fn tell(&self, told: &Told) -> io::Result<()> {
         let stream = self.stream.lock().unwrap_or_else(PoisonError::into_inner);
-        wire::write(&*stream, told)
+        protocol::write(&*stream, told)
     }
 
     /// Leads what the federate writes to the stand-in.
@@ -262,7 +265,7 @@ fn obey(stream: &UnixStream, pid: Pid, has_ended: &AtomicBool) {
             };
         }
     };
-    while let Ok(Some(Asked::Signal(number))) = wire::read(stream) {
+    while let Ok(Some(Asked::Signal(number))) = protocol::read(stream) {
         if let Some(signal) = Signal::from_named_raw(number) {
             send(signal);
         }
