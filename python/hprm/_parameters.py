@@ -9,8 +9,10 @@ from hprm._mistakes import ProgramError, one
 
 #: The options of ``hprm run``, one of which may be meant by a name that is none.
 OPTIONS = (
-    *("cpus", "debug", "fast", "hang-timeout", "help", "in-process", "join-timeout", "json"),
+    *("at", "cpus", "debug", "fast", "fleet-key", "hang-timeout", "help", "in-process"),
     *(
+        "join-timeout",
+        "json",
         "keepalive",
         "log-frames",
         "log-frames-to",
