@@ -3,16 +3,21 @@
 
 use std::sync::Arc;
 
-use hprm_core::{Bound, Coordination, FederateId, Nanos, Overflow, Program, Tag, unsafe_blocking};
+use hprm_core::{
+    Bound, Coordination, FederateId, Nanos, Overflow, PhysicalTime, Program, Tag, unsafe_blocking,
+};
 
-use crate::Rng;
 use crate::rng::mix;
+use crate::{Rng, Visit};
 
 /// Separates the draws for waits from all others of a seed.
 const WAITS: u64 = 0x3a17;
 
 /// The same for federates that leave.
 const LEAVES: u64 = 0x1ea7e;
+
+/// The same for federates that leave at a moment that no tag tells.
+const DEPARTURES: u64 = 0xdeba;
 
 /// The same for bounds.
 const BOUNDS: u64 = 0xb0d5;
@@ -82,4 +87,16 @@ pub(crate) fn leaves(seed: u64, program: &Program) -> Vec<(FederateId, Tag)> {
 
 fn pick<T: Copy>(rng: &mut Rng, among: &[T]) -> T {
     among[usize::try_from(rng.below(among.len() as u64)).unwrap_or(0)]
+}
+
+/// Federates that are asked to leave from outside, as by another thread of their processes, and when. Transient ones leave
+/// anyway.
+pub(crate) fn departures(seed: u64, program: &Program) -> Vec<(FederateId, PhysicalTime, Visit)> {
+    let mut rng = Rng::new(mix(seed ^ DEPARTURES));
+    if program.federates.values().any(|federate| federate.transient) || !rng.percent(12) {
+        return Vec::new();
+    }
+    let leaving: Vec<_> = program.federates.ids().filter(|_| rng.percent(40)).collect();
+    let at = |federate| (federate, PhysicalTime(rng.below(20_000).cast_signed()), Visit::Leave);
+    leaving.into_iter().map(at).collect()
 }

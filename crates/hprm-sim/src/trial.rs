@@ -93,6 +93,7 @@ impl Trial {
         plan.maxwaits = changes::waits(seed, &mut program);
         changes::bounds(seed, &mut program);
         plan.leaves = changes::leaves(seed, &program);
+        plan.visits.extend(changes::departures(seed, &program));
         let patient = program.federates.values().all(|federate| federate.maxwait == Nanos::MAX)
             && plan.maxwaits.is_empty();
         plan.flow_limit = flow_limit(seed);
@@ -142,7 +143,8 @@ impl Trial {
         }
         // A federate that does not wait may have missed a message that its sender died before sending.
         let certain = patient || outcome.failed.is_none();
-        let compared = !self.shape.physical && tardy == 0 && certain;
+        let departed = !self.has_transients() && self.departs(&outcome);
+        let compared = !self.shape.physical && tardy == 0 && certain && !departed;
         match outcome.failed {
             Some(victim) => self.failed(victim, &outcome, compared)?,
             None => self.ended(&outcome, compared)?,
@@ -208,6 +210,12 @@ impl Trial {
         let wrong =
             must.and_then(|must| difference(&self.program, &outcome.log, &must, Tag::FOREVER));
         wrong.map_or(Ok(()), Err)
+    }
+
+    /// Whether a federate was asked from outside to leave. At which tag it does, and whether the program still ends where
+    /// no federate has an event, depends on clocks.
+    fn departs(&self, outcome: &Outcome) -> bool {
+        self.plan.visits.iter().any(|(_, at, _)| *at <= outcome.over)
     }
 
     fn has_transients(&self) -> bool {

@@ -65,6 +65,12 @@ const LEAVER: &str = "
     a: shutdown > b
     b: every 1
     b: on a";
+/// The same, of one that does nothing else.
+const QUIET_LEAVER: &str = "
+    a: shutdown > b
+    a: shutdown > b
+    b: every 1
+    b: on a";
 const CYCLE_OF_THREE: &str = "
     a: every 1 > b
     b: on a > c
@@ -220,8 +226,13 @@ fn boards() {
         ("cycle", CYCLE, 0, &[Depart(A)]),
         ("delayed cycle", DELAYED_CYCLE, 1, &[Depart(B)]),
     ];
-    let clocks: [Case; 1] = [("clock", CLOCK, 10_000_000, &[Event(A)])];
+    // Where tags have to become due, a federate may ask to leave while it sleeps, after it has promised more.
+    let clocks: [Case; 2] = [
+        ("clock", CLOCK, 10_000_000, &[Event(A)]),
+        ("quiet leaver", QUIET_LEAVER, 2, &[Depart(A)]),
+    ];
     let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
+    look_with(Setting { start_delay: 1_000, ..setting.clone() }, "centralized", &clocks);
     look_with(setting.clone(), "centralized", &cases);
     look_with(setting.clone(), "centralized", &disturbed("pair", PAIR, 0));
     look_with(setting.clone(), "centralized", &disturbed("cycle", CYCLE, 0));
