@@ -29,6 +29,44 @@ pub struct Tally {
     pub latest: Tag,
 }
 
+/// How many federates coordinate themselves by boards at most: each has a descriptor for the board of every other one, and
+/// one more to wake it up.
+pub(crate) const FEDERATES: usize = 64;
+
+/// That a federate reads the board of another one.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Reading {
+    pub(crate) reader: FederateId,
+    pub(crate) owner: FederateId,
+    /// Whether the reader may have to wake up the owner, to which something leads from it.
+    pub(crate) wakes: bool,
+}
+
+impl Reading {
+    /// What the reader gets of the owner, its board and perhaps its notifier: for each, whether it is the notifier.
+    pub(crate) fn descriptors(self) -> impl Iterator<Item = bool> {
+        [false, true].into_iter().take(1 + usize::from(self.wakes))
+    }
+}
+
+/// Which federates read which boards: those of all from which something leads to them, or to a federate to which
+/// something leads from them, because they find out for those whether they need not wait any more.
+pub(crate) fn readings(topology: &Topology) -> Vec<Reading> {
+    let reached: Table<FederateId, Vec<FederateId>> =
+        topology.federates().map(|me| topology.reachable(me)).collect();
+    let reaches = |from: FederateId, to: FederateId| reached[from].binary_search(&to).is_ok();
+    let pairs = topology.federates().flat_map(|reader| {
+        let others = topology.federates().filter(move |owner| *owner != reader);
+        others.map(move |owner| (reader, owner))
+    });
+    let reading = |(reader, owner): (FederateId, FederateId)| {
+        let wakes = reaches(reader, owner);
+        let meets = || reached[owner].iter().any(|it| *it == reader || reaches(reader, *it));
+        (wakes || meets()).then_some(Reading { reader, owner, wakes })
+    };
+    pairs.filter_map(reading).collect()
+}
+
 /// What a federate shows of itself.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Posting {

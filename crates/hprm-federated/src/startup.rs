@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
+use crate::boards::Reading;
 use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
 
 /// A message that came before the start.
@@ -64,10 +65,11 @@ impl Startup {
         self.needed = self.partners.clone();
     }
 
-    /// This federate reads the boards of those others, and wakes them up with their notifiers. It does not start without
-    /// either.
-    pub(crate) fn need_boards(&mut self, of: impl Iterator<Item = FederateId>) {
-        self.needed_boards = of.flat_map(|owner| [(owner, false), (owner, true)]).collect();
+    /// This federate reads those boards, and wakes up those of their owners to which it sends with their notifiers. It does
+    /// not start without them.
+    pub(crate) fn need_boards<'a>(&mut self, readings: impl Iterator<Item = &'a Reading>) {
+        let needed = |it: &'a Reading| it.descriptors().map(|notifier| (it.owner, notifier));
+        self.needed_boards = readings.flat_map(needed).collect();
     }
 
     /// Whether a board or notifier that has come is one for which this federate waits.

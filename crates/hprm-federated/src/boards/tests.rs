@@ -2,7 +2,7 @@
 
 use hprm_core::{ChannelId, FederateId, Tag};
 
-use super::{Boards, Posting, Tally};
+use super::{Boards, Posting, Reading, Tally, readings};
 use crate::fixture::{federate, program};
 use crate::{Step, Topology};
 
@@ -163,4 +163,28 @@ fn each_end_of_a_channel_has_a_tally() {
     b.boards.sent(to_c, at(3));
     b.boards.sent(to_c, at(4));
     assert_eq!(b.boards.own().tallies, [tally(1, 3), tally(1, 8), tally(2, 4)]);
+}
+
+/// The boards that a federate reads, by name, with a star where it may wake up the owner.
+fn read_by(text: &str, me: &str) -> String {
+    let program = program(text);
+    let topology = Topology::new(&program);
+    let me = federate(&program, me);
+    let read = readings(&topology).into_iter().filter(|it| it.reader == me);
+    let name = |it: Reading| topology.name(it.owner) + if it.wakes { "*" } else { "" };
+    read.map(name).collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_federate_reads_no_board_that_tells_it_nothing() {
+    let chain = "a -> b\nb -> c";
+    assert_eq!(read_by(chain, "a"), "b* c*");
+    assert_eq!(read_by(chain, "b"), "a c*");
+    assert_eq!(read_by(chain, "c"), "a b");
+    // What `a` says tells `b` whether `c` still waits for something else.
+    let fan_in = "a -> c\nb -> c\nd -> e";
+    assert_eq!(read_by(fan_in, "b"), "a c*");
+    assert_eq!(read_by(fan_in, "d"), "e*");
+    let cycle = "a -> b\nb -> a";
+    assert_eq!(read_by(cycle, "a"), "b*");
 }

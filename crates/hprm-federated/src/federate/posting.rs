@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use hprm_core::{FederateId, Nanos, PhysicalTime};
 
 use super::{Activity, Coordinator, Federate};
-use crate::boards::Boards;
+use crate::boards::{Boards, Reading, readings};
 use crate::decentralized::Decentralized;
 use crate::{Frame, Output, Posting, Step};
 
@@ -37,11 +37,13 @@ impl Federate {
         let machine = Decentralized::on_boards(&self.topology, self.me);
         self.coordinator = Coordinator::Decentralized(machine);
         self.startup.need_links();
-        let others: Vec<_> = self.topology.federates().filter(|it| *it != self.me).collect();
-        self.startup.need_boards(others.iter().copied());
-        for (reader, notifier) in others.into_iter().flat_map(|it| [(it, false), (it, true)]) {
-            let frame = Frame::Board { owner: self.me, reader, notifier };
-            self.outputs.push_back(Output::ToRti(frame));
+        let readings = readings(&self.topology);
+        self.startup.need_boards(readings.iter().filter(|it| it.reader == self.me));
+        for reading in readings.into_iter().filter(|it| it.owner == self.me) {
+            for notifier in reading.descriptors() {
+                let Reading { reader, owner, .. } = reading;
+                self.outputs.push_back(Output::ToRti(Frame::Board { owner, reader, notifier }));
+            }
         }
     }
 

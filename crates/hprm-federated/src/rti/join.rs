@@ -3,7 +3,7 @@
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
-use crate::{Fault, Frame, HostId, Missing, PROTOCOL, Peer, Refusal};
+use crate::{Fault, Frame, HostId, Missing, PROTOCOL, Peer, Refusal, boards};
 
 /// How many federates with other programs are compared at a time. The RTI refuses further ones without
 /// details.
@@ -189,7 +189,8 @@ impl Rti {
         let one_host = peers.windows(2).all(|pair| pair[0].host == pair[1].host);
         let all_listen = peers.iter().all(|peer| peer.listen.is_some());
         let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
-        let fits = centralized && !self.topology.has_transients();
+        let few = self.topology.federates().count() <= boards::FEDERATES;
+        let fits = centralized && few && !self.topology.has_transients();
         self.allows_boards && fits && one_host && all_listen
     }
 
