@@ -63,11 +63,20 @@ def _method(name: str, group: str, method: str, environment: str | None = None) 
 _POOL = {"DORA_NODE_SHM_POOL_SIZE": "400000000"}
 _POLL_GROUPS = (APART,)
 """Busy loops on one core make no sense, and five of them on two cores neither."""
+_RTI_GROUPS = (SAME, APART, FAN)
+"""Large arrays do not pass through it."""
 _ROS = (GATHER, SAME, APART)
 """Its default queues of ten messages would lose most of W5."""
 
 CONTENDERS = (
     _hprm("hprm centralized", "centralized", groups=_ALL),
+    Contender(
+        "hprm through the RTI",
+        "hprm",
+        _RTI_GROUPS,
+        options={"coordination": "centralized"},
+        variables={"HPRM_BOARDS": "off"},
+    ),
     _hprm("hprm decentralized", "decentralized", groups=_ALL),
     _hprm("hprm spinning", "decentralized", "--spin=200us", groups=_POLL_GROUPS),
     Contender("limit", "processes", _ALL, "limit"),

@@ -280,6 +280,12 @@ impl Rti {
         self
     }
 
+    /// Whether the federates coordinate themselves by boards, so that none waits for this RTI before a tag.
+    #[must_use]
+    pub fn leaves_it_to_boards(&self) -> bool {
+        self.boards
+    }
+
     /// Tells the RTI what has happened.
     ///
     /// # Errors

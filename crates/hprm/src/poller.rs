@@ -148,6 +148,11 @@ impl Poller {
         }
     }
 
+    /// From now on, the loop sleeps at once: nothing waits for it.
+    pub(crate) fn do_not_spin(&mut self) {
+        self.spin = 0;
+    }
+
     /// Waits until a link is ready, the loop is notified, or `until` has come. The poller may busy-poll for
     /// some time before it sleeps.
     pub(crate) fn wait(

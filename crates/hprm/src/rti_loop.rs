@@ -326,6 +326,9 @@ impl Rti {
                 break;
             }
             wakeup = self.machine.next_wakeup();
+            if self.machine.leaves_it_to_boards() {
+                self.poller.do_not_spin();
+            }
             let until = self.showing.show(&self.machine, wakeup);
             let found = self.poller.wait(&mut self.links, &self.control.wakeups, until);
             if found.notified {

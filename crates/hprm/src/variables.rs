@@ -103,7 +103,7 @@ pub(crate) fn wrong(name: &str, value: &OsStr, why: &str) -> String {
 }
 
 /// Whether federates of one machine, under centralized coordination, find out for themselves how far they may
-/// advance. Federates that are threads of one process do not.
+/// advance, which they do unless the environment forbids it. Federates that are threads of one process do not.
 ///
 /// # Errors
 ///
@@ -114,7 +114,7 @@ pub(crate) fn may_use_boards(network: &Network) -> Result<bool, Failure> {
 
 fn boards() -> Result<bool, Failure> {
     const NAME: &str = "HPRM_BOARDS";
-    let Some(text) = value_of(NAME) else { return Ok(false) };
+    let Some(text) = value_of(NAME) else { return Ok(true) };
     match text.to_str() {
         Some("on") => Ok(true),
         Some("off") => Ok(false),
