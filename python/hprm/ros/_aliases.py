@@ -32,6 +32,15 @@ NAMES = {
     },
 }
 
+#: What programs may import from rclpy that is left out, and why.
+LEFT_OUT = {
+    "rclpy.service_introspection": "requests and responses are in the logical trace instead",
+    "rclpy.type_description_service": "nodes do not serve the descriptions of their types",
+    "rclpy.experimental": "there is one kind of loop for all executors",
+    "rclpy.waitable": "what executors wait for are timers, subscriptions, services, clients, guard"
+    " conditions and events",
+}
+
 
 class _Loader(importlib.abc.Loader):
     """Gives a module that has another name."""
@@ -63,6 +72,12 @@ class _Finder(importlib.abc.MetaPathFinder):
         except ModuleNotFoundError:
             found = None
         if found is None:
+            if name in LEFT_OUT:
+                raise ModuleNotFoundError(
+                    f"hprm.ros has no {name}: {LEFT_OUT[name]}\n  hint: docs/howto/rclpy.md says"
+                    " what there is not",
+                    name=name,
+                )
             return None
         is_package = found.submodule_search_locations is not None
         return importlib.machinery.ModuleSpec(name, _Loader(target), is_package=is_package)

@@ -55,6 +55,10 @@ class Queue:
             self.dropped += 1
         self._messages.append(message)
 
+    def first(self) -> Any:
+        """Return the oldest message."""
+        return self._messages[0]
+
     def take(self) -> Any:
         """Remove and return the oldest message."""
         return self._messages.popleft()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._graph import Endpoint, Flow
@@ -17,6 +17,8 @@ class LateEndpoints:
     def __init__(self) -> None:
         """Begin without late endpoints."""
         self._late: list[tuple[str, Endpoint]] = []
+        #: What was declared before the start, and is there no more.
+        self._gone: list[tuple[str, Endpoint]] = []
         self._nodes: list[tuple[str, str]] = []
         self._open: set[Flow] = set()
         self._receivers: dict[Flow, list[int]] = {}
@@ -25,6 +27,23 @@ class LateEndpoints:
         """Note that a script has made an endpoint."""
         self._late.append((script, endpoint))
         self._receivers.clear()
+
+    def withdraw(self, script: str, endpoint: Endpoint) -> None:
+        """Note that a script has destroyed an endpoint."""
+        if (script, endpoint) in self._late:
+            self._late.remove((script, endpoint))
+        else:
+            self._gone.append((script, endpoint))
+        self._receivers.clear()
+
+    def left(self, script: str, declared: Iterable[Endpoint]) -> Iterator[Endpoint]:
+        """Return what is still there of what a script had declared at the start."""
+        gone = [it for name, it in self._gone if name == script]
+        for endpoint in declared:
+            if endpoint in gone:
+                gone.remove(endpoint)
+            else:
+                yield endpoint
 
     def note_node(self, script: str, name: str) -> None:
         """Note that a script has made a node."""
@@ -36,7 +55,7 @@ class LateEndpoints:
             case "endpoint":
                 self._late.append((told[0], Endpoint(**told[1])))
             case "endpoint gone":
-                self._late.remove((told[0], Endpoint(**told[1])))
+                self.withdraw(told[0], Endpoint(**told[1]))
             case "node":
                 self._nodes.append((told[0], told[1]))
             case "node gone":

@@ -119,6 +119,9 @@ class Runtime:
         #: Only if logical time does not wait for the physical one.
         self._pace: Pace | None = None
         self._late = LateEndpoints()
+        #: What is called when there are other endpoints, and whether that is due.
+        self._lookers: list[Callable[[], None]] = []
+        self._graph_is_new = True
         self._news: list[tuple[list[int], Any]] = []
         #: What is called when the federate has ended, with its exit code.
         self.on_end: list[Callable[[int], None]] = []
@@ -135,8 +138,7 @@ class Runtime:
             self.meeting.declare(endpoint)
             return
         # Too late for a connection.
-        own = self._membership.name if self._membership else ""
-        self._late.note(own, endpoint)
+        self._late.note(self._own_name(), endpoint)
         self.request(lambda: self._announce("endpoint", asdict(endpoint)))
 
     def declare_node(self, name: str) -> None:
@@ -144,8 +146,31 @@ class Runtime:
         if self._loop is None:
             self.meeting.declare_node(name)
             return
-        self._late.note_node(self._membership.name if self._membership else "", name)
+        self._late.note_node(self._own_name(), name)
         self.request(lambda: self._announce("node", name))
+
+    def withdraw_endpoint(self, endpoint: Endpoint) -> None:
+        """Have an endpoint count no more, here and in other processes."""
+        is_early = self._loop is None
+        self._late.withdraw("" if is_early else self._own_name(), endpoint)
+
+        def tell() -> None:
+            if is_early:
+                self._late.withdraw(self._own_name(), endpoint)
+            self._announce("endpoint gone", asdict(endpoint))
+
+        self.request(tell)
+
+    def _own_name(self) -> str:
+        return self._membership.name if self._membership else ""
+
+    def on_graph(self, look: Callable[[], None]) -> None:
+        """Call ``look`` in a reaction when there are other endpoints than before, and now."""
+        self._lookers.append(look)
+        self.request(self._see_graph)
+
+    def _see_graph(self) -> None:
+        self._graph_is_new = True
 
     def withdraw(self, flow: Flow, deliver: Deliver) -> None:
         """Give no more messages to a function that :meth:`declare` has had."""
@@ -275,15 +300,7 @@ class Runtime:
 
     def count(self, kind: str, name: str) -> int:
         """Return how many endpoints there are of a kind, with that name."""
-        return sum(it.kind == kind and it.name == name for it in self._endpoints())
-
-    def names_and_types(self, *kinds: str) -> list[tuple[str, list[str]]]:
-        """Return the names of endpoints of some kinds, with their types."""
-        found: dict[str, set[str]] = {}
-        for it in self._endpoints():
-            if it.kind in kinds:
-                found.setdefault(it.name, set()).add(it.type)
-        return [(name, sorted(types)) for name, types in sorted(found.items())]
+        return sum(it.kind == kind and it.name == name for it in self.endpoints())
 
     def node_names(self) -> list[str]:
         """Return the full names of all nodes."""
@@ -293,13 +310,14 @@ class Runtime:
         names = [name for script in membership.graph.scripts for name in script.nodes]
         return [*names, *self._late.nodes()]
 
-    def _endpoints(self) -> Iterator[Endpoint]:
+    def endpoints(self) -> Iterator[Endpoint]:
+        """Return all endpoints that are known."""
         membership = self._membership
         if membership is None:
-            yield from self.meeting.endpoints
+            yield from self._late.left("", self.meeting.endpoints)
         else:
             for script in membership.graph.scripts:
-                yield from script.endpoints
+                yield from self._late.left(script.name, script.endpoints)
         yield from self._late.endpoints()
 
     def start(self) -> None:
@@ -510,6 +528,7 @@ class Runtime:
                 self._deliver(Flow(flow_kind, name), message)
             else:
                 self._late.take(kind, told)
+                self._see_graph()
 
     def _do_alarms(self) -> None:
         now = int(self._tag.time)
@@ -538,7 +557,8 @@ class Runtime:
                 self._news.append((receivers, ("message", flow.kind, flow.name, message)))
 
     def _announce(self, kind: str, what: Any) -> None:
-        """Tell the other processes, and nodes elsewhere, what was made after the start."""
+        """Tell the other processes, and nodes elsewhere, what there is now, or is no more."""
+        self._see_graph()
         membership = self._membership
         if membership is not None and membership.joining is not None:
             graph = membership.graph
@@ -581,6 +601,10 @@ class Runtime:
         """Let threads run for which there is something; then send what they have published."""
         process = self._process
         assert process is not None
+        if self._graph_is_new:
+            self._graph_is_new = False
+            for look in self._lookers:
+                look()
         self.turns.settle()
         self._send_outgoing()
         if self._to_itself:

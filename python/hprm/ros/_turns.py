@@ -60,11 +60,17 @@ class Turns:
         self._on_lost = on_lost
         self._waiters: list[Waiter] = []
         self._holders: set[int] = set()
+        #: The last number by which a tag was put by; those of threads are positive.
+        self._put_by = 0
         self._is_over = False
 
     def holds(self) -> bool:
         """Return whether this thread holds the tag of a reaction that waits for it."""
         return threading.get_ident() in self._holders
+
+    def is_free(self) -> bool:
+        """Return whether no other thread holds the tag."""
+        return self._holders <= {threading.get_ident()}
 
     def block(
         self, condition: Condition, poke: Callable[[], None], *, sleeps: bool = False
@@ -121,6 +127,34 @@ class Turns:
         with self._lock:
             self._holders.add(ident)
 
+    def put_by(self) -> int:
+        """Hold the tag for whichever thread adopts the number that is returned."""
+        with self._lock:
+            self._put_by -= 1
+            self._holders.add(self._put_by)
+            return self._put_by
+
+    def adopt(self, number: int) -> bool:
+        """Let this thread hold the tag that was put by; return whether it held none before."""
+        ident = threading.get_ident()
+        with self._lock:
+            if number not in self._holders:
+                # It is lost, or all turns have ended.
+                return False
+            is_new = ident not in self._holders
+            self._holders.add(ident)
+            self._holders.discard(number)
+            return is_new
+
+    def let_go(self, ident: int) -> None:
+        """Have a blocked thread go on beside this one, which holds the tag, and may wait for it."""
+        with self._lock:
+            waiter = next((it for it in self._waiters if it.ident == ident), None)
+            if waiter is not None and waiter.condition():
+                self._waiters.remove(waiter)
+                self._holders.add(ident)
+                waiter.wakes.release()
+
     def leave(self) -> None:
         """Let this thread hold no tag any more: it ends, or runs what is none of the script."""
         with self._lock:
@@ -161,7 +195,8 @@ class Turns:
                 return
             self._is_settling = False
             # A thread that has ended does not tell it.
-            self._holders &= _running()
+            running = _running()
+            self._holders = {it for it in self._holders if it < 0 or it in running}
             sleeps = any(it.sleeps for it in self._waiters)
             patience = self._with_sleepers if sleeps else self._patience
             if time.monotonic() > since + patience:

@@ -118,6 +118,11 @@ class Executor:
         """Spin no more; return whether nothing is left to run."""
         with self._lock:
             self._is_shutdown = True
+            spinning = self._spinning
+        turns = self._runtime.turns
+        if spinning is not None and spinning != threading.get_ident() and turns.holds():
+            # What follows may be that this thread waits for that one.
+            turns.let_go(spinning)
         self.wake()
         return True
 
@@ -170,26 +175,85 @@ class Executor:
         """Whether this thread runs a callback, and takes what is for others only after it."""
         return self._spinning == threading.get_ident()
 
+    def wait_for_ready_callbacks(
+        self,
+        timeout_sec: float | None = None,
+        nodes: list[Node] | None = None,
+        condition: Callable[[], bool] = lambda: False,
+    ) -> tuple[Task[Any], Entity | None, Node | None]:
+        """Wait for a callback; return a task that runs it in any thread, and whose it is.
+
+        Logical time waits until the task has run.
+
+        Raises
+        ------
+        TimeoutException
+            If there is nothing in time.
+        ShutdownException
+            If the executor was shut down.
+        ConditionReachedException
+            If ``condition`` is true.
+
+        """
+        found = self._wait(timeout_sec, condition, nodes)
+        if self._is_shutdown:
+            raise ShutdownException
+        if found is None:
+            raise ConditionReachedException if condition() else TimeoutException
+        task, entity = self._taken(found)
+        return self._handed(task, entity), entity, None if entity is None else entity._node
+
+    def _handed(self, task: Task[Any], entity: Entity | None) -> Task[Any]:
+        """Return a task that runs another one, at this tag, in the thread that calls it."""
+        turns = self._runtime.turns
+        number = turns.put_by()
+
+        def run() -> Any:
+            is_new = turns.adopt(number)
+            held = turns.holds()
+            try:
+                Executor._run(self, task, entity)
+                return task.result()
+            finally:
+                if is_new:
+                    turns.leave()
+                if not held:
+                    self.wake()
+
+        return Task(run, executor=self)
+
     def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
+        found = self._wait(timeout_sec, is_over)
+        if found is not None:
+            self._run(*self._taken(found))
+
+    def _wait(
+        self,
+        timeout_sec: float | None,
+        is_over: Callable[[], bool],
+        nodes: list[Node] | None = None,
+    ) -> Task[Any] | Entity | None:
+        """Wait for the next thing to do; none if there is an end of the wait before."""
         found: Task[Any] | Entity | None = None
 
         def has_something() -> bool:
             nonlocal found
             ended = self._is_shutdown or not self._context.ok() or is_over()
-            found = None if ended else self._first()
+            # One callback at a time: one that blocks holds no tag.
+            is_busy = ended or not self._runtime.turns.is_free()
+            found = None if is_busy else self._first(nodes)
             return ended or found is not None
 
         negative = timeout_sec is None or timeout_sec < 0
         timeout_ns = None if negative else round((timeout_sec or 0) * 1e9)
         self._runtime.block(has_something, timeout_ns)
         if self._is_shutdown:
-            return
+            return None
         if not self._context.ok():
             raise ExternalShutdownException
         if found is None or not self._is_there(found):
-            found = self._first()
-        if found is not None:
-            self._run(*self._taken(found))
+            found = self._first(nodes)
+        return found
 
     def _is_there(self, found: Task[Any] | Entity) -> bool:
         """Return whether nothing else has taken what was found."""
@@ -197,15 +261,15 @@ class Executor:
             return found.is_ready
         return found.has_work() and found.callback_group.can_execute(found)
 
-    def _first(self) -> Task[Any] | Entity | None:
-        """Find the first thing to do."""
+    def _first(self, nodes: list[Node] | None = None) -> Task[Any] | Entity | None:
+        """Find the first thing to do, for some of the nodes."""
         for task in list(self._tasks):
             if task.done():
                 self._tasks.remove(task)
             elif task.is_ready:
                 return task
         for entity in self._entities():
-            if self._is_there(entity):
+            if (nodes is None or entity._node in nodes) and self._is_there(entity):
                 return entity
         return None
 
@@ -258,10 +322,10 @@ class MultiThreadedExecutor(Executor):
     def _runs_callbacks_in_this_thread(self) -> bool:
         return False
 
-    def _first(self) -> Task[Any] | Entity | None:
+    def _first(self, nodes: list[Node] | None = None) -> Task[Any] | Entity | None:
         if self._limit is not None and self._running >= self._limit:
             return None
-        return super()._first()
+        return super()._first(nodes)
 
     def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
         # Here rclpy's executor of several threads ends its spin, rather than raising.

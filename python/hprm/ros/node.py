@@ -11,6 +11,7 @@ from hprm.ros._entity import Entity
 from hprm.ros._graph import Endpoint
 from hprm.ros._interface import type_name
 from hprm.ros._names import absolute_namespace, full_node_name, logger_name
+from hprm.ros._others import Others
 from hprm.ros._parameter_services import ParameterEvents, ParameterServices
 from hprm.ros._parameters import ParameterChanges, Parameters
 from hprm.ros._remapping import Remapping
@@ -20,7 +21,6 @@ from hprm.ros.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGro
 from hprm.ros.client import Client
 from hprm.ros.clock import Clock, ROSClock
 from hprm.ros.exceptions import InvalidHandle, NotInitializedException
-from hprm.ros.expand_topic_name import expand_topic_name
 from hprm.ros.guard_condition import GuardCondition
 from hprm.ros.logging import get_logger
 from hprm.ros.logging_service import LoggingService
@@ -32,10 +32,8 @@ from hprm.ros.subscription import Subscription
 from hprm.ros.time_source import TimeSource
 from hprm.ros.timer import Rate, Timer
 from hprm.ros.utilities import get_default_context
-from hprm.ros.validate_full_topic_name import validate_full_topic_name
 from hprm.ros.validate_namespace import validate_namespace
 from hprm.ros.validate_node_name import validate_node_name
-from hprm.ros.validate_topic_name import validate_topic_name
 
 if TYPE_CHECKING:
     from hprm.ros.context import Context
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
 E = TypeVar("E", bound=Entity)
 
 
-class Node(Parameters):
+class Node(Parameters, Others):
     """A node: publishers, subscriptions, timers, services, clients and parameters."""
 
     def __init__(
@@ -76,6 +74,8 @@ class Node(Parameters):
         self._namespace = self._remapping.namespace(self._name, absolute_namespace(namespace or ""))
         self._publishers: list[Publisher[Any]] = []
         self._entities: list[Entity] = []
+        #: What each publisher, subscription, service and client has declared.
+        self._endpoints: dict[Any, Endpoint] = {}
         self._rates: list[Rate] = []
         self._clock = ROSClock()
         self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
@@ -203,9 +203,11 @@ class Node(Parameters):
         type_ = type_name(msg_type, "message")
         if qos_overriding_options is not None:
             _declare_qos_parameters(Publisher, self, name, qos, qos_overriding_options)
+        group = callback_group or self._default_callback_group
         made = publisher_class(self, msg_type, name, qos)
-        self._runtime.declare(self._endpoint("publisher", name, type_, qos))
+        self._declare(made, self._endpoint("publisher", name, type_, qos))
         self._publishers.append(made)
+        self._watch(made, event_callbacks, group)
         return made
 
     def create_subscription(
@@ -229,7 +231,8 @@ class Node(Parameters):
         if qos_overriding_options is not None:
             _declare_qos_parameters(Subscription, self, name, qos, qos_overriding_options)
         made = Subscription(self, msg_type, name, callback, group, qos, raw)
-        self._runtime.declare(self._endpoint("subscription", name, type_, qos), made.deliver)
+        self._declare(made, self._endpoint("subscription", name, type_, qos), made.deliver)
+        self._watch(made, event_callbacks, group)
         return self._add(made)
 
     def create_client(
@@ -245,7 +248,7 @@ class Node(Parameters):
         type_ = type_name(srv_type, "service")
         group = callback_group or self._default_callback_group
         made = Client(self, self._context, srv_type, name, qos_profile, group)
-        self._runtime.declare(self._endpoint("client", name, type_, qos_profile), made.deliver)
+        self._declare(made, self._endpoint("client", name, type_, qos_profile), made.deliver)
         return self._add(made)
 
     def create_service(
@@ -262,7 +265,7 @@ class Node(Parameters):
         type_ = type_name(srv_type, "service")
         group = callback_group or self._default_callback_group
         made = Service(self, srv_type, name, callback, group, qos_profile)
-        self._runtime.declare(self._endpoint("service", name, type_, qos_profile), made.deliver)
+        self._declare(made, self._endpoint("service", name, type_, qos_profile), made.deliver)
         return self._add(made)
 
     def create_timer(
@@ -304,6 +307,7 @@ class Node(Parameters):
             return False
         self._publishers.remove(publisher)
         publisher.destroy()
+        self._withdraw(publisher)
         return True
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
@@ -364,41 +368,6 @@ class Node(Parameters):
         """Destroy it."""
         self.destroy_node()
 
-    # What it knows of others.
-
-    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """Return the full name of a topic, by the rules for names that the command line states."""
-        return self._resolve(topic, False, only_expand)
-
-    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """Return the full name of a service, by the rules for names."""
-        return self._resolve(service, True, only_expand)
-
-    def count_publishers(self, topic_name: str) -> int:
-        """Return how many publishers a topic has."""
-        return self._runtime.count("publisher", self._resolve(topic_name, False, True))
-
-    def count_subscribers(self, topic_name: str) -> int:
-        """Return how many subscriptions a topic has."""
-        return self._runtime.count("subscription", self._resolve(topic_name, False, True))
-
-    def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:
-        """Return all topics with their types."""
-        return self._runtime.names_and_types("publisher", "subscription")
-
-    def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
-        """Return all services with their types."""
-        return self._runtime.names_and_types("service")
-
-    def get_node_names(self) -> list[str]:
-        """Return the names of all nodes."""
-        return [name.rpartition("/")[2] for name in self._runtime.node_names()]
-
-    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """Return the names and namespaces of all nodes."""
-        parts = (name.rpartition("/") for name in self._runtime.node_names())
-        return [(name, namespace or "/") for namespace, _, name in parts]
-
     # For its entities and executors.
 
     def _tell_changes(self, changes: ParameterChanges) -> None:
@@ -432,15 +401,6 @@ class Node(Parameters):
         if self._is_destroyed:
             raise InvalidHandle("cannot use Destroyable because destruction was requested")
 
-    def _resolve(self, name: str, is_service: bool, only_expand: bool) -> str:
-        validate_topic_name(name, is_service=is_service)
-        full = expand_topic_name(name, self._name, self._namespace)
-        validate_full_topic_name(full, is_service=is_service)
-        if only_expand:
-            return full
-        remap = self._remapping.service if is_service else self._remapping.topic
-        return remap(full, self._name, self._namespace)
-
     def _add(self, entity: E) -> E:
         # Timers first, and then as `rclpy` takes them.
         self._entities.append(entity)
@@ -454,7 +414,23 @@ class Node(Parameters):
             return False
         self._entities.remove(entity)
         entity.destroy()
+        self._withdraw(entity)
         return True
+
+    def _declare(self, made: Any, endpoint: Endpoint, deliver: Any = None) -> None:
+        self._endpoints[made] = endpoint
+        self._runtime.declare(endpoint, deliver)
+
+    def _watch(self, made: Any, callbacks: Any, group: CallbackGroup) -> None:
+        """Add what calls back at events of a publisher or a subscription."""
+        if callbacks is not None:
+            for handler in callbacks.create_event_handlers(group, made, made.topic):
+                made.event_handlers.append(self._add(handler))
+
+    def _withdraw(self, gone: Any) -> None:
+        endpoint = self._endpoints.pop(gone, None)
+        if endpoint is not None:
+            self._runtime.withdraw_endpoint(endpoint)
 
 
 def _profile(stated: QoSProfile | int) -> QoSProfile:

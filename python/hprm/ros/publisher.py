@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hprm.ros._graph import Flow
 from hprm.ros._interface import copy_of
@@ -30,6 +31,9 @@ class Publisher(Generic[MsgT]):
         self.topic = topic
         self.qos_profile = qos_profile
         self._destroyed = False
+        self.event_handlers: list[Any] = []
+        #: What is called with each message.
+        self._on_message: list[Callable[[], None]] = []
 
     def publish(self, msg: MsgT | bytes) -> None:
         """Send a message: the callback that publishes it may change it afterwards.
@@ -49,6 +53,8 @@ class Publisher(Generic[MsgT]):
         if not isinstance(msg, self.msg_type):
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         self._node._runtime.publish(self._flow, copy_of(msg))
+        for note in self._on_message:
+            note()
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions the topic has."""
@@ -69,6 +75,8 @@ class Publisher(Generic[MsgT]):
     def destroy(self) -> None:
         """Publish no more."""
         self._destroyed = True
+        for handler in self.event_handlers:
+            self._node._destroy(handler)
 
     def __enter__(self) -> Publisher[MsgT]:
         """Return the publisher."""

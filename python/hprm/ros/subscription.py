@@ -48,6 +48,11 @@ class Subscription(Entity):
         self._flow = Flow("topic", topic)
         self.callback = callback
         self._queue = Queue(node._depth_of(qos_profile))
+        self.event_handlers: list[Any] = []
+        #: What is called with each message.
+        self._on_message: list[Callable[[], None]] = []
+        #: What this node takes first if both have come at one tag.
+        self._after: Entity | None = None
 
     @property
     def callback(self) -> Callable[..., Any]:
@@ -71,19 +76,18 @@ class Subscription(Entity):
         """Put a message into the queue; all subscriptions of the process get the same one."""
         if not self._destroyed:
             self._queue.put((message, self._node._runtime.now()))
+            for note in self._on_message:
+                note()
 
     def has_work(self) -> bool:
         """Return whether a message waits."""
-        return len(self._queue) > 0 and not self._destroyed
+        is_first = self._after is None or not self._after.has_work()
+        return len(self._queue) > 0 and not self._destroyed and is_first
 
     def take(self) -> Callable[[], Any]:
         """Take the oldest message."""
-        message, received = self._queue.take()
-        message = copy_of(message)
-        if self.raw:
-            from hprm.ros.serialization import serialize_message
-
-            message = serialize_message(message)
+        _, received = self._queue.first()
+        message = self._taken()
         if self._callback_type is Subscription.CallbackType.MessageOnly:
             return _call(self._callback, message)
         info = {
@@ -94,10 +98,21 @@ class Subscription(Entity):
         }
         return _call(self._callback, message, info)
 
+    def _taken(self) -> Any:
+        """Take the oldest message as the callback gets it."""
+        message = copy_of(self._queue.take()[0])
+        if self.raw:
+            from hprm.ros.serialization import serialize_message
+
+            message = serialize_message(message)
+        return message
+
     def destroy(self) -> None:
         """Take no more messages."""
         super().destroy()
         self._node._runtime.withdraw(self._flow, self.deliver)
+        for handler in self.event_handlers:
+            self._node._destroy(handler)
 
 
 def _call(callback: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:

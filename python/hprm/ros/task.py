@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 import threading
 import warnings
@@ -35,10 +36,11 @@ class Future(Generic[T]):
                 stacklevel=2,
             )
 
-    def __await__(self) -> Generator[Future[T], None, T | None]:
-        """Wait in a coroutine."""
+    def __await__(self) -> Generator[Future[T] | None, None, T | None]:
+        """Wait in a coroutine: of an executor, or of asyncio, which looks again and again."""
+        foreign = asyncio._get_running_loop() is not None
         while not self._done and not self._cancelled:
-            yield self
+            yield None if foreign else self
         return self.result()
 
     def cancel(self) -> None:

@@ -119,6 +119,9 @@ class ActionClient:
             ]
         ]
 
+        # Whether a goal is accepted is told before its feedback, if both come at one tag.
+        self._subscriptions[0]._after = self._send_goal
+
     def send_goal_async(
         self,
         goal: Any,
