@@ -19,7 +19,7 @@ from hprm.ros._ament_index_python.packages import (
 )
 from hprm.ros._launch import LaunchError, LaunchPlan, NodePlan, ProcessPlan, evaluate
 from hprm.ros._launch._packages import PackageError, find_package, find_program
-from hprm.ros._launch._plans import as_yaml
+from hprm.ros._launch._plans import Respawn, as_yaml
 from hprm.ros._messages.packages import PACKAGES
 from hprm.ros._parameter_yaml import parse_parameter_value
 from hprm.ros._ros_arguments import parse_ros_arguments
@@ -502,7 +502,7 @@ def test_processes_and_timers_are_planned(workspace: Path) -> None:
                 additional_env={"X": "1"}, emulate_tty=True,
             ),
             TimerAction(period=2.5, actions=[
-                Node(package="demo", executable="talker", respawn=True, prefix=""),
+                Node(package="demo", executable="talker", respawn=True, respawn_delay=2, prefix=""),
                 TimerAction(period="1", actions=[ExecuteProcess(cmd=["ls -l"], shell=True)]),
             ]),
             ExecuteProcess(cmd=["true"], on_exit=Shutdown()),
@@ -517,7 +517,8 @@ def test_processes_and_timers_are_planned(workspace: Path) -> None:
         {"X": "1"},
         0,
     )
-    assert isinstance(talker, NodePlan) and (talker.delay, talker.respawn) == (2.5, True)
+    assert isinstance(talker, NodePlan)
+    assert (talker.delay, talker.respawn) == (2.5, Respawn(delay=2.0, retries=-1))
     assert isinstance(shell, ProcessPlan) and (shell.delay, shell.shell) == (3.5, True)
     assert [process.required for process in plan.processes] == [False, False, False, True]
     assert last.delay == 0.0
@@ -593,18 +594,19 @@ def test_handlers_count_if_they_are_known_before(workspace: Path) -> None:
         """
         talker = Node(package="demo", executable="talker")
         listener = Node(package="demo", executable="listener")
-        note = LogInfo(msg="never")
+        note = LogInfo(msg=["it", " ended"])
         end = EmitEvent(event=launch.events.Shutdown(reason="over"))
         return [
             talker,
             RegisterEventHandler(OnProcessStart(target_action=talker, on_start=[listener])),
             RegisterEventHandler(OnProcessExit(target_action=talker, on_exit=[note, end])),
+            RegisterEventHandler(OnProcessExit(target_action=listener, on_exit=note)),
         ]
         """,
     )
-    assert [(node.executable, node.required) for node in plan.nodes] == [
-        ("talker", True),
-        ("listener", False),
+    assert [(node.executable, node.required, node.farewell) for node in plan.nodes] == [
+        ("talker", True, ["it ended"]),
+        ("listener", False, ["it ended"]),
     ]
     assert plan.messages == []
 
@@ -614,7 +616,7 @@ def test_handlers_count_if_they_are_known_before(workspace: Path) -> None:
     [
         (
             "RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[node]))",
-            "OnProcessExit is supported with a target_action and Shutdown() only",
+            "OnProcessExit is supported with a target_action, Shutdown() and LogInfo() only",
         ),
         (
             "RegisterEventHandler(OnProcessExit(target_action=node, on_exit=print))",
@@ -625,10 +627,14 @@ def test_handlers_count_if_they_are_known_before(workspace: Path) -> None:
         ("EmitEvent(event=3)", "EmitEvent of 3 is not supported"),
         ("OpaqueCoroutine(coroutine=None)", "OpaqueCoroutine is not supported"),
         ("'node'", "'node' is no action and no launch description"),
+        (
+            "Node(package='demo', executable='talker', respawn=True, respawn_delay='soon')",
+            "respawn_delay is 'soon': it is no number",
+        ),
         ("TimerAction(period='x', actions=[])", "the period of a timer is 'x': it is no number"),
         (
             "Node(package='demo', executable='talker', on_exit=[node])",
-            "on_exit is supported with Shutdown() only",
+            "on_exit is supported with Shutdown() and LogInfo() only",
         ),
         ("Node(package='demo', executable='talker', name='a/b')", "'a/b': node name must not"),
         ("PushRosNamespace('a b')", "'/a b': namespace must not contain characters"),

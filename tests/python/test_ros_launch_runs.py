@@ -204,3 +204,144 @@ def test_a_launch_file_may_be_named_by_its_package(bench: Bench, tmp_path: Path)
     )
     outcome = finish(bench.call("launch", "robot_bringup", "robot.launch.xml"))
     outcome.assert_one_error("on_exit is 'stay': it may be shutdown")
+
+
+COUNTS = """
+import os
+import sys
+import rclpy
+from pathlib import Path
+from rclpy.node import Node
+from std_msgs.msg import String
+
+LIVES = Path("lives")
+
+
+class Counts(Node):
+    def __init__(self):
+        super().__init__("counts")
+        self.life = len(LIVES.read_text()) if LIVES.exists() else 0
+        LIVES.write_text("x" * (self.life + 1))
+        self.publisher = self.create_publisher(String, "count", 10)
+        self.count = 0
+        self.create_timer(0.05, self.tick)
+
+    def tick(self):
+        self.count += 1
+        self.publisher.publish(String(data=f"life {self.life} count {self.count}"))
+        if self.count == 3:
+            if self.life == 0:
+                os._exit(3)
+            raise SystemExit(self.life % 2)
+
+
+rclpy.init()
+rclpy.spin(Counts())
+"""
+
+HEARS = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+
+
+class Hears(Node):
+    def __init__(self):
+        super().__init__("hears")
+        self.heard = []
+        self.create_subscription(String, "count", self.hear, 10)
+        self.create_timer(0.05, lambda: None)
+
+    def hear(self, message):
+        print(message.data, flush=True)
+        if message.data == LAST:
+            raise SystemExit
+
+
+rclpy.init()
+rclpy.spin(Hears())
+"""
+
+RESPAWN = """\
+from launch import LaunchDescription
+from launch.actions import LogInfo, RegisterEventHandler, Shutdown
+from launch.event_handlers import OnProcessExit
+from launch_ros.actions import Node
+
+def generate_launch_description():
+    counts = Node(executable="counts.py", respawn=True, respawn_delay=0.1, MORE)
+    hears = Node(executable="hears.py", on_exit=Shutdown())
+    said = LogInfo(msg="counts has ended")
+    return LaunchDescription([
+        counts, hears, RegisterEventHandler(OnProcessExit(target_action=counts, on_exit=said)),
+    ])
+"""
+
+
+def _respawn(bench: Bench, tmp_path: Path, last: str, more: str = "") -> Outcome:
+    (tmp_path / "counts.py").write_text(COUNTS)
+    (tmp_path / "hears.py").write_text(HEARS.replace("LAST", repr(last)))
+    (tmp_path / "respawn.launch.py").write_text(RESPAWN.replace("MORE", more))
+    return finish(bench.call("launch", "respawn.launch.py"))
+
+
+def test_a_node_that_has_ended_comes_back_as_often_as_is_stated(
+    bench: Bench, tmp_path: Path
+) -> None:
+    # It is killed, then fails, then ends well, and the other one hears it each time.
+    outcome = _respawn(bench, tmp_path, "life 2 count 3")
+    assert outcome.code == 0, outcome.err
+    heard = [it for it in outcome.out.splitlines() if "hears.py" in it]
+    assert heard == [
+        f"[hears.py-2] life {life} count {count}"
+        for life in range(3)
+        for count in range(1, 4)
+        # What it publishes at the tag at which it is killed is lost with it.
+        if (life, count) != (0, 3)
+    ]
+    assert outcome.err.count("process has died") == 2, outcome.err
+    # Before the last one, the launch is asked to end.
+    assert outcome.out.count("counts has ended\n") in (2, 3)
+
+
+def test_a_node_comes_back_no_more_often_than_is_stated(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "counts.py").write_text(COUNTS)
+    (tmp_path / "one.launch.py").write_text(
+        """\
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+def generate_launch_description():
+    return LaunchDescription([
+        Node(executable="counts.py", respawn=True, respawn_max_retries=1)
+    ])
+"""
+    )
+    outcome = finish(bench.call("launch", "one.launch.py"))
+    assert (tmp_path / "lives").read_text() == "xx"
+    # That of its last life.
+    assert outcome.code == 1, outcome.err
+
+
+def test_another_program_comes_back(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "other.launch.xml").write_text(
+        """\
+<launch>
+  <executable cmd="sh -c 'echo again; exit 4'" name="other" respawn="true" respawn_delay="0.05"
+    respawn_max_retries="2"/>
+</launch>
+"""
+    )
+    outcome = finish(bench.call("launch", "other.launch.xml"))
+    assert outcome.out.splitlines() == ["[other-1] again"] * 3, outcome.err
+    assert outcome.code == 4
+
+
+def test_a_signal_ends_what_waits_to_come_back(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "other.launch.xml").write_text(
+        """<launch><executable cmd="echo once" respawn="true" respawn_delay="1000"/></launch>"""
+    )
+    process = bench.call("launch", "other.launch.xml")
+    hear(process.stdout, "once\n")
+    process.send_signal(signal.SIGINT)
+    assert finish(process).code == 130

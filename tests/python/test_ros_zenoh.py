@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import signal
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -247,6 +248,65 @@ def test_a_large_image_passes_both_ways(bench: Bench, peer: Peer, write) -> None
     peer.put(f"0/in/{IMAGE}", image, beside(1))
     assert samples.get(timeout=WAIT_S).payload.to_bytes() == image
     interrupt(process)
+
+
+ALIGNED = """
+node = Node("aligned")
+count = 0
+
+
+def hear(name, message):
+    global count
+    stamp = message.header.stamp
+    after = node.get_clock().now().nanoseconds - stamp.sec * 10**9 - stamp.nanosec
+    print(name, message.header.frame_id, after if after < 10**10 else "late", flush=True)
+    count += 1
+    if count == 4:
+        raise SystemExit
+
+
+for name in ("left", "right"):
+    node.create_subscription(Image, name, lambda it, name=name: hear(name, it), 10)
+rclpy.spin(node)
+"""
+
+
+def stamped(stamp_ns: int, frame: bytes) -> bytes:
+    """An empty image of a frame with one letter."""
+    stamp = divmod(stamp_ns, 10**9)
+    head = b"\0\x01\0\0" + struct.pack("<iII2sxxII", *stamp, 2, frame + b"\0", 0, 0)
+    return head + struct.pack("<I6sBxII", 6, b"rgba8\0", 0, 0, 0)
+
+
+def test_stamps_of_messages_from_elsewhere_may_be_their_tags(
+    bench: Bench, peer: Peer, write
+) -> None:
+    write(aligned=ALIGNED)
+    peer.watch()
+    options = (peer.option, "--zenoh-align-stamp", "4")
+    process = bench.call("ros", "run", *options, "aligned.py")
+    for name in ("left", "right"):
+        peer.await_token(f"/aligned/%{name}/")
+    now, ms = time.time_ns(), 10**6
+    for number, (name, stamp, frame) in enumerate(
+        [
+            ("right", now + 60 * ms, b"c"),
+            ("left", now + 20 * ms, b"b"),
+            ("right", now - 40 * ms, b"a"),
+            ("left", 5 * 10**9, b"z"),
+        ]
+    ):
+        peer.put(f"0/{name}/{IMAGE}", stamped(stamp, frame), beside(number + 1))
+    outcome = finish(process)
+    assert outcome.code == 0, outcome.err
+    # Whatever came first, and in whichever time: exactly the wait after the stamp.
+    assert outcome.out.splitlines() == [
+        "[aligned-1] left z late",
+        *(f"[aligned-1] {it} 4000000000" for it in ("right a", "left b", "right c")),
+    ]
+    (told,) = [it for it in outcome.err.splitlines() if "later than its stamp" in it]
+    assert told.startswith("warning: a message of /left has arrived ")
+    assert told.endswith("and the wait of 4000 ms, so its tag is the time of its arrival")
 
 
 def test_messages_that_are_kept_come_to_those_that_are_later(

@@ -48,6 +48,8 @@ fn options(command: &mut Command, running: &Running) {
     command.args(wanted.zenoh.iter().map(|it| format!("--zenoh={it}")));
     command.args(wanted.domain_id.iter().map(|it| format!("--domain-id={it}")));
     command.args(wanted.zenoh_only.iter().map(|it| format!("--zenoh-only={it}")));
+    let wait = wanted.zenoh_align_stamp.iter().map(Duration::as_secs_f64);
+    command.args(wait.map(|it| format!("--zenoh-align-stamp={it}")));
     if running.fast == Some(true) {
         command.arg("--fast");
     }

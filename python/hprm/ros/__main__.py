@@ -56,7 +56,8 @@ def main() -> int:
         from hprm.ros._zenoh.session import BridgeError, Settings
 
         try:
-            settings = Settings.of(options.zenoh, options.domain_id, options.zenoh_only)
+            wanted, wait = options.zenoh_only, options.zenoh_align_stamp
+            settings = Settings.of(options.zenoh, options.domain_id, wanted, wait)
         except BridgeError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
@@ -94,6 +95,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fast", action="store_true", help="do not wait for physical time")
     parser.add_argument("--zenoh", metavar="ENDPOINT", help="bridge to ROS 2 over this router")
     parser.add_argument("--domain-id", help="the domain of ROS 2")
+    parser.add_argument("--zenoh-align-stamp", metavar="SECONDS", type=float)
     parser.add_argument("--zenoh-only", metavar="NAME", action="append", default=[])
 
 

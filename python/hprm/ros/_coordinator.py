@@ -72,6 +72,9 @@ class Coordinator:
         self._failed = 0
         self._is_refused = False
         self._is_over = False
+        #: What is started again, and when.
+        self._due: list[tuple[float, Member]] = []
+        self._graph: Graph | None = None
         self._until: float | None = None
         self._slow_at: float | None = time.monotonic() + SLOW_S
         self._wakes, self._wakeup = socket.socketpair()
@@ -83,16 +86,20 @@ class Coordinator:
         ]
         self._readers: list[threading.Thread] = []
         for member in self.members:
-            self._selector.register(member.connection, selectors.EVENT_READ, member)
-            threading.Thread(target=self._await, args=(member,), daemon=True).start()
-            for stream, out in (
-                (member.process.stdout, sys.stdout),
-                (member.process.stderr, sys.stderr),
-            ):
-                assert stream is not None
-                reader = threading.Thread(target=self._show, args=(member, stream, out))
-                reader.start()
-                self._readers.append(reader)
+            self._attend(member)
+
+    def _attend(self, member: Member) -> None:
+        """Listen to a process that was started."""
+        self._selector.register(member.connection, selectors.EVENT_READ, member)
+        threading.Thread(target=self._await, args=(member,), daemon=True).start()
+        for stream, out in (
+            (member.process.stdout, sys.stdout),
+            (member.process.stderr, sys.stderr),
+        ):
+            assert stream is not None
+            reader = threading.Thread(target=self._show, args=(member, stream, out))
+            reader.start()
+            self._readers.append(reader)
 
     def run(self) -> int:
         """Coordinate to the end; return the exit code."""
@@ -102,7 +109,8 @@ class Coordinator:
         }
         try:
             while any(it.code is None for it in self.members):
-                limits = [it for it in (self._until, self._slow_at) if it is not None]
+                dues = [due for due, _ in self._due]
+                limits = [it for it in (self._until, self._slow_at, *dues) if it is not None]
                 left = max(min(limits) - time.monotonic(), 0) if limits else None
                 for key, _ in self._selector.select(left):
                     self._read(key.data)
@@ -131,6 +139,11 @@ class Coordinator:
                     text = f"has not ended for {PATIENCE_S:g} s, so it is killed"
                     _tell_of(member, f"process {text} [pid {member.process.pid}]")
             self._send(signal.SIGKILL)
+        for due, member in [it for it in self._due if now >= it[0]]:
+            self._due.remove((due, member))
+            member.lives += 1
+            member.start()
+            self._attend(member)
         if self._slow_at is not None and now >= self._slow_at:
             self._slow_at = None
             self._name_the_slow()
@@ -172,6 +185,9 @@ class Coordinator:
         members = [
             it for it in self.members if it.is_member and it.code is None and not it.has_left
         ]
+        if self._rti is not None and self._graph is not None:
+            self._answer_again(self._rti, self._graph, members)
+            return
         if self._rti is not None or self._is_refused or not members:
             return
         served = {e.name for it in self.members for e in it.endpoints if e.kind == "service"}
@@ -189,6 +205,29 @@ class Coordinator:
                 return
         self._begin(members)
 
+    def _answer_again(self, rti: _hprm.LocalRti, graph: Graph, members: list[Member]) -> None:
+        """Answer scripts that come back to a federation that runs."""
+        for member in members:
+            if member.looks_for:
+                names = {e.name for it in members for e in it.endpoints if e.kind == "service"}
+                member.answer({"found": member.looks_for in names})
+                member.looks_for = None
+            if member.is_ready and not member.is_answered:
+                self._admit(rti, graph, member)
+
+    def _admit(self, rti: _hprm.LocalRti, graph: Graph, member: Member) -> None:
+        """Let a script join the federation."""
+        member.is_answered = True
+        member.answer(
+            {
+                "graph": graph.document(),
+                "name": member.name,
+                "delay_ns": member.delay_ns if member.lives == 0 else 0,
+                "is_fast": self._is_fast,
+                "joining": _joining(rti, member.name),
+            }
+        )
+
     def _name_the_slow(self) -> None:
         """Name the scripts without which the others do not begin."""
         members = [it for it in self.members if it.is_member and it.code is None]
@@ -202,13 +241,17 @@ class Coordinator:
             )
 
     def _begin(self, members: list[Member]) -> None:
-        scripts = [Script(it.name, tuple(it.nodes), tuple(it.endpoints)) for it in members]
+        scripts = [
+            Script(it.name, tuple(it.nodes), tuple(it.endpoints), it.plan.respawn is not None)
+            for it in members
+        ]
         wrong = mismatches(scripts)
         if wrong:
             self._refuse(members, wrong)
             return
         self._slow_at = None
-        graph = Graph(scripts, self._bridge is not None)
+        bridge = self._bridge
+        graph = Graph(scripts, bridge is not None, bridge is not None and bridge.is_aligned)
         address = f"unix:@hprm-{secrets.token_hex(8)}-rti"
         federation = Scripts(graph, self._is_fast)
         if self._bridge is not None:
@@ -227,16 +270,9 @@ class Coordinator:
             self._refuse(members, [str(error).removeprefix("error: ")])
             return
         self._rti = rti
+        self._graph = graph
         for member in members:
-            member.answer(
-                {
-                    "graph": graph.document(),
-                    "name": member.name,
-                    "delay_ns": member.delay_ns,
-                    "is_fast": self._is_fast,
-                    "joining": _joining(rti, member.name),
-                }
-            )
+            self._admit(rti, graph, member)
         if graph.has_hub:
             hub: tuple[Any, ...] = (declared, "hub", _joining(rti, "hub"), [], self._is_fast)
             self._hub = threading.Thread(target=run_member, args=hub, name="hub", daemon=True)
@@ -267,14 +303,23 @@ class Coordinator:
             ending = 0
         member.code = 128 - ending if ending < 0 else ending
         is_expected = self._signals or self._is_refused
+        comes_back = member.may_respawn() and not (is_expected or self._is_over)
         if member.code and not member.is_stranded and not is_expected:
-            self._failed = self._failed or member.code
+            if not comes_back:
+                self._failed = self._failed or member.code
             command = " ".join(map(str, member.process.args))  # type: ignore[arg-type]
             number = member.process.pid
             text = f"process has died [pid {number}, exit code {ending}, cmd '{command}']."
             _tell_of(member, text)
+        for text in member.plan.farewell if not is_expected else ():
+            write_line(text, sys.stdout)
         if self._bridge is not None:
             self._bridge.leave(member.name)
+        if comes_back and not member.is_required:
+            assert member.plan.respawn is not None
+            member.code = member.ending = None
+            self._due.append((time.monotonic() + member.plan.respawn.delay, member))
+            return
         if member.is_required and not self._signals:
             self._is_over = True
             self._stop(signal.SIGINT)
@@ -287,11 +332,13 @@ class Coordinator:
     def _note_events(self) -> None:
         """Tell what the RTI has told of federates, as far as no process does."""
         labels = {it.name: it.label for it in self.members}
+        comes_back = {it.name for it in self.members if it.plan.respawn is not None}
         while self._told:
             kind, name, text, seconds = self._told.popleft()
             label = labels.get(name, name)
             if kind == "lost":
-                self._lost.append(name)
+                if name not in comes_back:
+                    self._lost.append(name)
             elif kind == "silent":
                 after = f"for {seconds:.3g} s; scripts that need its messages wait"
                 write_line(f"warning: {label} has not answered {after}", sys.stderr)
@@ -319,6 +366,10 @@ class Coordinator:
 
     def _stop(self, number: signal.Signals) -> None:
         self._until = time.monotonic() + PATIENCE_S
+        # What waits to come back does not.
+        for _, member in self._due:
+            member.code = 0
+        self._due.clear()
         self._send(number)
 
     def _send(self, number: signal.Signals) -> None:

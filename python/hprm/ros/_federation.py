@@ -1,7 +1,8 @@
 """The reactors of a graph of scripts: one for each script, with a port for each flow, and the hub.
 
 The hub is connected to all of them by physical connections, with which it delays no script, or by
-logical ones if logical time does not wait for the physical one. What was not declared when the
+logical ones if logical time does not wait for the physical one; also if what comes from elsewhere
+has tags by its stamps: it forwards at these. What was not declared when the
 federation began goes over the hub.
 
 What a reactor does is up to the ``behavior`` of the one that runs here; in the other processes it
@@ -10,6 +11,7 @@ has none. Ports carry lists of messages: those of a tag, in their order.
 
 from __future__ import annotations
 
+import heapq
 import types
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
@@ -52,6 +54,9 @@ class Bridge(Protocol):
     def arrived(self) -> list[tuple[Sequence[int], Any]]:
         """Return what has come for scripts since the last call."""
 
+    def due(self, news: Any, now: int) -> int:
+        """Return at which time news are due that have come now, if they are aligned."""
+
 
 class Hub(Reactor):
     """Carries what scripts tell one another that no connection is for: news of endpoints, messages.
@@ -86,6 +91,52 @@ class Hub(Reactor):
             _forward(self, bridge)
 
 
+class AlignedHub(Reactor):
+    """The hub of a federation in which what comes from elsewhere has tags by its stamps.
+
+    It forwards by logical connections, so scripts wait at each tag until it has passed that.
+    """
+
+    bridge: Bridge | None = None
+    outside: Any = hprm.PhysicalAction()
+    due: Any = hprm.Action()
+    inputs = hprm.Input(list, width=lambda self: self.width)
+    outputs = hprm.Output(list, width=lambda self: self.width)
+
+    def __init__(self, width: int) -> None:
+        """Connect that many scripts."""
+        self.width = width
+        #: What is not due yet: when it is, a number, receivers and news.
+        self.held: list[tuple[int, int, Sequence[int], Any]] = []
+        self.count = 0
+        self.scheduled: set[int] = set()
+
+    @hprm.reaction(hprm.startup)
+    def begin(self) -> None:
+        """Let the bridge take from now on what comes from elsewhere."""
+        if self.bridge is not None:
+            self.bridge.begin(lambda: self.outside.schedule(0))
+
+    @hprm.reaction(inputs, outside, due, effects=[outputs, due])
+    def forward(self) -> None:
+        """Forward what has come from scripts, and from elsewhere what is due."""
+        bridge, now = self.bridge, int(self.tag().time)
+        if bridge is not None and self.outside.is_present:
+            for receivers, news in bridge.arrived():
+                self.count += 1
+                held = bridge.due(news, now), self.count, receivers, news
+                heapq.heappush(self.held, held)
+        passed = []
+        while self.held and self.held[0][0] <= now:
+            _, _, receivers, news = heapq.heappop(self.held)
+            passed.append((receivers, news))
+        _forward(self, bridge, passed)
+        self.scheduled.discard(now)
+        if self.held and self.held[0][0] not in self.scheduled:
+            self.scheduled.add(self.held[0][0])
+            self.due.schedule(self.held[0][0] - now)
+
+
 class LogicalHub(Reactor):
     """The hub of a federation that does not wait for physical time: it has nothing physical."""
 
@@ -103,7 +154,7 @@ class LogicalHub(Reactor):
 
 
 def _forward(
-    hub: Hub | LogicalHub,
+    hub: Hub | AlignedHub | LogicalHub,
     bridge: Bridge | None = None,
     arrived: Iterable[tuple[Sequence[int], Any]] = (),
 ) -> None:
@@ -174,6 +225,8 @@ class Scripts(Federation, coordination="centralized", keepalive=True):
         """Make and connect the reactors of all scripts, which do not wait for the clock if fast."""
         with_hub = graph.has_hub
         made = {it.name: _class_of(it, with_hub, is_fast)() for it in graph.members}
+        for script in graph.scripts:
+            hprm.federate(made[script.name], transient=script.is_transient)
         vars(self).update(made)
         for sender, output, receiver, port, channel in graph.connections():
             # One microstep later, so that any callback may send what any other one takes.
@@ -181,10 +234,12 @@ class Scripts(Federation, coordination="centralized", keepalive=True):
             connect(source, getattr(made[receiver], port.name)[channel], after=0)
         if not with_hub:
             return
-        self.hub: Any = (LogicalHub if is_fast else Hub)(len(made))
-        kind: dict[str, Any] = {"physical": True, "bound": (WAITING, "drop")}
-        if is_fast:
-            kind = {"after": 0}
+        of_kind = LogicalHub if is_fast else AlignedHub if graph.is_aligned else Hub
+        self.hub: Any = of_kind(len(made))
+        physical: dict[str, Any] = {"physical": True, "bound": (WAITING, "drop")}
+        logical: dict[str, Any] = {"after": 0}
+        to_hub = logical if is_fast else physical
+        from_hub = physical if of_kind is Hub else logical
         for number, process in enumerate(vars(self)[it.name] for it in graph.members):
-            connect(process.to_hub, self.hub.inputs[number], **kind)
-            connect(self.hub.outputs[number], process.from_hub, **kind)
+            connect(process.to_hub, self.hub.inputs[number], **to_hub)
+            connect(self.hub.outputs[number], process.from_hub, **from_hub)

@@ -77,6 +77,8 @@ class Script:
     #: The full names of its nodes.
     nodes: tuple[str, ...]
     endpoints: tuple[Endpoint, ...]
+    #: Whether it comes back when it has ended.
+    is_transient: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,10 +103,16 @@ class Member:
 class Graph:
     """Scripts, and what connects them."""
 
-    def __init__(self, scripts: Sequence[Script], is_bridged: bool = False) -> None:
-        """Match what scripts send and take; there may be a bridge to nodes elsewhere."""
+    def __init__(
+        self, scripts: Sequence[Script], is_bridged: bool = False, is_aligned: bool = False
+    ) -> None:
+        """Match what scripts send and take; there may be a bridge to nodes elsewhere.
+
+        What comes over that has tags by its stamps if it is aligned.
+        """
         self.scripts = tuple(scripts)
         self.is_bridged = is_bridged
+        self.is_aligned = is_aligned
         senders: dict[Flow, list[str]] = {}
         takers: dict[Flow, list[str]] = {}
         for script in scripts:
@@ -135,22 +143,27 @@ class Graph:
     @property
     def has_hub(self) -> bool:
         """Whether there is a hub, for other processes or for nodes elsewhere."""
-        return len(self.members) > 1 or self.is_bridged
+        comes_back = any(it.is_transient for it in self.scripts)
+        return len(self.members) > 1 or self.is_bridged or comes_back
 
     def document(self) -> dict[str, Any]:
         """What :meth:`read` makes the same graph of, for JSON."""
-        return {"scripts": [asdict(it) for it in self.scripts], "is_bridged": self.is_bridged}
+        scripts = [asdict(it) for it in self.scripts]
+        facts = {"is_bridged": self.is_bridged, "is_aligned": self.is_aligned}
+        return {"scripts": scripts, **facts}
 
     @classmethod
     def read(cls, document: dict[str, Any]) -> Graph:
         """Make the graph that :meth:`document` has described."""
-        return cls([read_script(it) for it in document["scripts"]], document["is_bridged"])
+        scripts = [read_script(it) for it in document["scripts"]]
+        return cls(scripts, document["is_bridged"], document["is_aligned"])
 
 
 def read_script(document: dict[str, Any]) -> Script:
     """Make a script of what ``dataclasses.asdict`` has made of it."""
     endpoints = tuple(Endpoint(**it) for it in document["endpoints"])
-    return Script(document["name"], tuple(document["nodes"]), endpoints)
+    nodes = tuple(document["nodes"])
+    return Script(document["name"], nodes, endpoints, document["is_transient"])
 
 
 def mismatches(scripts: Iterable[Script]) -> list[str]:

@@ -94,12 +94,11 @@ def _check(stated: ProcessPlan) -> None:
 
 
 def _plan(stated: NodePlan | ProcessPlan) -> Plan:
-    """Make the plan of a process, or refuse what is not supported."""
+    """Make the plan of a process."""
     if isinstance(stated, ProcessPlan):
         text = " ".join(stated.command)
         command = ("sh", "-c", text) if stated.shell else tuple(stated.command)
         name = stated.name or (shlex.split(text) if stated.shell else command)[0]
-        _refuse(name, stated)
         if not stated.shell:
             _check(stated)
         if stated.delay:
@@ -111,9 +110,10 @@ def _plan(stated: NodePlan | ProcessPlan) -> Plan:
             is_member=False,
             is_required=stated.required,
             folder=stated.folder,
+            respawn=stated.respawn,
+            farewell=tuple(stated.farewell),
         )
     name = stated.executable or stated.script.stem
-    _refuse(name, stated)
     words = [sys.executable, "-m", "hprm.ros"]
     if stated.function is None:
         words += ["run", str(stated.script)]
@@ -129,13 +129,9 @@ def _plan(stated: NodePlan | ProcessPlan) -> Plan:
         is_required=stated.required,
         delay_ns=round(stated.delay * 1e9),
         script=str(stated.script),
+        respawn=stated.respawn,
+        farewell=tuple(stated.farewell),
     )
-
-
-def _refuse(name: str, stated: NodePlan | ProcessPlan) -> None:
-    if stated.respawn:
-        what = "a process that is started again (respawn)"
-        raise LaunchError(f"{name}: {what} is not supported by hprm launch")
 
 
 def _show(arguments: list[ArgumentPlan]) -> None:

@@ -46,6 +46,12 @@ class Membership:
     #: Whether logical time does not wait for the physical one.
     is_fast: bool = False
 
+    def undeclared(self, endpoints: list[Endpoint]) -> list[Endpoint]:
+        """Return what the graph does not have of this process, which has come back with more."""
+        own = next(it for it in self.graph.scripts if it.name == self.name)
+        known = list(own.endpoints)
+        return [it for it in endpoints if it not in known]
+
     @property
     def has_hub(self) -> bool:
         """Whether there are other processes, and a hub between them."""

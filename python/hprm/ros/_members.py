@@ -15,6 +15,7 @@ from typing import Any
 
 from hprm import _hprm
 from hprm.ros._graph import Endpoint
+from hprm.ros._launch._plans import Respawn
 from hprm.ros._meeting import COORDINATOR
 
 
@@ -34,6 +35,10 @@ class Plan:
     delay_ns: int = 0
     #: Beside which file packages of messages are looked for.
     script: str | None = None
+    #: How it is started again when it has ended.
+    respawn: Respawn | None = None
+    #: What is said when it has ended.
+    farewell: tuple[str, ...] = ()
 
     @classmethod
     def of_script(cls, path: str, arguments: Sequence[str], name: str | None = None) -> Plan:
@@ -48,14 +53,23 @@ class Member:
     def __init__(self, name: str, number: int, plan: Plan) -> None:
         """Start it."""
         self.name = name
+        self.plan = plan
         #: As ``ros2 launch`` names it.
         self.label = f"{plan.name}-{number}"
-        self.nodes: list[str] = []
-        self.endpoints: list[Endpoint] = []
-        self.is_ready = False
         self.is_member = plan.is_member
         self.is_required = plan.is_required
         self.delay_ns = plan.delay_ns
+        #: How often it was started again.
+        self.lives = 0
+        self.start()
+
+    def start(self) -> None:
+        """Start its process, perhaps again."""
+        plan = self.plan
+        self.nodes: list[str] = []
+        self.endpoints: list[Endpoint] = []
+        self.is_ready = False
+        self.is_answered = False
         self.looks_for: str | None = None
         self.has_left = False
         #: Whether its federation has ended under it, because of another process.
@@ -79,6 +93,11 @@ class Member:
                 preexec_fn=lambda: _prepare(plan, parent),
             )
         self._rest = b""
+
+    def may_respawn(self) -> bool:
+        """Whether its process is started again when it has ended."""
+        respawn = self.plan.respawn
+        return respawn is not None and (respawn.retries < 0 or self.lives < respawn.retries)
 
     def read(self) -> bool:
         """Note what the script has told; return whether it may tell more."""

@@ -450,6 +450,9 @@ class Runtime:
             self._waits_to_begin = True
             process.wake.schedule(membership.delay_ns)  # type: ignore[attr-defined]
             return
+        for endpoint in membership.undeclared(self.meeting.endpoints):
+            self._late.note(membership.name, endpoint)
+            self._announce("endpoint", asdict(endpoint))
         self._do_requests()
         self._finish()
 

@@ -39,6 +39,10 @@ pub(crate) struct Bridging {
     /// Connect only this topic, service or action with --zenoh. May be repeated.
     #[arg(long, value_name = "NAME", requires = "zenoh")]
     pub(crate) zenoh_only: Vec<String>,
+    /// With --zenoh, let messages from elsewhere have as tag the stamp of their header plus this time in seconds, if they
+    /// arrive by then. Without it, and for those that have no stamp or come later: the time of their arrival.
+    #[arg(long, value_name = "SECONDS", requires = "zenoh", value_parser = wait)]
+    pub(crate) zenoh_align_stamp: Option<Duration>,
 }
 
 /// How programs of rclpy run, one or several.
@@ -62,6 +66,12 @@ pub(crate) struct Running {
 fn start_time(text: &str) -> Result<Duration, String> {
     let found = duration(text).filter(|it| it.as_secs() < 9_000_000_000);
     found.ok_or_else(|| "it has to be a number of seconds, from 0".to_owned())
+}
+
+/// How long a message may take to come, which delays all of them.
+fn wait(text: &str) -> Result<Duration, String> {
+    let found = duration(text).filter(|it| *it <= Duration::from_mins(1));
+    found.ok_or_else(|| "it has to be a number of seconds, from 0 to 60".to_owned())
 }
 
 /// Run scripts that import rclpy, as they are.
@@ -131,6 +141,14 @@ mod tests {
         assert_eq!(start_time("1.5"), Ok(Duration::from_millis(1500)));
         for wrong in ["-1", "9e9", "NaN", "inf", "soon"] {
             assert!(start_time(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_wait_for_messages_has_a_limit() {
+        assert_eq!(wait("0.05"), Ok(Duration::from_millis(50)));
+        for wrong in ["-1", "61", "NaN", "50ms"] {
+            assert!(wait(wrong).is_err(), "{wrong}");
         }
     }
 }

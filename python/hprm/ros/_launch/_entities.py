@@ -85,6 +85,15 @@ def flag(context: LaunchContext, value: Any, what: str) -> bool:
     return value if isinstance(value, bool) else truth(perform(context, value), what)
 
 
+def number(context: LaunchContext, value: Any, what: str) -> float:
+    """Return a number, which may be stated by a text or a substitution."""
+    stated = str(value) if isinstance(value, int | float) else perform(context, value)
+    try:
+        return float(stated)
+    except ValueError:
+        raise LaunchError(f"{what} is '{stated}': it is no number") from None
+
+
 class LaunchDescriptionEntity:
     """What is visited when a launch file is evaluated."""
 
@@ -179,8 +188,9 @@ class LaunchContext:
     finds_arguments: bool = False
     #: Which launch files include the current one.
     including: tuple[Path, ...] = ()
-    #: Actions with whose processes the launch ends, and the plans of those that were visited.
-    required: list[Any] = field(default_factory=list)
+    #: What follows when processes of actions end: whether the launch ends, and what is said.
+    exits: list[tuple[Any, bool, list[str]]] = field(default_factory=list)
+    #: Actions that were visited, and their plans.
     started: list[tuple[Any, Any]] = field(default_factory=list)
 
     @property

@@ -66,5 +66,8 @@ def _evaluated(context: LaunchContext, get: object) -> LaunchPlan:
             raise type(error)(f"{context.file}: {text}") from None
         raise
     for action, plan in context.started:
-        plan.required |= any(action is required for required in context.required)
+        for target, ends, said in context.exits:
+            if target is action:
+                plan.required |= ends
+                plan.farewell += said
     return context.plan

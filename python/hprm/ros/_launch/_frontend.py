@@ -205,7 +205,11 @@ def _process_options(found: _Attributes) -> dict[str, Any]:
         raise found.error(f"on_exit is '{on_exit}': it may be shutdown")
     if on_exit is not None:
         options["on_exit"] = actions.Shutdown()
-    for name in ("respawn_delay", "sigterm_timeout", "sigkill_timeout"):
+    for name in ("respawn_delay", "respawn_max_retries"):
+        stated = found.text(name)
+        if stated is not None:
+            options[name] = stated
+    for name in ("sigterm_timeout", "sigkill_timeout"):
         found.take(name)
     prefix = found.text("launch-prefix", "launch_prefix")
     return options if prefix is None else {**options, "prefix": prefix}

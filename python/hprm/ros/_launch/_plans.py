@@ -19,6 +19,15 @@ class LaunchError(Exception):
     """A launch file is wrong, or asks for what is not there; the message says where."""
 
 
+@dataclass(frozen=True)
+class Respawn:
+    """How a process that has ended is started again."""
+
+    delay: float = 0.0
+    #: How often; always if it is negative.
+    retries: int = -1
+
+
 @dataclass
 class NodePlan:
     """A node to start: a program in Python, with what its command line tells it."""
@@ -42,7 +51,9 @@ class NodePlan:
     delay: float = 0.0
     #: Whether the launch ends when it ends.
     required: bool = False
-    respawn: bool = False
+    respawn: Respawn | None = None
+    #: What is said when it has ended.
+    farewell: list[str] = field(default_factory=list)
     output: str = "log"
 
     def command_line(self) -> list[str]:
@@ -75,7 +86,9 @@ class ProcessPlan:
     shell: bool = False
     delay: float = 0.0
     required: bool = False
-    respawn: bool = False
+    respawn: Respawn | None = None
+    #: What is said when it has ended.
+    farewell: list[str] = field(default_factory=list)
     output: str = "log"
 
 

@@ -17,11 +17,12 @@ from hprm.ros._launch._entities import (
     SomeText,
     flag,
     normalized,
+    number,
     perform,
     visit,
 )
-from hprm.ros._launch._plans import ArgumentPlan, LaunchError, NodePlan, ProcessPlan
-from hprm.ros._launch.event_handlers import EventHandler, ends_the_launch
+from hprm.ros._launch._plans import ArgumentPlan, LaunchError, NodePlan, ProcessPlan, Respawn
+from hprm.ros._launch.event_handlers import EventHandler, at_exit
 from hprm.ros._launch.events import Shutdown as _ShutdownEvent
 from hprm.ros._launch.launch_description_sources import (
     LaunchDescriptionSource,
@@ -247,12 +248,7 @@ class TimerAction(Action):
 
     def execute(self, context: LaunchContext) -> None:
         """Visit the actions: their processes start later."""
-        period = self.period
-        stated = str(period) if isinstance(period, int | float) else perform(context, period)
-        try:
-            seconds = float(stated)
-        except ValueError:
-            raise LaunchError(f"the period of a timer is '{stated}': it is no number") from None
+        seconds = number(context, self.period, "the period of a timer")
         outer, context.delay = context.delay, context.delay + seconds
         for action in self.actions:
             visit(action, context)
@@ -350,8 +346,8 @@ class ExecuteProcess(Action):
     """
 
     _IGNORED = frozenset(
-        ("cached_output", "emulate_tty", "log_cmd", "output_format", "respawn_max_retries")
-        + ("respawn_delay", "sigkill_timeout", "sigterm_timeout")
+        ("cached_output", "emulate_tty", "log_cmd", "output_format")
+        + ("sigkill_timeout", "sigterm_timeout")
     )
 
     def __init__(
@@ -373,6 +369,8 @@ class ExecuteProcess(Action):
         self._shell = options.pop("shell", False)
         self._output = options.pop("output", "log")
         self._respawn = options.pop("respawn", False)
+        self._respawn_delay = options.pop("respawn_delay", None) or 0.0
+        self._respawn_retries = options.pop("respawn_max_retries", -1)
         self._prefix = options.pop("prefix", None)
         self._on_exit = options.pop("on_exit", None)
         unknown = sorted(set(options) - self._IGNORED)
@@ -410,6 +408,7 @@ class ExecuteProcess(Action):
         node = Node(package=package, executable=executable, arguments=arguments)
         node._variables, node._output = self._variables, self._output
         node._respawn, node._on_exit = self._respawn, self._on_exit
+        node._respawn_delay, node._respawn_retries = self._respawn_delay, self._respawn_retries
         node.execute(context)
         # A handler that waits for this action means the node.
         context.started.append((self, context.plan.processes[-1]))
@@ -423,18 +422,22 @@ class ExecuteProcess(Action):
         }
         plan.delay = context.delay
         plan.output = self._output if isinstance(self._output, str) else "screen"
-        plan.respawn = flag(context, self._respawn, "respawn")
-        plan.required = self._ends_the_launch()
+        if flag(context, self._respawn, "respawn"):
+            delay = number(context, self._respawn_delay, "respawn_delay")
+            retries = number(context, self._respawn_retries, "respawn_max_retries")
+            plan.respawn = Respawn(delay, int(retries))
+        if self._on_exit is not None:
+            plan.required, plan.farewell = self._at_exit(context)
         context.plan.processes.append(plan)
         context.started.append((self, plan))
 
-    def _ends_the_launch(self) -> bool:
-        if self._on_exit is None:
-            return False
+    def _at_exit(self, context: LaunchContext) -> tuple[bool, list[str]]:
+        """Whether the launch ends with the process, and what is said before."""
         actions = self._on_exit if isinstance(self._on_exit, Iterable) else [self._on_exit]
-        if callable(self._on_exit) or not ends_the_launch(actions):
-            raise LaunchError("on_exit is supported with Shutdown() only")
-        return True
+        found = None if callable(self._on_exit) else at_exit(context, actions)
+        if found is None:
+            raise LaunchError("on_exit is supported with Shutdown() and LogInfo() only")
+        return found
 
 
 def changed_environment(context: LaunchContext) -> dict[str, str]:

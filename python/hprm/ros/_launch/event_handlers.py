@@ -1,7 +1,8 @@
 """What is done when something happens, as in ``launch.event_handlers``.
 
 A launch is evaluated before it runs. So a handler counts if it says what is known before: that an
-action starts with another one, or that the launch ends with it. Any other one is an error.
+action starts with another one, or that the launch ends with it, or what is said then. Any other one
+is an error.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from hprm.ros._launch._entities import LaunchContext, visit
+from hprm.ros._launch._entities import LaunchContext, perform, visit
 from hprm.ros._launch._plans import LaunchError
 
 
@@ -23,7 +24,7 @@ class EventHandler:
         """Add to the plan what the handler asks for, or raise ``LaunchError``."""
         raise LaunchError(
             f"{type(self).__name__} is not supported: a launch is evaluated before it runs; "
-            "OnProcessStart, and OnProcessExit with Shutdown, are"
+            "OnProcessStart, and OnProcessExit with Shutdown and LogInfo, are"
         )
 
 
@@ -42,7 +43,7 @@ class OnProcessStart(EventHandler):
 
 
 class OnProcessExit(EventHandler):
-    """The end of the launch with the end of an action."""
+    """What is said, and perhaps the end of the launch, at the end of an action."""
 
     def __init__(self, *, target_action: Any = None, on_exit: Any, **kwargs: Any) -> None:
         """Take the action whose end counts, and the actions then."""
@@ -51,13 +52,14 @@ class OnProcessExit(EventHandler):
         self._actions = _listed(on_exit, "on_exit", "OnProcessExit")
 
     def register(self, context: LaunchContext) -> None:
-        """Have the launch end with the action."""
-        if self._target is None or not ends_the_launch(self._actions):
+        """Add that to the plan."""
+        found = None if self._target is None else at_exit(context, self._actions)
+        if found is None:
             raise LaunchError(
-                "OnProcessExit is supported with a target_action and Shutdown() only: "
+                "OnProcessExit is supported with a target_action, Shutdown() and LogInfo() only: "
                 "what else starts at the end of a process is not known before it runs"
             )
-        context.required.append(self._target)
+        context.exits.append((self._target, *found))
 
 
 class OnExecutionComplete(EventHandler):
@@ -81,10 +83,21 @@ def _listed(actions: Any, name: str, handler: str) -> list[Any]:
     return list(actions) if isinstance(actions, Iterable) else [actions]
 
 
-def ends_the_launch(actions: Iterable[Any]) -> bool:
-    """Return whether one of some actions ends the launch, and no other one does anything."""
+def at_exit(context: LaunchContext, actions: Iterable[Any]) -> tuple[bool, list[str]] | None:
+    """Return whether actions at the end of a process end the launch, and what they say.
+
+    There is none if one of them does anything else.
+    """
     from hprm.ros._launch.actions import LogInfo, Shutdown
 
-    actions = list(actions)
-    ends = [action for action in actions if isinstance(action, Shutdown)]
-    return bool(ends) and all(isinstance(action, Shutdown | LogInfo) for action in actions)
+    said: list[str] = []
+    ends = False
+    for action in actions:
+        if not isinstance(action, Shutdown | LogInfo):
+            return None
+        if action.condition is not None and not action.condition.evaluate(context):
+            continue
+        if isinstance(action, LogInfo):
+            said.append(perform(context, action.msg))
+        ends = ends or isinstance(action, Shutdown)
+    return ends, said

@@ -1,6 +1,7 @@
 """The bridge: a part of the hub that gives scripts to nodes elsewhere, and those to scripts.
 
-What comes has the time of its arrival as its tag, as all that comes over the hub. The hub's thread
+What comes has the time of its arrival as its tag, as all that comes over the hub, unless it is
+aligned (``aligning.py``). The hub's thread
 does all work; threads of Zenoh put what has come into a queue.
 """
 
@@ -18,6 +19,7 @@ from hprm.ros._graph import Endpoint, Flow, Graph
 from hprm.ros._lines import write_line
 from hprm.ros._messages import DefinitionError
 from hprm.ros._messages.cdr import SERIALIZER, SerializationError, Serializer
+from hprm.ros._zenoh.aligning import Aligning
 from hprm.ros._zenoh.arrivals import Arrivals
 from hprm.ros._zenoh.attachment import Attachment, read
 from hprm.ros._zenoh.endpoints import Local
@@ -60,6 +62,8 @@ class ZenohBridge:
         self._queries: dict[int, tuple[Any, Attachment]] = {}
         self._answered: set[str] = set()
         self._requests = 0
+        wait_ns = settings.wait_ns
+        self._aligning = None if wait_ns is None else Aligning(wait_ns, warn)
         self._watch = session.liveliness().declare_subscriber(
             f"{ADMIN}/{settings.domain}/**",
             lambda it: self._arrivals.put(
@@ -67,6 +71,11 @@ class ZenohBridge:
             ),
             history=True,
         )
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether what comes from elsewhere has tags by its stamps."""
+        return self._aligning is not None
 
     def join(self, graph: Graph) -> None:
         """Show what the scripts have declared, before their federation begins."""
@@ -92,6 +101,8 @@ class ZenohBridge:
             warn(
                 f"{count} messages of {name} from elsewhere came faster than the hub forwards them"
             )
+        if self._aligning is not None:
+            self._aligning.report()
         self._session.close()  # type: ignore[no-untyped-call]
         # Python cannot end in order while threads of Zenoh call it.
         for thread in threading.enumerate():
@@ -133,6 +144,13 @@ class ZenohBridge:
                 case "left":
                     self._local.leave(what[0])
         return told
+
+    def due(self, news: Any, now: int) -> int:
+        """Return when news are due that have come now: messages of topics by their stamps."""
+        kind, *told = news
+        if self._aligning is None or kind != "message" or told[0] != "topic":
+            return now
+        return self._aligning.due(told[1], told[2], now)
 
     # From scripts.
 

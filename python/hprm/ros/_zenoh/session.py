@@ -39,9 +39,13 @@ class Settings:
     domain: int = 0
     #: The names of topics, services and actions that are bridged; all if there are none.
     wanted: tuple[str, ...] = ()
+    #: How much later than its stamp a message may arrive, if stamps are to be tags.
+    wait_ns: int | None = None
 
     @classmethod
-    def of(cls, endpoint: str, domain: str | None, wanted: list[str]) -> Settings:
+    def of(
+        cls, endpoint: str, domain: str | None, wanted: list[str], wait_s: float | None = None
+    ) -> Settings:
         """Read the settings of a command line, and of the environment.
 
         Raises
@@ -58,7 +62,8 @@ class Settings:
             ) from None
         if "/" not in endpoint or ":" not in endpoint:
             raise BridgeError(f"{endpoint!r} is no endpoint of Zenoh\n  hint: one is {ROUTER}")
-        return cls(endpoint, number, tuple(f"/{it.strip('/')}" for it in wanted))
+        wait_ns = None if wait_s is None else round(wait_s * 1e9)
+        return cls(endpoint, number, tuple(f"/{it.strip('/')}" for it in wanted), wait_ns)
 
 
 def open_session(endpoint: str, tell: Callable[[str], None]) -> zenoh.Session:
