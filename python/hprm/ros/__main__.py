@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -28,24 +29,14 @@ def main() -> int:
     """Do what the command line says, and return the exit code."""
     # Ctrl-C ends the process until a program has begun: nothing is there to be ended in order.
     _startup.loaded()
-    parser = argparse.ArgumentParser(prog="python -m hprm.ros", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="run scripts that import rclpy")
-    _add_options(run)
-    run.add_argument("words", nargs=argparse.REMAINDER, help="a script with arguments, + another")
-    launch = commands.add_parser("launch", help="start what a launch file asks for")
-    _add_options(launch)
-    launch.add_argument("--show-args", action="store_true", help="show its arguments")
-    launch.add_argument("file", help="a launch file in Python, XML or YAML")
-    launch.add_argument("arguments", nargs="*", help="NAME:=VALUE")
-    call = commands.add_parser("call", help="call a function, as an entry point does")
-    call.add_argument("root", help="the folder from which its module is imported")
-    call.add_argument("module", help="the module")
-    call.add_argument("function", help="the function")
-    call.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program")
-    options = parser.parse_args()
+    options = _parser().parse_args()
     if options.command == "call":
         return _call(options)
+    if options.command == "stubs":
+        from hprm.ros._stubs import write
+
+        print(f"{write(Path(options.folder), options.program)} stubs in {options.folder}")
+        return 0
     if options.start_time is not None:
         os.environ[_runtime.START_TIME] = str(round(options.start_time * 1e9))
     settings = None
@@ -84,6 +75,29 @@ def main() -> int:
 
     plans = [Plan.of_script(path, arguments) for path, *arguments in programs]
     return coordinate(plans, settings, options.logical_trace, is_fast=options.fast)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """What can be typed."""
+    parser = argparse.ArgumentParser(prog="python -m hprm.ros", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="run scripts that import rclpy")
+    _add_options(run)
+    run.add_argument("words", nargs=argparse.REMAINDER, help="a script with arguments, + another")
+    launch = commands.add_parser("launch", help="start what a launch file asks for")
+    _add_options(launch)
+    launch.add_argument("--show-args", action="store_true", help="show its arguments")
+    launch.add_argument("file", help="a launch file in Python, XML or YAML")
+    launch.add_argument("arguments", nargs="*", help="NAME:=VALUE")
+    call = commands.add_parser("call", help="call a function, as an entry point does")
+    call.add_argument("root", help="the folder from which its module is imported")
+    call.add_argument("module", help="the module")
+    call.add_argument("function", help="the function")
+    call.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program")
+    stubs = commands.add_parser("stubs", help="write stubs of rclpy and messages for editors")
+    stubs.add_argument("folder", help="where: typings, for Pyright")
+    stubs.add_argument("program", nargs="?", help="beside which there are packages of messages")
+    return parser
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:

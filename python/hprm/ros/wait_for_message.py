@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class _Untouched(CallbackGroup):
-    """No executor takes the message: who waits for it does."""
+    """No executor takes the message: the thread that waits for it does."""
 
     def can_execute(self, entity: Any) -> bool:
         """Return that no callback may begin."""
