@@ -222,6 +222,10 @@ try:
     )
 except rclpy.exceptions.UnsupportedEventTypeError as error:
     print(error)
+try:
+    Node("two").create_subscription(String, "news", print, 1, content_filter_options="data = 'x'")
+except NotImplementedError as error:
+    print(error)
 for name in ("service_introspection", "experimental", "nothing"):
     try:
         __import__(f"rclpy.{name}")
@@ -231,8 +235,11 @@ for name in ("service_introspection", "experimental", "nothing"):
 
 
 def test_what_is_left_out_says_so(run) -> None:
-    first, *modules = run(UNKNOWN.replace("rclpy.exceptions.Uns", "rclpy.event_handler.Uns"))
+    first, second, *modules = run(
+        UNKNOWN.replace("rclpy.exceptions.Uns", "rclpy.event_handler.Uns")
+    )
     assert first.startswith("events of the kind 'incompatible_qos' are not supported by hprm.ros")
+    assert second == "content filters are not supported by hprm.ros: filter in the callback"
     assert modules == [
         "hprm.ros has no rclpy.service_introspection: requests and responses are in the logical"
         " trace instead",

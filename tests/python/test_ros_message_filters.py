@@ -125,7 +125,13 @@ def test_a_cache_has_the_latest_messages() -> None:
     source = SimpleFilter()
     cache = Cache(source, cache_size=3)
     outputs = connected(cache)
-    assert cache.getLast() is cache.getLastestTime() is cache.getOldestTime() is None
+    assert (
+        cache.getLast()
+        is cache.getLastestTime()
+        is cache.getLatestTime()
+        is cache.getOldestTime()
+        is None
+    )
     for milliseconds in (10, 40, 20, 30):
         source.signalMessage(sample(milliseconds))
     assert outputs == [("10",), ("40",), ("20",), ("30",)]

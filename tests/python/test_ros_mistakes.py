@@ -230,3 +230,34 @@ def test_of_several_scripts_the_warning_comes_once(bench: Bench, tmp_path: Path)
     outcome = finish(bench.call("ros", "run", "a.py", "b.py", "+", "c.py"))
     assert outcome.code == 0
     assert outcome.err.count("argument of a.py: b.py\n") == 1, outcome.err
+
+
+UNSERVED = """
+from example_interfaces.srv import AddTwoInts
+client = node.create_client(AddTwoInts, "add")
+print(client.wait_for_service(timeout_sec=0.05), flush=True)
+for _ in range(2):
+    future = client.call_async(AddTwoInts.Request(a=1))
+    rclpy.spin_until_future_complete(node, future, timeout_sec=0.05)
+    print(future.done())
+"""
+
+
+@pytest.mark.parametrize("fast", ["true", "false"])
+def test_a_service_that_no_node_serves_is_named_once(run, fast: str) -> None:
+    outcome = run(UNSERVED, "--fast", fast)
+    assert (outcome.code, outcome.out) == (0, "False\nFalse\nFalse\n"), outcome.err
+    assert outcome.err == (
+        "warning: no node serves /add, so a request is lost, and its response will not come\n"
+        "  hint: call wait_for_service() of the client before, and look what it returns\n"
+    )
+
+
+def test_a_type_that_is_not_there_is_one_error(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text("from robot_msgs.msg import Wheel\n")
+    outcome = finish(bench.call("ros", "run", "script.py"))
+    assert outcome.code == 1
+    assert outcome.err.splitlines()[-1] == "ModuleNotFoundError: No module named 'robot_msgs'"
+    (tmp_path / "script.py").write_text("from std_msgs.msg import Wheel\n")
+    outcome = finish(bench.call("ros", "run", "script.py"))
+    assert "ImportError: cannot import name 'Wheel' from 'std_msgs.msg'" in outcome.err

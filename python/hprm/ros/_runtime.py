@@ -123,6 +123,8 @@ class Runtime:
         self._lookers: list[Callable[[], None]] = []
         self._graph_is_new = True
         self._news: list[tuple[list[int], Any]] = []
+        #: Services of which it was said that no node serves them.
+        self._unserved: set[Flow] = set()
         #: What is called when the federate has ended, with its exit code.
         self.on_end: list[Callable[[int], None]] = []
         self.code = 0
@@ -550,6 +552,14 @@ class Runtime:
             deliver(message)
 
     def _send(self, flow: Flow, message: Any) -> None:
+        if flow.kind == "request" and flow not in self._unserved and not self.is_taken(flow):
+            self._unserved.add(flow)
+            print(
+                f"warning: no node serves {flow.name}, so a request is lost, and its response will"
+                " not come\n"
+                "  hint: call wait_for_service() of the client before, and look what it returns",
+                file=sys.stderr,
+            )
         self._outgoing.setdefault(flow, []).append(message)
         if flow in self._takers:
             self._to_itself.append((flow, message))

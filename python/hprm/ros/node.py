@@ -224,6 +224,10 @@ class Node(Parameters, Others):
         content_filter_options: Any = None,
     ) -> Subscription:
         """Make a subscription; the keywords are those of rclpy."""
+        if content_filter_options is not None:
+            raise NotImplementedError(
+                "content filters are not supported by hprm.ros: filter in the callback"
+            )
         qos = _profile(qos_profile)
         name = self.resolve_topic_name(topic)
         type_ = type_name(msg_type, "message")

@@ -86,6 +86,9 @@ class Cache(SimpleFilter):
         """Return the newest stamp, or ``None``; the name is that of the package of ROS 2."""
         return self._entries[-1].stamp if self._entries else None
 
+    #: As newer distributions spell it.
+    getLatestTime = getLastestTime  # noqa: N815
+
     def getOldestTime(self) -> Time | None:
         """Return the oldest stamp, or ``None``."""
         return self._entries[0].stamp if self._entries else None
