@@ -352,11 +352,8 @@ class Runtime:
         self._poke()
         if loop is threading.current_thread():
             return
-        if self.is_fast and not self._ended.wait(NOTICING_S) and not self._leaves:
-            # A federate in which nothing happens any more notices no request if it is fast.
-            self._leave_at_once()
         try:
-            if self._ended.wait(patience_s):
+            if self._await_end(patience_s):
                 return
         except KeyboardInterrupt:
             self.turns.end()
@@ -364,6 +361,18 @@ class Runtime:
         # A callback in another thread goes on: nothing waits for it any more.
         self.turns.end()
         self._ended.wait(1.0)
+
+    def _await_end(self, patience_s: float) -> bool:
+        """Wait for the end, no longer than that; return whether it has come."""
+        until = time.monotonic() + patience_s
+        while not self._ended.wait(NOTICING_S):
+            if time.monotonic() > until:
+                return False
+            if self.is_fast and not self._leaves:
+                # A federate in which nothing happens any more notices no request if it is fast;
+                # again, as one that is about to begin notices nothing else either.
+                self._leave_at_once()
+        return True
 
     def _leave_at_once(self) -> None:
         try:

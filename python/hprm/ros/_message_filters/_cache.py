@@ -86,7 +86,7 @@ class Cache(SimpleFilter):
         """Return the newest stamp, or ``None``; the name is that of the package of ROS 2."""
         return self._entries[-1].stamp if self._entries else None
 
-    #: As newer distributions spell it.
+    #: Its name in newer distributions.
     getLatestTime = getLastestTime  # noqa: N815
 
     def getOldestTime(self) -> Time | None:
