@@ -70,7 +70,7 @@ fn start_time(text: &str) -> Result<Duration, String> {
 
 /// How long a message may take to come, which delays all of them.
 fn wait(text: &str) -> Result<Duration, String> {
-    let found = duration(text).filter(|it| *it <= Duration::from_mins(1));
+    let found = duration(text).filter(|it| it.as_secs_f64() <= 60.0);
     found.ok_or_else(|| "it has to be a number of seconds, from 0 to 60".to_owned())
 }
 
