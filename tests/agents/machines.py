@@ -11,10 +11,13 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import zenoh
 
 ROOT = Path(__file__).resolve().parents[2]
 AGENT = os.environ.get("HPRM_AGENT_PROGRAM", str(ROOT / "out" / "agent" / "release" / "hprm-agent"))
@@ -76,6 +79,20 @@ def free_ports(count: int) -> list[int]:
     return ports
 
 
+def until(holds: Callable[[], bool], within: float = 60) -> None:
+    """Waits until a condition holds."""
+    deadline = time.monotonic() + within
+    while not holds():
+        assert time.monotonic() < deadline, "it did not come to hold in time"
+
+
+def listens_at(agent: subprocess.Popen[str]) -> str:
+    """Where an agent listens that was started with one address."""
+    words = agent.args
+    assert isinstance(words, tuple)
+    return str(words[words.index("--listen") + 1])
+
+
 @dataclass
 class Machines:
     """Two machines, each with an agent, in a folder that their processes share."""
@@ -84,8 +101,12 @@ class Machines:
     proxy: Proxy | None = None
     started: list[subprocess.Popen[str]] = field(default_factory=list)
     agents: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
+    authority: str = "robot1"
+    sockets: list[socket.socket] = field(default_factory=list)
 
-    def spawn(self, machine: str, *command: str) -> subprocess.Popen[str]:
+    def spawn(
+        self, machine: str, *command: str, stdin: int = subprocess.DEVNULL
+    ) -> subprocess.Popen[str]:
         """Starts a command on a machine."""
         address = f"unix:@{self.address(machine)}"
         process = subprocess.Popen(
@@ -95,9 +116,11 @@ class Machines:
             | {
                 "HPRM_AGENT": address,
                 "XDG_CACHE_HOME": str(self.folder / f"cache-{machine}"),
+                "XDG_CONFIG_HOME": str(self.folder / f"config-{machine}"),
                 # Where the agent finds the command.
                 "PATH": f"{Path(HPRM).parent}:{os.environ['PATH']}",
             },
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -126,6 +149,81 @@ class Machines:
         assert agent.stdout is not None
         assert agent.stdout.readline().startswith(f"the agent of {machine} listens at")
         self.agents[machine] = agent
+
+    def make_authority(self, machine: str) -> None:
+        """Makes a machine's user the authority, and enrols the machine."""
+        code, _, err = finish(self.spawn(machine, AGENT, "authority", "--name", machine))
+        assert (code, err) == (0, "")
+        self.authority = machine
+
+    def invite(self, machine: str, *options: str) -> tuple[subprocess.Popen[str], str, str]:
+        """Invites a machine. Returns the process that waits, where it listens, and the code."""
+        listen = ["--listen", "127.0.0.1:0"]
+        host = self.spawn(self.authority, AGENT, "invite", machine, *listen, *options)
+        assert host.stdout is not None
+        first, second, _ = (host.stdout.readline() for _ in range(3))
+        return host, first.split()[-1], second.removeprefix("code: ").strip()
+
+    def begin_to_join(self, machine: str, place: str, code: str) -> subprocess.Popen[str]:
+        """A machine enrols where another one listens, with a code."""
+        words = ["enroll", "--name", machine, "--authority", place]
+        joining = self.spawn(machine, AGENT, *words, stdin=subprocess.PIPE)
+        assert joining.stdin is not None
+        joining.stdin.write(f"{code}\n")
+        joining.stdin.close()
+        # Or it would be written to once more.
+        joining.stdin = None
+        return joining
+
+    def join(self, machine: str, place: str, code: str) -> tuple[int, str, str]:
+        """The same, to its end."""
+        return finish(self.begin_to_join(machine, place, code))
+
+    def enroll(self, machine: str) -> tuple[int, str, str]:
+        """Invites a machine, which enrols. Returns how that ends: its code, errors and output."""
+        host, place, code = self.invite(machine)
+        status, out, err = self.join(machine, place, code)
+        assert finish(host) == (0, f"{machine} is enrolled\n", "")
+        return status, err, out
+
+    def enrolled_text(self, machine: str) -> str:
+        """What a machine says that was enrolled."""
+        folder = self.credentials(machine)
+        return f"this machine is {machine}, and has its credentials in {folder}\n"
+
+    def credentials(self, machine: str) -> Path:
+        """Where a machine has what its authority has given it."""
+        return self.folder / f"config-{machine}" / "hprm" / "agent"
+
+    def spy(self, machine: str, connect: str) -> zenoh.Session:
+        """A session of Zenoh with the certificate of a machine, which obeys no rule."""
+        files = self.credentials(machine)
+        certificate, key = str(files / "machine.pem"), str(files / "machine.key")
+        tls = {
+            "root_ca_certificate": str(files / "authority.pem"),
+            "connect_certificate": certificate,
+            "connect_private_key": key,
+            "listen_certificate": certificate,
+            "listen_private_key": key,
+            "enable_mtls": True,
+            "verify_name_on_connect": False,
+        }
+        config = zenoh.Config.from_json5(
+            json.dumps(
+                {
+                    "mode": "peer",
+                    "connect": {"endpoints": [f"tls/{connect}"]},
+                    "listen": {"endpoints": []},
+                    "scouting": {"multicast": {"enabled": False}},
+                    "transport": {"link": {"tls": tls}},
+                }
+            )
+        )
+        return zenoh.open(config)
+
+    def wait_for(self, machine: str, expected: list[str]) -> None:
+        """Waits until an agent knows of these machines, its own first."""
+        until(lambda: self.machines(machine) == expected)
 
     def machines(self, machine: str) -> list[str]:
         """The names of the machines of which an agent knows, its own first."""
@@ -162,6 +260,8 @@ class Machines:
 
     def close(self) -> None:
         """Leaves nothing behind."""
+        for connection in self.sockets:
+            connection.close()
         for process in self.started:
             process.kill()
             process.communicate()

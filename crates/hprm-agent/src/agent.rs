@@ -1,5 +1,7 @@
 //! The loop of an agent: one thread that waits for processes of this machine, for packets, and for time.
 
+mod belonging;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
@@ -15,6 +17,7 @@ use crate::Failure;
 use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
 use crate::link::Link;
 use crate::local::{Local, answer};
+use crate::membership::Membership;
 use crate::options::Options;
 use crate::starters::Starters;
 
@@ -36,6 +39,8 @@ struct Agent {
     carrier: Carrier,
     local: Local,
     starters: Starters,
+    /// What follows from the authority, if this machine was enrolled.
+    membership: Option<Membership>,
     links: BTreeMap<LinkId, Link>,
     /// Those whose sockets are ready.
     ready: Vec<LinkId>,
@@ -57,11 +62,14 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let local = Local::listen()?;
     let epoch = Clock::local().0.unsigned_abs();
     let me = AgentId { machine: options.name.clone(), epoch };
-    let carrier = Carrier::open(options, me.clone())?;
+    let enrolled = options.credentials.clone();
+    let membership = enrolled.map(|it| Membership::new(it, Clock::local())).transpose()?;
+    let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone())?;
     let (links, others) = (BTreeMap::new(), BTreeSet::new());
     let (ready, rival_since) = (Vec::new(), None);
     let starters = Starters::new(&options.name, options.programs.clone());
-    let mut agent = Agent { me, carrier, local, starters, links, ready, others, rival_since };
+    let mut agent =
+        Agent { me, carrier, local, starters, membership, links, ready, others, rival_since };
     println!("the agent of {} listens at {}", options.name, options.listen.join(" and "));
     // Without a reader of the line, the agent runs as well.
     let _ = std::io::stdout().flush();
@@ -69,6 +77,10 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         agent.take_events();
         agent.take_requests();
         agent.drive_links();
+        if let Err(failure) = agent.belong(options) {
+            agent.end();
+            return Err(failure);
+        }
         if agent.is_second() {
             agent.end();
             let text = format!("another agent has the name '{}' already", options.name);
@@ -86,13 +98,16 @@ impl Agent {
             PollFd::from_borrowed_fd(stop.as_fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(self.carrier.as_fd(), PollFlags::IN),
         ];
+        let watched = self.membership.as_ref().map(AsFd::as_fd);
+        fds.extend(watched.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
         let local = self.local.descriptors();
         fds.extend(local.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
         let before = fds.len();
         let interests = || self.links.iter().filter_map(|(id, link)| Some((id, link.interest()?)));
         fds.extend(interests().map(|(_, (socket, flags))| PollFd::new(socket, flags)));
         let rival = self.rival_since.map(|since| since.plus(LEASE));
-        let wakeups = self.links.values().map(Link::next_wakeup).chain(rival);
+        let roster = self.membership.as_ref().map(Membership::next_wakeup);
+        let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
         let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
         let timeout = due.map(|nanos| Timespec {
             tv_sec: nanos / 1_000_000_000,
@@ -120,6 +135,7 @@ impl Agent {
                 Event::Opening(opening) => self.open_here(now, &opening),
                 Event::Opened { link, answer } => self.opened(now, &link, answer),
                 Event::Agent { agent, is_there } => self.other(now, agent, is_there),
+                Event::News(news) => self.hear(&news),
             }
             if taken == EVENTS {
                 // More may be there; the next wait must not sleep.

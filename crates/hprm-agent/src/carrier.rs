@@ -2,9 +2,10 @@
 //!
 //! ```text
 //! hprm/agents/1/machines/AGENT        a liveliness token: that agent is there
-//! hprm/agents/1/open/AGENT            a query that opens a link to a listener there
+//! hprm/agents/1/open/TO/FROM          a query that opens a link to a listener there
 //! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
 //! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
+//! hprm/agents/1/roster                a query for a newer roster: see `membership.rs`
 //! ```
 //!
 //! An agent is named by its machine and its epoch, `robot1/18ac55e2f6a0b1c2`, so an agent that was started again, or
@@ -32,6 +33,9 @@ use zenoh::sample::SampleKind;
 
 use crate::Failure;
 use crate::about::{self, Here};
+use crate::access;
+use crate::credentials::Credentials;
+use crate::membership::{self, News};
 use crate::options::Options;
 
 pub(crate) const ROOT: &str = "hprm/agents/1";
@@ -69,6 +73,8 @@ pub(crate) enum Event {
     Opened { link: LinkId, answer: Answer },
     /// An agent is there, or is not.
     Agent { agent: AgentId, is_there: bool },
+    /// Another agent says something of rosters.
+    News(News),
 }
 
 /// A link that another agent wants to open.
@@ -83,7 +89,6 @@ pub(crate) struct Opening {
 #[derive(Serialize, Deserialize)]
 struct OpeningText {
     number: u64,
-    from: AgentId,
     name: String,
 }
 
@@ -98,6 +103,7 @@ pub(crate) struct Carrier {
     here: Arc<Here>,
     _declared: (Subscriber<()>, Subscriber<()>, Queryable<()>),
     _about: Queryable<()>,
+    _rosters: Option<Queryable<()>>,
 }
 
 /// Where the threads of Zenoh put what has happened.
@@ -112,8 +118,12 @@ pub(crate) struct Way(Publisher<'static>);
 
 impl Carrier {
     /// Opens a session, and makes this machine known.
-    pub(crate) fn open(options: &Options, me: AgentId) -> Result<Self, Failure> {
-        let session = zenoh::open(config(options)?).wait().map_err(|error| {
+    pub(crate) fn open(
+        options: &Options,
+        credentials: Option<&Credentials>,
+        me: AgentId,
+    ) -> Result<Self, Failure> {
+        let session = zenoh::open(config(options, credentials)?).wait().map_err(|error| {
             let listen = options.listen.join(" and ");
             // What follows are places in Zenoh's sources.
             let error = error.to_string();
@@ -129,6 +139,8 @@ impl Carrier {
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         let here = Arc::new(Here::new(options));
         let about = about::declare(&session, &me, Arc::clone(&here)).map_err(failed)?;
+        let rosters = credentials.map(|it| membership::declare(&session, it, news(&inbox)));
+        let rosters = rosters.transpose().map_err(failed)?;
         let (token, declared) = declare(&session, &me, &inbox).map_err(failed)?;
         Ok(Self {
             session,
@@ -140,7 +152,25 @@ impl Carrier {
             here,
             _declared: declared,
             _about: about,
+            _rosters: rosters,
         })
+    }
+
+    /// Opens another session, for another roster. What has not arrived in the old one is lost.
+    pub(crate) fn reopen(
+        &mut self,
+        options: &Options,
+        credentials: &Credentials,
+    ) -> Result<(), Failure> {
+        // A session that cannot be closed does not listen any more, or the next one says so.
+        let _ = self.session.close().wait();
+        *self = Self::open(options, Some(credentials), self.me.clone())?;
+        Ok(())
+    }
+
+    /// Asks other agents for a newer roster; [`Event::News`] is the answer, if there is one.
+    pub(crate) fn ask_for_roster(&self, credentials: &Credentials) {
+        membership::ask(&self.session, credentials, news(&self.inbox));
     }
 
     /// What has happened, if anything has.
@@ -162,7 +192,7 @@ impl Carrier {
     /// Asks the agent of a machine to open a link; [`Event::Opened`] is the answer.
     pub(crate) fn open_link(&self, link: &LinkId, name: &str) {
         let LinkId { agent, number } = link;
-        let text = OpeningText { number: *number, from: self.me.clone(), name: name.to_owned() };
+        let text = OpeningText { number: *number, name: name.to_owned() };
         let payload = serde_json::to_vec(&text).expect("it has names only");
         let inbox = Arc::clone(&self.inbox);
         let absent = format!("the agent of {} does not answer", agent.machine);
@@ -170,7 +200,7 @@ impl Carrier {
             Asked { inbox, link: link.clone(), otherwise: Some(Answer::Absent(absent)) };
         let got = self
             .session
-            .get(format!("{ROOT}/open/{agent}"))
+            .get(format!("{ROOT}/open/{agent}/{}", self.me))
             .payload(payload)
             .timeout(OPENING)
             .callback_mut(move |reply| {
@@ -264,7 +294,7 @@ impl Inbox {
     fn put(&self, event: Event) {
         // What others send may be any number, and is dropped where there is no room: a packet is sent again, and so is
         // what opens a link. Without a receiver, the program ends.
-        let is_sent = matches!(event, Event::Packet { .. } | Event::Opening(_));
+        let is_sent = matches!(event, Event::Packet { .. } | Event::Opening(_) | Event::News(_));
         let _ = match is_sent {
             true => self.packets.try_send(event).map_err(drop),
             false => self.events.send(event).map_err(drop),
@@ -276,6 +306,12 @@ impl Inbox {
         // It fails only if the mark is there already.
         let _ = rustix::io::write(&self.ready, &1_u64.to_ne_bytes());
     }
+}
+
+/// Where news of rosters go.
+fn news(inbox: &Arc<Inbox>) -> impl Fn(News) + Send + Sync + 'static {
+    let inbox = Arc::clone(inbox);
+    move |news| inbox.put(Event::News(news))
 }
 
 impl fmt::Display for AgentId {
@@ -312,7 +348,7 @@ fn declare(
         .wait()?;
     let into = Arc::clone(inbox);
     let openings = session
-        .declare_queryable(format!("{ROOT}/open/{me}"))
+        .declare_queryable(format!("{ROOT}/open/{me}/*/*"))
         .callback(move |query| {
             if let Some(opening) = opening(query) {
                 into.put(Event::Opening(opening));
@@ -338,9 +374,10 @@ fn declare(
 /// What another agent asks for, if it is well-formed.
 fn opening(query: Query) -> Option<Opening> {
     let payload = query.payload()?.to_bytes();
-    let OpeningText { number, from, name } = serde_json::from_slice(&payload).ok()?;
-    let well_formed = is_name(&from.machine) && is_name(&name);
-    well_formed.then_some(Opening { link: LinkId { agent: from, number }, name, query })
+    let OpeningText { number, name } = serde_json::from_slice(&payload).ok()?;
+    // Of who asks, only the key can be believed: access control looks at it.
+    let agent = AgentId::read(&mut query.key_expr().as_str().rsplit('/'))?;
+    is_name(&name).then_some(Opening { link: LinkId { agent, number }, name, query })
 }
 
 /// The link to which the key of a packet belongs, if it is one.
@@ -350,7 +387,7 @@ fn link_of(key: &str) -> Option<LinkId> {
     Some(LinkId { agent: AgentId::read(&mut parts)?, number })
 }
 
-fn config(options: &Options) -> Result<zenoh::Config, Failure> {
+fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh::Config, Failure> {
     let protocol = if options.tls.is_some() { "tls" } else { "tcp" };
     let endpoints = |places: &[String]| {
         let places: Vec<_> = places.iter().map(|place| format!("{protocol}/{place}")).collect();
@@ -380,8 +417,11 @@ fn config(options: &Options) -> Result<zenoh::Config, Failure> {
             ("transport/link/tls/enable_mtls", "true".to_owned()),
             // As for links over TCP: what counts is the signature.
             ("transport/link/tls/verify_name_on_connect", "false".to_owned()),
+            ("transport/link/tls/close_link_on_expiration", "true".to_owned()),
         ]);
     }
+    let access = credentials.map(|it| access::control(it.roster()).to_string());
+    settings.extend(access.map(|access| ("access_control", access)));
     let mut config = zenoh::Config::default();
     for (key, value) in settings {
         config.insert_json5(key, &value).map_err(|error| {

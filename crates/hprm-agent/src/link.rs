@@ -61,6 +61,11 @@ impl Link {
         self.is_open = true;
     }
 
+    /// Sends another way from now on.
+    pub(crate) fn redirect(&mut self, way: Way) {
+        self.way = way;
+    }
+
     /// Whether the process at the other end is known to be there.
     pub(crate) fn is_open(&self) -> bool {
         self.is_open

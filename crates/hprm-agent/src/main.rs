@@ -2,15 +2,20 @@
 //! machines, through Zenoh.
 //!
 //! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
-//! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines.
+//! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `credentials.rs` how machines
+//! come to belong together, `membership.rs` how they learn that this has changed, `access.rs` what each of them may say.
 
 #![forbid(unsafe_code)]
 
 mod about;
+mod access;
 mod agent;
 mod carrier;
+mod credentials;
+mod limits;
 mod link;
 mod local;
+mod membership;
 mod options;
 mod starters;
 
@@ -40,7 +45,11 @@ impl Failure {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    match arguments.check().and_then(|options| agent::run(&options)) {
+    let done = match &arguments.word {
+        Some(word) => credentials::run(word),
+        None => arguments.check().and_then(|options| agent::run(&options)),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {failure}");

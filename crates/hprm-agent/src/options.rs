@@ -10,6 +10,8 @@ use clap::Parser;
 use hprm::agent::is_name;
 
 use crate::Failure;
+use crate::credentials::{Credentials, Word};
+use crate::limits::Limits;
 
 /// Lead links between processes of federations on different machines, through Zenoh.
 ///
@@ -17,18 +19,21 @@ use crate::Failure;
 /// `hprm rti --listen agent:robot1/rti` on one machine, `hprm federate --rti agent:robot1/rti` on the others.
 /// `hprm machines` lists the machines whose agents see one another.
 #[derive(Parser, Debug)]
-#[command(name = "hprm-agent", version)]
+#[command(name = "hprm-agent", version, args_conflicts_with_subcommands = true)]
 pub(crate) struct Arguments {
-    /// The name of this machine; by default its host name
+    /// What to do instead of running an agent
+    #[command(subcommand)]
+    pub(crate) word: Option<Word>,
+    /// The name of this machine; by default as it was enrolled, or its host name
     #[arg(long)]
     name: Option<String>,
-    /// Where other agents reach this one; other machines only with a certificate
-    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:7650")]
+    /// Where other agents reach this one; by default 0.0.0.0:7650 if it has a certificate, and 127.0.0.1:7650 otherwise
+    #[arg(long, value_name = "HOST:PORT")]
     listen: Vec<String>,
     /// Where another agent or a Zenoh router listens
     #[arg(long, value_name = "HOST:PORT")]
     connect: Vec<String>,
-    /// The certificate of this machine, in PEM
+    /// The certificate of this machine, in PEM, instead of that with which it was enrolled
     #[arg(long, value_name = "FILE", requires_all = ["tls_key", "tls_ca"])]
     tls_cert: Option<PathBuf>,
     /// Its key
@@ -43,6 +48,8 @@ pub(crate) struct Arguments {
     /// Start programs also as root
     #[arg(long, requires = "fleet_keys")]
     allow_root: bool,
+    #[command(flatten)]
+    limits: Limits,
 }
 
 /// How an agent runs, checked.
@@ -52,6 +59,8 @@ pub(crate) struct Options {
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
     pub(crate) tls: Option<Tls>,
+    /// What this machine has from its authority, if it was enrolled.
+    pub(crate) credentials: Option<Credentials>,
     pub(crate) programs: Option<Programs>,
 }
 
@@ -61,6 +70,7 @@ pub(crate) struct Programs {
     /// The file with their keys.
     pub(crate) keys: PathBuf,
     pub(crate) allow_root: bool,
+    pub(crate) limits: Limits,
 }
 
 /// The files of a certificate.
@@ -74,25 +84,30 @@ pub(crate) struct Tls {
 impl Arguments {
     /// Refuses what would let other machines in without a certificate, and names that cannot be used.
     pub(crate) fn check(self) -> Result<Options, Failure> {
-        let name = match self.name {
-            Some(name) => name,
-            None => host_name(),
+        let credentials = match self.tls_cert {
+            Some(_) => None,
+            None => Credentials::open()?,
         };
+        let name = name(self.name, credentials.as_ref())?;
         if !is_name(&name) {
             return Err(Failure::new(format!("'{name}' cannot be the name of a machine"))
                 .hint("write --name NAME with letters, digits, and '-', '_' or '.' between them"));
         }
         let tls = match (self.tls_cert, self.tls_key, self.tls_ca) {
             (Some(cert), Some(key), Some(ca)) => Some(Tls { cert, key, ca }),
-            _ => None,
+            _ => credentials.as_ref().map(Credentials::tls),
+        };
+        let listen = match self.listen.is_empty() {
+            false => self.listen,
+            true if tls.is_some() => vec!["0.0.0.0:7650".to_owned()],
+            true => vec!["127.0.0.1:7650".to_owned()],
         };
         for file in tls.iter().flat_map(|tls| [&tls.cert, &tls.key, &tls.ca]) {
             std::fs::read(file).map_err(|error| {
                 Failure::new(format!("cannot read {}: {error}", file.display()))
             })?;
         }
-        for (place, what) in self
-            .listen
+        for (place, what) in listen
             .iter()
             .map(|place| (place, "listen at"))
             .chain(self.connect.iter().map(|place| (place, "connect to")))
@@ -102,18 +117,35 @@ impl Arguments {
                     "the agent does not {what} {place} without a certificate: other machines reach that, and could \
                      read and change what federates send"
                 ))
-                .hint("name the files: --tls-cert, --tls-key and --tls-ca"));
+                .hint(
+                    "enroll this machine, with `hprm agent enroll`, or name the files: --tls-cert, --tls-key and --tls-ca",
+                ));
             }
         }
-        let allow_root = self.allow_root;
+        let (allow_root, limits) = (self.allow_root, self.limits);
         let programs = self.fleet_keys.map(|keys| {
             make_keys(&keys)?;
             // The agent may change its folder, and what it starts has another one.
             let keys = std::path::absolute(&keys).unwrap_or(keys);
-            Ok(Programs { keys, allow_root })
+            Ok(Programs { keys, allow_root, limits })
         });
         let programs = programs.transpose()?;
-        Ok(Options { name, listen: self.listen, connect: self.connect, tls, programs })
+        Ok(Options { name, listen, connect: self.connect, tls, credentials, programs })
+    }
+}
+
+/// What this machine is called: as in its certificate, if it was enrolled.
+fn name(stated: Option<String>, credentials: Option<&Credentials>) -> Result<String, Failure> {
+    let Some(credentials) = credentials else { return Ok(stated.unwrap_or_else(host_name)) };
+    let enrolled = credentials.name();
+    match stated {
+        Some(stated) if stated != enrolled => Err(Failure::new(format!(
+            "this machine was enrolled as {enrolled}, and not as {stated}"
+        ))
+        .hint(format!(
+            "`hprm agent invite {stated}` on the authority's machine gives it that name"
+        ))),
+        _ => Ok(enrolled.to_owned()),
     }
 }
 
@@ -153,7 +185,8 @@ fn make_keys(path: &Path) -> Result<(), Failure> {
     }
 }
 
-fn host_name() -> String {
+/// The first part of the name of this host.
+pub(crate) fn host_name() -> String {
     let name = rustix::system::uname().nodename().to_string_lossy().into_owned();
     name.split('.').next().unwrap_or_default().to_owned()
 }

@@ -55,6 +55,7 @@ impl Starters {
         command.arg("starter").arg("--agent").arg(std::process::id().to_string());
         command.arg("--machine").arg(machine).arg("--keys").arg(&programs.keys);
         command.args(programs.allow_root.then_some("--allow-root"));
+        command.args(programs.limits.arguments());
         command.stdin(Stdio::from(std::os::fd::OwnedFd::from(socket))).stdout(Stdio::null());
         self.running.push(command.spawn().map_err(failed)?);
         Ok(())

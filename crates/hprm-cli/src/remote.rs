@@ -11,10 +11,11 @@
 //! starter then ends the federate. So no process is left, whichever of them is killed.
 //!
 //! `places` says which federate belongs where, `program` which files it needs, `protocol` what both say to one another,
-//! `key` how each proves that it may, `cache` keeps files.
+//! `key` how each proves that it may, `cache` keeps files, `limits` bounds what a federate uses.
 
 mod cache;
 mod key;
+mod limits;
 mod places;
 mod program;
 mod protocol;

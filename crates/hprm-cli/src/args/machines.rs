@@ -63,4 +63,13 @@ pub(crate) struct Starter {
     /// Whether programs may run as root.
     #[arg(long)]
     pub(crate) allow_root: bool,
+    /// How many bytes a process may allocate.
+    #[arg(long)]
+    pub(crate) memory: u64,
+    /// How many processes and threads this user may have.
+    #[arg(long)]
+    pub(crate) processes: u64,
+    /// How many files a process may have open.
+    #[arg(long)]
+    pub(crate) files: u64,
 }

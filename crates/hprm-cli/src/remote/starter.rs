@@ -19,6 +19,7 @@ use rustix::process::{
 
 use super::cache::{self, Cache, Laid};
 use super::key::{self, Occasion, Side};
+use super::limits::Limits;
 use super::protocol::{self, Asked, CHUNK, Ended, Listed, Manifest, Told};
 use crate::args::{Interpreter, Starter};
 use crate::launch::{FEDERATION_ID, PROPERTIES};
@@ -85,6 +86,9 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let laid = cache.lay_out(&manifest.files);
     let laid = laid.map_err(|error| failed("lay out the files of the program", &error))?;
     let mut command = command(&manifest, &laid)?;
+    let Starter { memory, processes, files, .. } = *wanted;
+    let limits = Limits { memory, processes, files };
+    limits.apply().map_err(|error| failed("limit what a program uses", &error))?;
     let child = command.spawn().map_err(|error| failed("start an interpreter", &error))?;
     let Manifest { federate, main, .. } = &*manifest;
     print_error(format!("federate {federate} of {main} has been started for {owner}\n").as_bytes());

@@ -1,0 +1,71 @@
+//! What an agent does when the roster changes: Zenoh's access control is that of a session, so it opens another one.
+//!
+//! Links outlive that, as they outlive a network that breaks for a moment; those to machines that were taken out end.
+
+use hprm::Clock;
+use hprm::agent::Answer;
+use hprm_federated::relay::Input;
+
+use super::Agent;
+use crate::Failure;
+use crate::membership::News;
+use crate::options::Options;
+
+impl Agent {
+    /// Takes what another agent says of rosters.
+    pub(super) fn hear(&mut self, news: &News) {
+        let Some(membership) = &mut self.membership else { return };
+        if let Err(failure) = membership.hear(news) {
+            // The others refuse who is not on the roster, too.
+            eprintln!("error: {failure}");
+        }
+    }
+
+    /// Asks others for a newer roster, when it is time, and lives by the one that there is.
+    ///
+    /// # Errors
+    ///
+    /// If this machine does not belong to the others any more, or cannot be reached again.
+    pub(super) fn belong(&mut self, options: &Options) -> Result<(), Failure> {
+        let Some(membership) = &mut self.membership else { return Ok(()) };
+        if membership.look()? {
+            self.reopen(options)?;
+        }
+        let Some(membership) = &mut self.membership else { return Ok(()) };
+        if membership.is_to_ask(Clock::local()) {
+            self.carrier.ask_for_roster(&membership.credentials);
+        }
+        Ok(())
+    }
+
+    fn reopen(&mut self, options: &Options) -> Result<(), Failure> {
+        let Some(membership) = &self.membership else { return Ok(()) };
+        let credentials = membership.credentials.clone();
+        let now = Clock::local();
+        let mut halves = Vec::new();
+        for (id, link) in &mut self.links {
+            let machine = &id.agent.machine;
+            if credentials.roster().member(machine).is_none() {
+                let why = format!("the authority has taken {machine} out of its machines");
+                link.handle(now, Input::Abort(why));
+            } else if link.is_open() {
+                link.handle(now, Input::CarrierDown);
+            } else {
+                halves.push(id.clone());
+            }
+        }
+        // An answer to the old session does not arrive. Who wants such a link tries again.
+        for id in halves {
+            let why = format!("the agent of {} connects again", self.me.machine);
+            self.opened(now, &id, Answer::Absent(why));
+        }
+        self.others.clear();
+        self.rival_since = None;
+        self.carrier.reopen(options, &credentials)?;
+        let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
+        for (id, link) in &mut self.links {
+            link.redirect(self.carrier.way(id).map_err(failed)?);
+        }
+        Ok(())
+    }
+}

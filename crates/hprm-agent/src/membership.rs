@@ -1,0 +1,163 @@
+//! How an agent learns of changes to the roster: from a file that changes in its folder, and from other agents.
+//!
+//! ```text
+//! hprm/agents/1/roster?NUMBER   a query for a roster with a higher number than that of the agent that asks
+//! ```
+//!
+//! Each agent asks all that it reaches, now and then, and at once when another one asks that has a newer roster. So a
+//! change gets around like a rumour, and whoever carries it cannot change it: it is signed. Agents whose certificates
+//! are not on the roster ask and answer as well; otherwise nobody would tell an agent that it knows too little.
+
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::time::Duration;
+
+use hprm_core::{Nanos, PhysicalTime};
+use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
+use zenoh::Wait;
+use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
+
+use crate::Failure;
+use crate::access::ROSTER;
+use crate::credentials::{Credentials, ROSTER_LIMIT};
+
+/// How often other agents are asked, and how often at most.
+const ASKING: Nanos = 10_000_000_000;
+const AT_MOST: Nanos = 500_000_000;
+
+/// How long they may take.
+const ANSWER: Duration = Duration::from_secs(5);
+
+/// What others say of rosters.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum News {
+    /// One of them has a newer roster.
+    IsOld,
+    /// A roster, perhaps a newer one, perhaps none at all.
+    Roster(Vec<u8>),
+}
+
+/// See the module.
+pub(crate) struct Membership {
+    pub(crate) credentials: Credentials,
+    changes: OwnedFd,
+    asked: PhysicalTime,
+    ask_at: PhysicalTime,
+}
+
+impl Membership {
+    /// Watches the folder of the credentials.
+    pub(crate) fn new(credentials: Credentials, now: PhysicalTime) -> Result<Self, Failure> {
+        let folder = credentials.folder();
+        let watched = init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC).and_then(|changes| {
+            add_watch(&changes, folder, WatchFlags::MOVED_TO | WatchFlags::CLOSE_WRITE)?;
+            Ok(changes)
+        });
+        let changes = watched.map_err(|error| {
+            Failure::new(format!("the agent cannot watch {}: {error}", folder.display()))
+        })?;
+        Ok(Self { credentials, changes, asked: now, ask_at: now.plus(AT_MOST) })
+    }
+
+    /// When others are to be asked.
+    pub(crate) fn next_wakeup(&self) -> PhysicalTime {
+        self.ask_at
+    }
+
+    /// Whether others are to be asked now. It is taken as done.
+    pub(crate) fn is_to_ask(&mut self, now: PhysicalTime) -> bool {
+        let is_due = now >= self.ask_at;
+        if is_due {
+            self.asked = now;
+            self.ask_at = now.plus(ASKING);
+        }
+        is_due
+    }
+
+    /// Takes what others say. Who says it may be anybody with a certificate.
+    pub(crate) fn hear(&mut self, news: &News) -> Result<(), Failure> {
+        match news {
+            News::IsOld => self.ask_at = self.ask_at.min(self.asked.plus(AT_MOST)),
+            News::Roster(text) => drop(self.credentials.learn(text)?),
+        }
+        Ok(())
+    }
+
+    /// Whether the roster has changed since the last look.
+    ///
+    /// # Errors
+    ///
+    /// If this machine does not belong to the others any more.
+    pub(crate) fn look(&mut self) -> Result<bool, Failure> {
+        let mut has_changed = false;
+        // It ends when nothing more has changed.
+        while rustix::io::read(&self.changes, &mut [0; 4096]).is_ok_and(|count| count > 0) {
+            has_changed = true;
+        }
+        if !has_changed || !self.credentials.is_stale() {
+            return Ok(false);
+        }
+        match Credentials::read() {
+            Ok(Some(credentials)) => {
+                credentials.check_membership()?;
+                self.credentials = credentials;
+                Ok(true)
+            }
+            Ok(None) => Err(Failure::new("the credentials of this machine have been removed")),
+            Err(failure) => {
+                // Whatever was put there, the old roster holds.
+                eprintln!("error: {failure}");
+                Ok(false)
+            }
+        }
+    }
+}
+
+impl AsFd for Membership {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.changes.as_fd()
+    }
+}
+
+/// Answers agents that ask for a newer roster.
+pub(crate) fn declare(
+    session: &zenoh::Session,
+    credentials: &Credentials,
+    tell: impl Fn(News) + Send + Sync + 'static,
+) -> Result<Queryable<()>, zenoh::Error> {
+    let (number, text) = (credentials.roster().number, credentials.signed_roster().to_vec());
+    session
+        .declare_queryable(ROSTER)
+        .callback(move |query| {
+            let Ok(theirs) = query.parameters().as_str().parse::<u64>() else { return };
+            if theirs < number {
+                // If it does not arrive, the other agent asks again.
+                let _ = query.reply(ROSTER, text.clone()).wait();
+            } else if theirs > number {
+                tell(News::IsOld);
+            }
+        })
+        .wait()
+}
+
+/// Asks all other agents for a newer roster.
+pub(crate) fn ask(
+    session: &zenoh::Session,
+    credentials: &Credentials,
+    tell: impl Fn(News) + Send + Sync + 'static,
+) {
+    let asked = session
+        .get(format!("{ROSTER}?{}", credentials.roster().number))
+        .target(QueryTarget::All)
+        .consolidation(ConsolidationMode::None)
+        .timeout(ANSWER)
+        .callback(move |reply| {
+            if let Ok(sample) = reply.result()
+                && sample.payload().len() <= ROSTER_LIMIT
+            {
+                tell(News::Roster(sample.payload().to_bytes().into_owned()));
+            }
+        })
+        .wait();
+    // If it fails, it is done again.
+    drop(asked);
+}
