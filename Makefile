@@ -97,6 +97,7 @@ agent: $(VENV)/.build-requirements ## build the command `hprm-agent`, which lead
 test-agent: build agent ## check the agent's lints, and run federations through agents that pause, end and are cut off
 	cargo fmt --check --manifest-path crates/hprm-agent/Cargo.toml
 	cargo clippy --release --locked --all-targets --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent -- -D warnings
+	cargo test --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
 	$(BIN)/python -m pytest tests/agents -n $(WORKERS) --dist worksteal
 
 BENCH ?=

@@ -263,6 +263,32 @@ def test_a_machine_of_another_authority_is_not_seen(
         foreign.close()
 
 
+def connections(agent: subprocess.Popen[str]) -> set[str]:
+    """The addresses that are connected to the port of an agent."""
+    port = int(listens_at(agent).rpartition(":")[2])
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    established = "01"
+    return {
+        line[1] for line in lines if line[2].endswith(f":{port:04X}") and line[3] == established
+    }
+
+
+def test_a_connection_that_carries_much_both_ways_is_still_there(machines: Machines) -> None:
+    enrolled(machines, "robot2")
+    start(machines, "robot1", "robot2")
+    before = connections(machines.agents["robot1"])
+    assert len(before) == 1
+    # It comes back from the other machine as it was sent.
+    program = LONG.replace("answer.set(int(inp.value[-1]) * 10", "answer.set(inp.value * 10")
+    program = program.replace("append(answer.value)", "append(int(answer.value[-1]))")
+    rti, federates = machines.federation(program, PLACES)
+    out, expected = alone(machines.folder, program)
+    assert finish(federates[0]) == (0, out, "")
+    assert [finish(process)[0] for process in [rti, *federates[1:]]] == [0] * 3
+    assert reactions(machines.folder / name for name in PLACES) == expected
+    assert connections(machines.agents["robot1"]) == before
+
+
 def test_a_machine_is_enrolled_while_a_federation_of_others_runs(machines: Machines) -> None:
     enrolled(machines, "robot2")
     start(machines, "robot1", "robot2")

@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 GENERATED = {"target", "out", "__pycache__", "corpus"}
@@ -155,8 +157,9 @@ def test_every_test_that_the_list_of_features_names_exists() -> None:
     assert [path for path in named if not (ROOT / path).exists()] == []
 
 
-def test_every_test_that_the_table_of_failures_names_exists() -> None:
-    named = set(re.findall(r"`(test_\w+)`", (DOCS / "concepts" / "failures.md").read_text()))
+@pytest.mark.parametrize("page", ["failures", "threat-model"])
+def test_every_test_that_a_page_names_exists(page: str) -> None:
+    named = set(re.findall(r"`(test_\w+)`", (DOCS / "concepts" / f"{page}.md").read_text()))
     tests = "".join(path.read_text() for path in (ROOT / "tests").glob("*/test_*.py"))
     assert len(named) > 10
     assert {name for name in named if f"def {name}(" not in tests} == set()

@@ -22,6 +22,7 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
 use hprm::agent::{Answer, is_name};
+use hprm_federated::relay::FRAME_LIMIT;
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
@@ -42,6 +43,14 @@ pub(crate) const ROOT: &str = "hprm/agents/1";
 
 /// How many packets and requests of other agents may wait for this program; more are dropped.
 const PACKETS: usize = 1024;
+
+/// The most bytes of what comes as a packet: a frame, and room for what else is in one. Others are dropped at once, so that
+/// not too much waits.
+const PACKET_LIMIT: usize = FRAME_LIMIT + 4096;
+
+/// The most bytes of what Zenoh puts together from pieces, from each of those that send; more is dropped. A roster is the
+/// longest.
+const MESSAGE_LIMIT: usize = 4 << 20;
 
 /// How long an agent may take to open a link.
 const OPENING: Duration = Duration::from_secs(5);
@@ -341,7 +350,9 @@ fn declare(
     let packets = session
         .declare_subscriber(format!("{ROOT}/links/{me}/*/*/*"))
         .callback(move |sample| {
-            if let Some(link) = link_of(sample.key_expr().as_str()) {
+            if let Some(link) = link_of(sample.key_expr().as_str())
+                && sample.payload().len() <= PACKET_LIMIT
+            {
                 into.put(Event::Packet { link, packet: sample.payload().to_bytes().into_owned() });
             }
         })
@@ -400,6 +411,7 @@ fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh:
         ("connect/endpoints", endpoints(&options.connect)),
         // Machines are named, so that no other one in the network is met by chance.
         ("scouting/multicast/enabled", "false".to_owned()),
+        ("transport/link/rx/max_message_size", MESSAGE_LIMIT.to_string()),
         (
             "connect/retry",
             r#"{"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}"#

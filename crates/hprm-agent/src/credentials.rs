@@ -17,7 +17,7 @@ mod words;
 use std::path::{Path, PathBuf};
 
 use self::authority::Admission;
-pub(crate) use self::roster::{LIMIT as ROSTER_LIMIT, Member, Roster};
+pub(crate) use self::roster::{Member, Roster};
 pub(crate) use self::words::{Word, run};
 use crate::Failure;
 use crate::options::Tls;
@@ -129,19 +129,20 @@ impl Credentials {
         &self.text
     }
 
-    /// Keeps a roster that the authority has signed after this one. Returns whether it is such a one.
+    /// Whether it is a roster that the authority has signed after this one.
+    pub(crate) fn is_newer(&self, text: &[u8]) -> bool {
+        Roster::read(text, &self.authority).is_ok_and(|roster| roster.number > self.roster.number)
+    }
+
+    /// Keeps such a roster. Anything else changes nothing.
     ///
     /// # Errors
     ///
     /// If it cannot be kept.
-    pub(crate) fn learn(&self, text: &[u8]) -> Result<bool, Failure> {
-        match Roster::read(text, &self.authority) {
-            Ok(roster) if roster.number > self.roster.number => {
-                files::write(&self.folder.join(ROSTER), text)?;
-                Ok(true)
-            }
-            // Whoever sends what the authority has not signed changes nothing.
-            _ => Ok(false),
+    pub(crate) fn learn(&self, text: &[u8]) -> Result<(), Failure> {
+        match self.is_newer(text) {
+            true => files::write(&self.folder.join(ROSTER), text),
+            false => Ok(()),
         }
     }
 

@@ -18,6 +18,7 @@ mod local;
 mod membership;
 mod options;
 mod starters;
+mod threads;
 
 use std::process::ExitCode;
 
@@ -47,7 +48,10 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = match &arguments.word {
         Some(word) => credentials::run(word),
-        None => arguments.check().and_then(|options| agent::run(&options)),
+        None => arguments.check().and_then(|options| {
+            options.tls.as_ref().map(|_| threads::share()).transpose()?;
+            agent::run(&options)
+        }),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

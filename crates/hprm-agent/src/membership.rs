@@ -18,7 +18,7 @@ use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
 
 use crate::Failure;
 use crate::access::ROSTER;
-use crate::credentials::{Credentials, ROSTER_LIMIT};
+use crate::credentials::Credentials;
 
 /// How often other agents are asked, and how often at most.
 const ASKING: Nanos = 10_000_000_000;
@@ -32,7 +32,7 @@ const ANSWER: Duration = Duration::from_secs(5);
 pub(crate) enum News {
     /// One of them has a newer roster.
     IsOld,
-    /// A roster, perhaps a newer one, perhaps none at all.
+    /// A newer roster.
     Roster(Vec<u8>),
 }
 
@@ -77,7 +77,7 @@ impl Membership {
     pub(crate) fn hear(&mut self, news: &News) -> Result<(), Failure> {
         match news {
             News::IsOld => self.ask_at = self.ask_at.min(self.asked.plus(AT_MOST)),
-            News::Roster(text) => drop(self.credentials.learn(text)?),
+            News::Roster(text) => self.credentials.learn(text)?,
         }
         Ok(())
     }
@@ -145,16 +145,18 @@ pub(crate) fn ask(
     credentials: &Credentials,
     tell: impl Fn(News) + Send + Sync + 'static,
 ) {
+    let known = credentials.clone();
     let asked = session
         .get(format!("{ROSTER}?{}", credentials.roster().number))
         .target(QueryTarget::All)
         .consolidation(ConsolidationMode::None)
         .timeout(ANSWER)
         .callback(move |reply| {
-            if let Ok(sample) = reply.result()
-                && sample.payload().len() <= ROSTER_LIMIT
-            {
-                tell(News::Roster(sample.payload().to_bytes().into_owned()));
+            let Ok(sample) = reply.result() else { return };
+            let text = sample.payload().to_bytes();
+            // What anybody may send, many times, must not wait for the loop.
+            if known.is_newer(&text) {
+                tell(News::Roster(text.into_owned()));
             }
         })
         .wait();

@@ -11,6 +11,7 @@ use std::process::{Child, Command, Stdio};
 use hprm::agent::STARTERS;
 
 use crate::options::Programs;
+use crate::threads;
 
 /// How many programs may run at the same time.
 const LIMIT: usize = 64;
@@ -56,6 +57,7 @@ impl Starters {
         command.arg("--machine").arg(machine).arg("--keys").arg(&programs.keys);
         command.args(programs.allow_root.then_some("--allow-root"));
         command.args(programs.limits.arguments());
+        threads::forget(&mut command);
         command.stdin(Stdio::from(std::os::fd::OwnedFd::from(socket))).stdout(Stdio::null());
         self.running.push(command.spawn().map_err(failed)?);
         Ok(())

@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use hprm::agent::is_name;
 
 /// The most machines, and the most bytes of a signed roster.
-pub(crate) const MACHINES: usize = 4096;
-pub(crate) const LIMIT: usize = 1 << 20;
+pub(super) const MACHINES: usize = 4096;
+const LIMIT: usize = 1 << 20;
 
 /// A machine that belongs to the others.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]

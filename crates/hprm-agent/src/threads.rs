@@ -1,0 +1,44 @@
+//! How many threads Zenoh has for a TLS connection: one.
+//!
+//! Zenoh 1.10 reads a TLS connection on one thread and writes it on another one, without a lock between them. When both
+//! do so at the same time, the connection breaks ("handshake not complete"), many times a second where much is sent both ways; and
+//! nobody knows what else such a race does. If one thread does both, there is none. Zenoh takes that from its environment
+//! only, so this program starts itself once more.
+
+use std::env;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::Command;
+
+use crate::Failure;
+
+/// The variable that Zenoh reads, and what is in it here.
+const VARIABLE: &str = "ZENOH_RUNTIME";
+const ONE: &str = "(rx: (handover: tx), tx: (worker_threads: 1))";
+
+/// Comes back in a process in which one thread reads and writes.
+///
+/// # Errors
+///
+/// If there is no such process.
+pub(crate) fn share() -> Result<(), Failure> {
+    if env::var_os(VARIABLE).is_some_and(|set| set == ONE) {
+        return Ok(());
+    }
+    // A file that was replaced meanwhile is still there under that name.
+    let this = env::current_exe().ok().filter(|path| path.is_file());
+    let mut again = Command::new(this.unwrap_or_else(|| PathBuf::from("/proc/self/exe")));
+    let mut words = env::args_os();
+    if let Some(name) = words.next() {
+        again.arg0(name);
+    }
+    let error = again.args(words).env(VARIABLE, ONE).exec();
+    Err(Failure::new(format!("the agent cannot start itself again: {error}")))
+}
+
+/// Keeps from a process that this one starts what was only for this one.
+pub(crate) fn forget(command: &mut Command) {
+    if env::var_os(VARIABLE).is_some_and(|set| set == ONE) {
+        command.env_remove(VARIABLE);
+    }
+}
