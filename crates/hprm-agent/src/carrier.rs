@@ -46,7 +46,8 @@ const PACKETS: usize = 1024;
 
 /// The most bytes of what comes as a packet: a frame, and room for what else is in one. Others are dropped at once, so that
 /// not too much waits.
-const PACKET_LIMIT: usize = FRAME_LIMIT + 4096;
+const PACKET_LIMIT: usize = 68 << 10;
+const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
 
 /// The most bytes of what Zenoh puts together from pieces, from each of those that send; more is dropped. A roster is the
 /// longest.
