@@ -409,12 +409,10 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
             for key in (f"{root}/open/**", f"{root}/open/robot1/**", "**", f"{root}/open/robot3/**")
         ]
         rti, federates = machines.federation(PROGRAM, PLACES)
-        # In the name of another machine, it opens nothing.
-        agent = next(
-            str(reply.ok.key_expr)
-            for reply in spy.liveliness().get(f"{root}/machines/robot1/*")
-            if reply.ok is not None
-        )
+        told = spy.liveliness().get(f"{root}/machines/robot1/*")
+        tokens = [str(reply.ok.key_expr) for reply in told if reply.ok is not None]
+        # One of them is its own.
+        (agent,) = (token for token in tokens if not token.endswith(f"/{1:016x}"))
         here = agent.removeprefix(f"{root}/machines/")
         payload = b'{"number": 5, "name": "nobody"}'
         answers = {
@@ -430,6 +428,7 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
             ]
             for name in ("robot3", "robot2")
         }
+        # In the name of another machine, it opens nothing.
         assert answers["robot2"] == []
         assert answers["robot3"] == ["absent no process listens at agent:robot1/nobody\n"]
         out, expected = alone(machines.folder, PROGRAM)
@@ -441,7 +440,7 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
         assert machines.machines("robot2")[:2] == ["robot2", "robot1"]
         assert all(agent.poll() is None for agent in machines.agents.values())
         # What it asks itself, its own session answers, too.
-        foreign = [key for key in asked if f"/robot3/{7:016x}" not in key]
+        foreign = [key for key in asked if not key.endswith(f"/{7:016x}")]
         assert (heard, foreign) == ([], [])
         # What is meant for it, it gets.
         joining = ["--federation-file", "secret", "--rti", "agent:robot3/rti"]
@@ -449,6 +448,19 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
         assert finish(machines.spawn("robot1", HPRM, *words))[0] != 0
         assert any(key.startswith(f"{root}/open/robot3/") for key in asked)
         del mine, others, subscribers, queryables
+
+
+def test_with_certificates_of_one_s_own_a_machine_takes_any_name(machines: Machines) -> None:
+    enrolled(machines, "robot3")
+    files = machines.credentials("robot1")
+    names = {"cert": "machine.pem", "key": "machine.key", "ca": "authority.pem"}
+    tls = [word for what, name in names.items() for word in (f"--tls-{what}", str(files / name))]
+    (port,) = free_ports(1)
+    machines.start_agent("robot1", "--listen", f"127.0.0.1:{port}", *tls)
+    with machines.spy("robot3", f"127.0.0.1:{port}") as spy:
+        token = spy.liveliness().declare_token(f"hprm/agents/1/machines/robot4/{1:016x}")
+        machines.wait_for("robot1", ["robot1", "robot4"])
+        del token
 
 
 def test_until_gives_up() -> None:
