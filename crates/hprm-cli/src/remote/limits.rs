@@ -1,4 +1,4 @@
-//! What a program may use that is started here for somebody else: limits that the starter sets for itself, and that all
+//! What a program may use that is started here for another user: limits that the starter sets for itself, and that all
 //! processes inherit which it starts. None of them can raise a limit again.
 
 use std::io;
@@ -10,7 +10,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 pub(super) struct Limits {
     /// Bytes that a process may allocate. Memory that it shares with others is not among them, nor are files.
     pub(super) memory: u64,
-    /// Processes and threads of this user, whoever has started them; for root, there is no such limit.
+    /// Processes and threads of this user, also those that are no part of the program; for root, there is no such limit.
     pub(super) processes: u64,
     /// Open files of a process.
     pub(super) files: u64,
