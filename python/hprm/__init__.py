@@ -15,7 +15,7 @@ A program is reactors that exchange messages with logical tags. A reactor is a c
 20 ms
 
 A reactor
-    ``Reactor``, ``Federation`` (whose parts are processes), ``federate``
+    ``Reactor``, ``Federation`` (whose parts are processes), ``federate``, ``Restart``
 What its class declares
     ``Input``, ``Output``, ``Timer``, ``Action``, ``PhysicalAction``, ``Mode``, ``reaction``,
     ``startup``, ``shutdown``, ``reset``
@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from hprm._parts import Action, Input, Mode, Output, PhysicalAction, Timer
     from hprm._reactions import reaction, reset, shutdown, startup
     from hprm._reactor import Federation, Reactor, federate
+    from hprm._restart import Restart
     from hprm._watching import WatchError, watch
 
 # Programs of `.lf` files do without these, and start sooner.
@@ -97,6 +98,7 @@ _LOADED_ON_DEMAND = {
     ),
     **dict.fromkeys(("reaction", "reset", "shutdown", "startup"), "hprm._reactions"),
     **dict.fromkeys(("Federation", "Reactor", "federate"), "hprm._reactor"),
+    **dict.fromkeys(("Restart",), "hprm._restart"),
     **dict.fromkeys(("WatchError", "watch"), "hprm._watching"),
 }
 
@@ -141,6 +143,7 @@ __all__ = [
     "ProgramWarning",
     "Reactor",
     "ReactorBase",
+    "Restart",
     "SEC",
     "SECS",
     "Tag",

@@ -8,7 +8,7 @@ from abc import ABCMeta
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
-from hprm import _class_body, _construction, _duration, _places
+from hprm import _class_body, _construction, _duration, _places, _restart
 from hprm._arguments import checked
 from hprm._construction import Construction
 from hprm._duration import Time
@@ -17,6 +17,7 @@ from hprm._namespace import Namespace
 from hprm._parts import Part
 from hprm._places import Place
 from hprm._reactions import Reaction
+from hprm._restart import Condition, Restart
 from hprm._running import Running
 
 R = TypeVar("R", bound="Reactor")
@@ -268,6 +269,7 @@ def federate(
     host: str | None = None,
     maxwait: Time | None = None,
     transient: bool = False,
+    restart: Restart | Condition | None = None,
 ) -> R:
     """State something about a reactor of a federation as a federate.
 
@@ -285,6 +287,9 @@ def federate(
         coordination; as long as it takes, if it is left out.
     transient : bool, default False
         Whether it may join late, leave, fail and come back while the federation runs.
+    restart : Restart or str, optional
+        When ``hprm run`` starts it again, if it is transient: an ``hprm.Restart``, or only its
+        condition, as ``"on-failure"``.
 
     Returns
     -------
@@ -303,7 +308,8 @@ def federate(
     if host is not None and not isinstance(host, str):
         raise ProgramError(f"`host` is the name of a host, not {host!r}", place)
     wait = _duration.stated("maxwait", maxwait, place)
-    facts = {"host": host, "maxwait": wait, "transient": bool(transient)}
+    again = _restart.stated(restart, place)
+    facts = {"host": host, "maxwait": wait, "transient": bool(transient), "restart": again}
     _construction.of(reactor).federate = facts
     return reactor
 

@@ -102,7 +102,7 @@ class _Structure:
     def _child(self, container: Reactor, name: str, child: Reactor | list[Reactor]) -> Data:
         members = child if isinstance(child, list) else [child]
         first = _construction.of(members[0])
-        stated = {"host": None, "maxwait": None, "transient": False}
+        stated = {"host": None, "maxwait": None, "transient": False, "restart": None}
         if self._federated:
             stated |= first.federate
         return {

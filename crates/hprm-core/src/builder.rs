@@ -17,7 +17,7 @@ use crate::reach;
 use crate::{
     Action, ActionId, Channel, Connection, ConnectionId, Delay, Direction, Effect, Federate,
     FederateId, ModalElement, Mode, ModeId, Nanos, Origin, Port, PortId, Program, Properties,
-    Reaction, ReactionId, Reactor, ReactorId, Spacing, Table, Timer, TimerId, Trigger,
+    Reaction, ReactionId, Reactor, ReactorId, Restart, Spacing, Table, Timer, TimerId, Trigger,
 };
 
 /// Why a graph is not a program.
@@ -193,7 +193,7 @@ impl ProgramBuilder {
     ) -> FederateId {
         assert_eq!(self.program.reactors[reactor].parent, Some(self.main()));
         let name = name.to_owned();
-        let federate = Federate { name, reactor, maxwait, host, transient: false };
+        let federate = Federate { name, reactor, maxwait, host, transient: false, restart: None };
         let id = self.program.federates.push(federate);
         self.program.reactors[reactor].federate = Some(id);
         id
@@ -202,6 +202,12 @@ impl ProgramBuilder {
     /// Lets a federate join late, leave, and come back.
     pub fn make_transient(&mut self, federate: FederateId) {
         self.program.federates[federate].transient = true;
+    }
+
+    /// Has a federate started again when it has ended. It is transient then.
+    pub fn restart(&mut self, federate: FederateId, restart: Restart) {
+        self.make_transient(federate);
+        self.program.federates[federate].restart = Some(restart);
     }
 
     /// A channel of a port; `name` has its index if it is of a multiport: `out[2]`.

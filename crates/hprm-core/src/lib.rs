@@ -30,6 +30,7 @@ mod order;
 mod program;
 mod queue;
 mod reach;
+mod restart;
 mod scheduler;
 mod scope;
 mod spacing;
@@ -55,6 +56,7 @@ pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Spin, Timer, Trigger,
 };
+pub use restart::{Restart, RestartCondition};
 pub use scheduler::{
     Body, Effects, InputId, InputValue, OutboundMessage, ReactionRecord, ScheduleRequest,
     Scheduled, Scheduler, Turn,

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     ActionId, Bound, ClockSyncOptions, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos,
-    PortId, ReactionId, ReactorId, Spacing, Table, TimerId, Transition,
+    PortId, ReactionId, ReactorId, Restart, Spacing, Table, TimerId, Transition,
 };
 
 /// How federates agree on when a tag is safe to process.
@@ -241,6 +241,8 @@ pub struct Federate {
     pub host: Option<String>,
     /// Whether it may join a federation that runs, leave it, and join again (`@transient`).
     pub transient: bool,
+    /// When it is started again, if it is transient (`@restart`).
+    pub restart: Option<Restart>,
 }
 
 /// A connection between two federates, on which messages are sent.

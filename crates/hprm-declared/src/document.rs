@@ -155,6 +155,18 @@ pub(crate) struct Child {
     pub(crate) maxwait: Option<i64>,
     #[serde(default)]
     pub(crate) transient: bool,
+    /// When it is started again.
+    pub(crate) restart: Option<Restart>,
+}
+
+/// When a federate is started again, with times in nanoseconds. What is not stated is as the model has it.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Restart {
+    pub(crate) condition: String,
+    pub(crate) sec: Option<i64>,
+    pub(crate) burst: Option<i64>,
+    pub(crate) interval: Option<i64>,
 }
 
 #[derive(Debug, Deserialize)]

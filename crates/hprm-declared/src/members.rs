@@ -60,7 +60,23 @@ pub(crate) fn in_mode(
 pub(crate) fn attributes(child: &Child, span: Span) -> Vec<Attribute> {
     let maxwait = child.maxwait.map(|wait| attribute("maxwait", vec![time(wait, span)], span));
     let transient = child.transient.then(|| attribute("transient", Vec::new(), span));
-    maxwait.into_iter().chain(transient).collect()
+    let restart = child.restart.as_ref().map(|stated| restart(stated, span));
+    maxwait.into_iter().chain(transient).chain(restart).collect()
+}
+
+fn restart(stated: &document::Restart, span: Span) -> Attribute {
+    let condition = literal(ExpressionKind::String(stated.condition.clone()), span);
+    let others = [
+        ("sec", stated.sec.map(|nanos| time(nanos, span))),
+        ("burst", stated.burst.map(|number| literal(ExpressionKind::Integer(number), span))),
+        ("interval", stated.interval.map(|nanos| time(nanos, span))),
+    ];
+    let argument = |(name, value): (&str, Option<Expression>)| {
+        Some(AttributeArgument { name: Some(Name::new(name, span)), value: value? })
+    };
+    let mut attribute = attribute("restart", vec![condition], span);
+    attribute.arguments.extend(others.into_iter().filter_map(argument));
+    attribute
 }
 
 /// A width.

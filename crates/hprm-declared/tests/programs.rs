@@ -380,6 +380,7 @@ fn hints_have_the_words_of_python() {
         &[(&of_connection("absent_after"), json!(5))],
         &[(&of_main("children/1/maxwait"), json!(5))],
         &[(&of_main("children/1/transient"), json!(true))],
+        &[(&of_main("children/1/restart"), json!({"condition": "always", "sec": -1}))],
         &[(&of_main("children/1/host"), json!("robot"))],
         &[("/reactors/1/federated", json!(true))],
         &[("/reactors/1/modes", day)],
@@ -403,6 +404,8 @@ fn hints_have_the_words_of_python() {
     LF0212 `maxwait=` does not belong here
       it belongs to a reactor that a federation contains
     LF0212 `transient=` does not belong here
+      it belongs to a reactor that a federation contains
+    LF0212 `restart=` does not belong here
       it belongs to a reactor that a federation contains
     LF0802 only an instance in a federated reactor has a host
       extend `hprm.Federation`, or remove `host=`

@@ -321,6 +321,55 @@ fn of_attributes(connection: &str, instance: &str) -> String {
 }
 
 #[test]
+fn a_federate_is_started_again_in_the_words_of_systemd() {
+    for right in
+        ["\"on-failure\"", "\"on-abnormal\", 0, 1, 0", "condition=\"always\", interval=1 h"]
+    {
+        assert_eq!(of_attributes("", &format!("@transient @restart({right})")), "", "{right}");
+    }
+    assert_eq!(of_attributes("", "@restart(\"no\")"), "");
+    assert_eq!(
+        of_attributes("", "@restart(\"on-failure\")"),
+        "error[LF0212]: `@restart` belongs to a transient federate, and this one is not\n\
+         = help: write `@transient`, too, if the others are to go on while it is away"
+    );
+    let said = |arguments: &str| of_attributes("", &format!("@transient @restart{arguments}"));
+    let hint = "\n= help: write `@restart(\"on-failure\", sec=100 ms, burst=5, interval=10 s)`, without what is to be \
+                as systemd has it";
+    for (wrong, message) in [
+        ("", "`@restart` needs a condition, in double quotes"),
+        ("(5)", "`@restart` needs a condition, in double quotes"),
+        ("(sec=1 s)", "`@restart` needs a condition, in double quotes"),
+        (
+            "(\"always\", sec=-1 s)",
+            "the pause of `@restart`, `sec`, must be a time that is not negative",
+        ),
+        (
+            "(\"always\", sec=5)",
+            "the pause of `@restart`, `sec`, must be a time that is not negative",
+        ),
+        (
+            "(\"always\", sec=forever)",
+            "the pause of `@restart`, `sec`, must be a time that is not negative",
+        ),
+        (
+            "(\"always\", interval=-1 s)",
+            "the `interval` of `@restart` must be a time that is not negative",
+        ),
+        (
+            "(\"always\", burst=0)",
+            "the `burst` of `@restart` must be a number from 1 to 4294967295",
+        ),
+    ] {
+        assert_eq!(said(wrong), format!("error[LF0212]: {message}{hint}"), "{wrong}");
+    }
+    let unknown = "error[LF0212]: `@restart` has no condition `on-failre`\n= help: did you mean `on-failure`?";
+    assert_eq!(said("(\"on-failre\")"), unknown);
+    assert!(said("(\"always\", pause=1 s)").contains("`@restart` has no argument `pause`"));
+    assert!(said("(\"always\", 0, 1, 0, 0)").contains("takes a condition, a pause and a limit"));
+}
+
+#[test]
 fn the_arguments_of_attributes_have_names_and_limits() {
     let none = [
         ("@bound(3)", ""),

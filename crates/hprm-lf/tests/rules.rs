@@ -118,6 +118,8 @@ const ERRORS: &[(&str, &str)] = &[
         "reactor A { input i output o } main reactor { a = new A() @absent_after(0) a.o -> a.i after 0 }",
     ),
     ("LF0212", "reactor A { } main reactor { @transient a = new A() }"),
+    ("LF0212", "reactor A { } federated reactor { @restart(\"always\") a = new A() }"),
+    ("LF0212", "reactor A { } main reactor { @restart(\"no\") a = new A() }"),
     ("LF0212", "reactor A { @side(\"up\") input i } main reactor { }"),
     ("LF0212", "main reactor { @label(\"x\") preamble {= pass =} }"),
     ("LF0802", "main reactor at localhost { }"),

@@ -7,8 +7,7 @@ use hprm_core::{
     TimerId, limits,
 };
 
-use crate::check::Models;
-use crate::check::attributes;
+use crate::check::{Models, attributes, restart};
 use crate::compiled::{Instance, Ports};
 use crate::declaration::{self, PortKind};
 use crate::diagnostic::{Diagnostic, Report};
@@ -294,6 +293,9 @@ impl<'a> Growth<'a, '_> {
         let federate = self.tree.builder.federate(reactor, &name, maxwait, host);
         if attributes::is_there(&decl.attributes, "transient") {
             self.tree.builder.make_transient(federate);
+        }
+        if let Some(restart) = restart::of(&decl.attributes) {
+            self.tree.builder.restart(federate, restart);
         }
         Some(())
     }

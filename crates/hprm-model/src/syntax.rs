@@ -166,6 +166,24 @@ impl Syntax {
         )
     }
 
+    /// A federate that is started again.
+    pub(crate) fn restart(self) -> &'static str {
+        self.either(
+            "write `@restart(\"on-failure\", sec=100 ms, burst=5, interval=10 s)`, without what is to be as systemd \
+             has it",
+            "write `restart=hprm.Restart(\"on-failure\", sec=\"100 ms\", burst=5, interval=\"10 s\")`, without what \
+             is to be as systemd has it",
+        )
+    }
+
+    /// What makes a federate transient.
+    pub(crate) fn transient(self) -> &'static str {
+        self.either(
+            "write `@transient`, too, if the others are to go on while it is away",
+            "write `transient=True`, too, if the others are to go on while it is away",
+        )
+    }
+
     /// Where instances of executables belong.
     pub(crate) fn federated_for_executables(self) -> &'static str {
         self.either(

@@ -153,9 +153,11 @@ fn tell(listener: &Py<PyAny>, program: &Program, event: RtiEvent) {
             ("answers", named(*federate), String::new(), seconds(silence))
         }
         RtiEvent::Refused { name, reason } => ("refused", name.as_str(), reason.to_string(), 0.0),
-        RtiEvent::Joined(_) | RtiEvent::Left(_) | RtiEvent::Loaded(_) | RtiEvent::Started(_) => {
-            return;
-        }
+        RtiEvent::Joined(_)
+        | RtiEvent::Left(_)
+        | RtiEvent::Loaded(_)
+        | RtiEvent::Started(_)
+        | RtiEvent::Closing => return,
     };
     Python::attach(|py| {
         if let Err(error) = listener.call1(py, (kind, name, text, silent_for)) {
@@ -174,7 +176,7 @@ impl LocalRti {
     /// Where a federate writes its share of the logical trace, and what the user calls that; None if there is none.
     fn share(&self, federate: &str) -> Option<(PathBuf, PathBuf)> {
         let parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
-        parts.as_ref().map(|parts| parts.share(federate)).map(|share| (share.file, share.trace))
+        parts.as_ref().map(|parts| parts.share(federate, 0)).map(|share| (share.file, share.trace))
     }
 
     /// Makes the logical trace, if there is to be one, when all federates have ended; the first of them that has failed

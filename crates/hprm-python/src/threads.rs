@@ -204,6 +204,7 @@ impl Driver for Launched<'_> {
             Order::Report(report) => show(&report),
             Order::Warn(report) => say(&report.text(Label::Warning, false)),
             Order::Send { .. } => unreachable!("no thread can be sent a signal"),
+            Order::Start(_) => unreachable!("no thread is transient"),
         }
     }
 }

@@ -14,10 +14,12 @@ mod rti;
 pub mod signals;
 mod terminal;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
 use std::time::Duration;
 
 use hprm_core::{FederateId, Fingerprint, Program};
@@ -76,6 +78,8 @@ pub struct Membership<'a> {
     pub rti: &'a Address,
     /// What it writes of the logical trace.
     pub share: Option<TraceShare>,
+    /// How often it was started before.
+    pub restarts: u32,
 }
 
 /// A federation whose RTI runs, and whose federates do not run yet. When this is dropped, nothing of it is
@@ -147,15 +151,20 @@ impl Launching {
     /// If a federate cannot be started, or the logical trace cannot be written.
     pub fn run(
         mut self,
-        command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
+        mut command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
         tell: &mut dyn FnMut(Label, Report),
     ) -> Result<i32, Failure> {
         let program = Arc::clone(&self.launch.program);
-        let children = self.start_federates(command)?;
+        let children = self.start_federates(&mut command)?;
         let join_timeout = self.launch.join_timeout;
         let supervisor = Supervisor::new(&program, Members::Processes, join_timeout);
         let mut supervisor = supervisor.with_advice(self.launch.advice);
-        let mut launched = Launched { children, rti: self.rti.handle().clone(), tell };
+        if let Some(debugged) = self.launch.debugged {
+            // Its user has ended it.
+            supervisor.leave(debugged);
+        }
+        let started = Started { launching: &self, command: &mut command, again: BTreeMap::new() };
+        let mut launched = Launched { children, rti: self.rti.handle().clone(), started, tell };
         let Outcome { code, is_traced } = supervisor.run(&mut launched, &self.arrivals);
         launched.rti.abort();
         drop(launched);
@@ -171,37 +180,76 @@ impl Launching {
         Ok(code)
     }
 
-    fn start_federates(
-        &self,
-        mut command: impl FnMut(&Membership<'_>) -> Result<Command, Failure>,
-    ) -> Result<Children, Failure> {
+    fn start_federates(&self, command: CommandOf<'_>) -> Result<Children, Failure> {
         let mut children = Children::default();
         let mut federates: Vec<_> = self.launch.program.federates.iter().collect();
         // First: the start does not wait for transient federates, and most programs want them to take part.
         federates.sort_by_key(|(_, federate)| !federate.transient);
-        for (id, federate) in federates {
-            let name = &federate.name;
-            let share = self.parts.as_ref().map(|parts| parts.share(name));
-            let mut command = command(&Membership { federate: id, name, rti: self.rti(), share })?;
-            if let Some(shares) = &self.shares {
-                command.env(TRACE, shares.request().variable());
-            }
-            let is_debugged = self.launch.debugged == Some(id);
-            let console = if is_debugged { Console::Terminal } else { Console::Lines };
-            let events = self.events.clone();
-            // Once the receiver is gone, the run is over.
-            let report = move |event| drop(events.send(event));
-            children.start((id, name), command, console, report)?;
+        for (id, _) in federates {
+            self.start_federate(id, 0, command, &mut children)?;
         }
         Ok(children)
     }
+
+    /// Starts the process of a federate that was started so many times before.
+    fn start_federate(
+        &self,
+        federate: FederateId,
+        restarts: u32,
+        command: CommandOf<'_>,
+        children: &mut Children,
+    ) -> Result<(), Failure> {
+        let name = &self.launch.program.federates[federate].name;
+        let share = self.parts.as_ref().map(|parts| parts.share(name, restarts));
+        let membership = Membership { federate, name, rti: self.rti(), share, restarts };
+        let mut command = command(&membership)?;
+        if let Some(shares) = &self.shares {
+            command.env(TRACE, shares.request().variable());
+        }
+        let is_debugged = self.launch.debugged == Some(federate);
+        let console = if is_debugged { Console::Terminal } else { Console::Lines };
+        let events = self.events.clone();
+        // Once the receiver is gone, the run is over.
+        let report = move |event| drop(events.send(event));
+        children.start((federate, name), command, console, report)
+    }
+}
+
+/// Makes the command of the process of a federate.
+type CommandOf<'a> = &'a mut dyn FnMut(&Membership<'_>) -> Result<Command, Failure>;
+
+/// What starts federates again.
+struct Started<'a> {
+    launching: &'a Launching,
+    command: CommandOf<'a>,
+    /// How often each was.
+    again: BTreeMap<FederateId, u32>,
 }
 
 /// The processes of the federation and its RTI.
 struct Launched<'a> {
     children: Children,
     rti: RtiHandle,
+    started: Started<'a>,
     tell: &'a mut dyn FnMut(Label, Report),
+}
+
+impl Launched<'_> {
+    /// Starts a federate again. If that cannot be, its process has ended at once.
+    fn start_again(&mut self, federate: FederateId) {
+        let Started { launching, command, again } = &mut self.started;
+        let restarts = again.entry(federate).or_default();
+        *restarts += 1;
+        self.rti.note_restart(federate);
+        let started = launching.start_federate(federate, *restarts, command, &mut self.children);
+        if let Err(failure) = started {
+            let report = failure.report().of(&launching.launch.program.federates[federate].name);
+            let how = FederateEnding::Failed(Box::new(report));
+            // On a thread of its own: this one takes the events.
+            let events = launching.events.clone();
+            thread::spawn(move || drop(events.send(Observation::Ended { federate, how })));
+        }
+    }
 }
 
 impl Driver for Launched<'_> {
@@ -216,6 +264,7 @@ impl Driver for Launched<'_> {
         match order {
             Order::RequestStop => self.rti.request_stop(),
             Order::Send { signal, to } => self.children.send(signal, to),
+            Order::Start(federate) => self.start_again(federate),
             Order::Report(report) => (self.tell)(Label::Error, *report),
             Order::Warn(report) => (self.tell)(Label::Warning, *report),
         }

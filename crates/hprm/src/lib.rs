@@ -79,8 +79,8 @@ pub use pickling::Pickling;
 pub use program::{
     Action, CarriedPort, Connections, Context, Entry, Federate, Federation, InputPort, Interface,
     Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port, Ports, Program,
-    ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Runnable, ScheduleError, Sender,
-    Shutdown, Startup, Timer, Triggers, WhenFull, run_as_federate,
+    ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart, Runnable, ScheduleError,
+    Sender, Shutdown, Startup, Timer, Triggers, WhenFull, run_as_federate,
 };
 pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;

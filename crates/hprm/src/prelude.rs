@@ -56,6 +56,6 @@ pub use crate::Tag;
 pub use crate::{
     Action, Array, Connections, Context, Element, Entry, Failure, Federate, Federation, InputPort,
     Interface, Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port,
-    Ports, Program, ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Runnable,
+    Ports, Program, ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart, Runnable,
     ScheduleError, Sender, Shutdown, Startup, Timer, Transfer, Triggers, WhenFull, run_as_federate,
 };

@@ -22,6 +22,7 @@ mod launching;
 mod loan;
 mod parts;
 mod reaction;
+mod restart;
 mod running;
 mod sender;
 mod transport;
@@ -51,6 +52,7 @@ pub use handle::{
 };
 pub use loan::Loan;
 pub use reaction::{Outcome, ReactionBuilder};
+pub use restart::Restart;
 use sender::Entrances;
 pub use sender::{ScheduleError, Sender, WhenFull};
 pub use value::Message;

@@ -12,10 +12,10 @@ use std::io;
 use std::mem;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
-use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program};
+use hprm_core::{FederateId, Fingerprint, Nanos, PhysicalTime, Program, Table};
 use hprm_federated::codec::CodecError;
 use hprm_federated::{
     Carried, FederationId, Frame, HangTimeout, LinkId, Refusal, RtiInput, RtiOutput, Topology,
@@ -96,6 +96,8 @@ pub enum RtiEvent {
         /// After how long.
         silence: Nanos,
     },
+    /// The federation ends: nobody may join any more.
+    Closing,
     /// A transient federate has failed. The other federates continue.
     Dropped {
         /// The federate.
@@ -134,6 +136,8 @@ pub struct Rti {
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
+    /// Whether it has reported that nobody may join any more.
+    closed: bool,
     recording: RtiRecording,
     /// The log of all frames, if there is one.
     log: RtiLog,
@@ -182,12 +186,20 @@ struct Control {
     wakeups: PipeNotifier,
     stop: AtomicBool,
     abort: AtomicBool,
+    /// How often each federate was started again, as its launcher says.
+    restarts: Table<FederateId, AtomicU32>,
 }
 
 impl RtiHandle {
     /// Asks the federation to stop in order; before the start, the RTI refuses all federates.
     pub fn request_stop(&self) {
         self.control.stop.store(true, Ordering::Release);
+        self.control.wakeups.notify();
+    }
+
+    /// Has the RTI show that a federate is started again.
+    pub fn note_restart(&self, federate: FederateId) {
+        self.control.restarts[federate].fetch_add(1, Ordering::Relaxed);
         self.control.wakeups.notify();
     }
 
@@ -254,9 +266,11 @@ impl Rti {
                 wakeups: PipeNotifier::new().map_err(|error| failed(&options.listen, error))?,
                 stop: AtomicBool::new(false),
                 abort: AtomicBool::new(false),
+                restarts: options.program.federates.ids().map(|_| AtomicU32::new(0)).collect(),
             }),
             failure: None,
             finished: false,
+            closed: false,
             recording: RtiRecording::default(),
             log: RtiLog::open(&options.program, network)?,
             showing: RtiShowing::new(&identity, &options.program),
@@ -329,7 +343,7 @@ impl Rti {
             if self.machine.leaves_it_to_boards() {
                 self.poller.do_not_spin();
             }
-            let until = self.showing.show(&self.machine, wakeup);
+            let until = self.showing.show(&self.machine, &self.control.restarts, wakeup);
             let found = self.poller.wait(&mut self.links, &self.control.wakeups, until);
             if found.notified {
                 self.control.wakeups.clear();
@@ -480,6 +494,10 @@ impl Rti {
                 RtiOutput::Missing(missing) => self.failure = Some(Failure::Missing(missing)),
                 RtiOutput::Finished => self.finished = true,
             }
+        }
+        if !self.closed && self.machine.is_closing() {
+            self.closed = true;
+            report(RtiEvent::Closing);
         }
         // Each descriptor left with the frame of its segment; those that remain were for federates that have
         // ended.

@@ -12,6 +12,8 @@
 mod advice;
 mod driver;
 mod signal;
+mod starts;
+mod transient;
 mod verdict;
 
 use std::collections::VecDeque;
@@ -20,6 +22,8 @@ use std::time::Duration;
 use hprm_core::{FederateId, Program, Table};
 use hprm_federated::Refusal;
 
+use self::starts::Starts;
+use self::transient::Renewal;
 use crate::{Failure, Kind, Report, RtiEvent};
 pub use advice::Advice;
 pub use driver::{Driver, Outcome};
@@ -83,6 +87,8 @@ pub enum Order {
         /// The federate whose process it is.
         to: FederateId,
     },
+    /// Start a federate again, whose process has ended.
+    Start(FederateId),
     /// Show an error.
     Report(Box<Report>),
     /// Show a warning.
@@ -106,6 +112,10 @@ struct FederateState {
     left: bool,
     /// How its process ended, and when that was known.
     ending: Option<(FederateEnding, Duration)>,
+    /// When it has failed and with which exit code, if it is transient and has not come back.
+    owed: Option<(Duration, i32)>,
+    /// For a federate that is started again when it has ended.
+    renewal: Option<Renewal>,
 }
 
 impl FederateState {
@@ -138,6 +148,8 @@ pub struct Supervisor {
     start_until: Duration,
     started: bool,
     rti_ended: bool,
+    /// Whether the RTI lets nobody join any more.
+    is_closing: bool,
     /// The federate that failed first according to the RTI, the RTI's report, and when it came.
     first_failure: Option<(FederateId, Report, Duration)>,
     /// With which failure the RTI has ended, and when.
@@ -151,9 +163,6 @@ pub struct Supervisor {
     interrupted: Option<Duration>,
     /// When to send the signal to the federates that have not ended.
     reminder: Option<Duration>,
-    /// The exit code that follows from the first failure of a transient federate. It counts only if there is
-    /// no `exit_code`.
-    transient_code: Option<i32>,
     orders: VecDeque<Order>,
     /// When [`Self::tick`] was called last: what was due then is done.
     last_tick: Duration,
@@ -173,6 +182,8 @@ impl Supervisor {
             loaded: false,
             left: false,
             ending: None,
+            owed: None,
+            renewal: federate.restart.map(|restart| Renewal::new(Starts::new(restart))),
         });
         Self {
             members,
@@ -181,6 +192,7 @@ impl Supervisor {
             start_until: join_timeout,
             started: false,
             rti_ended: false,
+            is_closing: false,
             first_failure: None,
             rti_failure: None,
             phase: Phase::Running,
@@ -188,7 +200,6 @@ impl Supervisor {
             exit_code: None,
             interrupted: None,
             reminder: None,
-            transient_code: None,
             orders: VecDeque::new(),
             last_tick: Duration::ZERO,
         }
@@ -198,6 +209,11 @@ impl Supervisor {
     #[must_use]
     pub fn with_advice(self, advice: Advice) -> Self {
         Self { advice, ..self }
+    }
+
+    /// Starts no federate again that ends.
+    pub fn leave(&mut self, federate: FederateId) {
+        self.federates[federate].renewal = None;
     }
 
     /// Tells the supervisor what has happened.
@@ -233,7 +249,7 @@ impl Supervisor {
         {
             self.fail(now, verdict);
         }
-        self.report_transient_failures(now);
+        self.tend_transient_federates(now);
         if let Some(at) = self.reminder
             && now >= at
         {
@@ -274,12 +290,12 @@ impl Supervisor {
             | Phase::Killing { until } => Some(until),
         };
         let starting = (!self.started).then_some(self.start_until);
-        let endings = self.federates.values().filter_map(|federate| federate.ending.as_ref());
-        let dropped = self.federates.values().filter_map(|federate| federate.dropped.as_ref());
-        let reported = endings
-            .map(|(_, at)| *at)
-            .chain(dropped.map(|(_, at)| *at))
-            .chain(self.first_failure.as_ref().map(|(_, _, at)| *at))
+        let transient = self.federates.values().flat_map(FederateState::next_wakeup);
+        let reported = self
+            .first_failure
+            .as_ref()
+            .map(|(_, _, at)| *at)
+            .into_iter()
             .chain(self.rti_failure.as_ref().map(|(_, at)| *at));
         let graces = reported.map(|at| at + GRACE);
         phase
@@ -287,6 +303,7 @@ impl Supervisor {
             .chain(starting)
             .chain(self.reminder)
             .chain(graces)
+            .chain(transient)
             .filter(|at| *at > self.last_tick)
             .min()
     }
@@ -300,9 +317,9 @@ impl Supervisor {
             Phase::Killing { until } => gone || now >= until,
             _ if self.reported || matches!(self.phase, Phase::Terminating { .. }) => gone,
             // The RTI may still report a failure that no exit code shows.
-            _ => gone && self.is_certain_of_success(now),
+            _ => gone && !self.awaits_start() && self.is_certain_of_success(now),
         };
-        over.then(|| self.exit_code.or(self.transient_code).unwrap_or(0))
+        over.then(|| self.exit_code.or_else(|| self.transient_code()).unwrap_or(0))
     }
 
     /// Whether neither a failure nor a signal has ended the federation so far.
@@ -318,7 +335,12 @@ impl Supervisor {
     fn handle_rti_event(&mut self, now: Duration, event: RtiEvent) {
         match event {
             // The process came while the federation was ending, and the RTI has told it so.
-            RtiEvent::Refused { reason: Refusal::TooLate, .. } => {}
+            RtiEvent::Refused { reason: Refusal::TooLate, name } => {
+                let named = self.federates.iter().find(|(_, federate)| federate.name == name);
+                if let Some((id, _)) = named {
+                    self.federates[id].renewal.iter_mut().for_each(Renewal::refused);
+                }
+            }
             RtiEvent::Refused { name, reason } => {
                 let said = format!("the RTI refuses a process as federate {name}: {reason}");
                 let hint = reason.hint().map(str::to_owned);
@@ -328,7 +350,9 @@ impl Supervisor {
             RtiEvent::Joined(federate) => {
                 let federate = &mut self.federates[federate];
                 (federate.joined, federate.left) = (true, false);
+                federate.renewal.iter_mut().for_each(Renewal::joined);
             }
+            RtiEvent::Closing => self.is_closing = true,
             RtiEvent::Loaded(federate) => self.federates[federate].loaded = true,
             RtiEvent::Left(federate) => self.federates[federate].left = true,
             RtiEvent::Started(_) => self.started = true,
@@ -342,40 +366,12 @@ impl Supervisor {
                 let name = &self.federates[federate].name;
                 self.warn(Kind::Lost, on_answer(name, silence));
             }
+            RtiEvent::Dropped { federate, .. } if self.federates[federate].is_old_news() => {}
             RtiEvent::Dropped { federate, report } => {
                 self.federates[federate].dropped = Some((report, now));
             }
             RtiEvent::Failed { federate, report } => {
                 self.first_failure.get_or_insert((federate, report, now));
-            }
-        }
-    }
-
-    /// Reports transient federates that have failed, once both their process and the RTI have reported it. If
-    /// the user has started such a federate by hand, only the RTI reports its failure.
-    fn report_transient_failures(&mut self, now: Duration) {
-        let due = |at: Duration| now >= at + GRACE;
-        for id in self.federates.ids() {
-            let federate = &mut self.federates[id];
-            let failed = federate.ending.clone().filter(|(how, _)| {
-                federate.transient && *how != FederateEnding::Code(0) && !federate.is_reported
-            });
-            let complete = match (&federate.dropped, &failed) {
-                (None, None) => false,
-                (Some(_), Some(_)) => true,
-                (Some((_, at)), None) | (None, Some((_, at))) => due(*at),
-            };
-            if !complete {
-                continue;
-            }
-            federate.is_reported |= failed.is_some();
-            let rti_report = federate.dropped.take().map(|(report, _)| report);
-            let ending = failed.map(|(how, _)| how);
-            let verdict =
-                Verdict::on_federate(&federate.name, None, rti_report.as_ref(), ending.as_ref());
-            self.transient_code.get_or_insert(verdict.code);
-            if self.exit_code.is_none() {
-                self.orders.push_back(Order::Report(Box::new(verdict.report)));
             }
         }
     }

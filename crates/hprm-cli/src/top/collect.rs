@@ -47,6 +47,7 @@ impl Boards {
                 process: running.map(|running| process(running)),
                 board: running.and_then(|running| board(running)),
                 known: known.and_then(|state| state.members.get(number).cloned()),
+                restarts: known.and_then(|it| it.restarts.get(number).copied()).unwrap_or_default(),
             }
         };
         Federation {

@@ -81,6 +81,8 @@ pub(crate) struct Member {
     pub(crate) board: Option<Board>,
     /// What the RTI knows of it.
     pub(crate) known: Option<MemberView>,
+    /// How often it was started again.
+    pub(crate) restarts: u32,
 }
 
 impl Member {

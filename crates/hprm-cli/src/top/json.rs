@@ -38,7 +38,7 @@ pub(crate) fn object(before: Option<&Federation>, now: &Federation, only: Option
 }
 
 fn federate(before: Option<&Federation>, now: &Federation, number: usize) -> Value {
-    let Member { name, process, board, .. } = &now.members[number];
+    let Member { name, process, board, restarts, .. } = &now.members[number];
     let part = Part::Federate(number);
     let doing = now.doing(part);
     let chain = now.chain(part);
@@ -49,6 +49,7 @@ fn federate(before: Option<&Federation>, now: &Federation, number: usize) -> Val
         "process": process.as_ref().map(|it| it.pid),
         "host": process.as_ref().map(|it| &it.host),
         "state": doing.kind.word(),
+        "restarts": restarts,
         "does": doing.text,
         "waits_for": waits,
         "chain": titles,

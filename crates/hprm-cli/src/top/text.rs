@@ -1,5 +1,6 @@
 //! The state of a federation as lines of text.
 
+use hprm::board::FederateState;
 use hprm_core::Tag;
 
 use super::federation::{Federation, Member};
@@ -74,10 +75,10 @@ pub(crate) fn lines(
         let titles = ["connection", "messages", "messages/s", "bytes", "bytes/s", "last tag"];
         lines.extend(table(&titles, flows.into_iter().map(connection).collect()));
     }
-    let memory: Vec<_> = shown.iter().filter_map(|it| memory(now, &now.members[*it])).collect();
-    if !memory.is_empty() {
+    let notes: Vec<_> = shown.iter().filter_map(|it| notes(now, &now.members[*it])).collect();
+    if !notes.is_empty() {
         lines.push(String::new());
-        lines.extend(memory);
+        lines.extend(notes);
     }
     if now.has_foreign {
         lines.push(String::new());
@@ -123,9 +124,21 @@ pub(crate) fn connection(flow: &Flow) -> Vec<String> {
     ]
 }
 
-/// What there is to say of the memory of a federate's store, and of messages that were dropped.
-pub(crate) fn memory(federation: &Federation, member: &Member) -> Option<String> {
-    let state = &member.board.as_ref()?.state;
+/// What there is to say of how often a federate was started again, of the memory of its store, and of messages that
+/// were dropped.
+pub(crate) fn notes(federation: &Federation, member: &Member) -> Option<String> {
+    let again = match member.restarts {
+        0 => None,
+        1 => Some("was started again once".to_owned()),
+        count => Some(format!("was started again {count} times")),
+    };
+    let state = member.board.as_ref().map(|board| &board.state);
+    let of_board = state.into_iter().flat_map(|state| memory(federation, state));
+    let parts: Vec<_> = again.into_iter().chain(of_board).collect();
+    (!parts.is_empty()).then(|| format!("{}: {}", member.name, parts.join("; ")))
+}
+
+fn memory(federation: &Federation, state: &FederateState) -> Vec<String> {
     let mut parts = Vec::new();
     if state.store.in_use > 0 {
         let (used, limit) = (bytes(state.store.in_use), bytes(state.store.limit));
@@ -145,7 +158,7 @@ pub(crate) fn memory(federation: &Federation, member: &Member) -> Option<String>
     if state.dropped > 0 {
         parts.push(format!("{} messages were dropped on physical connections", state.dropped));
     }
-    (!parts.is_empty()).then(|| format!("{}: {}", member.name, parts.join("; ")))
+    parts
 }
 
 /// The first column begins at the left, and all others end at the right.

@@ -123,10 +123,15 @@ impl Arrivals {
 }
 
 impl Rti {
+    /// Whether the federation ends, so that no federate may join any more.
+    #[must_use]
+    pub fn is_closing(&self) -> bool {
+        self.failed || self.ended || self.stop != Negotiation::Idle || self.finished
+    }
+
     /// Why a transient federate may not join any more, or not now.
     pub(super) fn late_refusal(&self, federate: FederateId) -> Option<Refusal> {
-        let over = self.failed || self.ended || self.stop != Negotiation::Idle;
-        if over || self.finished {
+        if self.is_closing() {
             return Some(Refusal::TooLate);
         }
         self.arrivals.0.contains_key(&federate).then_some(Refusal::Duplicate)

@@ -10,13 +10,16 @@ use crate::executable::ATTRIBUTE;
 use crate::model::Model;
 use crate::syntax::Syntax;
 
+use super::restart;
+
 /// For diagrams only: accepted anywhere and without effect, if its arguments are strings.
 const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
 
 const SIDES: [&str; 4] = ["north", "east", "south", "west"];
 
 /// What changes how a program runs.
-const OBEYED: [&str; 5] = ["maxwait", "absent_after", "bound", "transient", ATTRIBUTE];
+const OBEYED: [&str; 6] =
+    ["maxwait", "absent_after", "bound", "transient", restart::ATTRIBUTE, ATTRIBUTE];
 
 /// Known to the language, and not there yet.
 const UNSUPPORTED: [&str; 1] = ["enclave"];
@@ -36,6 +39,7 @@ fn names_of(attribute: &str) -> &'static [&'static str] {
     match attribute {
         "bound" => &["n", "policy"],
         "layout" => &["option", "value"],
+        restart::ATTRIBUTE => &restart::ARGUMENTS,
         "transient" => &[],
         _ => &["value"],
     }
@@ -81,6 +85,9 @@ pub(super) fn check(model: &Model<'_>, report: &mut Report) {
     stated_once(&declared.decl.attributes, report);
     for instance in &declared.instances {
         stated_once(&instance.decl.attributes, report);
+        if federated {
+            restart::needs_transient(&instance.decl.attributes, report);
+        }
     }
     for connection in &declared.connections {
         stated_once(&connection.attributes, report);
@@ -126,9 +133,10 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
             );
         }
         "bound" => bounded(attribute, place, report),
-        "transient" if place != Place::Instance || !federated => {
+        "transient" | restart::ATTRIBUTE if place != Place::Instance || !federated => {
             report.add(misplaced(attribute, &name, false, report.syntax()));
         }
+        restart::ATTRIBUTE => restart::check(attribute, report),
         "transient" => flag(attribute, &name, report),
         name if UNSUPPORTED.contains(&name) => {
             let what = format!("the attribute `@{name}` is");
@@ -167,7 +175,7 @@ fn arguments_are_known(attribute: &Attribute, name: &str, report: &mut Report) -
 }
 
 /// The value of an argument, which has a name or stands in its place.
-fn value_of<'a>(attribute: &'a Attribute, argument: &str) -> Option<&'a Expression> {
+pub(super) fn value_of<'a>(attribute: &'a Attribute, argument: &str) -> Option<&'a Expression> {
     let names = names_of(&attribute.name.text.to_ascii_lowercase());
     let of = |(place, stated): (usize, &'a AttributeArgument)| {
         let name = stated.name.as_ref().map(|name| &*name.text);
@@ -227,9 +235,9 @@ fn bounded(attribute: &Attribute, place: Place, report: &mut Report) {
 }
 
 /// What is wrong with the arguments of an attribute.
-struct Wrong {
-    message: String,
-    hint: String,
+pub(super) struct Wrong {
+    pub(super) message: String,
+    pub(super) hint: String,
 }
 
 fn read_bound(attribute: &Attribute, syntax: Syntax) -> Result<Bound, Wrong> {

@@ -11,6 +11,7 @@ mod federation;
 mod hosts;
 pub(crate) mod modes;
 mod names;
+pub(crate) mod restart;
 pub(crate) mod unset;
 mod values;
 

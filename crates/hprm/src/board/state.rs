@@ -143,6 +143,8 @@ pub struct RtiState {
     pub start: Option<PhysicalTime>,
     /// What the RTI knows of each federate, by its number.
     pub members: Vec<MemberView>,
+    /// How often each federate was started again, by its number.
+    pub restarts: Vec<u32>,
 }
 
 impl RtiState {

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use hprm_core::{
     Connection, Coordination, Delay, Direction, Effect, ModeId, Nanos, Origin, Overflow, Policy,
-    PortId, Program, Properties, ReactionId, ReactorId, Spin, StoreOptions, Transition, Trigger,
-    WhenFull,
+    PortId, Program, Properties, ReactionId, ReactorId, Restart, RestartCondition, Spin,
+    StoreOptions, Transition, Trigger, WhenFull,
 };
 use serde_json::{Value, json};
 
@@ -163,6 +163,7 @@ impl<'p> Describe<'p> {
                 child["host"] = json!(federate.host);
                 child["maxwait"] = json!(limited(federate.maxwait));
                 child["transient"] = json!(federate.transient);
+                child["restart"] = json!(federate.restart.map(restart));
             }
             child
         };
@@ -279,6 +280,14 @@ fn positive(nanos: Nanos) -> Option<Nanos> {
 
 fn limited(nanos: Nanos) -> Option<Nanos> {
     Some(nanos).filter(|nanos| *nanos < Nanos::MAX)
+}
+
+fn restart(restart: Restart) -> Value {
+    let named = RestartCondition::NAMES.iter().find(|(_, it)| *it == restart.condition);
+    json!({
+        "condition": named.map(|(name, _)| *name), "sec": restart.pause, "burst": restart.burst,
+        "interval": restart.interval,
+    })
 }
 
 fn policy(policy: Policy) -> &'static str {

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use hprm_core::Nanos;
 
+use super::restart::Restart;
 use crate::nanoseconds;
 
 /// A federate that is being added to a [`Federation`](crate::Federation): its name, and what else is stated about it.
@@ -26,13 +27,14 @@ pub struct Federate {
     pub(super) maxwait: Nanos,
     pub(super) host: Option<String>,
     pub(super) transient: bool,
+    pub(super) restart: Option<Restart>,
 }
 
 impl Federate {
     /// A federate of that name.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), maxwait: Nanos::MAX, host: None, transient: false }
+        Self { name: name.into(), maxwait: Nanos::MAX, host: None, transient: false, restart: None }
     }
 
     /// Under decentralized coordination: how long it waits for its inputs beyond the time of a tag, before it takes
@@ -55,6 +57,13 @@ impl Federate {
     pub fn transient(mut self) -> Self {
         self.transient = true;
         self
+    }
+
+    /// Whoever has launched the federation starts it again when it has ended. It is transient, too.
+    #[must_use]
+    pub fn restart(mut self, restart: Restart) -> Self {
+        self.restart = Some(restart);
+        self.transient()
     }
 
     /// The same for one member of a bank.

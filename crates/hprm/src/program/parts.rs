@@ -68,10 +68,13 @@ impl Parts {
     pub(super) fn federate(&mut self, reactor: ReactorId, options: Federate) -> FederateId {
         match self {
             Self::New(builder) => {
-                let Federate { name, maxwait, host, transient } = options;
+                let Federate { name, maxwait, host, transient, restart } = options;
                 let federate = builder.federate(reactor, &name, maxwait, host);
                 if transient {
                     builder.make_transient(federate);
+                }
+                if let Some(restart) = restart {
+                    builder.restart(federate, restart.stated());
                 }
                 federate
             }

@@ -1,6 +1,8 @@
 //! What the RTI shows of itself on its board. Nothing here decides anything.
 
-use hprm_core::{PhysicalTime, Program};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use hprm_core::{FederateId, PhysicalTime, Program, Table};
 use hprm_federated::Rti;
 
 use crate::Clock;
@@ -29,6 +31,7 @@ impl RtiShowing {
     pub(super) fn show(
         &mut self,
         machine: &Rti,
+        restarts: &Table<FederateId, AtomicU32>,
         until: Option<PhysicalTime>,
     ) -> Option<PhysicalTime> {
         let Some(due) = self.board.due() else { return until };
@@ -38,7 +41,8 @@ impl RtiShowing {
         }
         let members = machine.members(now).collect();
         let (moment, phase) = (Moment::now(), machine.phase());
-        self.board.show(&RtiState { moment, phase, start: self.start, members });
+        let restarts = restarts.values().map(|count| count.load(Ordering::Relaxed)).collect();
+        self.board.show(&RtiState { moment, phase, start: self.start, members, restarts });
         until
     }
 }

@@ -10,6 +10,8 @@ pub struct Advice {
     pub silent: &'static str,
     /// A federate has ended before it joined, without a word to the RTI.
     pub unexplained: &'static str,
+    /// A transient federate has been started too often to be started again.
+    pub too_often: &'static str,
 }
 
 impl Advice {
@@ -19,6 +21,8 @@ impl Advice {
         silent: "one of its reactions takes long or hangs; to end the federation in this case, set \
                  --hang-timeout",
         unexplained: "if its own output does not say why, see what hprm doctor says",
+        too_often: "the others go on without it; `hprm federate` starts it by hand, and `@restart` (in Python, \
+                    `restart=`) states how often it may be started",
     };
 
     /// For a user of a program in Rust.
@@ -28,5 +32,6 @@ impl Advice {
                  timeout",
         unexplained: "its own output may say why; `main` has to come to the `run` of this federation, by the same \
                       name, in each process",
+        too_often: "the others go on without it; `Restart::limit` states how often it may be started",
     };
 }

@@ -4,8 +4,8 @@ use hprm_core::{Nanos, PhysicalTime, ProgramBuilder, Properties};
 
 use super::*;
 
-const A: FederateId = FederateId(0);
-const B: FederateId = FederateId(1);
+pub(super) const A: FederateId = FederateId(0);
+pub(super) const B: FederateId = FederateId(1);
 const JOIN: Duration = Duration::from_secs(30);
 
 /// With two federates, of which b may be transient.
@@ -22,12 +22,14 @@ fn program(transient: bool) -> Program {
 }
 
 /// A supervisor of two federates, and its clock.
-struct Stage {
-    supervisor: Supervisor,
-    now: Duration,
-    reports: Vec<String>,
-    sent: Vec<(i32, FederateId)>,
+pub(super) struct Stage {
+    pub(super) supervisor: Supervisor,
+    pub(super) now: Duration,
+    pub(super) reports: Vec<String>,
+    pub(super) sent: Vec<(i32, FederateId)>,
     stops: usize,
+    /// Federates that are started again, and when.
+    pub(super) started: Vec<(FederateId, u128)>,
 }
 
 impl Stage {
@@ -36,13 +38,13 @@ impl Stage {
         Self::of(&program(false))
     }
 
-    fn of(program: &Program) -> Self {
+    pub(super) fn of(program: &Program) -> Self {
         Self::with(Supervisor::new(program, Members::Processes, JOIN))
     }
 
     fn with(supervisor: Supervisor) -> Self {
-        let (reports, sent, stops) = (Vec::new(), Vec::new(), 0);
-        Self { supervisor, now: Duration::ZERO, reports, sent, stops }
+        let (reports, sent, stops, started) = (Vec::new(), Vec::new(), 0, Vec::new());
+        Self { supervisor, now: Duration::ZERO, reports, sent, stops, started }
     }
 
     /// All have joined and run.
@@ -64,16 +66,16 @@ impl Stage {
         self.rti(RtiEvent::Started(PhysicalTime(0)));
     }
 
-    fn event(&mut self, event: Observation) {
+    pub(super) fn event(&mut self, event: Observation) {
         self.supervisor.handle(self.now, event);
         self.collect();
     }
 
-    fn rti(&mut self, event: RtiEvent) {
+    pub(super) fn rti(&mut self, event: RtiEvent) {
         self.event(Observation::Rti(event));
     }
 
-    fn exits(&mut self, federate: FederateId, how: FederateEnding) {
+    pub(super) fn exits(&mut self, federate: FederateId, how: FederateEnding) {
         self.event(Observation::Ended { federate, how });
     }
 
@@ -83,7 +85,7 @@ impl Stage {
     }
 
     /// Lets time pass, as the loop does: from one wake-up to the next.
-    fn pass(&mut self, millis: u64) {
+    pub(super) fn pass(&mut self, millis: u64) {
         let until = self.now + Duration::from_millis(millis);
         while let Some(at) = self.supervisor.next_wakeup().filter(|at| *at <= until) {
             self.now = at;
@@ -98,6 +100,7 @@ impl Stage {
             match order {
                 Order::RequestStop => self.stops += 1,
                 Order::Send { signal, to } => self.sent.push((signal.0, to)),
+                Order::Start(federate) => self.started.push((federate, self.now.as_millis())),
                 Order::Report(error) | Order::Warn(error) => {
                     self.reports.push(format!("{error:?}"));
                 }
@@ -105,26 +108,26 @@ impl Stage {
         }
     }
 
-    fn outcome(&self) -> Option<i32> {
+    pub(super) fn outcome(&self) -> Option<i32> {
         self.supervisor.outcome(self.now)
     }
 
     #[track_caller]
-    fn reported_once(&self, text: &str) {
+    pub(super) fn reported_once(&self, text: &str) {
         assert_eq!(self.reports.len(), 1, "{:?}", self.reports);
         assert!(self.reports[0].contains(text), "{:?}", self.reports);
     }
 }
 
 /// What a federate says of itself: that it ends with this code if there is no message.
-fn said(message: &str, code: i32) -> Report {
+pub(super) fn said(message: &str, code: i32) -> Report {
     let kind = if message.is_empty() { Kind::Exit } else { Kind::Reaction };
     Report { code, ..Report::new(kind, message) }
 }
 
-const TERM: i32 = Signal::TERMINATE.0;
+pub(super) const TERM: i32 = Signal::TERMINATE.0;
 const INT: i32 = Signal::INTERRUPT.0;
-const KILL: i32 = Signal::KILL.0;
+pub(super) const KILL: i32 = Signal::KILL.0;
 
 #[test]
 fn all_is_well_once_all_federates_and_the_rti_have_ended() {

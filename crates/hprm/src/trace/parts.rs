@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use hprm_core::Program;
 
+use super::line::RunEnding;
 use super::merge::merge;
 use super::{Folder, Reader, TraceShare};
 use crate::{Failure, Label, Report};
@@ -28,10 +29,10 @@ impl Parts {
         Ok(Self { path: path.to_owned(), folder: Folder::of(path)? })
     }
 
-    /// What a federate writes.
+    /// What a federate writes that was started so many times before.
     #[must_use]
-    pub fn share(&self, federate: &str) -> TraceShare {
-        self.share_at(self.folder.path().join(federate))
+    pub fn share(&self, federate: &str, restarts: u32) -> TraceShare {
+        self.share_at(self.folder.path().join(name_of(federate, restarts)))
     }
 
     /// What a process writes that has several federates: the shares of all, each in a file with the name of
@@ -76,20 +77,67 @@ impl Parts {
         let mut shares = Vec::new();
         let mut missing = None;
         for federate in program.federates.values() {
-            match self.open(&federate.name) {
-                Some(share) => shares.push(share?),
+            let mut own = self.shares_of(&federate.name)?;
+            match own.pop() {
+                Some(last) => shares.extend(own.into_iter().map(left_early).chain([last])),
                 None => missing = Some(federate.name.as_str()),
             }
         }
         merge(program, shares, missing, interrupted, &self.path)
     }
 
-    /// What a federate has left: all of its share, or what it had written when it ended.
-    fn open(&self, federate: &str) -> Option<Result<Reader<BufReader<File>>, Failure>> {
-        let whole = self.folder.path().join(federate);
-        let partial = whole.with_file_name(format!("{federate}.partial"));
+    /// What a federate has left each time that it was started, unless it had written nothing.
+    fn shares_of(&self, federate: &str) -> Result<Vec<Share>, Failure> {
+        let last = self.last_start(federate);
+        let mut shares = Vec::new();
+        for restarts in 0..=last {
+            match self.open(&name_of(federate, restarts)) {
+                // One that was killed when it began may have left half of a line.
+                Some(Err(_)) if restarts < last => {}
+                share => shares.extend(share.transpose()?),
+            }
+        }
+        Ok(shares)
+    }
+
+    /// How often a federate was started again, as far as it has left something.
+    fn last_start(&self, federate: &str) -> u32 {
+        let entries = self.folder.path().read_dir().into_iter().flatten().flatten();
+        let starts = entries.filter_map(|entry| {
+            let name = entry.file_name().into_string().ok()?;
+            let number = name.strip_prefix(federate)?.strip_prefix('.')?;
+            number.trim_end_matches(PARTIAL).parse().ok()
+        });
+        starts.max().unwrap_or_default()
+    }
+
+    /// What a process has left: all of its share, or what it had written when it ended.
+    fn open(&self, name: &str) -> Option<Result<Share, Failure>> {
+        let whole = self.folder.path().join(name);
+        let partial = whole.with_file_name(format!("{name}{PARTIAL}"));
         let path = [whole, partial].into_iter().find(|path| path.exists())?;
         let empty = path.metadata().is_ok_and(|file| file.len() == 0);
         (!empty).then(|| Reader::open(&path))
     }
+}
+
+type Share = Reader<BufReader<File>>;
+
+/// How the name of a share ends that is not complete.
+const PARTIAL: &str = ".partial";
+
+/// The name of the file of a federate that was started so many times before.
+fn name_of(federate: &str, restarts: u32) -> String {
+    match restarts {
+        0 => federate.to_owned(),
+        _ => format!("{federate}.{restarts}"),
+    }
+}
+
+/// The share of a process after which the federate was started again: it ends before the others, however it ended; and
+/// at which tag the next one begins depends on clocks.
+fn left_early(mut share: Share) -> Share {
+    share.end.outcome = RunEnding::Done;
+    (share.end.early, share.end.physical, share.end.message) = (true, true, None);
+    share
 }

@@ -8,7 +8,7 @@ use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState, 
 
 use crate::top::federation::Federation;
 use crate::top::rates::flows;
-use crate::top::text::{TITLES, connection, memory, row, title, why};
+use crate::top::text::{TITLES, connection, notes, row, title, why};
 use crate::top::why::{Kind, Part};
 
 /// How many columns of characters are between two of the table.
@@ -105,7 +105,7 @@ fn details(frame: &mut Frame<'_>, view: &View, area: Rect) {
     let Some(member) = view.now.members.get(view.chosen()) else { return };
     let mut lines: Vec<_> =
         why(&view.now, Some(view.chosen())).into_iter().map(Line::from).collect();
-    lines.extend(memory(&view.now, member).map(Line::from));
+    lines.extend(notes(&view.now, member).map(Line::from));
     let flows = flows(view.before.as_ref(), &view.now);
     let own = flows.iter().filter(|flow| flow.from == member.name || flow.to == member.name);
     let mut own = own.peekable();

@@ -37,7 +37,13 @@ fn member(name: &str, blockers: Vec<Blocker>) -> Member {
     let names = Names { channels: BTreeMap::new(), ..Names::default() };
     let state = state(blockers);
     let board = Board { state, names, now: NOW, begun: None, reactions: Vec::new() };
-    Member { name: name.to_owned(), process: Some(process), board: Some(board), known: None }
+    Member {
+        name: name.to_owned(),
+        process: Some(process),
+        board: Some(board),
+        known: None,
+        restarts: 0,
+    }
 }
 
 fn federation(members: Vec<Member>) -> Federation {

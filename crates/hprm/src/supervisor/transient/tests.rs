@@ -1,0 +1,259 @@
+//! Federates that are started again, under a script: events at times, and the orders that follow.
+
+use hprm_core::{
+    Nanos, PhysicalTime, Program, ProgramBuilder, Properties, Restart, RestartCondition,
+};
+use proptest::prelude::*;
+
+use super::super::tests::{A, B, KILL, Stage, TERM, said};
+use super::super::{FederateEnding, Observation};
+use super::*;
+use crate::RtiEvent;
+
+const SIGKILL: FederateEnding = FederateEnding::Signal(Signal::KILL);
+const DONE: FederateEnding = FederateEnding::Code(0);
+
+/// With two federates, of which b is started again.
+fn program(restart: Restart) -> Program {
+    let mut b = ProgramBuilder::new("Main", Properties::default());
+    for name in ["a", "b"] {
+        let reactor = b.reactor(b.main(), name);
+        let federate = b.federate(reactor, name, Nanos::MAX, None);
+        if name == "b" {
+            b.restart(federate, restart);
+        }
+    }
+    b.build().expect("it is empty")
+}
+
+/// 200 ms after its end, three times within 10 s at most.
+fn restart(condition: RestartCondition) -> Restart {
+    Restart { pause: 200_000_000, burst: 3, ..Restart::new(condition) }
+}
+
+/// Both run.
+fn running(condition: RestartCondition) -> Stage {
+    let mut stage = Stage::of(&program(restart(condition)));
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    stage
+}
+
+fn lost() -> RtiEvent {
+    RtiEvent::Dropped { federate: B, report: Report::new(Kind::Lost, "it is lost").of("b") }
+}
+
+/// b is killed, and the RTI notices.
+fn kill(stage: &mut Stage) {
+    stage.exits(B, SIGKILL);
+    stage.rti(lost());
+}
+
+/// The federation ends in order, with b or without.
+fn end(stage: &mut Stage, of_b: Option<FederateEnding>) {
+    stage.rti(RtiEvent::Closing);
+    of_b.into_iter().for_each(|how| stage.exits(B, how));
+    stage.exits(A, DONE);
+    stage.event(Observation::RtiEnded(Ok(())));
+    stage.pass(500);
+}
+
+#[test]
+fn it_is_started_again_after_the_pause_and_that_makes_up_for_the_failure() {
+    let mut stage = running(RestartCondition::OnFailure);
+    stage.pass(1_000);
+    kill(&mut stage);
+    stage.reported_once(
+        "federate b was killed by signal 9 (SIGKILL); restart 1 follows, after 200 ms",
+    );
+    stage.pass(199);
+    assert_eq!(stage.started, []);
+    stage.pass(1);
+    assert_eq!(stage.started, [(B, 1_200)]);
+    stage.rti(RtiEvent::Joined(B));
+    end(&mut stage, Some(DONE));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(0), 1));
+}
+
+#[test]
+fn an_end_that_the_rti_does_not_tell_of_is_enough() {
+    let mut stage = running(RestartCondition::OnFailure);
+    stage.exits(B, FederateEnding::Code(3));
+    stage.pass(499);
+    assert_eq!(stage.reports.len(), 0);
+    stage.pass(1);
+    stage.reported_once("federate b exited with code 3; restart 1");
+    assert_eq!(stage.started, [(B, 500)]);
+    // The RTI tells of the first process when the second one is there, and not in the federation yet.
+    stage.rti(lost());
+    stage.pass(5_000);
+    assert_eq!((stage.started.len(), stage.reports.len(), stage.sent.len()), (1, 1, 0));
+}
+
+#[test]
+fn one_that_fails_each_time_runs_into_the_limit_and_the_others_go_on() {
+    let mut stage = running(RestartCondition::OnFailure);
+    for _ in 0..3 {
+        kill(&mut stage);
+        stage.pass(200);
+        stage.rti(RtiEvent::Joined(B));
+    }
+    assert_eq!(stage.started, [(B, 200), (B, 400)]);
+    assert_eq!(stage.reports.len(), 3);
+    assert!(stage.reports[2].contains(
+        "killed by signal 9 (SIGKILL); it is not started again: it has been started 3 times within 10 s"
+    ));
+    stage.pass(60_000);
+    assert_eq!((stage.sent.len(), stage.outcome()), (0, None));
+    end(&mut stage, None);
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 3));
+}
+
+#[test]
+fn an_end_in_order_is_one_only_for_always() {
+    for (condition, starts) in [
+        (RestartCondition::OnFailure, 0),
+        (RestartCondition::OnAbnormal, 0),
+        (RestartCondition::Always, 1),
+    ] {
+        let mut stage = running(condition);
+        stage.exits(B, DONE);
+        stage.pass(5_000);
+        assert_eq!((stage.started.len(), stage.reports.len()), (starts, starts), "{condition:?}");
+    }
+}
+
+#[test]
+fn the_end_of_the_federation_starts_nothing() {
+    let mut stage = running(RestartCondition::Always);
+    stage.exits(B, DONE);
+    stage.pass(100);
+    end(&mut stage, None);
+    assert_eq!(stage.outcome(), Some(0));
+    assert!(stage.started.is_empty() && stage.reports.is_empty());
+}
+
+#[test]
+fn an_end_within_the_pause_is_told_and_the_failure_counts() {
+    let mut stage = running(RestartCondition::OnFailure);
+    kill(&mut stage);
+    stage.pass(100);
+    end(&mut stage, None);
+    assert_eq!((stage.outcome(), stage.started.len()), (Some(1), 0));
+    assert!(stage.reports[1].contains("federate b does not come back: the federation ends"));
+}
+
+#[test]
+fn one_that_comes_too_late_is_no_further_failure() {
+    let mut stage = running(RestartCondition::OnFailure);
+    kill(&mut stage);
+    stage.pass(200);
+    let reason = hprm_federated::Refusal::TooLate;
+    stage.rti(RtiEvent::Refused { name: "b".to_owned(), reason });
+    end(&mut stage, Some(FederateEnding::Code(1)));
+    assert_eq!(stage.outcome(), Some(1));
+    assert_eq!(stage.reports.len(), 2, "{:?}", stage.reports);
+    assert!(stage.reports[1].contains("federate b does not come back: the federation ends"));
+}
+
+#[test]
+fn a_signal_within_the_pause_ends_all_at_once() {
+    let mut stage = running(RestartCondition::OnFailure);
+    kill(&mut stage);
+    stage.pass(100);
+    stage.event(Observation::Signal(Signal::INTERRUPT));
+    stage.exits(A, DONE);
+    stage.event(Observation::RtiEnded(Ok(())));
+    assert_eq!((stage.outcome(), stage.started.len(), stage.reports.len()), (Some(130), 0, 1));
+}
+
+#[test]
+fn one_that_was_replaced_is_not_started_again() {
+    let mut stage = running(RestartCondition::Always);
+    // The user starts another process as b.
+    stage.rti(RtiEvent::Joined(B));
+    stage.exits(B, DONE);
+    stage.pass(5_000);
+    assert!(stage.started.is_empty() && stage.reports.is_empty());
+    // Nor is that process, which the supervisor does not know.
+    stage.rti(lost());
+    stage.pass(5_000);
+    assert_eq!(stage.started.len(), 0);
+    stage.reported_once("it is lost");
+}
+
+#[test]
+fn one_that_does_not_answer_is_ended_and_started_again() {
+    let mut stage = running(RestartCondition::OnAbnormal);
+    stage.rti(lost());
+    stage.pass(1_999);
+    assert_eq!(stage.sent, []);
+    stage.pass(1);
+    assert_eq!(stage.sent, [(TERM, B)]);
+    stage.pass(1_000);
+    assert_eq!(stage.sent, [(TERM, B), (KILL, B)]);
+    stage.pass(5_000);
+    assert_eq!((stage.sent.len(), stage.reports.len()), (2, 0));
+    stage.exits(B, SIGKILL);
+    stage.reported_once("it is lost; restart 1 follows");
+    stage.pass(200);
+    assert_eq!(stage.started, [(B, 8_200)]);
+}
+
+#[test]
+fn it_is_started_again_before_the_federation_starts_too() {
+    let mut stage = Stage::of(&program(restart(RestartCondition::OnFailure)));
+    stage.exits(B, FederateEnding::Code(1));
+    stage.pass(500);
+    stage.rti(RtiEvent::Joined(A));
+    assert_eq!(stage.started, [(B, 500)]);
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    assert_eq!(stage.outcome(), None);
+}
+
+#[test]
+fn its_own_words_stand_in_the_line_and_below() {
+    let mut stage = running(RestartCondition::OnFailure);
+    let report = Report { details: Some("a traceback".to_owned()), ..said("raised ValueError", 1) };
+    stage.rti(RtiEvent::Dropped { federate: B, report: report.of("b") });
+    stage.exits(B, FederateEnding::Code(1));
+    stage.reported_once("federate b: raised ValueError; restart 1 follows, after 200 ms");
+    stage.reported_once("a traceback");
+}
+
+proptest! {
+    /// Whatever happens to b, and when: it is started only while it does not run, and no sooner than its pause allows;
+    /// and when the rest has ended, all is over.
+    #[test]
+    fn no_federate_runs_twice(steps in prop::collection::vec((0..7_u8, 0..700_u64), 1..60)) {
+        let mut stage = running(RestartCondition::Always);
+        let (mut ended, mut known) = (None, 0);
+        for (step, wait) in steps {
+            match step {
+                0 => stage.rti(lost()),
+                1 => stage.rti(RtiEvent::Joined(B)),
+                2 | 3 | 4 if ended.is_none() => {
+                    let how = [SIGKILL, DONE, FederateEnding::Code(1)][usize::from(step) - 2].clone();
+                    stage.exits(B, how);
+                    ended = Some(stage.now);
+                }
+                _ => {}
+            }
+            let until = stage.now + Duration::from_millis(wait);
+            while stage.now < until {
+                stage.pass(1);
+                if stage.started.len() > known {
+                    known += 1;
+                    prop_assert_eq!(stage.started.len(), known);
+                    let since = ended.take().map(|at: Duration| stage.now.saturating_sub(at));
+                    prop_assert!(since.is_some_and(|it| it >= Duration::from_millis(200)), "{:?}", since);
+                }
+            }
+        }
+        end(&mut stage, ended.is_none().then_some(DONE));
+        stage.pass(60_000);
+        prop_assert!(stage.outcome().is_some());
+        prop_assert_eq!(stage.started.len(), known);
+    }
+}

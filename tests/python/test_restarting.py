@@ -1,0 +1,283 @@
+"""Transient federates that fail are started again, as the program states (`@restart`)."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from processes import COORDINATIONS, Bench, Outcome, finish, hear
+
+SOURCE = """
+reactor Up {
+  output out
+  timer t(0, 20 ms)
+  state count = 0
+  reaction(t) -> out {=
+    out.set(self.count)
+    self.count += 1
+  =}
+}
+reactor Down {
+  input inp
+  state seen = {= [] =}
+  timer t(0, 20 ms)
+  state ticks = 0
+  reaction(t) {= self.ticks += 1 =}
+  reaction(inp) {= self.seen.append(inp.value) =}
+  reaction(shutdown) {=
+    print("ticks", self.ticks)
+    print("seen", self.seen)
+  =}
+}
+"""
+
+
+def program(coordination: str, restart: str, body: str, timeout: str = "4 s") -> str:
+    """A federation whose middle federate is started again."""
+    return f"""
+target Python {{ coordination: {coordination}, timeout: {timeout} }}
+preamble {{=
+import os
+def note(name):
+    with open(name + ".draft", "w") as file:
+        file.write(str(os.getpid()) + chr(10))
+    os.rename(name + ".draft", name + ".pid")
+=}}
+{SOURCE}
+reactor Mid {{
+  input inp
+  output out
+  {body}
+}}
+federated reactor {{
+  up = new Up()
+  @maxwait(50 ms)
+  down = new Down()
+  @transient @maxwait(50 ms) {restart}
+  mid = new Mid()
+  up.out -> mid.inp
+  mid.out -> down.inp
+}}
+"""
+
+
+#: Notes its process, forwards what comes, and stops all when the test says so.
+FORWARD = """
+  reaction(startup) {= note("mid" + str(len([it for it in os.listdir() if it.endswith(".pid")]))) =}
+  reaction(inp) -> out {=
+    out.set(inp.value)
+    if os.path.exists("stop"): lf.request_stop()
+  =}
+"""
+
+
+def ticks(trace: Path, reaction: str) -> list[int]:
+    """The times of a reaction in a logical trace, in steps of 20 ms."""
+    lines = [json.loads(line) for line in trace.read_text().splitlines()]
+    assert all(line["tag"][1] == 0 for line in lines if line.get("reaction") == reaction)
+    times = [line["tag"][0] for line in lines if line.get("reaction") == reaction]
+    assert all(time % 20_000_000 == 0 for time in times)
+    return [time // 20_000_000 for time in times]
+
+
+def seen(outcome: Outcome) -> list[int]:
+    """What `down` has received."""
+    line = next(line for line in outcome.out.splitlines() if line.startswith("[down] seen"))
+    return [int(number) for number in re.findall(r"\d+", line)]
+
+
+def restarts(outcome: Outcome) -> list[str]:
+    """The lines that tell of restarts."""
+    return [line for line in outcome.err.splitlines() if "; restart " in line]
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_is_killed_comes_back(bench: Bench, coordination: str) -> None:
+    text = program(coordination, '@restart("on-failure")', FORWARD, "60 s")
+    process = bench.start(text, "--logical-trace", "trace")
+    os.kill(bench.pid("mid0"), signal.SIGKILL)
+    bench.pid("mid1")
+    federation = str(process.pid)
+    top = finish(bench.call("top", federation, "--json", "--once"))
+    shown = {it["name"]: it["restarts"] for it in json.loads(top.out)["federates"]}
+    assert shown == {"up": 0, "down": 0, "mid": 1}
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert outcome.code == 0, outcome.err
+    assert len(restarts(outcome)) == 1, outcome.err
+    killed = (
+        "warning: federate mid was killed by signal 9 (SIGKILL); restart 1 follows, after 100 ms"
+    )
+    assert restarts(outcome)[0].startswith(killed)
+    assert outcome.errors == []
+    numbers = seen(outcome)
+    assert numbers == sorted(set(numbers))
+    # The others went on meanwhile, at each tag, and one trace tells of both processes.
+    trace = bench.folder / "trace"
+    for name in ("Main.up.1", "Main.down.1"):
+        assert ticks(trace, name) == list(range(ticks(trace, name)[-1] + 1)), name
+    assert len(ticks(trace, "Main.mid.2")) >= 1
+    assert trace.read_text().splitlines()[-1].count('"outcome":"done"') == 1
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_is_killed_while_it_starts_comes_back(bench: Bench, coordination: str) -> None:
+    body = """
+    preamble {=
+      if not os.path.exists("once"):
+          open("once", "w").close()
+          os.kill(os.getpid(), 9)
+    =}
+    reaction(inp) -> out {=
+      out.set(inp.value)
+      lf.request_stop()
+    =}
+    """
+    outcome = bench.run(program(coordination, '@restart("on-abnormal")', body, "60 s"))
+    assert (outcome.code, len(restarts(outcome))) == (0, 1), outcome.err
+    assert len(seen(outcome)) >= 1
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_is_killed_while_all_stop_does_not(bench: Bench, coordination: str) -> None:
+    body = "reaction(shutdown) {= os.kill(os.getpid(), 9) =}"
+    outcome = bench.run(program(coordination, '@restart("always", sec=0)', body, "100 ms"))
+    assert outcome.code == 1
+    told = [line for line in outcome.err.splitlines() if "mid" in line]
+    assert "federate mid was killed by signal 9 (SIGKILL)" in told[0], outcome.err
+    # The end of the federation may be known after the end of the process.
+    assert len(restarts(outcome)) <= 1
+    assert "ticks 6" in outcome.out
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_fails_each_time_runs_into_the_limit(bench: Bench, coordination: str) -> None:
+    body = "reaction(startup) {= raise ValueError('no') =}"
+    restart = '@restart("on-failure", sec=10 ms, burst=3, interval=1 h)'
+    text = program(coordination, restart, body, "60 s")
+    process = bench.start(text)
+    heard = hear(process.stderr, "it is not started again")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    heard += outcome.err
+    assert outcome.code == 130
+    assert heard.count("ValueError: no; restart ") == 2, heard
+    assert heard.count("error: federate mid: ") == 1, heard
+    assert (
+        "ValueError: no; it is not started again: it has been started 3 times within 1 h" in heard
+    )
+    assert "hint: the others go on without it" in heard
+    assert "ticks" in outcome.out
+
+
+def test_a_limit_is_the_exit_code_when_all_is_over(bench: Bench) -> None:
+    body = "reaction(startup) {= os._exit(7) =}"
+    restart = '@restart("on-failure", sec=0, burst=1)'
+    outcome = bench.run(program("centralized", restart, body, "2 s"))
+    assert outcome.code == 7
+    outcome.assert_one_error("federate mid exited with code 7; it is not started again")
+    assert "ticks 101" in outcome.out
+
+
+def test_a_condition_that_does_not_hold_starts_nothing(bench: Bench) -> None:
+    for end in ("os._exit(7)", "lf.stop()"):
+        body = f"reaction(startup) {{= {end} =}}"
+        outcome = bench.run(program("centralized", '@restart("on-abnormal")', body, "1500 ms"))
+        assert outcome.code == (7 if "exit" in end else 0)
+        assert restarts(outcome) == []
+
+
+def test_one_that_leaves_comes_back_with_always(bench: Bench) -> None:
+    body = """
+    reaction(inp) -> out {=
+      out.set(inp.value)
+      if os.path.exists("once"): lf.request_stop()
+      else: open("once", "w").close()
+      lf.stop()
+    =}
+    """
+    outcome = bench.run(program("centralized", '@restart("always")', body, "60 s"))
+    assert outcome.code == 0
+    assert [line.split("; ")[0] for line in restarts(outcome)] == [
+        "warning: federate mid has ended with code 0"
+    ]
+    assert len(seen(outcome)) == 2
+
+
+def test_ctrl_c_within_the_pause_ends_all_at_once(bench: Bench) -> None:
+    body = "reaction(startup) {= os._exit(7) =}"
+    process = bench.start(program("centralized", '@restart("on-failure", sec=1 h)', body, "60 s"))
+    hear(process.stderr, "restart 1 follows, after 1 h")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    assert (outcome.code, outcome.err) == (130, "\n")
+    assert "ticks" in outcome.out
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_does_not_answer_is_ended_and_comes_back(bench: Bench, coordination: str) -> None:
+    body = """
+    preamble {= import time =}
+    reaction(inp) -> out {=
+      if not os.path.exists("once"):
+          open("once", "w").close()
+          self.time.sleep(3600)
+      out.set(inp.value)
+      lf.request_stop()
+    =}
+    """
+    text = program(coordination, '@restart("on-abnormal")', body, "60 s")
+    process = bench.start(text, "--hang-timeout", "1")
+    outcome = finish(process)
+    assert outcome.code == 0, outcome.err
+    assert len(restarts(outcome)) == 1, outcome.err
+    assert "does not answer" in restarts(outcome)[0] or "not answered" in restarts(outcome)[0]
+
+
+def test_a_federation_in_plain_python_states_it(bench: Bench) -> None:
+    (bench.folder / "app.py").write_text("""
+import os
+import hprm
+
+class Tick(hprm.Reactor):
+    out = hprm.Output()
+    timer = hprm.Timer("20 ms")
+
+    @hprm.reaction(timer, effects=[out])
+    def tick(self):
+        self.out.set(1)
+
+class Worker(hprm.Reactor):
+    inp = hprm.Input()
+
+    @hprm.reaction(inp)
+    def work(self):
+        if not os.path.exists("once"):
+            open("once", "w").close()
+            os._exit(3)
+        self.request_stop()
+
+class App(hprm.Federation, timeout="60 s"):
+    def __init__(self):
+        self.tick = Tick()
+        restart = hprm.Restart("on-failure", sec="10 ms", burst=2)
+        self.worker = hprm.federate(Worker(), transient=True, restart=restart)
+        hprm.connect(self.tick.out, self.worker.inp)
+
+if __name__ == "__main__":
+    hprm.run(App())
+""")
+    outcome = finish(bench.call("run", "app.py"))
+    assert outcome.code == 0, outcome.err
+    assert [line.split("; ")[0] for line in restarts(outcome)] == [
+        "warning: federate worker exited with code 3"
+    ]
+    wrong = (bench.folder / "app.py").read_text().replace("transient=True, ", "")
+    (bench.folder / "app.py").write_text(wrong)
+    outcome = finish(bench.call("check", "app.py"))
+    assert outcome.code == 1
+    assert "`restart=` belongs to a transient federate, and this one is not" in outcome.err
