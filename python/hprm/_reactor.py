@@ -281,7 +281,7 @@ def federate(
         The reactor.
     host : str, optional
         The host on which it is to run, as ``name``, ``user@name:port``, or an address. ``hprm run``
-        starts all federates on this machine, and warns of another host.
+        starts it there, through agents; without them, another host than this one is an error.
     maxwait : Time, optional
         How long the beginning of a tag waits for messages of earlier ones, under decentralized
         coordination; as long as it takes, if it is left out.

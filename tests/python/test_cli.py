@@ -227,18 +227,29 @@ def test_federates_speak_behind_their_names(hprm: Hprm, tmp_path: Path, coordina
     assert answer.stderr.splitlines() == ["[sink] noted"] * 6
 
 
-@pytest.mark.parametrize("options", [[], ["--in-process"]])
-def test_a_host_elsewhere_is_not_passed_over(
-    hprm: Hprm, tmp_path: Path, options: list[str]
-) -> None:
+def test_a_host_elsewhere_is_not_passed_over(hprm: Hprm, tmp_path: Path) -> None:
     program = FEDERATION.replace("sink = new Sink()", "sink = new Sink() at 192.0.2.1:15045;")
     program = program.replace("source = new Source()", "source = new Source() at localhost;")
     (tmp_path / "Fed.lf").write_text(program)
-    answer = hprm("run", *options, "Fed.lf")
-    assert answer.returncode == 0
-    assert answer.stderr.count("warning[LF0804]") == 1
-    assert "federate `sink` is to run at `192.0.2.1:15045`" in answer.stderr
+    answer = hprm("run", "Fed.lf")
+    assert (answer.returncode, answer.stdout) == (1, "")
+    assert answer.stderr.count("error[LF0804]") == 1
+    said = "federate `sink` is to run at `192.0.2.1:15045`, which is not this machine"
+    assert said in answer.stderr
     assert hprm("check", "Fed.lf").stderr == ""
+    # Where it is to run instead is said in words.
+    for options in (["--at", "sink=localhost"], ["--in-process"]):
+        answer = hprm("run", *options, "Fed.lf")
+        assert (answer.returncode, answer.stderr.count("LF0804")) == (0, 0), answer.stderr
+        assert "[sink] 6" in answer.stdout
+
+
+def test_an_rti_elsewhere_is_started_here_with_a_warning(hprm: Hprm, tmp_path: Path) -> None:
+    program = FEDERATION.replace("federated reactor", "federated reactor at rti.example")
+    (tmp_path / "Fed.lf").write_text(program)
+    answer = hprm("run", "Fed.lf")
+    assert (answer.returncode, answer.stderr.count("warning[LF0805]")) == (0, 1), answer.stderr
+    assert "the RTI is to run at `rti.example`" in answer.stderr
 
 
 def test_a_property_of_the_command_line_outdoes_that_of_the_file(hprm: Hprm) -> None:

@@ -1,44 +1,60 @@
 //! Which of a federation's hosts (`at`) are this machine, for a launcher that starts all federates
 //! here.
 //!
+//! A federate that is to run elsewhere is not started here instead, because it may need what only that machine has. The
+//! RTI is at home where the launcher is, so that is only told: programs of Lingua Franca name hosts for it that exist
+//! in a network of containers alone.
+//!
 //! Nothing is looked up: a name server may take seconds, and a launch must not.
 
 use std::net::{IpAddr, UdpSocket};
 
 use hprm_model::{Compiled, Diagnostic, PlacedAt, Severity};
 
-/// Warnings about parts of a federation that are to run elsewhere.
-pub(crate) fn elsewhere(compiled: &Compiled) -> Vec<Diagnostic> {
-    let elsewhere = compiled.hosts.iter().filter(|placed| !is_this_machine(&placed.host));
-    elsewhere.map(warning).collect()
+/// Errors about federates that are to run elsewhere. `is_asked_for` says of which the user has said where to run them.
+pub(crate) fn federates(
+    compiled: &Compiled,
+    is_asked_for: impl Fn(&str) -> bool,
+) -> Vec<Diagnostic> {
+    let stated = |placed: &PlacedAt| {
+        let name = placed.federate.as_ref().filter(|name| !is_asked_for(name))?;
+        let PlacedAt { host, span, .. } = placed;
+        Some(Diagnostic {
+            code: "LF0804",
+            severity: Severity::Error,
+            message: format!("federate `{name}` is to run at `{host}`, which is not this machine"),
+            span: *span,
+            labels: Vec::new(),
+            hint: Some(format!(
+                "with agents, --fleet-key FILE starts it there (docs/howto/agents.md); by hand, `hprm rti` and \
+                 `hprm federate` do (docs/howto/deployment.md); --at {name}=localhost starts it here"
+            )),
+        })
+    };
+    elsewhere(compiled).filter_map(stated).collect()
+}
+
+/// A warning about an RTI that is to run elsewhere.
+pub(crate) fn rti(compiled: &Compiled) -> Vec<Diagnostic> {
+    let stated = elsewhere(compiled).filter(|placed| placed.federate.is_none());
+    let warning = |PlacedAt { host, span, .. }: &PlacedAt| Diagnostic {
+        code: "LF0805",
+        severity: Severity::Warning,
+        message: format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),
+        span: *span,
+        labels: Vec::new(),
+        hint: Some("`hprm rti` starts it alone (docs/howto/deployment.md)".to_owned()),
+    };
+    stated.map(warning).collect()
+}
+
+fn elsewhere(compiled: &Compiled) -> impl Iterator<Item = &PlacedAt> {
+    compiled.hosts.iter().filter(|placed| !is_this_machine(&placed.host))
 }
 
 /// Whether `host`, as programs write it, means this machine.
 pub(crate) fn is_this_machine(host: &str) -> bool {
     is_here(host, &rustix::system::uname().nodename().to_string_lossy())
-}
-
-fn warning(placed: &PlacedAt) -> Diagnostic {
-    let PlacedAt { federate, host, span } = placed;
-    let (message, hint) = match federate {
-        Some(name) => (
-            format!("federate `{name}` is to run at `{host}`, and `hprm run` starts it here"),
-            "with agents, --fleet-key FILE starts it there (docs/howto/agents.md); by hand, `hprm rti` and \
-             `hprm federate` do (docs/howto/deployment.md)",
-        ),
-        None => (
-            format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),
-            "`hprm rti` starts it alone (docs/howto/deployment.md)",
-        ),
-    };
-    Diagnostic {
-        code: "LF0804",
-        severity: Severity::Warning,
-        message,
-        span: *span,
-        labels: Vec::new(),
-        hint: Some(hint.to_owned()),
-    }
 }
 
 /// Whether `host` (`user@host:port`) means the machine that calls itself `own`.

@@ -52,8 +52,16 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     }
     frames::begin(&arguments.frames, Some(&compiled.program))?;
     let places = remote::places(&compiled.program, &arguments.at)?;
-    if arguments.at.fleet_key.is_none() {
-        check::show(&hosts::elsewhere(&compiled), &compiled.sources);
+    check::show(&hosts::rti(&compiled), &compiled.sources);
+    // That option says where all of them run.
+    if arguments.at.fleet_key.is_none() && !arguments.in_process {
+        let is_asked_for =
+            |name: &str| arguments.at.at.iter().any(|(federate, _)| federate == name);
+        let elsewhere = hosts::federates(&compiled, is_asked_for);
+        if !elsewhere.is_empty() {
+            check::show(&elsewhere, &compiled.sources);
+            return Ok(ExitCode::FAILURE);
+        }
     }
     if arguments.in_process {
         executable::refuse_threads(&compiled)?;

@@ -31,8 +31,8 @@ pub(crate) struct Agent {
 /// Which federates run on other machines.
 #[derive(Args, Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct At {
-    /// Run a federate, or all members of a bank, on a machine that `hprm machines` lists, instead of where the program
-    /// says. May be repeated. The program's files travel there.
+    /// Run a federate, or all members of a bank, on a machine that `hprm machines` lists, or on this one (localhost),
+    /// instead of where the program says. May be repeated. The program's files travel there.
     #[arg(long, value_name = "FEDERATE=MACHINE", conflicts_with_all = ["in_process", "debug"], value_parser = at)]
     pub(crate) at: Vec<(String, String)>,
     /// The file with a fleet key that the agents of those machines know. With it, federates also run where the program

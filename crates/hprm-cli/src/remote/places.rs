@@ -47,7 +47,7 @@ impl Places {
 pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, Error> {
     let stated = stated(program, &wanted.at)?;
     let Some(key) = &wanted.fleet_key else {
-        return match wanted.at.first() {
+        return match wanted.at.iter().find(|(_, machine)| !is_this_machine(machine)) {
             Some((federate, machine)) => Err(no_key(federate, machine)),
             None => Ok(None),
         };
@@ -58,7 +58,7 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
             machines.entry(id).or_insert_with(|| without_user(host).to_owned());
         }
     }
-    if machines.is_empty() {
+    if machines.values().all(|machine| is_this_machine(machine)) {
         return Ok(None);
     }
     let known = agent::machines().map_err(|error| {
@@ -66,7 +66,7 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     })?;
     let here = known.iter().find(|machine| machine.is_here).map(|here| here.name.clone());
     let here = here.ok_or_else(|| Error::new("the agent of this machine does not name it"))?;
-    machines.retain(|_, machine| *machine != here);
+    machines.retain(|_, machine| *machine != here && !is_this_machine(machine));
     for (federate, machine) in &machines {
         check(&program.federates[*federate].name, machine, &known)?;
     }
