@@ -244,7 +244,13 @@ impl Supervisor {
 
     /// The exit code that follows from the first failure of a transient federate that has not come back.
     pub(super) fn transient_code(&self) -> Option<i32> {
-        let owed = self.federates.values().filter_map(|federate| federate.owed);
+        let is_made_up = |federate: &FederateState| {
+            let came_back = federate.renewal.as_ref().is_some_and(|it| it.starts.count() > 0);
+            let ended = federate.ending.as_ref().map(|(how, _)| how);
+            came_back && ended == Some(&FederateEnding::Code(0))
+        };
+        let failed = self.federates.values().filter(|federate| !is_made_up(federate));
+        let owed = failed.filter_map(|federate| federate.owed);
         owed.min_by_key(|(at, _)| *at).map(|(_, code)| code)
     }
 }

@@ -72,7 +72,10 @@ fn it_is_started_again_after_the_pause_and_that_makes_up_for_the_failure() {
     stage.pass(1);
     assert_eq!(stage.started, [(B, 1_200)]);
     stage.rti(RtiEvent::Joined(B));
-    end(&mut stage, Some(DONE));
+    stage.rti(RtiEvent::Closing);
+    stage.exits(B, DONE);
+    stage.exits(A, DONE);
+    stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!((stage.outcome(), stage.reports.len()), (Some(0), 1));
 }
 
