@@ -100,7 +100,13 @@ def test_all_codes_are_listed_by_their_subjects() -> None:
 def test_the_beginning_of_codes_stands_for_all_of_them() -> None:
     lines = hprm("explain", "lf08").stdout.splitlines()
     assert lines[0] == "LF08: federations"
-    assert [line.split()[0] for line in lines[1:]] == ["LF0801", "LF0802", "LF0803", "LF0804", "LF0805"]
+    assert [line.split()[0] for line in lines[1:]] == [
+        "LF0801",
+        "LF0802",
+        "LF0803",
+        "LF0804",
+        "LF0805",
+    ]
     codes = [it["code"] for it in explained("LF08", "LF0503")]
     assert codes == ["LF0801", "LF0802", "LF0803", "LF0804", "LF0805", "LF0503"]
     assert hprm("explain", "LF08", "LF0503").stdout.count("LF0804") == 1
