@@ -236,7 +236,7 @@ proptest! {
             match step {
                 0 => stage.rti(lost()),
                 1 => stage.rti(RtiEvent::Joined(B)),
-                2 | 3 | 4 if ended.is_none() => {
+                2..=4 if ended.is_none() => {
                     let how = [SIGKILL, DONE, FederateEnding::Code(1)][usize::from(step) - 2].clone();
                     stage.exits(B, how);
                     ended = Some(stage.now);
