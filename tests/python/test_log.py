@@ -36,7 +36,11 @@ def logged(bench: Bench, level: str, coordination: str, *options: str) -> str:
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_a_log_shows_how_federates_are_coordinated(bench: Bench, coordination: str) -> None:
+def test_a_log_shows_how_federates_are_coordinated(
+    bench: Bench, coordination: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Federates that read boards need no grants.
+    monkeypatch.setenv("HPRM_BOARDS", "off")
     log = logged(bench, "hprm_federated=debug", coordination)
     line = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z DEBUG hprm_federated::"
     assert re.search(rf"^\[planner\] {line}federate: from the RTI: Start ", log, re.M), log

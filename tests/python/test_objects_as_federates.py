@@ -123,7 +123,9 @@ def test_what_is_stated_of_a_federate_reaches_the_runtime(bench: Bench) -> None:
         PROGRAM.replace("= Planner()", '= hprm.federate(Planner(), host="robot.example")')
     )
     outcome = finish(bench.call("run", "app.py"))
-    assert outcome.code == 0
+    # It runs elsewhere, and without a key no agent starts it there.
+    assert outcome.code == 1
+    assert "LF0804" in outcome.err
     assert "robot.example" in outcome.err and "app.py:" in outcome.err
 
 

@@ -44,7 +44,7 @@ def words(path: Path, constant: str) -> list[str]:
     """The texts of a constant that is a list of texts."""
     found = re.search(rf"const {constant}: \[&str; \d+\] =\s*\[(.*?)\];", path.read_text(), re.S)
     assert found, f"{path} has no list {constant}"
-    text = found[1].replace("ATTRIBUTE", '"executable"')
+    text = found[1].replace("restart::ATTRIBUTE", '"restart"').replace("ATTRIBUTE", '"executable"')
     return re.findall(r'"([^"]+)"', text)
 
 

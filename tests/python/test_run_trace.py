@@ -65,17 +65,24 @@ def logical(path: Path) -> list[tuple[tuple[int, int], str]]:
 
 
 @pytest.mark.parametrize(
-    ("coordination", "options"),
+    ("coordination", "boards", "options"),
     [
-        ("centralized", []),
-        ("decentralized", []),
-        ("centralized", ["--in-process"]),
-        ("centralized", ["--workers", "2"]),
+        ("centralized", "on", []),
+        ("centralized", "off", []),
+        ("decentralized", "on", []),
+        ("centralized", "on", ["--in-process"]),
+        ("centralized", "off", ["--workers", "2"]),
     ],
 )
 def test_a_trace_has_what_a_federation_did(
-    bench: Bench, coordination: str, options: list[str]
+    bench: Bench,
+    coordination: str,
+    boards: str,
+    options: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv("HPRM_BOARDS", boards)
+    by_rti = coordination == "centralized" and (boards == "off" or "--in-process" in options)
     text = FEDERATION.format(coordination=coordination)
     options = ["--trace", "run.pftrace", "--logical-trace", "logical", *options]
     outcome = bench.run(text, *options)
@@ -101,10 +108,10 @@ def test_a_trace_has_what_a_federation_did(
     scheduled = [it for it in slices if it.name == "schedule Main.sink.again"]
     assert len(scheduled) == sum(it.name == "Main.sink.1" for it in ran)
     grants = [(a, b) for a, b in arrows(slices) if b.name in ("TAG from RTI", "safe from RTI")]
-    # Decentralized federates that have nothing to wait for may get none.
-    assert grants or coordination == "decentralized"
+    # Federates that do not ask the RTI before each tag may get none.
+    assert grants or not by_rti
     assert {(a.process, b.process) for a, b in grants} <= {("RTI", "source"), ("RTI", "sink")}
-    if coordination == "centralized":
+    if by_rti:
         through = {flow for it in slices if it.name.startswith("forward ") for flow in it.flows}
         assert {flow for a, _ in pairs for flow in a.flows} <= through
     sent = [it for it in slices if it.name.startswith("send ")]

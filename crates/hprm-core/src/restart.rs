@@ -1,6 +1,6 @@
 //! When a transient federate that has ended is started again: what a program states, in the words of systemd.
 //!
-//! A scheduler has nothing to do with it. Whoever has started the federate obeys it.
+//! A scheduler has nothing to do with it. The launcher of the federate obeys it.
 
 use serde::{Deserialize, Serialize};
 

@@ -96,7 +96,7 @@ pub enum RtiEvent {
         /// After how long.
         silence: Nanos,
     },
-    /// The federation ends: nobody may join any more.
+    /// The federation ends: no federate may join any more.
     Closing,
     /// A transient federate has failed. The other federates continue.
     Dropped {
@@ -136,7 +136,7 @@ pub struct Rti {
     control: Arc<Control>,
     failure: Option<Failure>,
     finished: bool,
-    /// Whether it has reported that nobody may join any more.
+    /// Whether it has reported that no federate may join any more.
     closed: bool,
     recording: RtiRecording,
     /// The log of all frames, if there is one.

@@ -148,7 +148,7 @@ pub struct Supervisor {
     start_until: Duration,
     started: bool,
     rti_ended: bool,
-    /// Whether the RTI lets nobody join any more.
+    /// Whether the RTI lets no federate join any more.
     is_closing: bool,
     /// The federate that failed first according to the RTI, the RTI's report, and when it came.
     first_failure: Option<(FederateId, Report, Duration)>,

@@ -335,9 +335,9 @@ fn an_rti_that_is_stopped_before_the_start_ends_all_federates() {
         let rti = bind(&program, listen.parse().unwrap(), &Security::default());
         let (address, handle) = (rti.address().clone(), rti.handle());
         let rti = thread::spawn(move || {
-            rti.run(|event| {
-                assert_eq!(event, RtiEvent::Joined(FederateId(0)));
-                handle.request_stop();
+            rti.run(|event| match event {
+                RtiEvent::Joined(FederateId(0)) => handle.request_stop(),
+                event => assert_eq!(event, RtiEvent::Closing),
             })
         });
         let failure = join(&options(&program, FederateId(0), &address, &Security::default()));

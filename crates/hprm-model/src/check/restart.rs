@@ -1,7 +1,7 @@
 //! The attribute that has a federate started again: what it may say, and what that means.
 //!
 //! Its words are systemd's: a condition (`Restart=`), `sec` (`RestartSec=`), `burst` (`StartLimitBurst=`) and
-//! `interval` (`StartLimitIntervalSec=`). Who obeys it is the launcher.
+//! `interval` (`StartLimitIntervalSec=`). The launcher obeys it.
 
 use hprm_core::{Nanos, Restart, RestartCondition};
 

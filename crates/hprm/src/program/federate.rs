@@ -59,7 +59,7 @@ impl Federate {
         self
     }
 
-    /// Whoever has launched the federation starts it again when it has ended. It is transient, too.
+    /// The launcher of the federation starts it again when it has ended. It is transient, too.
     #[must_use]
     pub fn restart(mut self, restart: Restart) -> Self {
         self.restart = Some(restart);
