@@ -9,7 +9,7 @@ from .experiment import Claim, Experiment, Section, Table
 from .record import Record
 from .texts import OURS
 
-_STYLE = """
+STYLE = """
 body { font-family: Helvetica, Arial, sans-serif; margin: 2em auto; max-width: 66em; color: #222;
   padding: 0 1em; line-height: 1.4 }
 table { border-collapse: collapse; margin: 0.5em 0 1.5em; font-size: 85% }
@@ -45,7 +45,7 @@ def html(
     parts = [
         "<!DOCTYPE html>",
         '<html lang="en"><head><meta charset="utf-8"><title>The evaluation of HPRM</title>',
-        f"<style>{_STYLE}</style></head><body>",
+        f"<style>{STYLE}</style></head><body>",
         "<h1>The evaluation of HPRM</h1>",
         f"<p>{escape(_INTRODUCTION)}</p>",
         *([f'<p class="quick">{escape(_QUICK)}</p>'] if quick else []),
@@ -75,7 +75,7 @@ def _machines(records: Mapping[str, Record]) -> list[str]:
 def _claims(claims: Sequence[Claim]) -> str:
     rows = [[claim.what, claim.paper, claim.here] for claim in claims]
     title = "What the paper says in numbers, and what was measured here"
-    return _table(Table(title, ["", "paper", "here"], rows))
+    return table_of(Table(title, ["", "paper", "here"], rows))
 
 
 def _section(experiment: Experiment, record: Record, section: Section) -> str:
@@ -84,11 +84,11 @@ def _section(experiment: Experiment, record: Record, section: Section) -> str:
     parts = [
         f'<h2 id="{experiment.name}">{escape(experiment.title)}</h2>',
         "<h3>In the paper</h3>",
-        _table(section.paper),
+        table_of(section.paper),
         "<h3>Here</h3>",
         f"<p><code>{escape(record.command)}</code> {escape(about)}</p>",
         *(f"<figure>\n{svg}</figure>" for svg in section.pictures),
-        *(_table(table) for table in section.tables),
+        *(table_of(table) for table in section.tables),
         "<h3>What differs, and why</h3>",
         _list(section.differences),
     ]
@@ -111,7 +111,8 @@ def _list(texts: Iterable[str]) -> str:
     return f"<ul>\n{items}\n</ul>"
 
 
-def _table(table: Table) -> str:
+def table_of(table: Table) -> str:
+    """A table in HTML, below its title."""
     lines = [f'<p class="title">{escape(table.title)}</p>', "<table>"]
     lines.append("<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in table.columns) + "</tr>")
     for row in table.rows:
