@@ -226,7 +226,7 @@ try:
     Node("two").create_subscription(String, "news", print, 1, content_filter_options="data = 'x'")
 except NotImplementedError as error:
     print(error)
-for name in ("service_introspection", "experimental", "nothing"):
+for name in ("type_description_service", "experimental", "nothing"):
     try:
         __import__(f"rclpy.{name}")
     except ModuleNotFoundError as error:
@@ -241,8 +241,8 @@ def test_what_is_left_out_says_so(run) -> None:
     assert first.startswith("events of the kind 'incompatible_qos' are not supported by hprm.ros")
     assert second == "content filters are not supported by hprm.ros: filter in the callback"
     assert modules == [
-        "hprm.ros has no rclpy.service_introspection: requests and responses are in the logical"
-        " trace instead",
+        "hprm.ros has no rclpy.type_description_service: nodes do not serve the descriptions of"
+        " their types",
         "  hint: docs/howto/rclpy.md says what there is not",
         "hprm.ros has no rclpy.experimental: there is one kind of loop for all executors",
         "  hint: docs/howto/rclpy.md says what there is not",

@@ -47,6 +47,9 @@ class Robot(Node):
         asked = AddTwoInts.Request(a=1)
         print(asked.b, Wheel(speed=1.0).parts[0].header.frame_id)
         print(asked.sum)  # error
+        told = AddTwoInts.Event(request=[asked])
+        print(told.info.sequence_number, told.request[0].a, told.response[0].sum)
+        print(told.response[0].a)  # error
 
     def execute(self, goal: ServerGoalHandle) -> Fibonacci.Result:
         goal.publish_feedback(Fibonacci.Feedback())

@@ -34,7 +34,6 @@ NAMES = {
 
 #: What programs may import from rclpy that is left out, and why.
 LEFT_OUT = {
-    "rclpy.service_introspection": "requests and responses are in the logical trace instead",
     "rclpy.type_description_service": "nodes do not serve the descriptions of their types",
     "rclpy.experimental": "there is one kind of loop for all executors",
     "rclpy.waitable": "what executors wait for are timers, subscriptions, services, clients, guard"

@@ -20,7 +20,7 @@ from hprm.ros._messages.definitions import Field, Structure
 from hprm.ros._messages.fields import python_type
 from hprm.ros._messages.finder import resolve
 
-_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_PARTS = {"srv": ("Request", "Response", "Event"), "action": ("Goal", "Result", "Feedback")}
 
 
 def write(folder: Path, program: str | None) -> int:
@@ -106,6 +106,10 @@ def _type(it: Field, needed: set[str]) -> str:
         one = basic.__name__
     else:
         package, *kinds, name = it.type.base.split("/")
+        if "_" in name:
+            # A part of the service that is being written; no other name has this sign.
+            service, _, part = name.partition("_")
+            return f"list[{service}.{part}]"
         module = f"{package}.{kinds[0] if kinds else 'msg'}"
         needed.add(module)
         one = f"{module}.{name}"

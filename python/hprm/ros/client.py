@@ -11,9 +11,11 @@ from hprm.ros._entity import Entity
 from hprm.ros._graph import Flow
 from hprm.ros._interface import copy_of
 from hprm.ros.callback_groups import CallbackGroup
+from hprm.ros.service_introspection import Introspection, ServiceIntrospectionState
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
+    from hprm.ros.clock import Clock
     from hprm.ros.context import Context
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
@@ -49,6 +51,16 @@ class Client(Entity):
         self._count = 0
         self._pending: dict[int, Future[Any]] = {}
         self._arrived: deque[tuple[int, Any]] = deque()
+        self._introspection = Introspection(node, srv_type, srv_name)
+
+    def configure_introspection(
+        self,
+        clock: Clock,
+        service_event_qos_profile: QoSProfile,
+        introspection_state: ServiceIntrospectionState,
+    ) -> None:
+        """Tell of requests that are sent and responses that are received, or no more of them."""
+        self._introspection.configure(clock, service_event_qos_profile, introspection_state)
 
     def call_async(self, request: Any) -> Future[Any]:
         """Send a request, and return the future of its response.
@@ -65,6 +77,7 @@ class Client(Entity):
         future: Future[Any] = Future()
         future._set_executor(self._node.executor)
         self._pending[self._count] = future
+        self._introspection.tell("REQUEST_SENT", self._name, self._count, request)
         self._node._runtime.publish(self._request, (self._name, self._count, copy_of(request)))
         return future
 
@@ -122,6 +135,7 @@ class Client(Entity):
         future = self._pending.pop(number, None)
 
         def complete() -> None:
+            self._introspection.tell("RESPONSE_RECEIVED", self._name, number, message)
             if future is not None and not future.done():
                 future.set_result(copy_of(message))
 
@@ -130,4 +144,5 @@ class Client(Entity):
     def destroy(self) -> None:
         """Take no more responses."""
         super().destroy()
+        self._introspection.end()
         self._node._runtime.withdraw(self._response, self.deliver)

@@ -10,9 +10,11 @@ from hprm.ros._entity import Entity, Queue
 from hprm.ros._graph import Flow
 from hprm.ros._interface import check_callback, copy_of
 from hprm.ros.callback_groups import CallbackGroup
+from hprm.ros.service_introspection import Introspection, ServiceIntrospectionState
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
+    from hprm.ros.clock import Clock
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
 
@@ -43,6 +45,16 @@ class Service(Entity):
         self._response = Flow("response", srv_name)
         # No request is lost, however many wait: each has a client that waits, too.
         self._queue = Queue(None)
+        self._introspection = Introspection(node, srv_type, srv_name)
+
+    def configure_introspection(
+        self,
+        clock: Clock,
+        service_event_qos_profile: QoSProfile,
+        introspection_state: ServiceIntrospectionState,
+    ) -> None:
+        """Tell of requests that are received and responses that are sent, or no more of them."""
+        self._introspection.configure(clock, service_event_qos_profile, introspection_state)
 
     def deliver(self, request: Any) -> None:
         """Put a request into the queue: the client, its number, and the message."""
@@ -60,12 +72,14 @@ class Service(Entity):
         if inspect.iscoroutinefunction(self.callback):
 
             async def awaits() -> None:
+                self._introspection.tell("REQUEST_RECEIVED", client, number, request)
                 response = await self.callback(request, self.srv_type.Response())
                 self._answer(client, number, response)
 
             return awaits
 
         def answer() -> None:
+            self._introspection.tell("REQUEST_RECEIVED", client, number, request)
             response = self.callback(request, self.srv_type.Response())
             self._answer(client, number, response)
 
@@ -78,6 +92,7 @@ class Service(Entity):
     def destroy(self) -> None:
         """Answer no more requests."""
         super().destroy()
+        self._introspection.end()
         self._node._runtime.withdraw(self._request, self.deliver)
 
     def _answer(self, client: str, number: int, response: Any) -> None:
@@ -87,4 +102,5 @@ class Service(Entity):
             return
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
+        self._introspection.tell("RESPONSE_SENT", client, number, response)
         self._node._runtime.publish(self._response, (client, number, copy_of(response)))

@@ -56,13 +56,24 @@ def message(structure: Structure, module: str, resolve: Resolve) -> type:
 
 
 def service(structures: list[Structure], module: str, resolve: Resolve) -> dict[str, type]:
-    """Make the classes of a service of the structures of its request and its response."""
+    """Make the classes of a service of the structures of its request and its response.
+
+    Under ``__getattr__`` is what makes that of its events, for the module that has the others.
+    """
     full = structures[0].name
     made = {
         part: message(_renamed(structure, f"{full}_{part}"), module, resolve)
         for part, structure in zip(("Request", "Response"), structures, strict=True)
     }
-    return _with_service(full, made["Request"], made["Response"], module, resolve)
+    classes = _with_service(full, made["Request"], made["Response"], module, resolve)
+    whole: Any = classes[full.rpartition("/")[2]]
+
+    def find(name: str) -> Any:
+        if name != f"{whole.__name__}_Event":
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        return whole.Event
+
+    return {**classes, "__getattr__": find}  # type: ignore[dict-item]
 
 
 def action(structures: list[Structure], module: str, resolve: Resolve) -> dict[str, type]:
@@ -126,10 +137,34 @@ def _with_service(
     members: dict[str, Any] = {
         "Request": request,
         "Response": response,
+        "Event": _LazyEvent(full, module, resolve),
         "__init__": _refuse("Service"),
     }
     whole = _container(name, full, module, members)
     return {it.__name__: it for it in (request, response, whole)}
+
+
+class _LazyEvent:
+    """Makes the class of a service's events when it is asked for: few programs need one."""
+
+    def __init__(self, full: str, module: str, resolve: Resolve) -> None:
+        self._full, self._module, self._resolve = full, module, resolve
+
+    def __get__(self, _: object, service: Any) -> type:
+        package = self._full.split("/")[0]
+        parts = {it.__name__: it for it in (service.Request, service.Response)}
+
+        def find(base: str) -> type:
+            return parts.get(base.partition("/")[2]) or self._resolve(base)
+
+        fields = [Field("info", Type("service_msgs/ServiceEventInfo"))]
+        for field, part in zip(("request", "response"), parts, strict=True):
+            fields.append(Field(field, Type(f"{package}/{part}", many="sequence", size=1)))
+        structure = Structure(
+            f"{self._full}_Event", service.Request.__hprm_structure__.file, fields
+        )
+        service.Event = made = message(structure, self._module, find)
+        return made
 
 
 def _container(name: str, full: str, module: str, members: dict[str, Any]) -> type:

@@ -144,9 +144,11 @@ def _fill_kind(module: ModuleType, names: list[str]) -> None:
     members = module.__dict__
 
     def find(name: str) -> Any:
-        if name not in names:
+        # The events of a service are in the module that has the service.
+        defined = name.removesuffix("_Event")
+        if defined not in names or (defined != name and not module.__name__.endswith(".srv")):
             raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
-        each = importlib.import_module(f"{module.__name__}.{packages.module_name(name)}")
+        each = importlib.import_module(f"{module.__name__}.{packages.module_name(defined)}")
         members[name] = found = getattr(each, name)
         return found
 
