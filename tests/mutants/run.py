@@ -1,11 +1,11 @@
 """Checks that simulation and model checking find the faults that the mutants describe.
 
 A mutant is a text in this folder: what is wrong with it, a file, the lines that are replaced, and
-those that replace them. Behind the file, the text may name the test that is known to find it, which
-is run first then. This script puts each mutant into a copy of the pure crates, so the code
-that ships has no hooks for this; then it runs the tests of `crates/hprm-sim`, which must fail. A
-mutant is an error if its old lines are not there exactly once, or if it does not compile: it has to
-follow the code.
+those that replace them. Behind the file, the text may name the test that is known to find it, as
+`model::boards`, which is run first then. This script puts each mutant into a copy of the pure
+crates, so the code that ships has no hooks for this; then it runs the tests of `crates/hprm-sim`,
+which must fail. A mutant is an error if its old lines are not there exactly once, or if it does not
+compile: it has to follow the code.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import os
 import queue
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -29,11 +30,18 @@ CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
 HUNTS = ("seeds", "model")
 """The tests of `hprm-sim` that look for faults, the quickest first."""
 
+RANDOM = "seeds::random_federations_do_what_their_program_does"
+"""The test that finds most mutants."""
+
 RELAY = "crates/hprm-federated/src/relay"
 """Links between machines; the test `relay` looks for their faults."""
 
 PATIENCE = 600.0
 """Seconds that a test may take; if it takes longer, the mutant counts as found: it never ends."""
+
+QUICK = 30
+"""Seconds of a processor for a test that is compiled in a moment and runs slowly: most mutants are
+found soon."""
 
 FAULT = re.compile(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after")
 """How a test names a fault: then it need not look for others."""
@@ -65,15 +73,19 @@ class Mutant:
                 f"{path.name} lacks the line that says what is wrong, or lines to replace"
             )
         file, *found_by = file.split()
-        if found_by and found_by not in ([hunt] for hunt in HUNTS):
+        if found_by and found_by[0].partition("::")[0] not in HUNTS:
             raise Unusable(f"{path.name} names no test that looks for faults: {found_by}")
         return cls(path.stem, what[2:], file, old, new, *found_by)
 
-    def hunts(self, allowed: tuple[str, ...]) -> list[str]:
-        """Return the tests that look for it, in the order in which they are run."""
+    def ways(self, allowed: tuple[str, ...]) -> list[tuple[str, bool]]:
+        """Return the tests that look for it, and whether thoroughly, in the order of their runs."""
         if self.file.startswith(RELAY):
-            return ["relay"]
-        return sorted(allowed, key=lambda hunt: hunt != self.found_by)
+            return [("relay", False), ("relay", True)]
+        hunts = [(hunt, True) for hunt in allowed]
+        if self.found_by and self.found_by.partition("::")[0] in allowed:
+            return [(self.found_by, True), *hunts]
+        # Models have so many states that only optimized code looks at them.
+        return [(RANDOM, False), *hunts] if "seeds" in allowed else hunts
 
     def apply(self, text: str) -> str:
         """Return the source text with the fault in it."""
@@ -98,9 +110,12 @@ class Copy:
             source, copy = ROOT / "crates" / crate, self.folder / "crates" / crate
             shutil.copytree(source, copy, copy_function=shutil.copyfile)
         manifest = (ROOT / "Cargo.toml").read_text()
-        # Many builds and short runs: optimizing more takes longer than it saves.
-        manifest = manifest.replace("opt-level = 3", "opt-level = 1")
         manifest = manifest.replace('debug = "line-tables-only"', "debug = 0")
+        # Many builds and short runs: optimizing takes longer than it saves, but for what is not
+        # found soon.
+        manifest = manifest.replace("[profile.dev.package.", "[profile.thorough.package.")
+        manifest = manifest.replace("opt-level = 3", "opt-level = 1")
+        manifest += '\n[profile.thorough]\ninherits = "dev"\n'
         (self.folder / "Cargo.toml").write_text(manifest)
         shutil.copy(ROOT / "Cargo.lock", self.folder)
 
@@ -110,20 +125,24 @@ class Copy:
         original = path.read_text()
         path.write_text(mutant.apply(original))
         try:
-            found = (self.run(mutant, hunt) for hunt in mutant.hunts(hunts))
+            found = (self.run(mutant, *how) for how in mutant.ways(hunts))
             return next(filter(None, found), None)
         finally:
             path.write_text(original)
 
-    def run(self, mutant: Mutant, hunt: str) -> str | None:
+    def run(self, mutant: Mutant, hunt: str, thoroughly: bool) -> str | None:
         """Return the first fault that a test finds with the mutant; None if it finds none."""
-        built = self.cargo("--no-run", "--test", hunt)
+        suite, _, test = hunt.partition("::")
+        words = ["--profile", "thorough" if thoroughly else "dev", "--test", suite]
+        built = self.cargo(*words, "--no-run")
         if built.returncode != 0:
             raise Unusable(f"{mutant.name} does not compile:\n{built.stdout}")
-        ran = self.cargo("--test", hunt, "--", "--nocapture", until=FAULT)
-        if ran.returncode == 0:
-            return None
+        chosen = ["--exact", test] if test else []
+        seconds = None if thoroughly else QUICK
+        ran = self.cargo(*words, "--", "--nocapture", *chosen, until=FAULT, seconds=seconds)
         match = FAULT.search(ran.stdout)
+        if ran.returncode == 0 or not (match or thoroughly):
+            return None
         if not match:
             return f"{hunt}: " + " ".join(ran.stdout.split()[-12:])
         seed, wrong, told, states = match.groups()
@@ -131,10 +150,14 @@ class Copy:
         return f"{found:<12} {shortened(wrong or told)}"
 
     def cargo(
-        self, *words: str, until: re.Pattern[str] | None = None
+        self, *words: str, until: re.Pattern[str] | None = None, seconds: int | None = None
     ) -> subprocess.CompletedProcess[str]:
-        """Run the tests of the simulation in the copy, up to a line that is looked for."""
+        """Run the tests of the simulation in the copy, up to a line that is looked for.
+
+        They may take so many ``seconds`` of a processor.
+        """
         command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
+        limit = resource.RLIM_INFINITY if seconds is None else seconds
         environment = os.environ | {
             "CARGO_INCREMENTAL": "1",
             "CARGO_TARGET_DIR": str(self.target),
@@ -149,6 +172,7 @@ class Copy:
             text=True,
             # The test is a child of cargo: both end at once, as one group.
             start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
         ) as process:
             assert process.stdout is not None
             watchdog = threading.Timer(PATIENCE, os.killpg, (process.pid, signal.SIGKILL))
@@ -172,6 +196,8 @@ class Copies:
         self.free: queue.SimpleQueue[Copy] = queue.SimpleQueue()
         first, *others = (Copy(folder / str(index)) for index in range(number))
         built = first.cargo("--no-run")
+        if built.returncode == 0:
+            built = first.cargo("--profile", "thorough", "--no-run")
         if built.returncode != 0:
             raise Unusable(f"without a mutant, the tests do not compile:\n{built.stdout}")
         self.free.put(first)
@@ -195,7 +221,7 @@ class Copies:
             print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
             return found
 
-        # Those that simulation does not find take longest, and begin first.
+        # Those that simulation does not find soon take longest, and begin first.
         mutants = sorted(mutants, key=lambda mutant: mutant.found_by is None)
         with ThreadPoolExecutor(self.number) as pool:
             return list(pool.map(checked, mutants))

@@ -299,8 +299,8 @@ fn downstream_next_event_tags() {
         ("clock on a cycle", CLOCK_ON_A_CYCLE, 30_000_000, &[Event(A)]),
     ];
     let setting = Setting { dnet: DnetMode::Eager, ..Setting::default() };
-    look_with(Setting { start_delay: PAST, ..setting.clone() }, "centralized", &cases);
-    look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
+    look_with(Setting { start_delay: 1_000, ..setting.clone() }, "centralized", &clocks);
+    look_with(Setting { start_delay: PAST, ..setting }, "centralized", &cases);
 }
 
 /// No federate begins a tag before its receivers have processed all messages of earlier tags.
