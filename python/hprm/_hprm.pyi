@@ -325,6 +325,21 @@ class Frozen:
     if sys.version_info >= (3, 12):
         def __buffer__(self, flags: int, /) -> memoryview: ...
 
+@final
+class Turn:
+    """A token that threads give to one another."""
+
+    def __new__(cls) -> Turn: ...
+    def give(self) -> None:
+        """Put the token there, and wake the thread that waits for it; a second one is the same."""
+
+    def take(self, timeout: float | None = None, giving: Turn | None = None) -> bool:
+        """Take the token, as soon as it is there, and return whether it was there in time.
+
+        Another one may be given just before, once the interpreter is free for the thread that waits
+        for that.
+        """
+
 def freeze(array: Any) -> Frozen | None:
     """Make the memory of an array read-only for good, for its views too.
 

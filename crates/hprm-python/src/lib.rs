@@ -48,6 +48,7 @@ mod testing;
 mod thread;
 mod threads;
 mod time;
+mod turn;
 mod users;
 mod value;
 mod watching;
@@ -100,6 +101,8 @@ mod _hprm {
     use crate::threads::run_in_process;
     #[pymodule_export]
     use crate::time::stated_nanos;
+    #[pymodule_export]
+    use crate::turn::Turn;
     #[pymodule_export]
     use crate::watching::{Watch, WatchedMessage, watch_ports};
 }

@@ -15,6 +15,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from hprm._hprm import Turn
+
 Condition = Callable[[], bool]
 
 
@@ -28,8 +30,7 @@ class Waiter:
         self.ident = ident
         self.sleeps = sleeps
         self.condition = condition
-        self.wakes = threading.Lock()
-        self.wakes.acquire()
+        self.wakes = Turn()
 
 
 class Turns:
@@ -51,10 +52,8 @@ class Turns:
     ) -> None:
         """Begin without any threads."""
         self._lock = threading.Lock()
-        # Held but for the moment when the last thread has released the tag that the federate
-        # waits for. A lock takes a fraction of what a `Condition` does.
-        self._settled = threading.Lock()
-        self._settled.acquire()
+        # Given when the last thread has released the tag that the federate waits for.
+        self._settled = Turn()
         self._is_settling = False
         self._patience, self._with_sleepers = patience, with_sleepers
         self._on_lost = on_lost
@@ -89,12 +88,12 @@ class Turns:
                 return
             waiter = Waiter(ident, condition, sleeps)
             self._waiters.append(waiter)
-            self._release(ident)
+            is_settled = self._release(ident)
         try:
             if not held:
                 poke()
             # A signal may interrupt this.
-            waiter.wakes.acquire()
+            waiter.wakes.take(giving=self._settled if is_settled else None)
         except BaseException:
             with self._lock:
                 if waiter in self._waiters:
@@ -107,15 +106,15 @@ class Turns:
         The federate calls it in a reaction, which ends when no thread holds its tag.
         """
         with self._lock:
+            if self._holders:
+                self._wait()
             while True:
-                if self._holders:
-                    self._wait()
                 waiter = next((it for it in self._waiters if it.condition()), None)
                 if waiter is None or self._is_over:
                     return
                 self._waiters.remove(waiter)
                 self._holders.add(waiter.ident)
-                waiter.wakes.release()
+                self._wait(waiter.wakes)
 
     def blocked(self) -> list[int]:
         """Return the numbers of the threads that are blocked."""
@@ -153,12 +152,14 @@ class Turns:
             if waiter is not None and waiter.condition():
                 self._waiters.remove(waiter)
                 self._holders.add(ident)
-                waiter.wakes.release()
+                waiter.wakes.give()
 
     def leave(self) -> None:
         """Let this thread hold no tag any more: it ends, or runs what is none of the script."""
         with self._lock:
-            self._release(threading.get_ident())
+            is_settled = self._release(threading.get_ident())
+        if is_settled:
+            self._settled.give()
 
     def end(self) -> None:
         """Wake all threads: there are no more turns."""
@@ -166,33 +167,34 @@ class Turns:
             self._is_over = True
             self._holders.clear()
             for waiter in self._waiters:
-                waiter.wakes.release()
+                waiter.wakes.give()
             self._waiters.clear()
-            self._tell_settled()
+            self._settled.give()
 
-    def _release(self, ident: int) -> None:
-        if ident in self._holders:
-            self._holders.remove(ident)
-            self._tell_settled()
+    def _release(self, ident: int) -> bool:
+        """Have a thread hold no tag; return whether the federate is to be told, which waits."""
+        if ident not in self._holders:
+            return False
+        self._holders.remove(ident)
+        if self._holders or not self._is_settling:
+            return False
+        self._is_settling = False
+        return True
 
-    def _tell_settled(self) -> None:
-        if self._is_settling and not self._holders:
-            self._is_settling = False
-            self._settled.release()
-
-    def _wait(self) -> None:
-        """Wait until no thread holds the tag, without the lock meanwhile."""
+    def _wait(self, wakes: Turn | None = None) -> None:
+        """Wake a thread, and wait until none holds the tag, without the lock meanwhile."""
         since = time.monotonic()
         while self._holders and not self._is_over:
             self._is_settling = True
             self._lock.release()
             try:
-                is_settled = self._settled.acquire(timeout=0.05)
+                # It may be given for an earlier wait that did not last: the holders count.
+                is_told = self._settled.take(0.05, wakes)
             finally:
                 self._lock.acquire()
-            # It may have been told before the lock was there again.
-            if is_settled or self._settled.acquire(blocking=False):
-                return
+            wakes = None
+            if is_told:
+                continue
             self._is_settling = False
             # A thread that has ended does not tell it.
             running = _running()
