@@ -85,11 +85,11 @@ impl Turn {
                 return Waited::TooLong;
             }
             let left = left.and_then(|it| it.try_into().ok());
-            match futex::wait(&self.token, futex::Flags::PRIVATE, ABSENT, left.as_ref()) {
-                Err(Errno::INTR) => return Waited::Interrupted,
-                // It is there, the time is over, or a wake that was not for this: look again.
-                Ok(()) | Err(_) => {}
+            let waited = futex::wait(&self.token, futex::Flags::PRIVATE, ABSENT, left.as_ref());
+            if waited == Err(Errno::INTR) {
+                return Waited::Interrupted;
             }
+            // The token is there, the time is over, or the wake was not for this: look again.
         }
         Waited::Taken
     }
