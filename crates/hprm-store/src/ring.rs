@@ -7,13 +7,14 @@
 //! possible, and bytes are copied out before they are used.
 //!
 //! **A side announces that it will sleep.** A reader that is about to sleep announces it in the ring and
-//! then looks for bytes once more; a writer writes and then looks whether the reader sleeps. Each has a
-//! barrier between the two steps, so at least one of them sees the other, and no byte waits for a reader
-//! that sleeps. A writer that finds the ring full waits in the same way.
+//! then looks for bytes once more; a writer writes and then looks whether the reader sleeps. Both exchange the word
+//! of the announcement, so one of them comes second: it gets what the other one has put there, and sees all that
+//! this one did before. So no byte waits for a reader that sleeps. A writer that finds the ring full waits in the same
+//! way; a reader need not look for that after each read ([`Reader::take_waiting_writer`]).
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering, fence};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::SegmentError;
 use crate::shm::SharedWords;
@@ -73,15 +74,18 @@ impl<M: AsRef<[AtomicU64]>> Ring<M> {
 
     /// Announces that this side is about to sleep. It must look once more after that.
     fn announce_sleep(&self, at: usize) {
-        self.store(at, 1);
-        fence(Ordering::SeqCst);
+        self.word(at).swap(1, Ordering::AcqRel);
+    }
+
+    /// Withdraws the announcement. A mere store would break the chain of exchanges.
+    fn end_sleep(&self, at: usize) {
+        self.word(at).swap(0, Ordering::AcqRel);
     }
 
     /// Whether the other side sleeps and has to be woken up, which is true once for each sleep. To be called
     /// after the change for which it has to wake up.
     fn take_sleeping(&self, at: usize) -> bool {
-        fence(Ordering::SeqCst);
-        self.load(at) != 0 && self.word(at).swap(0, Ordering::AcqRel) != 0
+        self.word(at).swap(0, Ordering::AcqRel) != 0
     }
 }
 
@@ -171,9 +175,10 @@ impl RingReader {
         self.0.read(buffer)
     }
 
-    /// Whether the writer waits and has to be woken up because bytes were read. True once for each wait.
+    /// Whether the writer waits and has to be woken up because bytes were read. True once for each wait. To be called
+    /// after each read.
     pub fn take_waiting_writer(&mut self) -> bool {
-        self.0.ring.take_sleeping(WRITER_WAITS)
+        self.0.take_waiting_writer()
     }
 
     /// Announces that this side is about to sleep. It must look once more after that.
@@ -183,7 +188,7 @@ impl RingReader {
 
     /// Withdraws the announcement: this side does not sleep any more.
     pub fn end_sleep(&mut self) {
-        self.0.ring.store(READER_SLEEPS, 0);
+        self.0.ring.end_sleep(READER_SLEEPS);
     }
 }
 
@@ -251,11 +256,15 @@ struct Reader<M> {
     ring: Ring<M>,
     /// How many bytes have been read.
     read: u64,
+    /// How many had been written when this side last read.
+    written: u64,
+    /// How many had been read when this side last looked whether the writer waits.
+    looked: u64,
 }
 
 impl<M: AsRef<[AtomicU64]>> Reader<M> {
     fn new(ring: Ring<M>) -> Self {
-        Self { ring, read: 0 }
+        Self { ring, read: 0, written: 0, looked: 0 }
     }
 
     fn is_empty(&self) -> bool {
@@ -263,11 +272,13 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {
-        let available = self.ring.load(WRITTEN).checked_sub(self.read).ok_or(RingError)?;
+        let written = self.ring.load(WRITTEN);
+        let available = written.checked_sub(self.read).ok_or(RingError)?;
         let available = usize::try_from(available).map_err(|_| RingError)?;
         if available > RING_CAPACITY {
             return Err(RingError);
         }
+        self.written = written;
         let count = available.min(buffer.len());
         if count > 0 {
             self.take(&mut buffer[..count]);
@@ -275,6 +286,17 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
             self.ring.store(READ, self.read);
         }
         Ok(count)
+    }
+
+    /// Whether the writer waits. It waits only if it has filled the ring, as far as it knows, and it knows of everything
+    /// that had been read when this side last looked. So this side must look once it reads when so many bytes have been
+    /// written, and may save the exchange before that.
+    fn take_waiting_writer(&mut self) -> bool {
+        if self.written - self.looked < RING_CAPACITY as u64 {
+            return false;
+        }
+        self.looked = self.read;
+        self.ring.take_sleeping(WRITER_WAITS)
     }
 
     /// Copies out bytes that were written.

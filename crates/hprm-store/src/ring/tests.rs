@@ -147,8 +147,10 @@ impl Sides {
     fn step(&mut self, side: usize) {
         if std::mem::take(&mut self.must_look[side]) {
             let other = 1 - side;
-            self.notified[other] |=
-                self.writer.ring.take_sleeping([READER_SLEEPS, WRITER_WAITS][side]);
+            self.notified[other] |= match side {
+                WRITER => self.writer.ring.take_sleeping(READER_SLEEPS),
+                _ => self.reader.take_waiting_writer(),
+            };
             if self.states[other] == SideState::Asleep && std::mem::take(&mut self.notified[other])
             {
                 self.states[other] = SideState::Busy;
