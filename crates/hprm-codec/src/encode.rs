@@ -107,8 +107,7 @@ impl Writer {
 
     #[inline]
     fn integer(&mut self, number: i64) {
-        self.kind(NodeKind::Int);
-        put_number(&mut self.head, format::zigzag(number));
+        format::put_integer(&mut self.head, number);
     }
 
     /// Writes an integer of so many bits, with as many bytes as Python takes. Its two's complement is `digits`, and then

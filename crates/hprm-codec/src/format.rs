@@ -201,14 +201,40 @@ impl Head {
     }
 }
 
+/// The most bytes that a number has.
+const LONGEST: usize = 10;
+
 /// Appends `number`.
 #[inline]
-pub fn put_number(head: &mut Head, mut number: u64) {
-    while number >= 0x80 {
-        head.push(number as u8 | 0x80);
-        number >>= 7;
+pub fn put_number(head: &mut Head, number: u64) {
+    if number < 0x80 {
+        head.push(number as u8);
+    } else {
+        put_digits(head, [].as_slice(), number);
     }
-    head.push(number as u8);
+}
+
+/// Appends the node of an integer.
+#[inline]
+pub(crate) fn put_integer(head: &mut Head, number: i64) {
+    put_digits(head, &[NodeKind::Int as u8], zigzag(number));
+}
+
+/// Appends at most one byte and a number, all at once.
+fn put_digits(head: &mut Head, before: &[u8], mut number: u64) {
+    let mut bytes = [0; 1 + LONGEST];
+    let mut len = before.len();
+    bytes[..len].copy_from_slice(before);
+    for byte in &mut bytes[len..] {
+        len += 1;
+        *byte = number as u8 & 0x7f;
+        number >>= 7;
+        if number == 0 {
+            break;
+        }
+        *byte |= 0x80;
+    }
+    head.extend_from_slice(&bytes[..len]);
 }
 
 /// Inserts `number` at byte `at`: how many entries there are, once they are written.
@@ -244,10 +270,37 @@ pub fn root<'a, P>(
 /// The number at the start of `bytes` and its length, if there is a whole one.
 #[must_use]
 pub fn number(bytes: &[u8]) -> Option<(u64, usize)> {
+    match bytes.first_chunk() {
+        Some(word) => match short_number(u64::from_le_bytes(*word)) {
+            Some(found) => Some(found),
+            None => number_by_bytes(bytes),
+        },
+        None => number_by_bytes(bytes),
+    }
+}
+
+/// The number that ends within the bytes of a word, if one does: all digits at once.
+#[inline]
+fn short_number(word: u64) -> Option<(u64, usize)> {
+    // The lowest bit of those that tell where a number ends.
+    let end = !word & 0x8080_8080_8080_8080;
+    if end == 0 {
+        return None;
+    }
+    let bits = end.trailing_zeros() + 1;
+    let digits = word & (u64::MAX >> (64 - bits)) & 0x7f7f_7f7f_7f7f_7f7f;
+    // Pairs of seven bits, then of fourteen, then of twenty-eight.
+    let digits = digits & 0x007f_007f_007f_007f | (digits & 0x7f00_7f00_7f00_7f00) >> 1;
+    let digits = digits & 0x0000_3fff_0000_3fff | (digits & 0x3fff_0000_3fff_0000) >> 2;
+    let digits = digits & 0x0fff_ffff | (digits & 0x0fff_ffff_0000_0000) >> 4;
+    Some((digits, bits as usize / 8))
+}
+
+fn number_by_bytes(bytes: &[u8]) -> Option<(u64, usize)> {
     let mut number = 0;
-    for (at, byte) in bytes.iter().take(10).enumerate() {
+    for (at, byte) in bytes.iter().take(LONGEST).enumerate() {
         let digits = u64::from(byte & 0x7f);
-        if at == 9 && digits > 1 {
+        if at == LONGEST - 1 && digits > 1 {
             return None;
         }
         number |= digits << (7 * at);
@@ -270,4 +323,55 @@ pub fn zigzag(number: i64) -> u64 {
 #[must_use]
 pub fn unzigzag(number: u64) -> i64 {
     (number >> 1) as i64 ^ -((number & 1) as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn written(number: u64) -> Vec<u8> {
+        let mut head = Head::new();
+        put_number(&mut head, number);
+        head.into_bytes()
+    }
+
+    #[test]
+    fn a_number_has_a_byte_for_seven_bits() {
+        assert_eq!(written(0), [0]);
+        assert_eq!(written(0x80), [0x80, 1]);
+        assert_eq!(written(300), [0xac, 2]);
+        assert_eq!(written(u64::MAX), [[0xff; 9].as_slice(), &[1]].concat());
+        assert_eq!(number(&[[0xff; 9].as_slice(), &[2]].concat()), None);
+        assert_eq!(number(&[0xff; 20]), None);
+    }
+
+    proptest! {
+        #[test]
+        fn a_number_is_read_as_it_was_written(
+            number in any::<u64>(), shift in 0_u32..64, after in prop::collection::vec(any::<u8>(), 0..12),
+        ) {
+            let number = number >> shift;
+            let bytes = written(number);
+            let len = bytes.len();
+            let bytes = [bytes, after].concat();
+            prop_assert_eq!(super::number(&bytes), Some((number, len)));
+            prop_assert_eq!(super::number(&bytes[..len - 1]), None);
+        }
+
+        #[test]
+        fn all_digits_at_once_are_the_same_as_one_by_one(bytes in prop::collection::vec(any::<u8>(), 8..12)) {
+            prop_assert_eq!(number(&bytes), number_by_bytes(&bytes));
+        }
+
+        #[test]
+        fn an_integer_is_a_kind_and_a_number(number in any::<i64>()) {
+            let mut head = Head::new();
+            put_integer(&mut head, number);
+            let bytes = head.into_bytes();
+            prop_assert_eq!(bytes[0], NodeKind::Int as u8);
+            prop_assert_eq!(&bytes[1..], &written(zigzag(number))[..]);
+        }
+    }
 }

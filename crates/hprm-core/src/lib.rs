@@ -33,6 +33,7 @@ mod reach;
 mod restart;
 mod scheduler;
 mod scope;
+mod sorted_map;
 mod spacing;
 mod store_options;
 mod tag;
@@ -62,6 +63,7 @@ pub use scheduler::{
     Scheduled, Scheduler, Turn,
 };
 pub use scope::Scope;
+pub use sorted_map::SortedMap;
 pub use spacing::{Policy, Spacing};
 pub use store_options::{StoreOptions, WhenFull, read_size};
 pub use tag::{Delay, Nanos, PhysicalTime, Reading, Tag};

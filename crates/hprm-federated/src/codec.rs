@@ -3,9 +3,10 @@
 //! ```text
 //! frame    = length:u32 (little endian, of the body)  body
 //! body     = 0  postcard(Frame)                       every frame but a message
-//!          | 1  postcard(Envelope)  head  part*       a message; the bytes of its payload as they are
+//!          | 1  postcard(Envelope)  head  part*       a message with parts; the bytes of its payload as they are
 //!          | 2  postcard(Envelope)                    a long message; its chunks follow
 //!          | 3  bytes                                 a chunk of a long message
+//!          | 4  channel, tag, physical  head          a message without parts
 //! ```
 //!
 //! A long message is an envelope and then, with nothing in between, chunks: frames with its bytes in order.
@@ -14,6 +15,7 @@
 //! an error, at both ends. The driver reads and writes links.
 
 mod chunks;
+mod plain;
 
 use hprm_core::limits::FRAME_LIMIT;
 use hprm_core::{ChannelId, FederateId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
@@ -44,6 +46,7 @@ const CONTROL: u8 = 0;
 const MESSAGE: u8 = 1;
 const LONG_MESSAGE: u8 = 2;
 const MESSAGE_CHUNK: u8 = 3;
+const PLAIN_MESSAGE: u8 = 4;
 
 /// Why bytes cannot be decoded as a frame. What follows them on the link is meaningless.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, thiserror::Error)]
@@ -141,6 +144,9 @@ pub fn encode(frame: &Frame, out: &mut Vec<u8>) -> Result<(), CodecError> {
         assert!(len <= CONTROL_LIMIT, "a {} of {len} bytes exceeds its limit", frame.name());
         return Ok(());
     };
+    if plain::is_plain(payload) {
+        return plain::append(*channel, *tag, payload, out);
+    }
     assert!(fits(payload), "the envelope of a message exceeds the limit of a frame");
     let envelope = Envelope::of(*channel, *tag, payload);
     // Each frame adds its length and its kind. A chunk ends at the limit, or where a buffer ends.
@@ -232,6 +238,7 @@ impl Decoder {
             // Nothing else comes before the message is complete.
             (_, Some(_)) => return Err(CodecError::Malformed),
             ([CONTROL, body @ ..], None) => control(body)?,
+            ([PLAIN_MESSAGE, body @ ..], None) => (plain::message(body)?, 0),
             ([MESSAGE, body @ ..], None) => message(body)?,
             ([LONG_MESSAGE, body @ ..], None) => {
                 let (envelope, rest) = envelope(body)?;
@@ -260,7 +267,7 @@ fn body(buffer: &[u8]) -> Result<Result<&[u8], usize>, CodecError> {
     let len = u32::from_le_bytes(*length) as usize;
     let limit = match rest.first() {
         Some(&CONTROL) => CONTROL_LIMIT,
-        Some(&(MESSAGE | LONG_MESSAGE | MESSAGE_CHUNK)) | None => FRAME_LIMIT,
+        Some(&(MESSAGE | LONG_MESSAGE | MESSAGE_CHUNK | PLAIN_MESSAGE)) | None => FRAME_LIMIT,
         Some(_) => return Err(CodecError::Malformed),
     };
     if len > limit {
@@ -540,7 +547,7 @@ mod tests {
         #[test]
         fn any_bytes_are_a_frame_or_an_error_or_too_few(
             bytes in prop::collection::vec(any::<u8>(), 0..200),
-            kind in 0_u8..4,
+            kind in 0_u8..5,
         ) {
             let _ = decode(&bytes);
             let mut body = u32::try_from(bytes.len() + 1).unwrap().to_le_bytes().to_vec();

@@ -15,9 +15,7 @@
 //! will send. So in such a federation every federate reports from time to time what it will do next
 //! and what it has sent and received, and the RTI answers through which tag nothing more can come.
 
-use std::collections::{BTreeMap, BTreeSet};
-
-use hprm_core::{Channel, ChannelId, FederateId, Nanos, PhysicalTime, Program, Tag};
+use hprm_core::{Channel, ChannelId, FederateId, Nanos, PhysicalTime, Program, SortedMap, Tag};
 
 use crate::{Blocker, Count, Permission, Step, Topology};
 
@@ -49,6 +47,22 @@ enum Reports {
     All,
 }
 
+/// Channels, sorted: few, and mostly the same ones again.
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+struct Unreported(Vec<ChannelId>);
+
+impl Unreported {
+    fn insert(&mut self, channel: ChannelId) {
+        if let Err(at) = self.0.binary_search(&channel) {
+            self.0.insert(at, channel);
+        }
+    }
+
+    fn remove(&mut self, channel: ChannelId) {
+        self.0.retain(|it| *it != channel);
+    }
+}
+
 /// An undelayed channel between federates that go through tags level by level.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct CyclicChannel {
@@ -62,10 +76,10 @@ struct CyclicChannel {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Decentralized {
     maxwait: Nanos,
-    incoming: BTreeMap<ChannelId, Incoming>,
+    incoming: SortedMap<ChannelId, Incoming>,
     /// Messages sent, by channel.
-    sent: BTreeMap<ChannelId, u64>,
-    cyclic: BTreeMap<ChannelId, CyclicChannel>,
+    sent: SortedMap<ChannelId, u64>,
+    cyclic: SortedMap<ChannelId, CyclicChannel>,
     /// Whether the federate is on a cycle without a delay.
     on_cycle: bool,
     /// Whether the program states an `absent_after` for some input.
@@ -75,7 +89,7 @@ pub(crate) struct Decentralized {
     by_clock: Option<Nanos>,
     reports: Reports,
     /// Channels whose counts have changed since the last report.
-    unreported: BTreeSet<ChannelId>,
+    unreported: Unreported,
     reported: Step,
     reported_at: PhysicalTime,
 }
@@ -124,10 +138,11 @@ impl Decentralized {
                 (id, CyclicChannel { to, last_writer, settled: Tag::NEVER })
             });
         let sent = logical().filter(|(_, channel)| channel.from == me).map(|(id, _)| (id, 0));
-        let incoming: BTreeMap<_, Incoming> = incoming.collect();
+        let incoming: SortedMap<_, Incoming> = incoming.collect();
+        let uneven = incoming.values().any(|incoming| incoming.absent_after > 0);
         Self {
             maxwait,
-            uneven: incoming.values().any(|incoming| incoming.absent_after > 0),
+            uneven,
             incoming,
             sent: sent.collect(),
             cyclic: cyclic.collect(),
@@ -138,7 +153,7 @@ impl Decentralized {
                 true => Reports::Idle(topology.timeout()),
                 false => Reports::None,
             }),
-            unreported: BTreeSet::new(),
+            unreported: Unreported::default(),
             reported: Step::NEVER,
             reported_at: PhysicalTime(0),
         }
@@ -327,7 +342,7 @@ impl Decentralized {
     /// may happen if it is transient and dies: this federate does not wait for them, so they count as
     /// received.
     pub(crate) fn closed(&mut self, peer: FederateId) {
-        for (id, incoming) in &mut self.incoming {
+        for (id, incoming) in self.incoming.iter_mut() {
             if incoming.from == peer {
                 incoming.known = Tag::FOREVER;
                 incoming.received = u64::MAX;
@@ -371,13 +386,13 @@ impl Decentralized {
                 && let Some(incoming) = self.incoming.get_mut(&id)
             {
                 (incoming.received, incoming.latest) = (0, Tag::NEVER);
-                self.unreported.remove(&id);
+                self.unreported.remove(id);
             }
             if channel.to == peer
                 && let Some(sent) = self.sent.get_mut(&id)
             {
                 *sent = 0;
-                self.unreported.remove(&id);
+                self.unreported.remove(id);
             }
         }
     }
@@ -437,7 +452,7 @@ impl Decentralized {
     }
 
     fn has_news(&self, next: Step) -> bool {
-        let is_new = next != self.reported || !self.unreported.is_empty();
+        let is_new = next != self.reported || !self.unreported.0.is_empty();
         match self.reports {
             Reports::None => false,
             Reports::Idle(until) => is_new && next.tag >= until,
@@ -452,7 +467,7 @@ impl Decentralized {
             let messages = self.sent.get(&channel).copied().or_else(received);
             messages.map(|messages| Count { channel, messages })
         };
-        std::mem::take(&mut self.unreported).into_iter().filter_map(count).collect()
+        std::mem::take(&mut self.unreported).0.into_iter().filter_map(count).collect()
     }
 }
 

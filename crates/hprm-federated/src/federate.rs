@@ -409,7 +409,9 @@ impl Federate {
             Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
-        self.look_at_boards(now);
+        if self.reads_boards() {
+            self.look_at_boards(now);
+        }
         Ok(())
     }
 

@@ -16,9 +16,9 @@
 //! as the bound are unprocessed: at a tag it sends no more than one on each channel. That this makes no
 //! cycle of federates that wait is checked before the program runs.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
-use hprm_core::{Channel, ChannelId, FederateId, Payload, Tag};
+use hprm_core::{Channel, ChannelId, FederateId, Payload, SortedMap, Tag};
 
 use crate::{Blocker, Frame, Topology, codec};
 
@@ -98,7 +98,7 @@ impl Backlog {
 /// What was sent to one receiver, and is not known to be processed.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Receiver {
-    channels: BTreeMap<ChannelId, Backlog>,
+    channels: SortedMap<ChannelId, Backlog>,
     /// Bytes in all of them.
     bytes: u64,
 }
@@ -146,11 +146,13 @@ struct Incoming {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) struct Flow {
     limit: u64,
-    receivers: BTreeMap<FederateId, Receiver>,
-    incoming: BTreeMap<ChannelId, Incoming>,
+    receivers: SortedMap<FederateId, Receiver>,
+    /// Whether more than the limit is in transit to some receiver, at whatever tags.
+    is_over: bool,
+    incoming: SortedMap<ChannelId, Incoming>,
     /// How many groups of messages that have arrived are large enough for a report.
     reportable_groups: usize,
-    bounded: BTreeMap<ChannelId, BoundedOutgoing>,
+    bounded: SortedMap<ChannelId, BoundedOutgoing>,
     /// How many messages on channels that block their senders wait at this receiver for their tags.
     waiting: usize,
 }
@@ -174,7 +176,8 @@ impl Flow {
             });
         Self {
             limit,
-            receivers: BTreeMap::new(),
+            receivers: SortedMap::new(),
+            is_over: false,
             incoming: incoming.collect(),
             reportable_groups: 0,
             bounded: bounded.collect(),
@@ -187,9 +190,10 @@ impl Flow {
     /// A message leaves on a channel. One on a physical channel has the tag at which it was sent.
     pub(crate) fn sent(&mut self, to: FederateId, channel: ChannelId, tag: Tag, payload: &Payload) {
         let bytes = weight(payload);
-        let receiver = self.receivers.entry(to).or_default();
+        let receiver = self.receivers.or_default(to);
         receiver.bytes = receiver.bytes.saturating_add(bytes);
-        receiver.channels.entry(channel).or_default().push(tag, bytes, self.limit / GROUPS);
+        self.is_over |= receiver.bytes > self.limit;
+        receiver.channels.or_default(channel).push(tag, bytes, self.limit / GROUPS);
         if let Some(bounded) = self.bounded.get_mut(&channel) {
             bounded.unprocessed += 1;
         }
@@ -210,13 +214,21 @@ impl Flow {
         let Some(receiver) = self.receivers.get_mut(&reader) else { return };
         let Some(backlog) = receiver.channels.get_mut(&channel) else { return };
         receiver.bytes = receiver.bytes.saturating_sub(backlog.take(messages, bytes));
+        self.look_at_receivers();
+    }
+
+    /// After less is in transit than before.
+    fn look_at_receivers(&mut self) {
+        self.is_over &= self.receivers.values().any(|receiver| receiver.bytes > self.limit);
     }
 
     /// Whether this federate is too far ahead of a receiver to begin `tag`.
     pub(crate) fn is_ahead(&self, tag: Tag) -> bool {
-        self.receivers
-            .values()
-            .any(|receiver| receiver.bytes > self.limit && receiver.before(tag) > self.limit)
+        self.is_over
+            && self
+                .receivers
+                .values()
+                .any(|receiver| receiver.bytes > self.limit && receiver.before(tag) > self.limit)
     }
 
     /// Whether a message of the next tag might find no room at a receiver.
@@ -263,7 +275,7 @@ impl Flow {
         if self.reportable_groups == 0 {
             return reports;
         }
-        for (id, incoming) in &mut self.incoming {
+        for (id, incoming) in self.incoming.iter_mut() {
             let (groups, report) = incoming.report(*id, tag);
             self.reportable_groups -= groups;
             reports.extend(report);
@@ -289,7 +301,7 @@ impl Flow {
         if self.waiting == 0 {
             return reports;
         }
-        for (id, incoming) in &mut self.incoming {
+        for (id, incoming) in self.incoming.iter_mut() {
             let Some(bounded) = &mut incoming.bounded else { continue };
             let (mut messages, mut bytes) = (0, 0_u64);
             while let Some((at, taken)) = bounded.tagged.front().copied()
@@ -311,6 +323,7 @@ impl Flow {
     /// A federate has ended, or joins again: what was in transit to it or from it does not count.
     pub(crate) fn forget(&mut self, peer: FederateId) {
         self.receivers.remove(&peer);
+        self.look_at_receivers();
         for bounded in self.bounded.values_mut().filter(|bounded| bounded.to == peer) {
             bounded.unprocessed = 0;
         }
@@ -346,6 +359,9 @@ impl Incoming {
 
 /// How many bytes a message counts for.
 fn weight(payload: &Payload) -> u64 {
+    if payload.parts.is_empty() {
+        return OVERHEAD.saturating_add(payload.head.len() as u64);
+    }
     let inline = codec::buffers_of(payload).map(|bytes| bytes.len() as u64);
     // The length of an object comes from a peer, so it may be any number.
     let stored = payload.objects().map(|object| object.len / OBJECT_DIVISOR);

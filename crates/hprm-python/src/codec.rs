@@ -1,7 +1,7 @@
 //! How a channel turns objects into bytes: our own way, or a package that the program names.
 
 use hprm_core::FederateId;
-use hprm_store::Store;
+use hprm_store::StoreAllocator;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -42,7 +42,7 @@ impl Codec {
     pub(crate) fn encode(
         &self,
         value: &Bound<'_, PyAny>,
-        store: &mut Store,
+        store: &StoreAllocator,
         owner: FederateId,
         trust: Trust,
     ) -> PyResult<Encoded> {

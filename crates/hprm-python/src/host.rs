@@ -12,7 +12,7 @@ use hprm_core::{
     Table, Turn,
 };
 use hprm_model::Syntax;
-use hprm_store::{Object, Store, StoreAllocator};
+use hprm_store::{Object, StoreAllocator};
 use pyo3::prelude::*;
 
 use crate::bodies::Bodies;
@@ -174,7 +174,7 @@ impl Host for PyHost {
 
     fn encode(
         &mut self,
-        store: &mut Store,
+        store: &StoreAllocator,
         channel: ChannelId,
         value: &Value,
         is_local: bool,
@@ -188,7 +188,7 @@ impl Host for PyHost {
         });
         // A small value leaves the store as it was.
         if payload.as_ref().is_ok_and(|payload| !payload.parts.is_empty()) {
-            self.runtime.note_store_stats(store.stats());
+            self.runtime.note_store_stats(store.store().stats());
         }
         payload
     }

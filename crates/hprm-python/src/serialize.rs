@@ -17,7 +17,7 @@ mod trust;
 use hprm_codec::format;
 use hprm_core::limits::INLINE_LIMIT;
 use hprm_core::{FederateId, Payload, copy_of};
-use hprm_store::{Object, Store};
+use hprm_store::{Object, StoreAllocator};
 use pyo3::prelude::*;
 
 use self::encode::EncodeError;
@@ -43,13 +43,13 @@ impl Encoded {
         head: &[u8],
         parts: &[ReceivedPart],
         pickled: bool,
-        store: &mut Store,
+        store: &StoreAllocator,
     ) -> Option<Self> {
         let mut holds = Vec::new();
         let part = |part: &ReceivedPart| match part {
             ReceivedPart::Inline(bytes) => copy_of(bytes).ok().map(hprm_core::Part::Inline),
             ReceivedPart::Object(received) => {
-                let object = store.forward(received)?;
+                let object = store.store().forward(received)?;
                 let part = hprm_core::Part::Object(object.object_ref());
                 holds.push(object);
                 Some(part)
@@ -139,7 +139,7 @@ pub(crate) fn decode<'py>(
 /// # Errors
 ///
 /// If the system has no memory.
-pub(crate) fn wrap(bytes: &[u8], store: &mut Store, owner: FederateId) -> PyResult<Encoded> {
+pub(crate) fn wrap(bytes: &[u8], store: &StoreAllocator, owner: FederateId) -> PyResult<Encoded> {
     let mut place = Place::store(store, owner);
     let payload = if bytes.len() > INLINE_LIMIT {
         Payload { parts: vec![place.put_bytes(bytes)?], ..Payload::default() }

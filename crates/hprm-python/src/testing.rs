@@ -2,7 +2,7 @@
 
 use hprm::Pickling;
 use hprm_core::{FederateId, Part};
-use hprm_store::{Object, Store, StoreLimits};
+use hprm_store::{Object, Store, StoreAllocator, StoreLimits};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -66,18 +66,20 @@ pub(crate) fn store_round_trip<'py>(
     let default = StoreLimits::default();
     let capacity_bytes = capacity.unwrap_or(default.capacity_bytes);
     let owner = FederateId(0);
-    let mut sender = Store::new(owner, StoreLimits { capacity_bytes, ..default });
+    let limits = StoreLimits { capacity_bytes, ..default };
+    let sender = StoreAllocator::new(Store::new(owner, limits));
     let (value, codec) = (Value::new(value), Arc::new(Codec::Native));
     let trust = Trust::new(Pickling::Local, true);
     let values = PyList::empty(py);
     for reader in (1..=readers).map(FederateId) {
-        let payload = value.encoded(py, &codec, &mut sender, owner, trust)?;
-        let objects = pass(&mut sender, reader, &payload).map_err(PyRuntimeError::new_err)?;
+        let payload = value.encoded(py, &codec, &sender, owner, trust)?;
+        let objects =
+            pass(&mut sender.store(), reader, &payload).map_err(PyRuntimeError::new_err)?;
         let now = hprm::Clock::now();
         let way = (Arc::clone(&codec), trust);
         values.append(Value::arrived(way, payload, objects, now).object(py)?)?;
     }
-    Ok((values, api::stats(py, sender.stats())?))
+    Ok((values, api::stats(py, sender.store().stats())?))
 }
 
 /// Hands the objects of a payload to a reader.

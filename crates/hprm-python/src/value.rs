@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use hprm::trace::Described;
 use hprm_core::{FederateId, Payload, PhysicalTime};
-use hprm_store::{Object, Store};
+use hprm_store::{Object, StoreAllocator};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
@@ -194,7 +194,7 @@ impl Value {
         &self,
         py: Python<'_>,
         codec: &Arc<Codec>,
-        store: &mut Store,
+        store: &StoreAllocator,
         owner: FederateId,
         trust: Trust,
     ) -> PyResult<Payload> {
@@ -235,7 +235,7 @@ impl Value {
         &self,
         py: Python<'_>,
         codec: &Arc<Codec>,
-        store: &mut Store,
+        store: &StoreAllocator,
         trust: Trust,
     ) -> Option<Encoded> {
         let arrival = self.received()?;

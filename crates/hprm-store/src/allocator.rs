@@ -16,12 +16,15 @@
 )]
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
+
+use hprm_core::ObjectRef;
 
 use crate::at_fork::is_forked;
 use crate::forks::Forks;
 use crate::shm::{ForkLock, Segment};
+use crate::store::Drops;
 use crate::{CowObject, Object, Store, WritableLoan};
 
 mod fork;
@@ -36,6 +39,10 @@ const LARGEST_SHARE: u64 = 8;
 #[derive(Debug)]
 pub struct StoreAllocator {
     store: Mutex<Store>,
+    /// What has been dropped, which the store need not be locked for.
+    drops: Drops,
+    /// Whether a thread has locked the store since releases were last drained: it may have more to settle.
+    was_locked: AtomicBool,
     capacity: u64,
     unpublished: Mutex<Unpublished>,
     /// Bounds of all addresses that were ever given: most look-ups end here.
@@ -89,6 +96,8 @@ impl StoreAllocator {
         Self {
             capacity: store.capacity(),
             forks: Arc::clone(store.forks()),
+            drops: store.drops(),
+            was_locked: AtomicBool::new(false),
             store: Mutex::new(store),
             unpublished: Mutex::default(),
             lowest: AtomicUsize::new(usize::MAX),
@@ -101,7 +110,26 @@ impl StoreAllocator {
 
     /// Locks the store. The allocator gives no memory meanwhile.
     pub fn store(&self) -> MutexGuard<'_, Store> {
-        self.store.lock().unwrap_or_else(PoisonError::into_inner)
+        let store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        self.was_locked.store(true, Ordering::Release);
+        store
+    }
+
+    /// As [`Store::drain_releases`]; it locks the store only if something may have changed there.
+    #[inline]
+    pub fn drain_releases(&self) -> Vec<ObjectRef> {
+        match self.was_locked.load(Ordering::Acquire) || self.drops.may_have_entries() {
+            true => self.drain_changed(),
+            false => Vec::new(),
+        }
+    }
+
+    fn drain_changed(&self) -> Vec<ObjectRef> {
+        let mut store = self.store();
+        let releases = store.drain_releases();
+        // Under the lock: whoever locks the store from here on has the next call look.
+        self.was_locked.store(store.has_changed(), Ordering::Release);
+        releases
     }
 
     /// The address of `len` bytes to write, with arbitrary content at first. They stay until a caller
@@ -121,6 +149,7 @@ impl StoreAllocator {
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => return None,
         };
+        self.was_locked.store(true, Ordering::Release);
         let mut loan = store.loan(len).ok()?;
         drop(store);
         let start = loan.as_mut_ptr();
@@ -327,6 +356,32 @@ mod tests {
         allocator.end_fork(second);
         assert_eq!(alloc(&allocator, MB), Some(freed));
         assert!(allocator.take(kept, MB, &allocator.store()).is_some());
+    }
+
+    #[test]
+    fn releases_are_drained_whoever_has_changed_the_store() {
+        let (sender, reader) = (FederateId(1), allocator());
+        let mut owner = Store::new(sender, StoreLimits::default());
+        for round in 0..3 {
+            assert_eq!(reader.drain_releases(), []);
+            let object = owner.put(&[7; 100], &[ME]).unwrap();
+            for segment in owner.unannounced(ME) {
+                let fd = std::os::fd::AsFd::as_fd(&segment).try_clone_to_owned().unwrap();
+                reader.store().attach(sender, segment.segment, segment.len, fd).unwrap();
+            }
+            let opened = reader.store().open(object).unwrap();
+            assert_eq!(reader.drain_releases(), []);
+            let clone = opened.clone();
+            drop(opened);
+            assert_eq!(reader.drain_releases(), []);
+            drop(clone);
+            assert_eq!(reader.drain_releases(), [object], "in round {round}");
+        }
+        // What was never published comes back, too, without a release.
+        let block = alloc(&reader, MB).unwrap();
+        assert!(reader.free(block));
+        assert_eq!(reader.drain_releases(), []);
+        assert_eq!(reader.store().stats().bytes_in_use, 0);
     }
 
     #[test]

@@ -53,6 +53,21 @@ impl AsFd for Announcement {
     }
 }
 
+/// What has been dropped, and the store does not know yet.
+#[derive(Debug)]
+pub(crate) struct Drops {
+    owed: Arc<ReleaseQueue>,
+    ended: Arc<ReleaseQueue>,
+    abandoned: Arc<DropQueue<Loan>>,
+}
+
+impl Drops {
+    /// Whether there may be any. Asking takes no lock.
+    pub(crate) fn may_have_entries(&self) -> bool {
+        self.abandoned.may_have_entries() || self.ended.may_be_due() || self.owed.may_be_due()
+    }
+}
+
 /// The object store of one federate.
 ///
 /// As a sender: [`loan`](Self::loan), write, [`seal`](Self::seal) for the readers, send each of them
@@ -442,12 +457,18 @@ impl Store {
     }
 
     /// Whether anything was dropped since the last call of [`Self::settle`], or may have ended without a word.
-    fn has_changed(&self) -> bool {
+    pub(crate) fn has_changed(&self) -> bool {
         self.abandoned.may_have_entries()
             || self.ended.may_be_due()
             || self.owed.may_be_due()
             || !self.lingering.is_empty()
             || self.ledger.has_returned()
+    }
+
+    /// Where drops are noted, which any thread may look at without the store.
+    pub(crate) fn drops(&self) -> Drops {
+        let Self { owed, ended, abandoned, .. } = self;
+        Drops { owed: Arc::clone(owed), ended: Arc::clone(ended), abandoned: Arc::clone(abandoned) }
     }
 
     /// Enters into the ledger what was dropped since the last call.

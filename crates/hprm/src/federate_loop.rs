@@ -22,11 +22,13 @@ mod showing;
 mod time;
 mod watchers;
 
+use std::collections::BTreeMap;
 use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, OutboundMessage, Payload, PhysicalTime, Program, Scheduler, Scope, Tag,
+    ChannelId, FederateId, Nanos, OutboundMessage, Payload, PhysicalTime, Program, Scheduler,
+    Scope, Tag,
 };
 use hprm_federated::{Carried, End, Frame, Input, Output, Permission};
 
@@ -48,6 +50,10 @@ use objects::Changes;
 use outlive::OutliveWatch;
 use pace::{LINGER, Pace, ThreadUsage};
 use showing::Counts;
+
+/// How long the machine may not know that time passes, in nanoseconds: much less than any of its limits, and as long as
+/// several tags take that follow one another quickly.
+const WAKE_PAUSE: Nanos = 10_000;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the federate reports any failure from then on to the RTI.
@@ -142,6 +148,7 @@ where
         interrupted: false,
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
+        woken_at: PhysicalTime(0),
         pace: Pace::new(),
         end_process: options.end_process,
         outlive: None,
@@ -190,6 +197,8 @@ struct FederateLoop<'a, H: Host> {
     inputs: Vec<(LinkSerial, Input)>,
     /// The loop has read, or is about to read, all that had come over the links by this time.
     looked_at: PhysicalTime,
+    /// When the machine was last told that time passes.
+    woken_at: PhysicalTime,
     /// Decides whether outbound messages may wait for those of the next tags.
     pace: Pace,
     /// What ends this process if it outlives the federation; none if the launcher does that.
@@ -235,7 +244,7 @@ where
             self.federation.serve_watchers();
             self.report_loaded()?;
             self.send_releases()?;
-            self.handle(Input::Wake)?;
+            self.wake_machine()?;
             advanced = match self.phase {
                 Phase::Running => self.run_next_tag()?,
                 Phase::Processing => self.continue_tag()?,
@@ -311,6 +320,16 @@ where
         Ok(())
     }
 
+    /// Tells the machine that time passes, now and then: what it does because of that alone may wait for so long.
+    fn wake_machine(&mut self) -> Result<(), Failure> {
+        // A clock that is set back before the start is no reason to wait.
+        if (0..WAKE_PAUSE).contains(&self.now.since(self.woken_at)) {
+            return Ok(());
+        }
+        self.woken_at = self.now;
+        self.handle(Input::Wake)
+    }
+
     fn compare_clocks(&mut self) {
         let Membership { time, links, .. } = &mut self.federation;
         time.ask(links);
@@ -374,8 +393,17 @@ where
     }
 
     /// Tells the owners of objects which of them this federate does not use any more.
+    #[inline]
     fn send_releases(&mut self) -> Result<(), Failure> {
-        for (owner, serials) in self.federation.objects.dropped() {
+        match self.federation.objects.dropped() {
+            None => Ok(()),
+            Some(dropped) => self.release(dropped),
+        }
+    }
+
+    #[inline(never)]
+    fn release(&mut self, dropped: BTreeMap<FederateId, Vec<u64>>) -> Result<(), Failure> {
+        for (owner, serials) in dropped {
             self.handle(Input::Release { owner, serials })?;
         }
         Ok(())
@@ -462,6 +490,7 @@ where
         let is_last = self.scheduler.end(Clock::now);
         self.phase = Phase::Running;
         self.send_all()?;
+        self.host.tag_is_sent();
         if !self.pace.may_linger(self.now) {
             // Only the RTI waits for what is still to be said of this tag.
             self.federation.links.flush_peers();
@@ -523,7 +552,7 @@ where
         let is_local = shares_memory && links.is_same_user(to);
         let precede = shares_memory && links.descriptors_precede(to, route.physical);
         let copied = self.recorder.is_on().then(|| objects.store().stats().bytes_copied);
-        let payload = self.host.encode(&mut objects.store(), channel, &value, is_local)?;
+        let payload = self.host.encode(objects.allocator(), channel, &value, is_local)?;
         if self.federation.is_watched() {
             self.show((channel, arrives), Ok(&payload));
         }

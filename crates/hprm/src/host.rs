@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use hprm_core::{Body, ChannelId, Effects, Nanos, Payload, ReactionId, Reading, Scheduler, Turn};
 use hprm_model::Syntax;
-use hprm_store::{Object, Store, StoreAllocator};
+use hprm_store::{Object, StoreAllocator};
 
 use crate::recorder::Tracepoints;
 use crate::supervisor::Signal;
@@ -49,8 +49,9 @@ pub trait Host {
         let _ = tracepoints;
     }
 
-    /// Turns a value into a payload. Large buffers go into objects of `store` that stay held until
-    /// the last clone of `value` is dropped; the loop adds the readers. Several channels may ask
+    /// Turns a value into a payload. Large buffers go into objects of the store that stay held until
+    /// the last clone of `value` is dropped; the loop adds the readers. Most values are small, so it is up to the host
+    /// to lock the store. Several channels may ask
     /// for the same value: it should be encoded once. `is_local` says whether the receiver is a process of the
     /// same user on this machine.
     ///
@@ -59,11 +60,14 @@ pub trait Host {
     /// If the value cannot be encoded; the program ends.
     fn encode(
         &mut self,
-        store: &mut Store,
+        store: &StoreAllocator,
         channel: ChannelId,
         value: &Self::Value,
         is_local: bool,
     ) -> Result<Payload, Failure>;
+
+    /// All messages of the current tag have been encoded: what the host keeps for further channels is of no use any more.
+    fn tag_is_sent(&mut self) {}
 
     /// Makes a value of a payload that arrived; `objects` are those that the payload refers to, in
     /// its order. Decoding may wait until the value is read. `arrival` reads the physical time. `is_local` says

@@ -155,6 +155,8 @@ impl Poller {
 
     /// Waits until a link is ready, the loop is notified, or `until` has come. The poller may busy-poll for
     /// some time before it sleeps.
+    // Apart, so that the loop itself stays small.
+    #[inline(never)]
     pub(crate) fn wait(
         &mut self,
         on: &mut impl PollSet,

@@ -11,7 +11,7 @@ use hprm_core::{
     ActionId, Body, ChannelId, Delay, Direction, Effect, Nanos, Origin, Payload, PortId,
     ProgramBuilder, ReactionId, ReactionSpec, Reading, Scheduler, Trigger,
 };
-use hprm_store::{Object, Store};
+use hprm_store::{Object, StoreAllocator};
 
 /// Sets the ports and schedules the actions that each reaction declares.
 struct Everything {
@@ -44,7 +44,7 @@ impl Host for Everything {
 
     fn encode(
         &mut self,
-        _: &mut Store,
+        _: &StoreAllocator,
         _: ChannelId,
         _: &u64,
         _: bool,

@@ -9,7 +9,7 @@ use hprm_core::{
     Body, ChannelId, Delay, Direction, Effect, Origin, Payload, PortId, Program, ProgramBuilder,
     Properties, ReactionId, ReactionSpec, Reading, Scheduler, Trigger,
 };
-use hprm_store::{Object, Store};
+use hprm_store::{Object, StoreAllocator};
 
 /// Sets ports to the number of the reaction, and schedules actions without a value.
 struct Numbers {
@@ -50,7 +50,7 @@ impl Host for Numbers {
 
     fn encode(
         &mut self,
-        _: &mut Store,
+        _: &StoreAllocator,
         _: ChannelId,
         _: &u32,
         _: bool,

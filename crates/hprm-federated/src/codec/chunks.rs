@@ -29,6 +29,12 @@ pub struct Outgoing {
 }
 
 impl Outgoing {
+    /// Whether a frame is a long message, which [`Self::cut`] cuts.
+    #[must_use]
+    pub fn is_for(frame: &Frame) -> bool {
+        matches!(frame, Frame::Message { payload, .. } if super::is_long(payload))
+    }
+
     /// Cuts a long message into chunks.
     ///
     /// # Errors

@@ -5,7 +5,7 @@
 //! forwarded.
 
 use hprm_core::{FederateId, Part, zeroed};
-use hprm_store::{Object, Store, StoreError};
+use hprm_store::{Object, StoreAllocator, StoreError};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -24,7 +24,7 @@ const WITHOUT_ROOM: &str = "such values travel inside their messages now, which 
 /// A place for large buffers.
 pub(crate) struct Place<'s> {
     /// The store, and the federate that owns it; without one, everything travels in the message.
-    store: Option<(&'s mut Store, FederateId)>,
+    store: Option<(&'s StoreAllocator, FederateId)>,
     /// Holds on what was stored.
     holds: Vec<Object>,
     /// The arrays that may be published without a copy.
@@ -33,7 +33,7 @@ pub(crate) struct Place<'s> {
 
 impl<'s> Place<'s> {
     /// In the store of `owner`, as long as it has room.
-    pub(crate) fn store(store: &'s mut Store, owner: FederateId) -> Self {
+    pub(crate) fn store(store: &'s StoreAllocator, owner: FederateId) -> Self {
         Self { store: Some((store, owner)), holds: Vec::new(), sole: Sole::new() }
     }
 
@@ -89,11 +89,11 @@ impl<'s> Place<'s> {
         array: &Bound<'_, PyAny>,
         layout: &Layout<'_>,
     ) -> PyResult<Option<Part>> {
-        let Some((store, owner)) = self.store.as_mut() else { return Ok(None) };
+        let Some((store, owner)) = self.store else { return Ok(None) };
         let object = if let Some(object) = array::object_under(array, layout)? {
-            store.forward(&object)
+            store.store().forward(&object)
         } else if let Some(references) = self.sole.get(&(array.as_ptr() as usize)) {
-            numpy_memory::publish(array, *references, layout.len, (store, *owner))?
+            numpy_memory::publish(array, *references, layout.len, (&mut store.store(), owner))?
         } else {
             None
         };
@@ -110,9 +110,10 @@ impl<'s> Place<'s> {
         match write(self.draft(len)?)? {
             Draft::Inline(bytes) => Ok(Part::Inline(bytes)),
             Draft::Loan(loan) => {
-                let (store, owner) = self.store.as_mut().expect("the loan is from a store");
+                let (store, owner) = self.store.expect("the loan is from a store");
+                let mut store = store.store();
                 store.count_copy(len);
-                let object = store.seal(loan, &[*owner]);
+                let object = store.seal(loan, &[owner]);
                 self.holds.push(store.open(object).map_err(refused)?);
                 Ok(Part::Object(object))
             }
@@ -120,7 +121,8 @@ impl<'s> Place<'s> {
     }
 
     fn draft(&mut self, len: usize) -> PyResult<Draft> {
-        let Some((store, _)) = self.store.as_mut() else { return inline(len) };
+        let Some((store, _)) = self.store else { return inline(len) };
+        let mut store = store.store();
         match store.loan(len) {
             Ok(loan) => Ok(Draft::Loan(loan)),
             Err(error) => {

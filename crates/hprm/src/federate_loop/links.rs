@@ -9,7 +9,7 @@ use std::mem;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use hprm_core::limits::EAGER_BUFFER;
-use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime};
+use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, SortedMap};
 use hprm_federated::codec::CodecError;
 use hprm_federated::{Carried, FederationId, Frame, HostId, Input};
 
@@ -117,9 +117,9 @@ impl LinkSerials {
 struct PolledLinks {
     rti: Option<PolledLink>,
     /// Links that this federate opened: it sends its messages over these.
-    outgoing: BTreeMap<FederateId, PolledLink>,
+    outgoing: SortedMap<FederateId, PolledLink>,
     /// Links that peers opened: their messages come over these.
-    incoming: BTreeMap<FederateId, PolledLink>,
+    incoming: SortedMap<FederateId, PolledLink>,
     /// Accepts links of peers, if the coordination needs them.
     acceptor: Option<PolledAcceptor>,
     /// Shows the messages of this federate to watchers.
@@ -202,8 +202,8 @@ impl FederateLinks {
             network,
             polled: PolledLinks {
                 rti: Some(PolledLink::new(rti)),
-                outgoing: BTreeMap::new(),
-                incoming: BTreeMap::new(),
+                outgoing: SortedMap::new(),
+                incoming: SortedMap::new(),
                 acceptor,
                 watch: None,
                 boards: None,
@@ -374,10 +374,9 @@ impl FederateLinks {
     /// messages go through that, are Unix sockets, which link only such processes.
     pub(super) fn is_same_user(&self, peer: FederateId) -> bool {
         let PolledLinks { outgoing, incoming, .. } = &self.polled;
-        let mut links = outgoing.get(&peer).into_iter().chain(incoming.get(&peer));
-        match links.next() {
-            Some(polled) => polled.link.is_local() && links.all(|polled| polled.link.is_local()),
-            None => self.polled.rti_is_same_user(),
+        match (outgoing.get(&peer), incoming.get(&peer)) {
+            (None, None) => self.polled.rti_is_same_user(),
+            (one, other) => [one, other].into_iter().flatten().all(|it| it.link.is_local()),
         }
     }
 
@@ -602,33 +601,33 @@ impl FederateLinks {
         // A peer has two links with this federate if both opened one. When the outgoing link ends, messages of
         // the peer may still come over the incoming link, so the peer is lost only when that has ended too.
         let mut ended = Vec::new();
-        for (peer, polled) in outgoing.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
-            let serial = serials.outgoing(*peer);
+        for (&peer, polled) in outgoing.iter_mut().filter(|(_, it)| it.may_be_read()) {
+            let serial = serials.outgoing(peer);
             let begun = arriving.inputs.len();
-            let end = arriving.read_peer(polled, (*peer, serial))?;
+            let end = arriving.read_peer(polled, (peer, serial))?;
             let is_up = |(_, input): &(LinkSerial, Input)| matches!(input, Input::PeerUp(_));
-            if openings.contains(*peer) && arriving.inputs[begun..].iter().any(is_up) {
-                openings.end(*peer);
+            if openings.contains(peer) && arriving.inputs[begun..].iter().any(is_up) {
+                openings.end(peer);
             }
             let Some(error) = end else { continue };
-            ended.push(*peer);
-            if openings.contains(*peer) {
-                if let Some(reason) = openings.failed(*peer, &error, Clock::local()) {
-                    arriving.inputs.push((serial, Input::Unreachable { peer: *peer, reason }));
+            ended.push(peer);
+            if openings.contains(peer) {
+                if let Some(reason) = openings.failed(peer, &error, Clock::local()) {
+                    arriving.inputs.push((serial, Input::Unreachable { peer, reason }));
                 }
-            } else if !incoming.contains_key(peer) {
-                arriving.inputs.push((serial, Input::PeerLost(*peer)));
+            } else if !incoming.contains_key(&peer) {
+                arriving.inputs.push((serial, Input::PeerLost(peer)));
             }
         }
-        ended.drain(..).for_each(|peer| drop(outgoing.remove(&peer)));
-        for (peer, polled) in incoming.iter_mut().filter(|(_, polled)| polled.may_be_read()) {
-            let serial = serials.incoming(*peer);
-            if arriving.read_peer(polled, (*peer, serial))?.is_some() {
-                ended.push(*peer);
-                arriving.inputs.push((serial, Input::PeerLost(*peer)));
+        ended.drain(..).for_each(|peer| _ = outgoing.remove(&peer));
+        for (&peer, polled) in incoming.iter_mut().filter(|(_, it)| it.may_be_read()) {
+            let serial = serials.incoming(peer);
+            if arriving.read_peer(polled, (peer, serial))?.is_some() {
+                ended.push(peer);
+                arriving.inputs.push((serial, Input::PeerLost(peer)));
             }
         }
-        ended.drain(..).for_each(|peer| drop(incoming.remove(&peer)));
+        ended.drain(..).for_each(|peer| _ = incoming.remove(&peer));
         Ok(())
     }
 }

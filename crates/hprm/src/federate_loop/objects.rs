@@ -65,6 +65,9 @@ impl Objects {
 
     /// The payload with the bytes themselves in place of references.
     pub(super) fn inline(&self, mut payload: Payload) -> Result<Payload, Failure> {
+        if payload.objects().next().is_none() {
+            return Ok(payload);
+        }
         let mut store = self.store();
         for part in &mut payload.parts {
             if let Part::Object(object) = part {
@@ -101,8 +104,16 @@ impl Objects {
         self.store().attach(owner, segment, len, descriptor).map_err(|error| Failure::store(&error))
     }
 
-    /// Views of the objects that a payload refers to.
+    /// Views of the objects that a payload refers to. Most have none, and then nothing locks the store.
+    #[inline]
     pub(super) fn open(&self, payload: &Payload) -> Result<Vec<Object>, Failure> {
+        match payload.parts.is_empty() {
+            true => Ok(Vec::new()),
+            false => self.open_parts(payload),
+        }
+    }
+
+    fn open_parts(&self, payload: &Payload) -> Result<Vec<Object>, Failure> {
         let mut store = self.store();
         payload
             .objects()
@@ -124,12 +135,17 @@ impl Objects {
         }
     }
 
-    /// The objects of other federates that this one does not use any more, by owner.
-    pub(super) fn dropped(&self) -> BTreeMap<FederateId, Vec<u64>> {
+    /// The objects of other federates that this one does not use any more, by owner; none, if there are none.
+    #[inline]
+    pub(super) fn dropped(&self) -> Option<BTreeMap<FederateId, Vec<u64>>> {
+        let released = self.allocator.drain_releases();
+        if released.is_empty() {
+            return None;
+        }
         let mut serials: BTreeMap<_, Vec<u64>> = BTreeMap::new();
-        for object in self.store().drain_releases() {
+        for object in released {
             serials.entry(object.owner).or_default().push(object.serial);
         }
-        serials
+        Some(serials)
     }
 }

@@ -54,7 +54,7 @@ where
         if !links.watch().is_some_and(|watch| watch.wants_values(message.0)) {
             return self.show(message, Err(String::new()));
         }
-        let payload = self.host.encode(&mut objects.store(), message.0, value, true);
+        let payload = self.host.encode(objects.allocator(), message.0, value, true);
         let payload = payload.map_err(|failure| failure.report().message);
         self.show(message, payload.as_ref().map_err(Clone::clone));
     }

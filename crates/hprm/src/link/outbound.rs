@@ -43,15 +43,21 @@ impl Outbound {
             self.waiting.push_back((frame, descriptor));
             return;
         }
-        match Outgoing::cut(frame) {
-            Ok(long) => self.long = Some(Box::new(long)),
-            Err(frame) => {
-                let start = self.buffer.len();
-                match codec::encode(&frame, &mut self.buffer) {
-                    Ok(()) => self.descriptors.extend(descriptor.map(|it| (start, it))),
-                    Err(_) => self.waiting.push_back((frame, descriptor)),
-                }
-            }
+        if Outgoing::is_for(&frame) {
+            self.long = Outgoing::cut(frame).ok().map(Box::new);
+            return;
+        }
+        let start = self.buffer.len();
+        match codec::encode(&frame, &mut self.buffer) {
+            Ok(()) => self.travels(start, descriptor),
+            Err(_) => self.waiting.push_back((frame, descriptor)),
+        }
+    }
+
+    /// Notes the descriptor that travels with the frame at a position, if one does.
+    fn travels(&mut self, start: usize, descriptor: Option<OwnedFd>) {
+        if let Some(descriptor) = descriptor {
+            self.descriptors.insert(start, descriptor);
         }
     }
 
@@ -79,7 +85,7 @@ impl Outbound {
                 Err(frame) => {
                     let start = self.buffer.len();
                     codec::encode(&frame, &mut self.buffer).map_err(no_memory)?;
-                    self.descriptors.extend(descriptor.map(|it| (start, it)));
+                    self.travels(start, descriptor);
                 }
             }
         }
@@ -106,7 +112,19 @@ impl Outbound {
 
     /// Writes once.
     pub(super) fn write(&mut self, stream: &mut Stream) -> io::Result<usize> {
-        // A descriptor goes with the first byte of its frame, so a write starts or ends there.
+        if self.descriptors.is_empty() {
+            let sent = stream.send(&self.buffer[self.written..]);
+            self.clogged = is_full(&sent);
+            let count = sent?;
+            self.written += count;
+            return Ok(count);
+        }
+        self.write_to_descriptor(stream)
+    }
+
+    /// The same where a frame has a descriptor: it goes with the first byte of its frame, so a write starts or ends
+    /// there.
+    fn write_to_descriptor(&mut self, stream: &mut Stream) -> io::Result<usize> {
         let next = self.descriptors.range(self.written + 1..).next();
         let until = next.map_or(self.buffer.len(), |(at, _)| *at);
         let bytes = &self.buffer[self.written..until];
@@ -114,7 +132,7 @@ impl Outbound {
             Some(descriptor) => stream.send_with(bytes, descriptor.as_fd()),
             None => stream.send(bytes),
         };
-        self.clogged = sent.as_ref().is_err_and(|it| it.kind() == io::ErrorKind::WouldBlock);
+        self.clogged = is_full(&sent);
         let count = sent?;
         if count > 0 {
             self.descriptors.remove(&self.written);
@@ -154,4 +172,9 @@ impl Outbound {
             self.buffer = Vec::with_capacity(EAGER_BUFFER);
         }
     }
+}
+
+/// Whether the other end takes no more at the moment.
+fn is_full(sent: &io::Result<usize>) -> bool {
+    sent.as_ref().is_err_and(|it| it.kind() == io::ErrorKind::WouldBlock)
 }

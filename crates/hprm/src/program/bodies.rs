@@ -9,7 +9,7 @@ use hprm_core::{
     Body, ChannelId, Effect, Effects, FederateId, Payload, PortId, Program, Reaction, ReactionId,
     ReactorId, Reading, Scheduler, Table, Trigger, Turn,
 };
-use hprm_store::{Object, Store, StoreAllocator};
+use hprm_store::{Object, StoreAllocator};
 
 use super::context::{Access, Context};
 use super::digest::Describer;
@@ -61,6 +61,9 @@ pub(super) struct Site {
     reads: Box<[Key]>,
     /// Sorted.
     effects: Box<[Key]>,
+    /// Where its loans come from; nothing if there is no other federate. It is here, and not in what is made anew for
+    /// each body that runs.
+    pub(super) memory: Option<Arc<StoreAllocator>>,
 }
 
 /// All bodies of a program, and the states that they work on.
@@ -133,10 +136,6 @@ impl Bodies {
         &mut federated.expect("only a federate sends and receives").transport
     }
 
-    fn memory(&self) -> Option<&Arc<StoreAllocator>> {
-        self.federated.as_ref()?.transport.allocator.as_ref()
-    }
-
     /// Puts the state of a reactor in its place.
     pub(super) fn insert(&mut self, reactor: ReactorId, state: Box<dyn Any + Send>) {
         while self.states.len() <= reactor.index() {
@@ -190,6 +189,7 @@ impl Site {
         Self {
             reactor: reaction.reactor,
             graph,
+            memory: None,
             effects: sorted(&mut effects.clone()),
             reads: sorted(&mut triggers.chain(sources).chain(effects)),
         }
@@ -225,11 +225,7 @@ impl Host for Bodies {
         let site = &self.sites[reaction];
         let state = self.states[site.reactor].get_mut().unwrap_or_else(PoisonError::into_inner);
         let code = self.codes[reaction].get_mut().unwrap_or_else(PoisonError::into_inner);
-        let memory = self.federated.as_mut().and_then(|federated| {
-            federated.transport.forget();
-            federated.transport.allocator.as_ref()
-        });
-        let mut context = Context { access: Access::Alone(scheduler), reaction, site, memory };
+        let mut context = Context { access: Access::Alone(scheduler), reaction, site };
         match code.body(body)(&mut **state, &mut context) {
             Ok(()) => Ok(()),
             Err(error) => Err(failed(scheduler, reaction, error)),
@@ -241,12 +237,19 @@ impl Host for Bodies {
     }
 
     fn set_allocator(&mut self, allocator: &Arc<StoreAllocator>) {
-        self.transport().allocator = Some(Arc::clone(allocator));
+        let sites = self.sites.ids().collect::<Vec<_>>();
+        for site in sites {
+            self.sites[site].memory = Some(Arc::clone(allocator));
+        }
+    }
+
+    fn tag_is_sent(&mut self) {
+        self.transport().forget();
     }
 
     fn encode(
         &mut self,
-        store: &mut Store,
+        store: &StoreAllocator,
         channel: ChannelId,
         value: &Value,
         _is_local: bool,
@@ -299,9 +302,8 @@ impl SharedBodies<Value> for Bodies {
         let site = &self.sites[reaction];
         let mut state = self.states[site.reactor].lock().unwrap_or_else(PoisonError::into_inner);
         let mut code = self.codes[reaction].lock().unwrap_or_else(PoisonError::into_inner);
-        let memory = self.memory();
         let access = Access::Shared(scheduler, effects);
-        let mut context = Context { access, reaction, site, memory };
+        let mut context = Context { access, reaction, site };
         let outcome = running_reactions(|| code.body(body)(&mut **state, &mut context));
         outcome.map_err(|error| failed(scheduler, reaction, error))
     }

@@ -1,12 +1,10 @@
 //! What a body sees of the running program, and what it can do.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use bytemuck::Pod;
 use hprm_codec::Element;
 use hprm_core::{Effects, PhysicalTime, PortId, ReactionId, Scheduler, Tag};
-use hprm_store::StoreAllocator;
 
 use super::bodies::Site;
 use super::handle::{Action, Entry, Key, Port, Readable, Slot};
@@ -42,8 +40,6 @@ pub struct Context<'a> {
     pub(super) access: Access<'a>,
     pub(super) reaction: ReactionId,
     pub(super) site: &'a Site,
-    /// Where loans come from; nothing if there is no other federate.
-    pub(super) memory: Option<&'a Arc<StoreAllocator>>,
 }
 
 /// How a reaction reaches the scheduler.
@@ -193,7 +189,7 @@ impl Context<'_> {
     ///
     /// If there is no memory for an array of that shape.
     pub fn loan<T: Element + Pod>(&self, shape: &[usize]) -> Loan<T> {
-        Loan::new(self.memory, shape)
+        Loan::new(self.site.memory.as_ref(), shape)
     }
 
     /// Ends the program at the next microstep.

@@ -9,7 +9,7 @@ use std::sync::{Arc, Weak};
 
 use hprm_codec::{DecodeError, Draft, EncodeError, Memory, Source, Transfer};
 use hprm_core::{ChannelId, Connection, FederateId, Part, Payload, PortId, Program, Table};
-use hprm_store::{Object, Store, StoreAllocator};
+use hprm_store::{Object, StoreAllocator};
 
 use super::sender::Sent;
 use super::value::{Value, stored_type};
@@ -74,7 +74,6 @@ pub(super) struct Transport {
     program: Arc<Program>,
     me: FederateId,
     codecs: Table<ChannelId, Option<Codec>>,
-    pub(super) allocator: Option<Arc<StoreAllocator>>,
     /// What the last payload refers to, until the loop has added its readers.
     holds: Vec<Object>,
     /// Arrays of the heap that were copied into the store, so that a second receiver of one gets the same copy.
@@ -98,14 +97,13 @@ impl Transport {
             codecs: channels.map(|channel| of(&program.connections[channel.connection])).collect(),
             program: Arc::clone(program),
             me,
-            allocator: None,
             holds: Vec::new(),
             copied: Vec::new(),
             warnings: Vec::new(),
         }
     }
 
-    /// Forgets what was copied at earlier tags.
+    /// Forgets what was copied: all of a tag has been sent.
     pub(super) fn forget(&mut self) {
         self.copied.clear();
     }
@@ -118,7 +116,7 @@ impl Transport {
     /// Turns a value into a payload.
     pub(super) fn encode(
         &mut self,
-        store: &mut Store,
+        store: &StoreAllocator,
         channel: ChannelId,
         value: &Value,
     ) -> Result<Payload, Failure> {
@@ -157,13 +155,13 @@ impl Transport {
             .map_err(|error| self.unread(channel, codec.type_name(), &error))
     }
 
-    fn place(&mut self, store: &mut Store, source: Source) -> Result<Part, Failure> {
+    fn place(&mut self, store: &StoreAllocator, source: Source) -> Result<Part, Failure> {
         let memory = match source {
             Source::Bytes(bytes) => return self.copy(store, &bytes).map(|(part, _)| part),
             Source::Memory(memory) => memory,
         };
         let stored = memory.downcast_ref::<InStore>();
-        if let Some(object) = stored.and_then(|InStore(object)| store.forward(object)) {
+        if let Some(object) = stored.and_then(|InStore(object)| store.store().forward(object)) {
             return Ok(self.hold(object));
         }
         let known = self.copied.iter().find(|(copied, _)| is_same(copied, &memory));
@@ -182,7 +180,12 @@ impl Transport {
     }
 
     /// Copies bytes into the store, or into the message if the store has no room for them.
-    fn copy(&mut self, store: &mut Store, bytes: &[u8]) -> Result<(Part, Option<Object>), Failure> {
+    fn copy(
+        &mut self,
+        store: &StoreAllocator,
+        bytes: &[u8],
+    ) -> Result<(Part, Option<Object>), Failure> {
+        let mut store = store.store();
         let copied = store.put(bytes, &[self.me]).and_then(|object| store.open(object));
         match copied {
             Ok(object) => Ok((self.hold(object.clone()), Some(object))),

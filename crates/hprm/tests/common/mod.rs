@@ -24,7 +24,7 @@ use hprm_core::{
     PortId, Program, ProgramBuilder, Properties, ReactionId, ReactionSpec, Reading, Scheduler,
     Trigger,
 };
-use hprm_store::{Object, Store, StoreLimits};
+use hprm_store::{Object, StoreAllocator, StoreLimits};
 
 /// Bytes, wherever they are.
 #[derive(Clone)]
@@ -69,7 +69,7 @@ impl Host for Closures {
 
     fn encode(
         &mut self,
-        store: &mut Store,
+        store: &StoreAllocator,
         _: ChannelId,
         value: &Bytes,
         _: bool,
@@ -82,6 +82,7 @@ impl Host for Closures {
         if let Some((payload, _)) = self.encoded.get(&key) {
             return Ok(payload.clone());
         }
+        let mut store = store.store();
         let object = store.put(bytes, &[self.me]).map_err(|e| Failure::Store(e.to_string()))?;
         let hold = store.open(object).map_err(|e| Failure::Store(e.to_string()))?;
         let payload = Payload { parts: vec![Part::Object(object)], ..Payload::default() };
