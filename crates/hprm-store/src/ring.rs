@@ -53,13 +53,65 @@ struct Ring<M> {
     start: usize,
 }
 
-impl<M: AsRef<[AtomicU64]>> Ring<M> {
-    fn word(&self, at: usize) -> &AtomicU64 {
-        &(*self.memory).as_ref()[self.start + at]
+/// Memory that both sides have; in tests, a small one in which words are as old as the language permits.
+trait Memory {
+    type Word: Word;
+
+    /// How many bytes a ring holds: whole words.
+    const CAPACITY: usize;
+
+    fn words(&self) -> &[Self::Word];
+}
+
+/// A word that both sides load and store.
+trait Word {
+    fn load(&self, order: Ordering) -> u64;
+
+    fn store(&self, value: u64, order: Ordering);
+
+    /// Stores a value in the place of what is there, which it returns.
+    fn swap(&self, value: u64, order: Ordering) -> u64;
+}
+
+impl<M: AsRef<[AtomicU64]>> Memory for M {
+    type Word = AtomicU64;
+
+    const CAPACITY: usize = RING_CAPACITY;
+
+    fn words(&self) -> &[AtomicU64] {
+        self.as_ref()
+    }
+}
+
+impl Word for AtomicU64 {
+    #[inline]
+    fn load(&self, order: Ordering) -> u64 {
+        self.load(order)
     }
 
-    fn data(&self) -> &[AtomicU64] {
-        &(*self.memory).as_ref()[self.start + DATA..self.start + RING_WORDS]
+    #[inline]
+    fn store(&self, value: u64, order: Ordering) {
+        self.store(value, order);
+    }
+
+    #[inline]
+    fn swap(&self, value: u64, order: Ordering) -> u64 {
+        self.swap(value, order)
+    }
+}
+
+impl<M: Memory> Ring<M> {
+    fn word(&self, at: usize) -> &M::Word {
+        &self.memory.words()[self.start + at]
+    }
+
+    fn data(&self) -> &[M::Word] {
+        &self.memory.words()[self.start + DATA..][..M::CAPACITY / WORD]
+    }
+
+    /// The position in the ring of a byte, by its number in the stream.
+    fn position(number: u64) -> usize {
+        (number % M::CAPACITY as u64) as usize
     }
 
     /// Loads a word of the other side; everything that it did before is visible afterwards.
@@ -202,7 +254,7 @@ struct Writer<M> {
     read: u64,
 }
 
-impl<M: AsRef<[AtomicU64]>> Writer<M> {
+impl<M: Memory> Writer<M> {
     fn new(ring: Ring<M>) -> Self {
         Self { ring, written: 0, read: 0 }
     }
@@ -228,7 +280,7 @@ impl<M: AsRef<[AtomicU64]>> Writer<M> {
     }
 
     fn room(&self) -> usize {
-        RING_CAPACITY - (self.written - self.read) as usize
+        M::CAPACITY - (self.written - self.read) as usize
     }
 
     /// Loads how many bytes the reader has read.
@@ -243,8 +295,8 @@ impl<M: AsRef<[AtomicU64]>> Writer<M> {
 
     /// Copies bytes for which there is room.
     fn put(&mut self, bytes: &[u8]) {
-        let at = position(self.written);
-        let (now, later) = bytes.split_at(bytes.len().min(RING_CAPACITY - at));
+        let at = Ring::<M>::position(self.written);
+        let (now, later) = bytes.split_at(bytes.len().min(M::CAPACITY - at));
         put(self.ring.data(), at, now);
         put(self.ring.data(), 0, later);
     }
@@ -262,7 +314,7 @@ struct Reader<M> {
     looked: u64,
 }
 
-impl<M: AsRef<[AtomicU64]>> Reader<M> {
+impl<M: Memory> Reader<M> {
     fn new(ring: Ring<M>) -> Self {
         Self { ring, read: 0, written: 0, looked: 0 }
     }
@@ -275,7 +327,7 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
         let written = self.ring.load(WRITTEN);
         let available = written.checked_sub(self.read).ok_or(RingError)?;
         let available = usize::try_from(available).map_err(|_| RingError)?;
-        if available > RING_CAPACITY {
+        if available > M::CAPACITY {
             return Err(RingError);
         }
         self.written = written;
@@ -292,7 +344,7 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
     /// that had been read when this side last looked. So this side must look once it reads when so many bytes have been
     /// written, and may save the exchange before that.
     fn take_waiting_writer(&mut self) -> bool {
-        if self.written - self.looked < RING_CAPACITY as u64 {
+        if self.written - self.looked < M::CAPACITY as u64 {
             return false;
         }
         self.looked = self.read;
@@ -301,15 +353,15 @@ impl<M: AsRef<[AtomicU64]>> Reader<M> {
 
     /// Copies out bytes that were written.
     fn take(&self, buffer: &mut [u8]) {
-        let at = position(self.read);
-        let (now, later) = buffer.split_at_mut(buffer.len().min(RING_CAPACITY - at));
+        let at = Ring::<M>::position(self.read);
+        let (now, later) = buffer.split_at_mut(buffer.len().min(M::CAPACITY - at));
         take(self.ring.data(), at, now);
         take(self.ring.data(), 0, later);
     }
 }
 
 /// Copies bytes into memory, from byte `at` on.
-fn put(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
+fn put(memory: &[impl Word], at: usize, bytes: &[u8]) {
     let (head, rest) = bytes.split_at(bytes.len().min(up_to_word(at)));
     put_part(memory, at, head);
     let at = at + head.len();
@@ -323,7 +375,7 @@ fn put(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
 }
 
 /// Copies a part of one word. The rest of it may not have been read yet, and stays.
-fn put_part(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
+fn put_part(memory: &[impl Word], at: usize, bytes: &[u8]) {
     if bytes.is_empty() {
         return;
     }
@@ -334,7 +386,7 @@ fn put_part(memory: &[AtomicU64], at: usize, bytes: &[u8]) {
 }
 
 /// Copies bytes out of memory, from byte `at` on.
-fn take(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
+fn take(memory: &[impl Word], at: usize, buffer: &mut [u8]) {
     let (head, rest) = buffer.split_at_mut(buffer.len().min(up_to_word(at)));
     take_part(memory, at, head);
     let (at, len) = (at + head.len(), rest.len());
@@ -347,7 +399,7 @@ fn take(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
 }
 
 /// Copies a part of one word.
-fn take_part(memory: &[AtomicU64], at: usize, buffer: &mut [u8]) {
+fn take_part(memory: &[impl Word], at: usize, buffer: &mut [u8]) {
     if !buffer.is_empty() {
         let word = memory[at / WORD].load(Ordering::Relaxed).to_ne_bytes();
         buffer.copy_from_slice(&word[at % WORD..][..buffer.len()]);
@@ -359,10 +411,7 @@ fn up_to_word(at: usize) -> usize {
     at.next_multiple_of(WORD) - at
 }
 
-/// The position in the ring of a byte, by its number in the stream.
-fn position(number: u64) -> usize {
-    (number % RING_CAPACITY as u64) as usize
-}
-
+#[cfg(test)]
+mod sleeping;
 #[cfg(test)]
 mod tests;
