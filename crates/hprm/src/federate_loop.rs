@@ -51,8 +51,8 @@ use outlive::OutliveWatch;
 use pace::{LINGER, Pace, ThreadUsage};
 use showing::Counts;
 
-/// How long the machine may not know that time passes, in nanoseconds: much less than any of its limits, and as long as
-/// several tags take that follow one another quickly.
+/// How long the machine may not know that time passes, in nanoseconds, unless it has asked for a time: as long as several
+/// tags take that follow one another quickly.
 const WAKE_PAUSE: Nanos = 10_000;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
@@ -320,10 +320,11 @@ where
         Ok(())
     }
 
-    /// Tells the machine that time passes, now and then: what it does because of that alone may wait for so long.
+    /// Tells the machine that time passes: when it has asked for that, and otherwise now and then.
     fn wake_machine(&mut self) -> Result<(), Failure> {
+        let is_due = || self.federation.machine.next_wakeup().is_some_and(|at| at <= self.now);
         // A clock that is set back before the start is no reason to wait.
-        if (0..WAKE_PAUSE).contains(&self.now.since(self.woken_at)) {
+        if (0..WAKE_PAUSE).contains(&self.now.since(self.woken_at)) && !is_due() {
             return Ok(());
         }
         self.woken_at = self.now;
