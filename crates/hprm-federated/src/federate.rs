@@ -409,9 +409,7 @@ impl Federate {
             Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
-        if self.reads_boards() {
-            self.look_at_boards(now);
-        }
+        self.look_at_boards(now);
         Ok(())
     }
 

@@ -100,7 +100,14 @@ impl Federate {
     }
 
     /// Posts what is new, finds out how far this federate may advance, and answers about federates that leave.
+    #[inline]
     pub(super) fn look_at_boards(&mut self, now: PhysicalTime) {
+        if self.reads_boards() {
+            self.post_and_find_out(now);
+        }
+    }
+
+    fn post_and_find_out(&mut self, now: PhysicalTime) {
         let Some(start) = self.startup.start().filter(|_| !self.ended) else { return };
         let Some(next) = self.next_on_boards() else { return };
         let departs = self.wants_to_leave && self.departure.is_none();
