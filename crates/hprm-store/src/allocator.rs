@@ -127,7 +127,7 @@ impl StoreAllocator {
     fn drain_changed(&self) -> Vec<ObjectRef> {
         let mut store = self.store();
         let releases = store.drain_releases();
-        // Under the lock: whoever locks the store from here on has the next call look.
+        // Under the lock: a thread that locks the store from here on has the next call look.
         self.was_locked.store(store.has_changed(), Ordering::Release);
         releases
     }
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn releases_are_drained_whoever_has_changed_the_store() {
+    fn releases_are_drained_whichever_thread_has_changed_the_store() {
         let (sender, reader) = (FederateId(1), allocator());
         let mut owner = Store::new(sender, StoreLimits::default());
         for round in 0..3 {

@@ -15,7 +15,7 @@ type Known = BTreeMap<usize, usize>;
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Default)]
 struct Value {
     value: u64,
-    /// What whoever acquires it knows then.
+    /// What a side knows once it has acquired it.
     tells: Known,
 }
 
@@ -112,7 +112,7 @@ impl Words {
         self.put(at, value, order, Known::new());
     }
 
-    /// Nothing comes between what a swap gets and what it puts there, so whoever acquires the latter knows also what
+    /// Nothing comes between what a swap gets and what it puts there, so a side that acquires the latter knows also what
     /// the former tells.
     fn swap(&mut self, at: usize, value: u64, order: Ordering) -> u64 {
         let newest = self.values(at).len() - 1;
