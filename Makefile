@@ -26,7 +26,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -120,6 +120,9 @@ bench-ros2: build $(VENV)/.requirements ## measure programs of ROS 2: messages b
 
 bench-growth: build $(VENV)/.requirements ## what 2 to 64 federates and larger messages cost: a page of pictures, a quarter of an hour
 	@$(BIN)/python bench/growth.py
+
+bench-watching: build $(VENV)/.requirements ## what traces, top, rate and echo cost the federation that they look at
+	@$(BIN)/python bench/watching.py
 
 bench-ros2-order: build $(VENV)/.requirements ## run programs of ROS 2 on a loaded machine, ten times each, with tags and without
 	@$(BIN)/python bench/ros2_order.py

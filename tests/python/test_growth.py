@@ -1,4 +1,4 @@
-"""The measurement of growth: a little of all that it does. Nothing is timed here."""
+"""The measurements of growth and of watching: a little of all that they do. Nothing is timed."""
 
 from __future__ import annotations
 
@@ -46,3 +46,15 @@ def test_a_folder_that_cannot_be_made_is_one_error(tmp_path: Path) -> None:
     done = run("--quick", "--out", os.fspath(tmp_path / "file" / "folder"))
     assert done.returncode == 1
     assert done.stderr.startswith("error: ") and "Traceback" not in done.stderr
+
+
+def test_a_federation_is_watched_in_all_ways(tmp_path: Path) -> None:
+    out = tmp_path / "watching.json"
+    words = ["--repetitions", "1", "--messages", "50", "--beginning", "0.5", "--out", str(out)]
+    argv = [sys.executable, str(SCRIPT.parent / "watching.py"), *words]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    for by_way in json.loads(out.read_text())["us"].values():
+        assert list(by_way) == ["plain", "--trace", "hprm top", "hprm rate", "hprm echo"]
+        assert all(len(values) == 1 and values[0] > 0 for values in by_way.values())
+    assert "of plain" in done.stdout
