@@ -70,8 +70,8 @@ def goals() -> Iterator[Goal]:
         yield from _of_a_way(ours)
     cen, dec = "hprm centralized", "hprm decentralized"
     yield Goal("W2", who.APART, 64, "hprm spinning", "iceoryx2 polling", 0.8)
-    yield Goal("W2", who.SAME, 64, cen, dec, 1.6)
-    yield Goal("W2", who.APART, 64, cen, dec, 1.6)
+    yield Goal("W2", who.SAME, 64, cen, dec, 1.15)
+    yield Goal("W2", who.APART, 64, cen, dec, 1.15)
     for size in (1, 5, 10, 25, 50):
         yield Goal("W3", who.PLACE, size * MB, "hprm loan", "", 0.05)
     for size in (1, 5, 10, 25, 50):
