@@ -30,7 +30,8 @@ def lines(record: Record, title: str, unit: str) -> str:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 5.2), layout="constrained")
         axes = figure.add_subplot()
-        ours, peers = _split(spreads)
+        # By the order in which they were measured, so that each has one colour in all pictures.
+        ours, peers = _split(record.contenders())
         for place, name in enumerate(peers):
             _line(axes, name, spreads[name], _peer_style(name, place))
         for place, name in enumerate(ours):
@@ -74,7 +75,7 @@ def boxes(title: str, unit: str, samples: Mapping[str, Sequence[float]]) -> str:
         return svg_of(figure)
 
 
-def _split(names: Mapping[str, object]) -> tuple[list[str], list[str]]:
+def _split(names: Sequence[str]) -> tuple[list[str], list[str]]:
     ours = [name for name in names if name.startswith(OURS)]
     return ours, [name for name in names if name not in ours]
 
