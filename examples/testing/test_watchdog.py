@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from watchdog import Watchdog
 
@@ -24,6 +24,8 @@ def test_an_hour_passes_in_no_time(run_reactor: Callable[..., hprm.testing.Resul
     assert len(result.outputs["alarm"]) == 3600
 
 
+# A machine that is busy may take long for an example: that is no fault of the watchdog.
+@settings(deadline=None)
 @given(st.lists(st.integers(1, 300), max_size=20))
 def test_each_long_gap_raises_one_alarm(gaps: list[int]) -> None:
     times = [sum(gaps[:count]) for count in range(len(gaps) + 1)]

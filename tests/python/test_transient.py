@@ -111,7 +111,7 @@ def test_one_leaves_and_comes_back(launch: Run, coordination: str) -> None:
 @pytest.mark.parametrize("delay", ["", "after 0", "after 1 ms", "after 30 ms"])
 def test_one_comes_back_to_a_cycle(launch: Run, coordination: str, delay: str) -> None:
     outcome = launch(f"""
-    target Python {{ coordination: {coordination}, timeout: 1500 ms }}
+    target Python {{ coordination: {coordination}, timeout: 3 s }}
     {REACTORS}
     reactor Camera {{
       output out
@@ -152,7 +152,7 @@ def test_one_comes_back_to_a_cycle(launch: Run, coordination: str, delay: str) -
     # Each instance forwards five successive numbers; the camera continues between the two.
     first, second = numbers[0], numbers[5]
     assert numbers == [*range(first, first + 5), *range(second, second + 5)]
-    assert lines(outcome, "down")[0] == "ticks 151"
+    assert lines(outcome, "down")[0] == "ticks 301"
     assert lines(outcome, "starter") == ["ended with 0"]
 
 
