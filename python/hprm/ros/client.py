@@ -7,15 +7,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from hprm.ros._entity import Entity
-from hprm.ros._graph import Flow
 from hprm.ros._interface import copy_of
+from hprm.ros._service_end import ServiceEnd
 from hprm.ros.callback_groups import CallbackGroup
-from hprm.ros.service_introspection import Introspection, ServiceIntrospectionState
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
-    from hprm.ros.clock import Clock
     from hprm.ros.context import Context
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
@@ -23,7 +20,7 @@ if TYPE_CHECKING:
 _numbers = itertools.count(1)
 
 
-class Client(Entity):
+class Client(ServiceEnd):
     """Sends requests to a service."""
 
     order = 3
@@ -38,29 +35,13 @@ class Client(Entity):
         callback_group: CallbackGroup,
     ) -> None:
         """Make the client of a node; ``srv_name`` is the full name of the service."""
-        super().__init__(node, callback_group)
+        super().__init__(node, srv_type, srv_name, qos_profile, callback_group)
         self.context = context
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self.service_name = srv_name
-        self.qos_profile = qos_profile
-        self._request = Flow("request", srv_name)
-        self._response = Flow("response", srv_name)
         #: By which responses find this client, the same on every run.
         self._name = f"{node.get_fully_qualified_name()}#{next(_numbers)}"
         self._count = 0
         self._pending: dict[int, Future[Any]] = {}
         self._arrived: deque[tuple[int, Any]] = deque()
-        self._introspection = Introspection(node, srv_type, srv_name)
-
-    def configure_introspection(
-        self,
-        clock: Clock,
-        service_event_qos_profile: QoSProfile,
-        introspection_state: ServiceIntrospectionState,
-    ) -> None:
-        """Tell of requests that are sent and responses that are received, or no more of them."""
-        self._introspection.configure(clock, service_event_qos_profile, introspection_state)
 
     def call_async(self, request: Any) -> Future[Any]:
         """Send a request, and return the future of its response.
@@ -144,5 +125,4 @@ class Client(Entity):
     def destroy(self) -> None:
         """Take no more responses."""
         super().destroy()
-        self._introspection.end()
         self._node._runtime.withdraw(self._response, self.deliver)

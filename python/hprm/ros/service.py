@@ -6,20 +6,18 @@ import inspect
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from hprm.ros._entity import Entity, Queue
-from hprm.ros._graph import Flow
+from hprm.ros._entity import Queue
 from hprm.ros._interface import check_callback, copy_of
+from hprm.ros._service_end import ServiceEnd
 from hprm.ros.callback_groups import CallbackGroup
-from hprm.ros.service_introspection import Introspection, ServiceIntrospectionState
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
-    from hprm.ros.clock import Clock
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
 
 
-class Service(Entity):
+class Service(ServiceEnd):
     """Answers requests."""
 
     order = 4
@@ -35,26 +33,10 @@ class Service(Entity):
     ) -> None:
         """Make the service of a node; ``srv_name`` is its full name."""
         check_callback(callback)
-        super().__init__(node, callback_group)
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self.service_name = srv_name
+        super().__init__(node, srv_type, srv_name, qos_profile, callback_group)
         self.callback = callback
-        self.qos_profile = qos_profile
-        self._request = Flow("request", srv_name)
-        self._response = Flow("response", srv_name)
         # No request is lost, however many wait: each has a client that waits, too.
         self._queue = Queue(None)
-        self._introspection = Introspection(node, srv_type, srv_name)
-
-    def configure_introspection(
-        self,
-        clock: Clock,
-        service_event_qos_profile: QoSProfile,
-        introspection_state: ServiceIntrospectionState,
-    ) -> None:
-        """Tell of requests that are received and responses that are sent, or no more of them."""
-        self._introspection.configure(clock, service_event_qos_profile, introspection_state)
 
     def deliver(self, request: Any) -> None:
         """Put a request into the queue: the client, its number, and the message."""
@@ -92,7 +74,6 @@ class Service(Entity):
     def destroy(self) -> None:
         """Answer no more requests."""
         super().destroy()
-        self._introspection.end()
         self._node._runtime.withdraw(self._request, self.deliver)
 
     def _answer(self, client: str, number: int, response: Any) -> None:
