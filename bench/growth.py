@@ -23,7 +23,7 @@ from evaluation.page import STYLE, table_of
 from evaluation.record import Record
 from evaluation.texts import by_case
 from federation import FederationError, command
-from growing.measures import COORDINATIONS, FULL, QUICK, TITLES, RunFailed, take
+from growing.measures import COORDINATIONS, FULL, QUICK, TITLES, take
 from shown import show
 
 OUT = growing.ROOT / "out" / "growth"
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             record.save(options.out)
         page = options.out / "index.html"
         page.write_text(html(records))
-    except (RunFailed, FederationError, OSError) as error:
+    except (FederationError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -24,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broad
 import federation
 import machine
 from progress import ProgressBar
+from run_text import run_text
 from shown import show
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -128,18 +127,10 @@ def measure(options: argparse.Namespace) -> Results:
 
 def round_trips(coordination: str, in_process: bool, rounds: int) -> list[int]:
     """The latencies of small messages in one run, in ns."""
+    text = ROUND_TRIP.format(coordination=coordination, rounds=rounds)
     with tempfile.TemporaryDirectory(prefix="in-process-") as folder:
-        program, out = Path(folder, "RoundTrip.lf"), Path(folder, "out.json")
-        program.write_text(ROUND_TRIP.format(coordination=coordination, rounds=rounds))
-        words = ["--in-process"] if in_process else []
-        command = [str(federation.command()), "run", *words, str(program)]
-        environment = os.environ | {"HPRM_BENCH_OUT": str(out)}
-        done = subprocess.run(
-            command, env=environment, stderr=subprocess.PIPE, text=True, timeout=120, check=False
-        )
-        if done.returncode != 0:
-            raise federation.FederationError(f"the round trip failed\n{done.stderr}")
-        latencies: list[int] = json.loads(out.read_text())
+        run_text(text, Path(folder), "RoundTrip", ["--in-process"] if in_process else [])
+        latencies: list[int] = json.loads(Path(folder, "out").read_text())
         return latencies
 
 

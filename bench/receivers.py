@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -20,6 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broadcast_gather"))
 
 import federation
+from run_text import run_text
 from shown import show
 
 RECEIVERS = (1, 4, 8)
@@ -97,25 +96,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(way: str, receivers: int, options: argparse.Namespace) -> list[int]:
     """Return the times of one run, in ns."""
+    text = PROGRAM.format(
+        coordination=options.coordination,
+        size=options.size,
+        rounds=options.rounds,
+        receivers=receivers,
+        array=WAYS[way],
+    )
     with tempfile.TemporaryDirectory(prefix="receivers-") as folder:
-        program, out = Path(folder, "Receivers.lf"), Path(folder, "out.json")
-        program.write_text(
-            PROGRAM.format(
-                coordination=options.coordination,
-                size=options.size,
-                rounds=options.rounds,
-                receivers=receivers,
-                array=WAYS[way],
-            )
-        )
-        command = [str(federation.command()), "run", str(program)]
-        environment = os.environ | {"HPRM_BENCH_OUT": str(out)}
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=300, check=False
-        )
-        if done.returncode != 0:
-            raise federation.FederationError(f"the run failed\n{done.stderr}")
-        times: list[int] = json.loads(out.read_text())
+        run_text(text, Path(folder), "Receivers")
+        times: list[int] = json.loads(Path(folder, "out").read_text())
         return times
 
 

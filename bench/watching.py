@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples" / "broad
 
 import federation
 import machine
+from run_text import run_text
 from shown import show
 
 OUT = Path(__file__).resolve().parents[1] / "out" / "watching.json"
@@ -36,7 +37,6 @@ WATCHERS = {
     "hprm echo": ["echo", "--of", "Watched", "--wait", "10", "--json", "ping.ping"],
 }
 WAYS = [PLAIN, TRACE, *WATCHERS]
-_TIME_LIMIT_S = 120
 
 PROGRAM = """
 target Python { coordination: COORDINATION }
@@ -130,23 +130,10 @@ def run(coordination: str, way: str, options: argparse.Namespace) -> list[int]:
     text = PROGRAM.replace("COORDINATION", coordination)
     text = text.replace("BEGINS", str(options.beginning)).replace("COUNT", str(options.messages))
     with tempfile.TemporaryDirectory(prefix="watching-") as folder:
-        program, out = Path(folder, "Watched.lf"), Path(folder, "out.json")
-        program.write_text(text)
         words = [f"--trace={folder}/a.trace"] if way == TRACE else []
-        command = [str(federation.command()), "run", *words, str(program)]
-        environment = os.environ | {"HPRM_BENCH_OUT": str(out)}
-        started = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
-        try:
-            with watched(WATCHERS.get(way)):
-                _, said = started.communicate(timeout=_TIME_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            raise federation.FederationError(f"{way}: no end for {_TIME_LIMIT_S} s") from None
-        finally:
-            started.terminate()
-            started.wait()
-        if started.returncode != 0:
-            raise federation.FederationError(f"{way}: the run failed\n{said}")
-        times: list[int] = json.loads(out.read_text())
+        with watched(WATCHERS.get(way)):
+            run_text(text, Path(folder), "Watched", words)
+        times: list[int] = json.loads(Path(folder, "out").read_text())
         return times
 
 

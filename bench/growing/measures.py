@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import statistics
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import federation
 from evaluation.record import Cell
+from run_text import run_text
 
 from . import programs
 
 COORDINATIONS = ("centralized", "decentralized")
-_TIME_LIMIT_S = 300
-
-
-class RunFailed(Exception):
-    """A federation has not ended well; the message says which, and how."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +66,7 @@ def take(effort: Effort, tell: Callable[[str], None]) -> Measured:
     """Run everything as often as is asked for, in turn; return the cells of each measure.
 
     Raises:
-        RunFailed: a federation has failed.
+        FederationError: a federation has failed.
 
     """
     cells: dict[tuple[str, str, str], Cell] = {}
@@ -108,22 +101,9 @@ def _all(coordination: str, effort: Effort) -> Iterator[tuple[str, str, float]]:
 def run(text: str) -> dict[str, dict[str, Any]]:
     """Run a federation to its end; return what its federates have written, by their names."""
     with tempfile.TemporaryDirectory(prefix="growth-") as folder:
-        program, out = Path(folder, "Growth.lf"), Path(folder, "out")
+        out = Path(folder, "out")
         out.mkdir()
-        program.write_text(text)
-        try:
-            done = subprocess.run(
-                [str(federation.command()), "run", str(program)],
-                env=os.environ | {"HPRM_BENCH_OUT": str(out)},
-                capture_output=True,
-                text=True,
-                timeout=_TIME_LIMIT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise RunFailed(f"a federation has not ended for {_TIME_LIMIT_S} s\n{text}") from None
-        if done.returncode != 0:
-            raise RunFailed(f"a federation has failed\n{done.stderr}")
+        run_text(text, Path(folder), "Growth")
         return {it.stem: json.loads(it.read_text()) for it in out.iterdir()}
 
 
