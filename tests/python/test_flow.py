@@ -15,8 +15,8 @@ from conftest import Run
 from processes import COORDINATIONS, Bench, finish, until
 from snippets import TELL
 
-MESSAGES = 2_000
-SIZE = 60_000
+MESSAGES = 10_000
+SIZE = 12_000
 """In one piece just small enough to travel in a message; all of them are 120 MB."""
 
 LIMIT = 8 << 20

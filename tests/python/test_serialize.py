@@ -16,7 +16,7 @@ import pytest
 
 from hprm._hprm import decode, encode, store_round_trip
 
-LIMIT = 64 * 1024
+LIMIT = 12 * 1024
 
 
 def there_and_back(value: Any) -> Any:

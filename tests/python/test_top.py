@@ -257,7 +257,7 @@ def test_a_sender_that_does_not_send(bench: Bench) -> None:
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_receiver_that_does_not_keep_up(bench: Bench, coordination: str) -> None:
-    camera = "out.set(bytes(60_000))"
+    camera = "out.set(bytes(12_000))"
     run = bench.start(
         program(coordination, camera=camera, planner="sleep()").replace("10 msec", "1 msec", 1)
     )

@@ -120,6 +120,8 @@ pub(crate) struct Boards {
     known: Option<Step>,
     /// Whether this federate has counted a message since it last posted.
     counted: bool,
+    /// Whether it has counted one since [`Self::take_unshown`].
+    unshown: bool,
 }
 
 impl Tally {
@@ -178,6 +180,7 @@ impl Boards {
             downstream: downstream.into_iter().filter(|other| *other != me).collect(),
             known: None,
             counted: false,
+            unshown: false,
         }
     }
 
@@ -218,19 +221,29 @@ impl Boards {
         let Some((_, at)) = self.own.get(at).filter(|(id, _)| *id == channel) else { return };
         let tally = &mut self.postings[self.me].tallies[*at];
         *tally = Tally { messages: tally.messages + 1, latest: tally.latest.max(tag) };
-        self.counted = true;
+        (self.counted, self.unshown) = (true, true);
     }
 
-    /// From now on, this federate shows this, and what it has counted.
-    pub(crate) fn post(&mut self, next: Step, waits: Step, departs: bool) {
+    /// Whether this federate has counted a message since the last call.
+    pub(crate) fn take_unshown(&mut self) -> bool {
+        std::mem::take(&mut self.unshown)
+    }
+
+    /// From now on, this federate does nothing before a step, and its board is to say so.
+    pub(crate) fn post(&mut self, next: Step, departs: bool) {
         let own = &mut self.postings[self.me];
         if own.next != next {
             self.known = None;
         }
-        (own.next, own.waits, own.departs) = (next, waits, departs);
+        (own.next, own.departs) = (next, departs);
         if std::mem::take(&mut self.counted) {
             self.refresh(self.me);
         }
+    }
+
+    /// From now on, the board is to say that this federate waits until it knows its inputs through a step.
+    pub(crate) fn wait_for(&mut self, waits: Step) {
+        self.postings[self.me].waits = waits;
     }
 
     /// This federate has ended.

@@ -34,7 +34,7 @@ pub enum Fault {
     },
     /// A value with too many large buffers.
     #[error(
-        "a value with {parts} arrays or texts of more than 64 KiB is too much for a message; the \
+        "a value with {parts} arrays or texts of more than 12 KiB is too much for a message; the \
          limit is {limit} of them"
     )]
     TooManyParts {

@@ -348,6 +348,7 @@ impl Federate {
         if log::is_on() {
             log::federate_input(&input);
         }
+        let shows_more = !matches!(input, Input::Board { .. } | Input::FromPeer { .. });
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,
@@ -377,6 +378,7 @@ impl Federate {
             }
             Input::Reached(level) => {
                 let step = self.step(level);
+                self.learn_from_boards();
                 self.report_absent_ports(step, now);
                 self.activity = match self.step_permission(step, now) {
                     Permission::Granted => Activity::Processing,
@@ -409,7 +411,9 @@ impl Federate {
             Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
-        self.look_at_boards(now);
+        if shows_more {
+            self.look_at_boards(now);
+        }
         Ok(())
     }
 

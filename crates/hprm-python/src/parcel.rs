@@ -10,7 +10,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use hprm_core::limits::INLINE_LIMIT;
+use hprm_core::limits::HEAP_ARRAY_LIMIT;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{
@@ -199,7 +199,7 @@ impl<'py> Copying<'py> {
             return Ok(module.call_method1(intern!(self.py, "opened"), (value,))?);
         }
         let alone = self.sole.contains_key(&address(value)) && has_its_memory_alone(value)?;
-        let small = if alone { INLINE_LIMIT } else { usize::MAX };
+        let small = if alone { HEAP_ARRAY_LIMIT } else { usize::MAX };
         let frozen = module.call_method1(intern!(self.py, "frozen"), (value, small))?;
         if frozen.is_none() {
             return Err(Stop::NeedsEncoding);

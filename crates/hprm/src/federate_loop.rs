@@ -492,8 +492,9 @@ where
         self.phase = Phase::Running;
         self.send_all()?;
         self.host.tag_is_sent();
-        if !self.pace.may_linger(self.now) {
-            // Only the RTI waits for what is still to be said of this tag.
+        if !self.pace.may_linger(self.now) && !self.federation.machine.reads_boards() {
+            // Only the RTI waits for what is still to be said of this tag. With boards, a receiver that woke up now would
+            // find there that it has to wait for more.
             self.federation.links.flush_peers();
         }
         self.handle(Input::Completed(tag))?;

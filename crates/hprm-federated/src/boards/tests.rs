@@ -50,7 +50,7 @@ impl View {
     }
 
     fn post(&mut self, next: i64) {
-        self.boards.post(Step::begin(at(next)), Step::NEVER, false);
+        self.boards.post(Step::begin(at(next)), false);
     }
 }
 

@@ -1,16 +1,20 @@
 //! What this federate shows on its board, and what it finds on the boards of others.
 //!
 //! The rules by which boards tell how far a federate may advance are in `boards`. Here is when this federate posts:
-//! whenever it knows its next step. While it processes a tag, its board says what was true before, which is safe.
+//! whenever it knows its next step and does not take it at once. While it processes a tag, its board says what was true
+//! before, which is safe: for a message that it has read meanwhile, others still take the bound for unread ones.
+//!
+//! Inputs that the driver follows with its next event, or with how far it has come within a tag, change nothing here:
+//! however many boards and messages have come, this federate looks once.
 
 use std::collections::BTreeMap;
 
-use hprm_core::{FederateId, Nanos, PhysicalTime};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{Activity, Coordinator, Federate};
 use crate::boards::{Boards, Reading, readings};
 use crate::decentralized::Decentralized;
-use crate::{Frame, Output, Posting, Step};
+use crate::{Frame, Output, Permission, Posting, Step};
 
 /// How often a federate that a clock may wake at any moment posts how far its clock is.
 const CLOCK_POST: Nanos = 10_000_000;
@@ -19,13 +23,21 @@ const CLOCK_POST: Nanos = 10_000_000;
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Showing {
     pub(super) boards: Boards,
-    /// What it has posted last.
-    shown: Option<Posting>,
+    /// What it has posted last, but for its tallies.
+    shown: Option<Shown>,
     /// When it posted last.
     shown_at: PhysicalTime,
     /// Federates that ask to leave, with the number of the process, for which the RTI waits until this one has read
     /// that on their boards.
     departing: BTreeMap<FederateId, u32>,
+}
+
+/// What a posting says, but for its tallies and whether the federate has ended.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+struct Shown {
+    next: Step,
+    waits: Step,
+    departs: bool,
 }
 
 impl Federate {
@@ -111,7 +123,6 @@ impl Federate {
         let Some(start) = self.startup.start().filter(|_| !self.ended) else { return };
         let Some(next) = self.next_on_boards() else { return };
         let departs = self.wants_to_leave && self.departure.is_none();
-        let waits = self.awaited(next, now, start);
         let (Some(showing), Coordinator::Decentralized(machine)) =
             (&mut self.showing, &mut self.coordinator)
         else {
@@ -121,12 +132,39 @@ impl Federate {
         if departs {
             certain = certain.min(Step::begin(self.current.succ().max(self.first)));
         }
-        showing.boards.post(certain, waits, departs);
-        machine.safe(showing.boards.known(&self.topology));
-        if let Some(posting) = showing.news(now, certain < next && !departs) {
-            self.outputs.push_back(Output::Post(posting));
+        showing.boards.post(certain, departs);
+        // Before that, nothing depends on it, and then this federate looks again.
+        if self.is_fast || next.tag.due(start) <= now {
+            machine.safe(showing.boards.known(&self.topology));
+        }
+        if certain < next || departs || !self.begins_at_once(now, start) {
+            let waits = self.awaited(next, now, start);
+            self.show(now, Shown { next: certain, waits, departs }, certain < next && !departs);
         }
         self.answer_about_departures();
+    }
+
+    /// Finds out how far this federate may advance, from what it has read.
+    pub(super) fn learn_from_boards(&mut self) {
+        if let (Some(showing), Coordinator::Decentralized(machine)) =
+            (&mut self.showing, &mut self.coordinator)
+        {
+            machine.safe(showing.boards.known(&self.topology));
+        }
+    }
+
+    /// Whether this federate is between two tags, and the driver begins the next one now. When that is complete, it
+    /// posts more.
+    fn begins_at_once(&self, now: PhysicalTime, start: PhysicalTime) -> bool {
+        let Activity::Idle(tag) = self.activity else { return false };
+        tag < Tag::FOREVER
+            && (self.is_fast || tag.due(start) <= now)
+            && self.permission(tag, now) == Permission::Granted
+    }
+
+    fn show(&mut self, now: PhysicalTime, shown: Shown, by_clock: bool) {
+        let posting = self.showing.as_mut().and_then(|showing| showing.news(now, shown, by_clock));
+        self.outputs.extend(posting.map(Output::Post));
     }
 
     /// This federate has ended: nothing more comes from it.
@@ -193,19 +231,18 @@ impl Federate {
 
 impl Showing {
     /// What is to be posted, if it is new. What only a clock changes is posted now and then.
-    fn news(&mut self, now: PhysicalTime, by_clock: bool) -> Option<Posting> {
-        let own = self.boards.own();
-        if let Some(shown) = &self.shown {
-            let same = own.waits == shown.waits
-                && (own.departs, own.ended) == (shown.departs, shown.ended)
-                && own.tallies == shown.tallies;
+    fn news(&mut self, now: PhysicalTime, new: Shown, by_clock: bool) -> Option<Posting> {
+        let has_counted = self.boards.take_unshown();
+        if let Some(shown) = self.shown.filter(|_| !has_counted) {
+            let same = Shown { next: shown.next, ..new } == shown;
             let soon = by_clock && now < self.shown_at.plus(CLOCK_POST);
-            if same && (own.next == shown.next || soon) {
+            if same && (new.next == shown.next || soon) {
                 return None;
             }
         }
         self.shown_at = now;
-        self.shown = Some(own.clone());
-        self.shown.clone()
+        self.shown = Some(new);
+        self.boards.wait_for(new.waits);
+        Some(self.boards.own().clone())
     }
 }

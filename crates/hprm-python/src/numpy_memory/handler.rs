@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 
-use hprm_core::limits::INLINE_LIMIT;
+use hprm_core::limits::HEAP_ARRAY_LIMIT;
 use hprm_store::StoreAllocator;
 use pyo3::ffi;
 use pyo3::intern;
@@ -120,7 +120,7 @@ impl StoreHandler {
 
     /// Memory in the store, for a large array.
     fn alloc(&self, len: usize) -> Option<*mut c_void> {
-        if len <= INLINE_LIMIT {
+        if len <= HEAP_ARRAY_LIMIT {
             return None;
         }
         // Nothing may unwind into NumPy; after a panic the array is in the heap.

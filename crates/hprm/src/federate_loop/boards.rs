@@ -6,12 +6,11 @@
 //! posts, and then looks whether a federate sleeps that it has released. Whichever of both comes first, the other one
 //! sees it.
 
-use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{Ordering, fence};
 
-use hprm_core::{FederateId, Tag};
+use hprm_core::{FederateId, SortedMap, Tag};
 use hprm_federated::{Input, Posting, Step, Tally};
 use hprm_store::{Board, BoardLayout, BoardView};
 
@@ -39,7 +38,7 @@ const WORD: usize = size_of::<u64>();
 #[derive(Debug)]
 pub(crate) struct Boards {
     own: Board,
-    others: BTreeMap<FederateId, Other>,
+    others: SortedMap<FederateId, Other>,
     /// Whether this federate has posted since it last looked which federates that releases.
     posted: bool,
     bytes: Vec<u8>,
@@ -60,7 +59,7 @@ impl Boards {
         let layout = BoardLayout { lanes: 1, cells: vec![(HEAD + TALLY * tallies) * WORD] };
         let own = Board::named(NAME, layout).map_err(|error| Failure::store(&error))?;
         own.open();
-        Ok(Self { own, others: BTreeMap::new(), posted: false, bytes: Vec::new() })
+        Ok(Self { own, others: SortedMap::new(), posted: false, bytes: Vec::new() })
     }
 
     /// The descriptor by which others map the board of this federate.
@@ -74,7 +73,7 @@ impl Boards {
         notifier: bool,
         descriptor: OwnedFd,
     ) -> Result<(), Failure> {
-        let other = self.others.entry(owner).or_default();
+        let other = self.others.or_default(owner);
         if notifier {
             let remote = RemoteNotifier::new(descriptor);
             let failed = |error| Failure::system("cannot wake up another federate", &error);
@@ -113,7 +112,7 @@ impl Boards {
     /// What is new.
     pub(super) fn read(&mut self) -> Vec<(FederateId, Posting)> {
         let mut news = Vec::new();
-        for (federate, other) in &mut self.others {
+        for (federate, other) in self.others.iter_mut() {
             let count = other.publications();
             if count == other.read {
                 continue;

@@ -109,7 +109,7 @@ impl StreamLink {
     /// Notes that the other end belongs to the federation: from now on it may send frames of any length.
     pub(crate) fn trust(&mut self) {
         self.trusted = true;
-        self.inbound.buffer.resize(self.inbound.buffer.len().max(EAGER_BUFFER), 0);
+        self.inbound.prepare();
         self.outbound.prepare();
     }
 
@@ -420,6 +420,16 @@ impl AsFd for StreamLink {
 }
 
 impl Inbound {
+    /// Makes room for eager messages. The pages of new memory, which is zero already, cost nothing before they are
+    /// used; short messages use the first ones alone.
+    fn prepare(&mut self) {
+        if self.buffer.len() < EAGER_BUFFER {
+            let mut buffer = vec![0; EAGER_BUFFER];
+            buffer[..self.end].copy_from_slice(&self.buffer[..self.end]);
+            self.buffer = buffer;
+        }
+    }
+
     /// Makes room for the next read: moves the bytes that are not a frame yet to the front of the buffer, and
     /// grows the buffer for the incomplete frame.
     fn make_room(&mut self) -> io::Result<()> {

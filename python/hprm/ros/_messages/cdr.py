@@ -34,7 +34,7 @@ except ModuleNotFoundError as missing:
 #: The field that a type without fields has among the bytes.
 _FILLER = "structure_needs_at_least_one_member"
 
-# What the store takes: more bytes than are sent within a message.
+# More bytes than a copy is cheap for: what NumPy has in the store while bodies run.
 _LARGE = 65_536
 
 Translate = Callable[[Any], Any]

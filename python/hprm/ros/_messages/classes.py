@@ -249,7 +249,7 @@ def _initial(it: Field, scope: dict[str, Any]) -> str:
     return one if many is None else f"[{one} for _ in range({it.type.size})]"
 
 
-# What the store takes: more bytes than are sent within a message.
+# More bytes than a copy is cheap for: what NumPy has in the store while bodies run.
 _LARGE = 65_536
 
 _ZERO = {int: 0, float: 0.0, bool: False, str: "", bytes: b"\0"}
