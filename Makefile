@@ -11,6 +11,9 @@ TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)
 # One interpreter for every compilation of the Python module, so that none undoes another's work.
 export PYO3_PYTHON := $(shell $(PY) -c 'import os, sys; print(os.path.realpath(sys._base_executable))' 2>/dev/null)
 
+# Tests start thousands of interpreters. Each would compile the package anew where nothing of that may be kept.
+unexport PYTHONDONTWRITEBYTECODE
+
 # How many tests in Python run at a time: they wait more than they compute.
 WORKERS ?= 3
 
