@@ -7,7 +7,7 @@ import argparse
 import os
 import signal
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from hprm import _debugging, _hprm, _mistakes, _startup, _threads
 from hprm._ending import AFTER_FAILURE, leave
@@ -19,6 +19,7 @@ def main() -> NoReturn:
     _startup.done()
     parser = _parser()
     options = parser.parse_args()
+    _startup.collect_garbage()
     parent = getattr(options, "die_with_parent", None)
     if parent is not None and not _hprm.die_with_parent(parent):
         leave(1)
@@ -131,8 +132,20 @@ def _tls(
     return files if all(files) else None
 
 
+def _formatter(prog: str) -> argparse.HelpFormatter:
+    """Format help for 80 columns: finding out how many there are takes longer than all options."""
+    return argparse.HelpFormatter(prog, width=78)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that is made quickly, as its subparsers are: each process of a program makes one."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=_formatter, **options)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m hprm", description=__doc__)
+    parser = _Parser(prog="python -m hprm", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="run a program in this process")
     run.add_argument(

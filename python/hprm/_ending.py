@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
-from hprm import _errors, _hprm, _thread_failures, _threads
+from hprm import _errors, _hprm, _startup, _thread_failures, _threads
 
 #: How long a federation that has failed waits for the threads of a federate, in seconds.
 AFTER_FAILURE = 2.0
@@ -260,7 +260,8 @@ def _is_program(name: str, module: Any) -> bool:
 def _write_files() -> None:
     """Write the buffers of files to which there are still references."""
     # By their types: `isinstance` would run code of objects that stand for others.
-    files = [it for it in gc.get_objects() if issubclass(type(it), _io._IOBase)]
+    known = [*gc.get_objects(), *_startup.standard_files]
+    files = [it for it in known if issubclass(type(it), _io._IOBase)]
     # Texts first: their bytes go to the buffers of others.
     files.sort(key=lambda it: not issubclass(type(it), _io._TextIOBase))
     # A thread that is writing to a file has its lock.

@@ -8,8 +8,7 @@ import os
 import select
 import threading
 import traceback
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from hprm._findings import SYNTAX
 from hprm._mistakes import ProgramError
@@ -32,8 +31,7 @@ _MEMORY = (
 )
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """What an exception means for the program."""
 
     #: ``left``, ``exited``, ``quit`` (with a text), ``interrupted``, ``unread`` (its output),
@@ -98,10 +96,10 @@ def raised(error: BaseException, what: str, place: str = "", is_bound: bool = Fa
         name = type(error).__name__
         found = Description("raised", message=f"{what} raised {name}: {_text(error)}")
     texts: dict[str, Any] = {}
-    for name, it in vars(found).items():
+    for name, it in found._asdict().items():
         if isinstance(it, str):
             texts[name] = printable(it)
-    return replace(found, **texts)
+    return found._replace(**texts)
 
 
 def printable(text: str) -> str:
@@ -230,7 +228,7 @@ def _program_error(error: ProgramError) -> Description:
     place = error.location
     if place is None:
         found = Description("mistake", message=error.message, hint=error.hint)
-        return replace(found, diagnostic=error.code or None)
+        return found._replace(diagnostic=error.code or None)
     text = linecache.getline(place.path, place.line)
     column = len(text.encode()[: place.column].decode(errors="replace")) + 1
     file = shown(place.path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from typing import Any
 
@@ -88,7 +87,11 @@ class ProgramFailed(SystemExit):
     def __init__(self, code: int, report: str = "") -> None:
         """Take an exit code, and what ``hprm run --json`` tells, which may be missing."""
         super().__init__(code)
-        told: dict[str, Any] = json.loads(report) if report else {}
+        told: dict[str, Any] = {}
+        if report:
+            import json
+
+            told = json.loads(report)
         self.message: str = told.get("message") or ""
         self.kind: str = told.get("kind") or ""
         place = [str(it) for it in (told.get("file"), told.get("line")) if it is not None]

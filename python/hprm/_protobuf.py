@@ -1,16 +1,13 @@
 """Protocol Buffers: modules for the ``protobufs`` of a program, and the serializer ``proto``.
 
-The compiler comes from the package ``grpcio-tools``, or is ``protoc`` on the ``PATH``. Neither that
-nor the runtime ``protobuf`` is imported for programs that do not use them.
+The compiler comes from the package ``grpcio-tools``, or is ``protoc`` on the ``PATH``. For programs
+that do not use them nothing is imported, neither that nor the runtime ``protobuf``.
 """
 
 import importlib
 import importlib.util
 import os
-import shutil
-import subprocess
 import sys
-import tempfile
 from types import ModuleType
 from typing import Any
 
@@ -24,6 +21,8 @@ def messages(stated: list[tuple[str, str]]) -> dict[str, ModuleType]:
     """
     if not stated:
         return {}
+    import tempfile
+
     _require_runtime("`protobufs`")
     paths = [_found(name, stated_in) for name, stated_in in dict.fromkeys(stated)]
     stems = [os.path.splitext(os.path.basename(path))[0] for path in paths]
@@ -77,6 +76,8 @@ def _found(name: str, stated_in: str) -> str:
 
 
 def _compile(paths: list[str], into: str) -> None:
+    import subprocess
+
     folders = dict.fromkeys(os.path.dirname(path) for path in paths)
     options = [f"--proto_path={folder}" for folder in folders] + [f"--python_out={into}"]
     command = [*_compiler(), *options, *paths]
@@ -89,6 +90,8 @@ def _compile(paths: list[str], into: str) -> None:
 def _compiler() -> list[str]:
     if importlib.util.find_spec("grpc_tools") is not None:
         return [sys.executable, "-m", "grpc_tools.protoc"]
+    import shutil
+
     compiler = shutil.which("protoc")
     if compiler is None:
         raise RuntimeError(

@@ -1,15 +1,21 @@
 """Ctrl-C and failures while the process of a program starts: it ends without a traceback.
 
 The command ``hprm`` blocks the signal when it starts an interpreter, so that none comes too early.
+The garbage collector has nothing to do until the program's own code runs, and rests.
 """
 
+import gc
 import os
 import signal
 import sys
 from types import FrameType, TracebackType
+from typing import Any
 
 #: The modules that the command runs.
 _MODULES = {"hprm", "hprm.ros", "hprm.ros._bags"}
+
+#: Files that were there before the program, so that the garbage collector does not list them.
+standard_files: list[Any] = []
 
 
 def quiet() -> None:
@@ -17,6 +23,7 @@ def quiet() -> None:
     # What `-m` is while it looks for its module.
     if sys.argv[:1] != ["-m"] or not _MODULES & set(sys.orig_argv):
         return
+    gc.disable()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     sys.excepthook = _tell
@@ -28,6 +35,17 @@ def done() -> None:
     if signal.getsignal(signal.SIGINT) is _end:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     loaded()
+
+
+def collect_garbage() -> None:
+    """Collect what the program's own code leaves behind, from now on.
+
+    What has been loaded until now stays to the end, so no collection looks at it.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        standard_files.extend((stream, getattr(stream, "buffer", None)))
+    gc.freeze()
+    gc.enable()
 
 
 def loaded() -> None:

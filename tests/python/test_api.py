@@ -57,6 +57,24 @@ def test_importing_has_no_effect() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
+def test_a_program_starts_without_what_it_does_not_use(launch: Any) -> None:
+    # Together they take longer than all else that a federate does until its program begins.
+    modules = {"dataclasses", "inspect", "json", "numpy", "shutil", "subprocess", "tempfile"}
+    outcome = launch(
+        f"""
+        target Python {{ timeout: 0 ms }}
+        reactor A {{
+          reaction(startup) {{=
+            import gc
+            print(sorted({modules} & set(sys.modules)), gc.isenabled())
+          =}}
+        }}
+        federated reactor {{ a = new A() }}
+        """
+    )
+    assert (outcome.code, outcome.out, outcome.err) == (0, "[a] [] True\n", "")
+
+
 PROGRAM = """
 target Python {{ timeout: 1 ms }}
 reactor A {{

@@ -169,6 +169,34 @@ def test_files_are_written_while_a_daemon_runs(bench: Bench, kind: str, options:
         assert (bench.folder / name).read_text() == "row", name
 
 
+# Of what Python has opened itself, each a reference that leads past `sys.stdout`.
+KEPT = ["sys.stdout.detach()", "sys.stdout.buffer", "sys.stdout"]
+
+
+@pytest.mark.parametrize("kept", KEPT)
+@pytest.mark.parametrize(("kind", "options"), WAYS)
+def test_the_standard_output_is_written_by_whatever_name(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, kind: str, options: list[str], kept: str
+) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    written = r'b"kept\n"' if kept != "sys.stdout" else r'"kept\n"'
+    text = f"""
+target Python {{ timeout: 0 ms }}
+preamble {{=
+  import io
+  kept = {kept}
+  sys.stdout = io.StringIO()
+=}}
+reactor Writer {{
+  reaction(startup) {{= kept.write({written}) =}}
+}}
+{kind} reactor {{ a = new Writer() }}
+"""
+    outcome = bench.run(text, *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "kept" in outcome.out
+
+
 def test_arrays_outlive_the_store_that_they_lie_in(launch: Any) -> None:
     outcome = launch(
         """

@@ -30,6 +30,7 @@ def main() -> int:
     # Ctrl-C ends the process until a program has begun: nothing is there to be ended in order.
     _startup.loaded()
     options = _parser().parse_args()
+    _startup.collect_garbage()
     if options.command == "call":
         return _call(options)
     if options.command == "stubs":

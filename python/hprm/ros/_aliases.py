@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import importlib
-import importlib.abc
 import importlib.machinery
 import importlib.util
 import sys
 from collections.abc import Sequence
 from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.abc import Loader, MetaPathFinder
+else:
+    # Their module takes 15 ms to import, and they only say what methods there are.
+    Loader = MetaPathFinder = object
 
 #: Which module stands for which, with the modules below it.
 NAMES = {
@@ -41,7 +47,7 @@ LEFT_OUT = {
 }
 
 
-class _Loader(importlib.abc.Loader):
+class _Loader(Loader):
     """Gives a module that has another name."""
 
     def __init__(self, target: str) -> None:
@@ -58,7 +64,7 @@ class _Loader(importlib.abc.Loader):
         module.__spec__ = self._spec
 
 
-class _Finder(importlib.abc.MetaPathFinder):
+class _Finder(MetaPathFinder):
     def find_spec(
         self, name: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
