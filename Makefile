@@ -29,7 +29,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -61,13 +61,17 @@ demo: $(VENV)/.built $(VENV)/.demo-requirements ## run the broadcast and gather 
 drive: $(VENV)/.built $(VENV)/.demo-requirements $(VENV)/.driving-requirements ## drive through a town: a film, frames a second, and a box plot of how long frames take
 	@cd examples/driving && $(CURDIR)/$(BIN)/python -m autopilot.demo
 
-test: lint $(VENV)/.checked $(VENV)/.requirements ## check format and lints, then run all Rust and Python tests
+# The mutants need nothing but a compiler, so they have what the processors have left all the time.
+test: toolchain ## check format and lints, then run all Rust and Python tests, and the mutants beside them
+	@cargo --version
+	$(PY) tests/beside.py $(PY) tests/mutants/run.py -- $(MAKE) --no-print-directory check
+
+check: lint $(VENV)/.checked $(VENV)/.requirements ## the same without the mutants
 	cargo test $(TESTED)
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
-	$(BIN)/python tests/mutants/run.py
 
-mutants: $(VENV)/.requirements ## put faults into copies of the coordination; simulation must find all of them
-	$(BIN)/python tests/mutants/run.py
+mutants: toolchain ## put faults into copies of the coordination; simulation must find all of them
+	$(PY) tests/mutants/run.py
 
 check-model: toolchain ## go every way in which small federations can go, for some minutes
 	cargo test -p hprm-sim --test model -- --nocapture --include-ignored --test-threads 2

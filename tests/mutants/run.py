@@ -22,8 +22,10 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
 CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
@@ -36,8 +38,12 @@ RANDOM = "seeds::random_federations_do_what_their_program_does"
 RELAY = "crates/hprm-federated/src/relay"
 """Links between machines; the test `relay` looks for their faults."""
 
-PATIENCE = 600.0
-"""Seconds that a test may take; if it takes longer, the mutant counts as found: it never ends."""
+PATIENCE = 600
+"""Seconds of a processor for a test; if it takes longer, the mutant counts as found: it never
+ends."""
+
+STANDSTILL = 3600.0
+"""Seconds after which a test is over that takes no processor either."""
 
 QUICK = 30
 """Seconds of a processor for a test that is compiled in a moment and runs slowly: most mutants are
@@ -45,6 +51,10 @@ found soon."""
 
 FAULT = re.compile(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after")
 """How a test names a fault: then it need not look for others."""
+
+
+RUNNING: set[int] = set()
+"""The groups of processes that have been started, and have not ended."""
 
 
 class Unusable(Exception):
@@ -157,7 +167,7 @@ class Copy:
         They may take so many ``seconds`` of a processor.
         """
         command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
-        limit = resource.RLIM_INFINITY if seconds is None else seconds
+        limit = PATIENCE if seconds is None else seconds
         environment = os.environ | {
             "CARGO_INCREMENTAL": "1",
             "CARGO_TARGET_DIR": str(self.target),
@@ -175,7 +185,8 @@ class Copy:
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
         ) as process:
             assert process.stdout is not None
-            watchdog = threading.Timer(PATIENCE, os.killpg, (process.pid, signal.SIGKILL))
+            RUNNING.add(process.pid)
+            watchdog = threading.Timer(STANDSTILL, os.killpg, (process.pid, signal.SIGKILL))
             watchdog.start()
             lines = []
             for line in process.stdout:
@@ -185,6 +196,7 @@ class Copy:
                     break
             code = process.wait()
             watchdog.cancel()
+            RUNNING.discard(process.pid)
         return subprocess.CompletedProcess(command, code, "".join(lines))
 
 
@@ -227,6 +239,14 @@ class Copies:
             return list(pool.map(checked, mutants))
 
 
+def stop(number: int, _frame: object) -> NoReturn:
+    """End with all that has been started."""
+    for group in list(RUNNING):
+        with suppress(ProcessLookupError):
+            os.killpg(group, signal.SIGKILL)
+    os._exit(128 + number)
+
+
 def shortened(text: str) -> str:
     """Return the beginning of a text, if it does not fit into the table."""
     return text if len(text) <= 70 else text[:67] + "..."
@@ -241,6 +261,8 @@ def main() -> int:
     )
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "mutants")
     options = parser.parse_args()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
     paths = sorted(Path(__file__).parent.glob("*.txt"))
     try:
         mutants = [Mutant.read(path) for path in paths]
