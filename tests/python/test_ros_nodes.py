@@ -55,6 +55,24 @@ def test_a_talker_and_a_listener(bench: Bench) -> None:
     ]
 
 
+def test_a_script_starts_without_what_it_does_not_use(bench: Bench, write) -> None:
+    # Each takes longer to import than all of hprm.ros.
+    write(
+        alone="""
+rclpy.init()
+node = Node("alone")
+node.create_publisher(String, "news", 10).publish(String(data="first"))
+def tick():
+    print(sorted({"asyncio", "importlib.resources", "numpy"} & set(sys.modules)))
+    raise SystemExit
+node.create_timer(0.001, tick)
+rclpy.spin(node)
+"""
+    )
+    outcome = run(bench, "alone.py")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "[]\n", "")
+
+
 def test_a_client_finds_its_service_whatever_starts_first(bench: Bench) -> None:
     server, client = (str(SCRIPTS / f"add_{it}.py") for it in ("server", "client"))
     for number, words in enumerate([(server, "+", client, "7"), (client, "7", "+", server)]):

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from hprm.ros._interfaces import interface
+from hprm.ros._messages.arrays import is_array
 
 #: The field of ``rcl_interfaces.msg.ParameterValue`` for each number of a type, and how it is made.
 _FIELDS: dict[int, tuple[str, Callable[[Any], Any]]] = {
@@ -51,7 +50,7 @@ class Parameter:
             for kind, type_ in _SCALARS:
                 if isinstance(parameter_value, kind):
                     return Parameter.Type[type_]
-            if isinstance(parameter_value, list | tuple | array.array | np.ndarray):
+            if isinstance(parameter_value, list | tuple | array.array) or is_array(parameter_value):
                 return _of_array(parameter_value)
             raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
@@ -126,7 +125,7 @@ _SCALARS: list[tuple[type, str]] = [
 
 
 def _of_array(values: Any) -> Parameter.Type:
-    if isinstance(values, np.ndarray):
+    if is_array(values):
         values = values.tolist()
     if len(values) == 0 or all(isinstance(it, bytes) for it in values):
         return Parameter.Type.BYTE_ARRAY

@@ -6,8 +6,7 @@ import array
 from collections.abc import Callable
 from typing import Any
 
-import numpy
-
+from hprm.ros._messages import arrays
 from hprm.ros._messages.definitions import DefinitionError, Field, Structure, Type
 from hprm.ros._messages.fields import NUMBERS, checker, converter, python_type
 
@@ -208,7 +207,7 @@ def _constructor(
     structure: Structure, kinds: dict[str, type], checks: dict[str, Callable[[Any], Any]]
 ) -> Callable[..., None]:
     """Compile a constructor, because what is written out takes a third of the time."""
-    scope: dict[str, Any] = {"array": array.array, "numpy": numpy, "reject": _reject}
+    scope: dict[str, Any] = {"array": array.array, "arrays": arrays, "reject": _reject}
     plain, given = [], []
     for it in structure.fields:
         scope[f"kind_{it.name}"] = kinds[it.name]
@@ -238,12 +237,12 @@ def _initial(it: Field, scope: dict[str, Any]) -> str:
         if many is None or not code:
             return written
         if many == "array":
-            return f"numpy.array({written}, {dtype!r})"
+            return f"arrays.array({written}, {dtype!r})"
         return f"array({code!r}, {written})"
     if many == "sequence":
         return f"array({code!r})" if code else "[]"
     if many == "array" and code:
-        return f"numpy.zeros({it.type.size}, {dtype!r})"
+        return f"arrays.zeros({it.type.size}, {dtype!r})"
     scope_name = f"kind_{it.name}"
     one = f"{scope_name}()" if it.type.is_message else repr(_ZERO[scope[scope_name]])
     return one if many is None else f"[{one} for _ in range({it.type.size})]"
@@ -267,7 +266,9 @@ def _equal(self: Any, other: object) -> bool:
 
 
 def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, numpy.ndarray) or isinstance(other, numpy.ndarray):
+    if arrays.is_array(one) or arrays.is_array(other):
+        import numpy
+
         return bool(numpy.array_equal(one, other))
     return bool(one == other)
 
@@ -300,7 +301,7 @@ def _copier(kind: Any) -> Callable[[Any], Any]:
 
 
 def _copy(value: Any) -> Any:
-    if isinstance(value, numpy.ndarray):
+    if arrays.is_array(value):
         return value if value.nbytes > _LARGE else value.copy()
     if isinstance(value, array.array):
         return value[:]

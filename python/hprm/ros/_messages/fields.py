@@ -13,8 +13,7 @@ from collections.abc import Callable, Sequence, Set
 from math import inf, isinf
 from typing import Any
 
-import numpy
-
+from hprm.ros._messages import arrays
 from hprm.ros._messages.definitions import Field, limits
 
 #: For each type of numbers, the code of ``array.array`` and the name of NumPy's dtype.
@@ -62,7 +61,7 @@ def converter(it: Field, check: Check) -> Check:
     refused = _elements(it, float if code in "fd" else int).refused
 
     def converted(value: Any) -> Any:
-        if isinstance(value, numpy.ndarray):
+        if arrays.is_array(value):
             if value.dtype == dtype:
                 return check(value)
             value = value.tolist()
@@ -70,7 +69,7 @@ def converter(it: Field, check: Check) -> Check:
             return check(_of_bytes(code, value))
         try:
             is_fixed = it.type.many == "array"
-            made = numpy.array(value, dtype=dtype) if is_fixed else array.array(code, value)
+            made = arrays.array(value, dtype) if is_fixed else array.array(code, value)
         except (TypeError, ValueError, OverflowError):
             raise AssertionError(refused) from None
         return check(made)
@@ -170,7 +169,7 @@ def _bounded_text(name: str, bound: int) -> Check:
 def _numbers(it: Field, kind: type) -> Check:
     """Of a sequence of numbers."""
     code, dtype = NUMBERS[it.type.base]
-    right, name, size = numpy.dtype(dtype), it.name, it.type.size
+    name, size = it.name, it.type.size
     of_elements = _elements(it, kind)
 
     def fits(value: Any, what: str) -> None:
@@ -185,8 +184,8 @@ def _numbers(it: Field, kind: type) -> Check:
                 )
             fits(value, "array.array()")
             return value
-        if isinstance(value, numpy.ndarray):
-            if value.dtype != right:
+        if arrays.is_array(value):
+            if value.dtype != dtype:
                 raise AssertionError(_wrong_dtype(name, dtype))
             if value.ndim != 1:
                 raise AssertionError(
@@ -205,18 +204,18 @@ def _numbers(it: Field, kind: type) -> Check:
 def _fixed_numbers(it: Field, kind: type) -> Check:
     """Of a fixed number of numbers."""
     code, dtype = NUMBERS[it.type.base]
-    right, name, size = numpy.dtype(dtype), it.name, it.type.size
+    name, size = it.name, it.type.size
     of_elements = _elements(it, kind)
 
     def check(value: Any) -> Any:
-        if isinstance(value, numpy.ndarray):
-            if value.dtype != right:
+        if arrays.is_array(value):
+            if value.dtype != dtype:
                 raise AssertionError(_wrong_dtype(name, dtype))
             if value.shape != (size,):
                 raise AssertionError(f"The '{name}' numpy.ndarray() must have a size of {size}")
             return value
         of_elements(value)
-        return numpy.array(_array(code, list(value), of_elements.refused), right)
+        return arrays.array(_array(code, list(value), of_elements.refused), dtype)
 
     return check
 

@@ -7,8 +7,6 @@ import uuid
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hprm.ros._interface import type_name
 from hprm.ros._interfaces import interface
 from hprm.ros.action._names import UNKNOWN, hidden
@@ -179,8 +177,7 @@ class ActionClient:
         # Not random: the same on every run.
         name = f"{self._node.get_fully_qualified_name()} {self._action_name}"
         made = uuid.uuid5(uuid.NAMESPACE_OID, f"{name} {self._number} {next(self._count)}")
-        number = np.frombuffer(made.bytes, np.uint8).copy()
-        return interface("unique_identifier_msgs.msg", "UUID")(uuid=number)
+        return interface("unique_identifier_msgs.msg", "UUID")(uuid=list(made.bytes))
 
     def _cancel(self, handle: ClientGoalHandle) -> Future[Any]:
         request = self._action_type.Impl.CancelGoalService.Request()
