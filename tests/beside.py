@@ -46,10 +46,16 @@ class Part:
 
 
 def begin(idle: bool) -> None:
-    """Be a group of processes; if it is the idle one, it runs when no other process wants to."""
-    os.setpgid(0, 0)
-    if idle:
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    """Lead a group of processes; that of the idle part runs when no other process wants to."""
+    if not idle:
+        os.setpgid(0, 0)
+        return
+    # Where this file is there, Linux shares processors among sessions first. This one then takes
+    # 15 parts where others take 1024.
+    os.setsid()
+    with suppress(OSError), open("/proc/self/autogroup", "w") as share:
+        share.write("19")
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def stopped(number: int, _frame: object) -> NoReturn:

@@ -180,9 +180,7 @@ class Copy:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            # The test is a child of cargo: both end at once, as one group.
-            start_new_session=True,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
+            preexec_fn=lambda: begin(limit),
         ) as process:
             assert process.stdout is not None
             RUNNING.add(process.pid)
@@ -237,6 +235,16 @@ class Copies:
         mutants = sorted(mutants, key=lambda mutant: mutant.found_by is None)
         with ThreadPoolExecutor(self.number) as pool:
             return list(pool.map(checked, mutants))
+
+
+def begin(limit: int) -> None:
+    """Be a group of processes, each of which may take so many seconds of a processor.
+
+    A test is a child of cargo: both end at once.
+    """
+    # A session of its own would have its own share of the processors (`tests/beside.py`).
+    os.setpgid(0, 0)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
 
 
 def stop(number: int, _frame: object) -> NoReturn:

@@ -49,6 +49,13 @@ def test_both_are_shown_one_after_the_other_and_the_other_one_is_idle(tmp_path: 
     assert done.returncode == 0
 
 
+def test_the_other_one_has_the_least_share_that_a_session_can_have(tmp_path: Path) -> None:
+    share = Path("/proc/self/autogroup")
+    done = start(tmp_path, f"test ! -e {share} || cat {share}", "true")
+    out, _ = done.communicate(timeout=60)
+    assert out.endswith(" nice 19\n") or not share.exists()
+
+
 @pytest.mark.parametrize("fails", ["other", "command"])
 def test_a_failure_stops_both(tmp_path: Path, fails: str) -> None:
     failing = "until test -e begun; do sleep 0.01; done; echo why; exit 3"
