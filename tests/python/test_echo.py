@@ -61,12 +61,12 @@ federated reactor {
 }
 """
 
-# A federation with a large array at each tag, which says how much memory its store has.
+# A federation with an array of a megabyte at each tag, which lies in the store.
 LARGE = """\
 target Python { coordination: COORDINATION, keepalive: true }
 preamble {=
 import numpy as np
-IMAGE = np.zeros(50_000_000, dtype=np.uint8)
+IMAGE = np.zeros(1_000_000, dtype=np.uint8)
 IMAGE[1] = 255
 =}
 reactor Camera {
@@ -95,6 +95,12 @@ federated reactor {
 }
 """
 
+
+def of_bytes(size: int, every: str = "20 ms") -> str:
+    """That federation with arrays of another size, at other times."""
+    return LARGE.replace("1_000_000", str(size)).replace("20 ms", every)
+
+
 # A federation that ends, and the same at every run.
 COUNTING = """\
 target Python { coordination: COORDINATION, timeout: 6 s }
@@ -104,7 +110,7 @@ import numpy as np
 reactor Camera {
   output image
   state n = 0
-  timer t(0, 5 ms)
+  timer t(0, 10 ms)
   reaction(t) -> image {=
     self.n += 1
     image.set(np.full(40_000, self.n, dtype=np.int64))
@@ -263,7 +269,7 @@ def anonymous(pid: int) -> int:
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_large_array_is_read_where_it_lies(bench: Bench, coordination: str) -> None:
-    run = start(bench, LARGE, coordination)
+    run = start(bench, of_bytes(50_000_000, every="200 ms"), coordination)
     echo = watch(bench, run, "echo", "camera.image")
     shown = hear(echo.stdout, "\n")
     assert "array(uint8 50000000, 0 to 255, mean 5.1e-6: 0, 255, 0, " in shown
@@ -277,8 +283,8 @@ def test_a_large_array_is_read_where_it_lies(bench: Bench, coordination: str) ->
 
 def test_a_watcher_that_stands_still_stops_nothing_and_learns_what_it_missed(bench: Bench) -> None:
     # There is room for the camera's arrays, and not for many that a watcher does not release.
-    text = LARGE.replace(
-        "keepalive: true", 'keepalive: true, store-limit: "500 MB", store-full: error'
+    text = of_bytes(20_000_000, every="40 ms").replace(
+        "keepalive: true", 'keepalive: true, store-limit: "200 MB", store-full: error'
     )
     run = start(bench, text)
     echo = watch(bench, run, "echo", "camera.image")
@@ -295,8 +301,8 @@ def test_a_watcher_that_stands_still_stops_nothing_and_learns_what_it_missed(ben
 
 def test_a_killed_watcher_holds_nothing_any_more(bench: Bench) -> None:
     # If each left an object behind, the store would be full after ten.
-    text = LARGE.replace(
-        "keepalive: true", 'keepalive: true, store-limit: "450 MB", store-full: error'
+    text = of_bytes(20_000_000, every="40 ms").replace(
+        "keepalive: true", 'keepalive: true, store-limit: "180 MB", store-full: error'
     )
     run = start(bench, text)
     for _ in range(12):
@@ -488,7 +494,7 @@ def test_rates_are_told_of_all_connections_or_of_one(bench: Bench, threads: bool
     assert image["messages"] >= 2
     assert image["interval"]["min"] <= image["interval"]["mean"] <= image["interval"]["max"]
     if not threads:
-        assert image["bytes"] // image["messages"] in range(50_000_000, 50_001_000)
+        assert image["bytes"] // image["messages"] in range(1_000_000, 1_001_000)
     outcome = finish(watch(bench, run, "rate", "camera.count", "--once"))
     titles, row = outcome.out.splitlines()
     assert titles.split()[:3] == ["connection", "messages/s", "bytes/s"]
@@ -505,6 +511,6 @@ def test_federates_that_are_started_by_hand_are_watched_over_tcp_too(bench: Benc
     camera = federation.members["camera"]
     hear(federation.members["detector"].stdout, "at 3\n")
     image = once(bench, camera, "detector.image")["value"]["array"]
-    assert (image["shape"], image["max"]) == ([50_000_000], 255)
+    assert (image["shape"], image["max"]) == ([1_000_000], 255)
     federation.members["rti"].send_signal(signal.SIGINT)
     federation.finish()
