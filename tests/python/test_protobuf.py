@@ -80,7 +80,7 @@ def test_what_to_install_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     stated = [("Point.proto", str(tmp_path / "Program.lf"))]
     assert _protobuf.messages([]) == {}
     monkeypatch.setattr(_protobuf.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(_protobuf.shutil, "which", lambda name: None)
+    monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(RuntimeError, match="pip install grpcio-tools"):
         _protobuf.messages(stated)
 
