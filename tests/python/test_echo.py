@@ -113,7 +113,7 @@ reactor Camera {
   timer t(0, 10 ms)
   reaction(t) -> image {=
     self.n += 1
-    image.set(np.full(40_000, self.n, dtype=np.int64))
+    image.set(np.full(10_000, self.n, dtype=np.int64))
   =}
 }
 reactor Detector {
