@@ -55,7 +55,9 @@ def begin(idle: bool) -> None:
     os.setsid()
     with suppress(OSError), open("/proc/self/autogroup", "w") as share:
         share.write("19")
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    os.nice(19)
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def stopped(number: int, _frame: object) -> NoReturn:
