@@ -61,10 +61,12 @@ demo: $(VENV)/.built $(VENV)/.demo-requirements ## run the broadcast and gather 
 drive: $(VENV)/.built $(VENV)/.demo-requirements $(VENV)/.driving-requirements ## drive through a town: a film, frames a second, and a box plot of how long frames take
 	@cd examples/driving && $(CURDIR)/$(BIN)/python -m autopilot.demo
 
-# The mutants need nothing but a compiler, so they have what the processors have left all the time.
+# The mutants need nothing but a compiler, so they have what the processors have left all the time. By this name,
+# `make -n test` does not run them.
+AGAIN := $(MAKE) --no-print-directory
 test: toolchain ## check format and lints, then run all Rust and Python tests, and the mutants beside them
 	@cargo --version
-	$(PY) tests/beside.py $(PY) tests/mutants/run.py -- $(MAKE) --no-print-directory check
+	$(PY) tests/beside.py $(PY) tests/mutants/run.py -- $(AGAIN) check
 
 check: lint $(VENV)/.checked $(VENV)/.requirements ## the same without the mutants
 	cargo test $(TESTED)

@@ -65,7 +65,7 @@ def test_a_failure_stops_both(tmp_path: Path, fails: str) -> None:
     out, err = done.communicate(timeout=300)
     assert (done.returncode, out) == (3, "why\n")
     assert "has failed" in err
-    assert is_over(tmp_path)
+    until(lambda: is_over(tmp_path), "nothing is left")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -76,7 +76,7 @@ def test_an_interrupt_stops_both(tmp_path: Path, number: signal.Signals) -> None
     both.send_signal(number)
     both.communicate(timeout=300)
     assert both.returncode == 128 + number
-    assert is_over(tmp_path)
+    until(lambda: is_over(tmp_path), "nothing is left")
 
 
 def test_words_without_two_commands_are_an_error() -> None:
