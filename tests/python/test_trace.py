@@ -606,12 +606,14 @@ KINDS = """\
 target Python {{ timeout: 0 s }}
 preamble {{=
 import sys
+from functools import cache
 sys.path.insert(0, {folder!r})
 import kinds
+values = cache(kinds.every)
 =}}
 reactor Source(which="") {{
   output out
-  reaction(startup) -> out {{= out.set(kinds.every()[self.which]) =}}
+  reaction(startup) -> out {{= out.set(values()[self.which]) =}}
 }}
 reactor Pass {{
   input inp
