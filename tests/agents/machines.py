@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,7 +110,7 @@ class Machines:
         """Starts a command on a machine."""
         address = f"unix:@{self.address(machine)}"
         process = subprocess.Popen(
-            command,
+            self.entered(machine, command),
             cwd=self.folder,
             env=os.environ
             | {
@@ -127,6 +127,11 @@ class Machines:
         )
         self.started.append(process)
         return process
+
+    def entered(self, machine: str, command: Sequence[str]) -> tuple[str, ...]:
+        """A command line that runs on a machine; here, all machines are this one."""
+        del machine
+        return tuple(command)
 
     def start_agents(self, *options: str, through: bool = False) -> None:
         """Starts both agents; with `through`, connections between them lead through a proxy."""
@@ -150,9 +155,10 @@ class Machines:
         assert agent.stdout.readline().startswith(f"the agent of {machine} listens at")
         self.agents[machine] = agent
 
-    def make_authority(self, machine: str) -> None:
+    def make_authority(self, machine: str, *options: str) -> None:
         """Makes a machine's user the authority, and enrols the machine."""
-        code, _, err = finish(self.spawn(machine, AGENT, "authority", "--name", machine))
+        words = ["authority", "--name", machine, *options]
+        code, _, err = finish(self.spawn(machine, AGENT, *words))
         assert (code, err) == (0, "")
         self.authority = machine
 
@@ -179,9 +185,9 @@ class Machines:
         """The same, to its end."""
         return finish(self.begin_to_join(machine, place, code))
 
-    def enroll(self, machine: str) -> tuple[int, str, str]:
+    def enroll(self, machine: str, *options: str) -> tuple[int, str, str]:
         """Invites a machine, which enrols. Returns how that ends: its code, errors and output."""
-        host, place, code = self.invite(machine)
+        host, place, code = self.invite(machine, *options)
         status, out, err = self.join(machine, place, code)
         assert finish(host) == (0, f"{machine} is enrolled\n", "")
         return status, err, out

@@ -23,6 +23,8 @@ use zenoh::query::Queryable;
 use crate::carrier::{AgentId, ROOT};
 use crate::local::answer;
 use crate::options::Options;
+use crate::others::Reached;
+use crate::router;
 
 /// How long an agent may take to answer.
 const ANSWER: Duration = Duration::from_secs(1);
@@ -95,28 +97,30 @@ impl Here {
 pub(crate) fn declare(
     session: &zenoh::Session,
     me: &AgentId,
-    here: Arc<Here>,
-) -> Result<Queryable<()>, zenoh::Error> {
-    session
-        .declare_queryable(format!("{ROOT}/about/{me}"))
-        .callback(move |query| {
+    here: &Arc<Here>,
+) -> Result<[Queryable<()>; 2], zenoh::Error> {
+    let declare = |key: String| {
+        let here = Arc::clone(here);
+        let declared = session.declare_queryable(key).callback(move |query| {
             let reply = Reply { about: here.about(), clock: Clock::local().0 };
             let reply = serde_json::to_vec(&reply).expect("it has texts and numbers only");
             // If it does not arrive, the other agent does not wait for ever.
             let _ = query.reply(query.key_expr().clone(), reply).wait();
-        })
-        .wait()
+        });
+        declared.wait()
+    };
+    Ok([declare(format!("{ROOT}/about/{me}"))?, declare(format!("{ROOT}/by/*/about/{me}"))?])
 }
 
 /// Asks other agents, and tells a process of this machine what they answer.
 pub(crate) fn tell(
     session: zenoh::Session,
     here: Arc<Here>,
-    others: Vec<AgentId>,
+    others: Vec<Reached>,
     stream: UnixStream,
 ) {
-    // Two are the agent's own, one is for this process, and the rest for others that ask.
-    if Arc::strong_count(&here) > ASKING + 2 {
+    // Three are the agent's own, one is for this process, and the rest for others that ask.
+    if Arc::strong_count(&here) > ASKING + 3 {
         let text = format!("{ASKING} others ask the agent for machines already");
         return answer(&stream, &Answer::Refused(text));
     }
@@ -124,7 +128,7 @@ pub(crate) fn tell(
     let thread = thread::Builder::new().name("machines".to_owned()).spawn(move || {
         let mut machines = gather(&session, &others);
         let (name, about) = (here.name.clone(), Some(here.about()));
-        machines.insert(0, Machine { name, is_here: true, about, clock: None });
+        machines.insert(0, Machine { name, is_here: true, about, clock: None, through: None });
         answer(&stream, &Answer::Done(here.name.clone()));
         let text = serde_json::to_vec(&machines).expect("it has texts and numbers only");
         // The process may have ended, or not read.
@@ -138,15 +142,15 @@ pub(crate) fn tell(
 }
 
 /// What other agents say, in their order.
-fn gather(session: &zenoh::Session, others: &[AgentId]) -> Vec<Machine> {
-    let unknown = |agent: &AgentId| {
-        let name = agent.machine.clone();
-        Machine { name, is_here: false, about: None, clock: None }
+fn gather(session: &zenoh::Session, others: &[Reached]) -> Vec<Machine> {
+    let unknown = |other: &Reached| {
+        let (name, through) = (other.agent.machine.clone(), other.router.clone());
+        Machine { name, is_here: false, about: None, clock: None, through }
     };
     let mut machines: Vec<_> = others.iter().map(unknown).collect();
     for round in 0..ROUNDS {
         let (answers_in, answers) = channel();
-        for (number, agent) in others.iter().enumerate() {
+        for (number, Reached { agent, router }) in others.iter().enumerate() {
             if round > 0 && machines[number].about.is_none() {
                 // It has not answered, and does not hold up the others again.
                 continue;
@@ -154,7 +158,7 @@ fn gather(session: &zenoh::Session, others: &[AgentId]) -> Vec<Machine> {
             let answers = answers_in.clone();
             let sent = Clock::local().0;
             let asked = session
-                .get(format!("{ROOT}/about/{agent}"))
+                .get(router::key(router.as_deref(), &format!("about/{agent}")))
                 .timeout(ANSWER)
                 .callback(move |reply| {
                     let answered = Clock::local().0;

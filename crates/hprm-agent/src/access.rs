@@ -2,7 +2,9 @@
 //!
 //! At both ends of each connection, TLS tells Zenoh whose certificate the other end has. A machine of the roster is given
 //! the keys that belong to its name, and no others: it cannot say that another machine is there, send in its name, or
-//! have what is meant for it. Who has a certificate and is not on the roster can only compare rosters.
+//! have what is meant for it. Who has a certificate and is not on the roster can only compare rosters. A router may say in
+//! addition what it has heard from others (`router.rs`), with keys that tell that it was led; so it cannot say what is heard
+//! as said by another machine itself.
 //!
 //! The keys are those of `carrier.rs`.
 
@@ -28,7 +30,8 @@ pub(crate) fn control(roster: &Roster) -> Value {
     let mut subjects = vec![json!({ "id": ANYONE })];
     let mut policies = vec![json!({ "id": ANYONE, "rules": ["rosters"], "subjects": [ANYONE] })];
     for member in &roster.machines {
-        let own = if member.is_router { router(member) } else { machine(member) };
+        let mut own = machine(member);
+        own.extend(member.is_router.then(|| router(member)).into_iter().flatten());
         let ids: Vec<_> = own.iter().map(|rule| rule["id"].clone()).collect();
         let subject = &member.subject;
         subjects.push(json!({ "id": subject, "cert_common_names": [subject] }));
@@ -46,55 +49,76 @@ pub(crate) fn control(roster: &Roster) -> Value {
 
 /// What a machine may say here (ingress), and what of this one it gets (egress).
 fn machine(member: &Member) -> Vec<Value> {
-    let Member { name, subject, .. } = member;
-    let key = |rest: &str| format!("{ROOT}/{rest}");
-    let to_it = [key(&format!("open/{name}/**")), key(&format!("about/{name}/*"))];
-    let from_it = [key(&format!("open/*/*/{name}/*")), key("about/*/*")];
-    let links_to_it = [key(&format!("links/{name}/**"))];
-    let id = |what: &str| format!("{subject} {what}");
-    let one = |what: &str, messages: &[&str], flow: &str, keys: &[String]| {
-        rule(&id(what), messages, &[flow], keys)
-    };
+    let name = &member.name;
+    let token = ["liveliness_token"];
+    let ask_for_tokens = ["liveliness_query", "declare_liveliness_subscriber"];
+    let tokens = ["machines/*/*", "routes/*/*/*"];
+    // Itself, and through a router; what it says to a router, that only leads on as said by it.
+    let to_it = [
+        format!("open/{name}/**"),
+        format!("about/{name}/*"),
+        format!("by/*/open/{name}/**"),
+        format!("by/*/about/{name}/*"),
+    ];
+    let from_it = [
+        format!("open/*/*/{name}/*"),
+        "about/*/*".to_owned(),
+        format!("to/*/open/*/*/{name}/*"),
+        "to/*/about/*/*".to_owned(),
+    ];
+    let links_to_it = [format!("links/{name}/**"), format!("by/*/links/{name}/**")];
+    let links_from_it = [format!("links/*/*/{name}/*/*"), format!("to/*/links/*/*/{name}/*/*")];
+    let rule = Rules(member);
     vec![
-        one("is there", &["liveliness_token"], "ingress", &[key(&format!("machines/{name}/*"))]),
-        one("hears who is there", &["liveliness_token"], "egress", &[key("machines/*/*")]),
-        rule(
-            &id("asks who is there"),
-            &["liveliness_query", "declare_liveliness_subscriber"],
-            &["ingress", "egress"],
-            &[key("machines/*/*")],
-        ),
-        one("sends", &["put"], "ingress", &[key(&format!("links/*/*/{name}/*/*"))]),
-        one("receives", &["declare_subscriber"], "ingress", &links_to_it),
-        one("is sent to", &["put"], "egress", &links_to_it),
-        one("is told", &["declare_subscriber"], "egress", &[key("links/**")]),
-        one("asks", &["query"], "ingress", &from_it),
-        one("is answered", &["reply"], "egress", &from_it),
-        one("answers", &["reply", "declare_queryable"], "ingress", &to_it),
-        one("is asked", &["query"], "egress", &to_it),
-        one(
+        rule.of("is there", &token, &["ingress"], &[format!("machines/{name}/*")]),
+        rule.of("hears who is there", &token, &["egress"], &tokens),
+        rule.of("asks who is there", &ask_for_tokens, &["ingress", "egress"], &tokens),
+        rule.of("sends", &["put"], &["ingress"], &links_from_it),
+        rule.of("receives", &["declare_subscriber"], &["ingress"], &links_to_it),
+        rule.of("is sent to", &["put"], &["egress"], &links_to_it),
+        rule.of("is told", &["declare_subscriber"], &["egress"], &["links/**", "by/**", "to/**"]),
+        rule.of("asks", &["query"], &["ingress"], &from_it),
+        rule.of("is answered", &["reply"], &["egress"], &from_it),
+        rule.of("answers", &["reply", "declare_queryable"], &["ingress"], &to_it),
+        rule.of("is asked", &["query"], &["egress"], &to_it),
+        rule.of(
             "is offered answers",
             &["declare_queryable"],
-            "egress",
-            &[key("open/**"), key("about/*/*")],
+            &["egress"],
+            &["open/**", "about/*/*", "by/**", "to/**"],
         ),
     ]
 }
 
-/// A router leads what all machines say, and may say it in their names.
-fn router(member: &Member) -> Vec<Value> {
-    let messages = [
-        "put",
-        "declare_subscriber",
-        "query",
-        "reply",
-        "declare_queryable",
-        "liveliness_token",
-        "liveliness_query",
-        "declare_liveliness_subscriber",
-    ];
-    let id = format!("{} leads", member.subject);
-    vec![rule(&id, &messages, &["ingress", "egress"], &[format!("{ROOT}/**")])]
+/// What a router may say besides: whom it reaches, and what it leads. It is sent what it is to lead.
+fn router(member: &Member) -> [Value; 8] {
+    let name = &member.name;
+    let routes = [format!("routes/{name}/*/*")];
+    let packets = [format!("to/{name}/links/**")];
+    let questions = [format!("to/{name}/open/**"), format!("to/{name}/about/**")];
+    let led_packets = [format!("by/{name}/links/**")];
+    let led_questions = [format!("by/{name}/open/**"), format!("by/{name}/about/**")];
+    let rule = Rules(member);
+    [
+        rule.of("reaches", &["liveliness_token"], &["ingress"], &routes),
+        rule.of("takes packets", &["declare_subscriber"], &["ingress"], &packets),
+        rule.of("is sent packets", &["put"], &["egress"], &packets),
+        rule.of("leads packets", &["put"], &["ingress"], &led_packets),
+        rule.of("takes questions", &["declare_queryable", "reply"], &["ingress"], &questions),
+        rule.of("is sent questions", &["query"], &["egress"], &questions),
+        rule.of("leads questions", &["query"], &["ingress"], &led_questions),
+        rule.of("is sent answers", &["reply"], &["egress"], &led_questions),
+    ]
+}
+
+/// The rules of one member.
+struct Rules<'a>(&'a Member);
+
+impl Rules<'_> {
+    fn of(&self, what: &str, messages: &[&str], flows: &[&str], keys: &[impl AsRef<str>]) -> Value {
+        let keys: Vec<_> = keys.iter().map(|key| format!("{ROOT}/{}", key.as_ref())).collect();
+        rule(&format!("{} {what}", self.0.subject), messages, flows, &keys)
+    }
 }
 
 fn rule(id: &str, messages: &[&str], flows: &[&str], keys: &[String]) -> Value {

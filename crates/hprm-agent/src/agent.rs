@@ -2,7 +2,7 @@
 
 mod belonging;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -10,7 +10,7 @@ use std::os::unix::net::UnixStream;
 use hprm::agent::{Answer, Place, Request};
 use hprm::{Clock, random_bytes};
 use hprm_core::{Nanos, PhysicalTime};
-use hprm_federated::relay::{Input, Relay};
+use hprm_federated::relay::{FRAME_LIMIT, Input, Relay};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::Failure;
@@ -19,13 +19,11 @@ use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
 use crate::options::Options;
+use crate::others::{Others, Reached};
 use crate::starters::Starters;
 
 /// The most links: each may hold some megabytes for a slow reader.
 const LINKS: usize = 1024;
-
-/// The most other agents that an agent knows.
-const AGENTS: usize = 1024;
 
 /// How long Zenoh may take an agent for alive that has ended while the network was broken: its lease, and a moment.
 const LEASE: Nanos = 12_000_000_000;
@@ -44,8 +42,10 @@ struct Agent {
     links: BTreeMap<LinkId, Link>,
     /// Those whose sockets are ready.
     ready: Vec<LinkId>,
+    /// Where what a process sends is read into.
+    buffer: Box<[u8]>,
     /// The other agents that are there.
-    others: BTreeSet<AgentId>,
+    others: Others,
     /// Since when an older agent of the same name is there.
     rival_since: Option<PhysicalTime>,
 }
@@ -65,12 +65,26 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let enrolled = options.credentials.clone();
     let membership = enrolled.map(|it| Membership::new(it, Clock::local())).transpose()?;
     let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone())?;
-    let (links, others) = (BTreeMap::new(), BTreeSet::new());
-    let (ready, rival_since) = (Vec::new(), None);
+    let (links, others) = (BTreeMap::new(), Others::default());
+    let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME_LIMIT].into());
     let starters = Starters::new(&options.name, options.programs.clone());
-    let mut agent =
-        Agent { me, carrier, local, starters, membership, links, ready, others, rival_since };
-    println!("the agent of {} listens at {}", options.name, options.listen.join(" and "));
+    let mut agent = Agent {
+        me,
+        carrier,
+        local,
+        starters,
+        membership,
+        links,
+        ready,
+        buffer,
+        others,
+        rival_since,
+    };
+    let leads = match options.is_router(options.credentials.as_ref()) {
+        true => ", and is a router",
+        false => "",
+    };
+    println!("the agent of {} listens at {}{leads}", options.name, options.listen.join(" and "));
     // Without a reader of the line, the agent runs as well.
     let _ = std::io::stdout().flush();
     while !agent.wait(&stop) {
@@ -135,6 +149,9 @@ impl Agent {
                 Event::Opening(opening) => self.open_here(now, &opening),
                 Event::Opened { link, answer } => self.opened(now, &link, answer),
                 Event::Agent { agent, is_there } => self.other(now, agent, is_there),
+                Event::Route { router, agent, is_there } => {
+                    self.route(now, router, agent, is_there);
+                }
                 Event::News(news) => self.hear(&news),
             }
             if taken == EVENTS {
@@ -175,6 +192,11 @@ impl Agent {
         if self.links.contains_key(id) || self.links.len() >= LINKS {
             return Err(refused(&format!("it has {} links", self.links.len())));
         }
+        if let Some(router) = id.router.as_ref().filter(|_| self.others.reaches(from)) {
+            // A router is believed only of those that it alone reaches.
+            let text = format!("the agent of {here} reaches {from}, and not through {router}");
+            return Err(Answer::Absent(text));
+        }
         let (mine, other) = UnixStream::pair().map_err(|error| refused(&error))?;
         mine.set_nonblocking(true).map_err(|error| refused(&error))?;
         let way = self.carrier.way(id).map_err(|error| refused(&error))?;
@@ -184,7 +206,7 @@ impl Agent {
         } else if !self.local.hand_over(name, &other) {
             return Err(Answer::Absent(absent(here, name)));
         }
-        let what = format!("of {from} to agent:{here}/{name}");
+        let what = format!("of {from} to agent:{here}/{name}{}", through(id));
         let mut link = Link::new(relay, way, what, mine);
         link.opened();
         self.links.insert(id.clone(), link);
@@ -208,17 +230,40 @@ impl Agent {
 
     /// Another agent comes or goes, as Zenoh tells; it does not know whether only the network is broken.
     fn other(&mut self, now: PhysicalTime, agent: AgentId, is_there: bool) {
-        for (_, link) in self.links.iter_mut().filter(|(id, _)| id.agent == agent) {
-            let input = if is_there { Input::CarrierUp } else { Input::CarrierDown };
-            link.handle(now, input);
+        self.carrier_is(now, is_there, |link| match &link.router {
+            Some(router) => *router == agent.machine,
+            None => link.agent == agent,
+        });
+        if agent != self.me {
+            self.carrier.reaches(&agent, is_there);
+            self.others.set(agent, is_there);
         }
-        if !is_there {
-            self.others.remove(&agent);
-        } else if agent != self.me && self.others.len() < AGENTS {
-            self.others.insert(agent);
+        self.look_for_rivals(now);
+    }
+
+    /// A router reaches another agent, or does not any more.
+    fn route(&mut self, now: PhysicalTime, router: String, agent: AgentId, is_there: bool) {
+        if agent == self.me || router == self.me.machine {
+            return;
         }
-        let is_rival = |other: &AgentId| other.machine == self.me.machine && *other < self.me;
-        self.rival_since = match self.others.iter().any(is_rival) {
+        self.carrier_is(now, is_there, |link| {
+            link.router.as_ref() == Some(&router) && link.agent == agent
+        });
+        self.others.set_behind(now, router, agent, is_there);
+        self.look_for_rivals(now);
+    }
+
+    /// Some links are carried again, or not at the moment.
+    fn carrier_is(&mut self, now: PhysicalTime, up: bool, is_meant: impl Fn(&LinkId) -> bool) {
+        for (_, link) in self.links.iter_mut().filter(|(id, _)| is_meant(id)) {
+            link.handle(now, if up { Input::CarrierUp } else { Input::CarrierDown });
+        }
+    }
+
+    fn look_for_rivals(&mut self, now: PhysicalTime) {
+        // With certificates, a name belongs to one machine, and what a router says ends no agent.
+        let is_anonymous = self.membership.is_none();
+        self.rival_since = match self.others.have_older(&self.me, is_anonymous) {
             true => self.rival_since.or(Some(now)),
             false => None,
         };
@@ -256,14 +301,12 @@ impl Agent {
     fn connect(&mut self, place: &Place, stream: UnixStream) {
         let now = Clock::local();
         let Place { machine, name } = place;
-        // Of several agents of one name, the oldest counts.
-        let Some(agent) = self.others.iter().find(|other| other.machine == *machine).cloned()
-        else {
-            let known = self.machines().into_iter().collect::<Vec<_>>().join(", ");
+        let Some(other) = self.others.find(machine, now) else {
+            let known = self.machines(now).join(", ");
             let text = format!("no agent has the name {machine}; there are: {known}");
             return answer(&stream, &Answer::Absent(text));
         };
-        match self.begin(now, agent, place, &stream) {
+        match self.begin(now, other, place, &stream) {
             Ok((id, link)) => {
                 self.carrier.open_link(&id, name);
                 self.links.insert(id, link);
@@ -276,7 +319,7 @@ impl Agent {
     fn begin(
         &self,
         now: PhysicalTime,
-        agent: AgentId,
+        other: Reached,
         place: &Place,
         stream: &UnixStream,
     ) -> Result<(LinkId, Link), String> {
@@ -285,25 +328,24 @@ impl Agent {
         }
         let failed = |error: std::io::Error| format!("the agent cannot open a link: {error}");
         let socket = OwnedFd::from(stream.try_clone().map_err(failed)?);
-        let id = LinkId { agent, number: epoch()? };
+        let id = LinkId { agent: other.agent, number: epoch()?, router: other.router };
         let way = self.carrier.way(&id)?;
         let relay = Relay::new(epoch()?, now);
-        let what = format!("to agent:{place}");
+        let what = format!("to agent:{place}{}", through(&id));
         Ok((id, Link::new(relay, way, what, socket.into())))
     }
 
     fn tell_machines(&self, stream: UnixStream) {
-        let mut others: Vec<_> = self.others.iter().cloned().collect();
-        others.retain(|other| other.machine != self.me.machine);
-        // Of several agents of one name, the oldest counts; they are sorted by name and age.
-        others.dedup_by(|later, earlier| later.machine == earlier.machine);
-        self.carrier.tell_machines(others, stream);
+        self.carrier.tell_machines(self.others.all(Clock::local()), stream);
     }
 
     /// The names of all machines, this one too.
-    fn machines(&self) -> BTreeSet<&str> {
-        let others = self.others.iter().map(|other| other.machine.as_str());
-        others.chain([self.me.machine.as_str()]).collect()
+    fn machines(&self, now: PhysicalTime) -> Vec<String> {
+        let others = self.others.all(now).into_iter().map(|other| other.agent.machine);
+        let mut names: Vec<_> = others.chain([self.me.machine.clone()]).collect();
+        names.sort();
+        names.dedup();
+        names
     }
 
     /// Reads and writes what processes send and take, and lets time pass.
@@ -311,7 +353,7 @@ impl Agent {
         let now = Clock::local();
         for id in std::mem::take(&mut self.ready) {
             if let Some(link) = self.links.get_mut(&id).filter(|link| link.is_open()) {
-                link.socket_ready(now);
+                link.socket_ready(now, &mut self.buffer);
             }
         }
         for link in self.links.values_mut() {
@@ -337,6 +379,11 @@ impl Agent {
 /// A listener that is not there, perhaps not yet.
 fn absent(machine: &str, name: &str) -> String {
     format!("no process listens at agent:{machine}/{name}")
+}
+
+/// Which way a link leads, for people.
+fn through(link: &LinkId) -> String {
+    link.router.as_ref().map(|router| format!(" through {router}")).unwrap_or_default()
 }
 
 /// A number that no other life of a link has.

@@ -6,6 +6,8 @@
 //! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
 //! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
 //! hprm/agents/1/roster                a query for a newer roster: see `membership.rs`
+//! hprm/agents/1/to/ROUTER/...         packets and queries for agents that only a router reaches, and
+//! hprm/agents/1/by/ROUTER/...         what that makes of them: see `router.rs`
 //! ```
 //!
 //! An agent is named by its machine and its epoch, `robot1/18ac55e2f6a0b1c2`, so an agent that was started again, or
@@ -38,15 +40,17 @@ use crate::access;
 use crate::credentials::Credentials;
 use crate::membership::{self, News};
 use crate::options::Options;
+use crate::others::Reached;
+use crate::router::{self, Router};
 
 pub(crate) const ROOT: &str = "hprm/agents/1";
 
 /// How many packets and requests of other agents may wait for this program; more are dropped.
-const PACKETS: usize = 1024;
+pub(crate) const PACKETS: usize = 1024;
 
 /// The most bytes of what comes as a packet: a frame, and room for what else is in one. Others are dropped at once, so that
 /// not too much waits.
-const PACKET_LIMIT: usize = 68 << 10;
+pub(crate) const PACKET_LIMIT: usize = 68 << 10;
 const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
 
 /// The most bytes of what Zenoh puts together from pieces, from each of those that send; more is dropped. A roster is the
@@ -54,7 +58,7 @@ const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
 const MESSAGE_LIMIT: usize = 4 << 20;
 
 /// How long an agent may take to open a link.
-const OPENING: Duration = Duration::from_secs(5);
+pub(crate) const OPENING: Duration = Duration::from_secs(5);
 
 /// An agent: its machine, and when it was started, which tells it from others of that name.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
@@ -70,6 +74,8 @@ pub(crate) struct LinkId {
     pub(crate) agent: AgentId,
     /// A random number.
     pub(crate) number: u64,
+    /// The machine whose agent leads it, if the two do not reach one another. What comes another way is not of this link.
+    pub(crate) router: Option<String>,
 }
 
 /// What has happened elsewhere.
@@ -83,6 +89,8 @@ pub(crate) enum Event {
     Opened { link: LinkId, answer: Answer },
     /// An agent is there, or is not.
     Agent { agent: AgentId, is_there: bool },
+    /// A router reaches an agent, or does not.
+    Route { router: String, agent: AgentId, is_there: bool },
     /// Another agent says something of rosters.
     News(News),
 }
@@ -109,11 +117,20 @@ pub(crate) struct Carrier {
     inbox: Arc<Inbox>,
     packets: Receiver<Event>,
     events: Receiver<Event>,
-    _token: LivelinessToken,
     here: Arc<Here>,
-    _declared: (Subscriber<()>, Subscriber<()>, Queryable<()>),
-    _about: Queryable<()>,
+    router: Option<Router>,
+    _declared: Declared,
+    _about: [Queryable<()>; 2],
     _rosters: Option<Queryable<()>>,
+}
+
+/// What makes the machine known, and where what comes to it goes.
+struct Declared {
+    _token: LivelinessToken,
+    _packets: [Subscriber<()>; 2],
+    _openings: [Queryable<()>; 2],
+    _machines: Subscriber<()>,
+    _routes: Subscriber<()>,
 }
 
 /// Where the threads of Zenoh put what has happened.
@@ -148,18 +165,20 @@ impl Carrier {
         let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         let here = Arc::new(Here::new(options));
-        let about = about::declare(&session, &me, Arc::clone(&here)).map_err(failed)?;
+        let about = about::declare(&session, &me, &here).map_err(failed)?;
         let rosters = credentials.map(|it| membership::declare(&session, it, news(&inbox)));
         let rosters = rosters.transpose().map_err(failed)?;
-        let (token, declared) = declare(&session, &me, &inbox).map_err(failed)?;
+        let router = options.is_router(credentials).then(|| Router::open(&session, &me.machine));
+        let router = router.transpose().map_err(failed)?;
+        let declared = declare(&session, &me, &inbox).map_err(failed)?;
         Ok(Self {
             session,
             me,
             inbox,
             packets,
             events,
-            _token: token,
             here,
+            router,
             _declared: declared,
             _about: about,
             _rosters: rosters,
@@ -201,7 +220,7 @@ impl Carrier {
 
     /// Asks the agent of a machine to open a link; [`Event::Opened`] is the answer.
     pub(crate) fn open_link(&self, link: &LinkId, name: &str) {
-        let LinkId { agent, number } = link;
+        let LinkId { agent, number, router } = link;
         let text = OpeningText { number: *number, name: name.to_owned() };
         let payload = serde_json::to_vec(&text).expect("it has names only");
         let inbox = Arc::clone(&self.inbox);
@@ -210,7 +229,7 @@ impl Carrier {
             Asked { inbox, link: link.clone(), otherwise: Some(Answer::Absent(absent)) };
         let got = self
             .session
-            .get(format!("{ROOT}/open/{agent}/{}", self.me))
+            .get(router::key(router.as_deref(), &format!("open/{agent}/{}", self.me)))
             .payload(payload)
             .timeout(OPENING)
             .callback_mut(move |reply| {
@@ -224,17 +243,25 @@ impl Carrier {
         drop(got);
     }
 
+    /// Says whether this agent reaches another one, to those that it leads to it, if it is a router.
+    pub(crate) fn reaches(&mut self, agent: &AgentId, is_there: bool) {
+        if let Some(router) = &mut self.router {
+            router.reaches(&self.session, agent, is_there);
+        }
+    }
+
     /// Tells a process what other agents, of different names, say of their machines.
-    pub(crate) fn tell_machines(&self, others: Vec<AgentId>, stream: UnixStream) {
+    pub(crate) fn tell_machines(&self, others: Vec<Reached>, stream: UnixStream) {
         about::tell(self.session.clone(), Arc::clone(&self.here), others, stream);
     }
 
     /// The way to the other end of a link.
     pub(crate) fn way(&self, link: &LinkId) -> Result<Way, String> {
-        let LinkId { agent, number } = link;
+        let LinkId { agent, number, router } = link;
+        let rest = format!("links/{agent}/{}/{number:016x}", self.me);
         let publisher = self
             .session
-            .declare_publisher(format!("{ROOT}/links/{agent}/{}/{number:016x}", self.me))
+            .declare_publisher(router::key(router.as_deref(), &rest))
             .congestion_control(CongestionControl::Drop)
             .express(true)
             .wait();
@@ -339,48 +366,63 @@ impl AgentId {
     }
 }
 
-type Declared = (LivelinessToken, (Subscriber<()>, Subscriber<()>, Queryable<()>));
-
 /// Makes the machine known, after what comes to it has somewhere to go.
 fn declare(
     session: &zenoh::Session,
     me: &AgentId,
     inbox: &Arc<Inbox>,
 ) -> Result<Declared, zenoh::Error> {
-    let into = Arc::clone(inbox);
-    let packets = session
-        .declare_subscriber(format!("{ROOT}/links/{me}/*/*/*"))
-        .callback(move |sample| {
+    let packets = |key: String| {
+        let into = Arc::clone(inbox);
+        let declared = session.declare_subscriber(key).callback(move |sample| {
             if let Some(link) = link_of(sample.key_expr().as_str())
                 && sample.payload().len() <= PACKET_LIMIT
             {
                 into.put(Event::Packet { link, packet: sample.payload().to_bytes().into_owned() });
             }
-        })
-        .wait()?;
-    let into = Arc::clone(inbox);
-    let openings = session
-        .declare_queryable(format!("{ROOT}/open/{me}/*/*"))
-        .callback(move |query| {
+        });
+        declared.wait()
+    };
+    let openings = |key: String| {
+        let into = Arc::clone(inbox);
+        let declared = session.declare_queryable(key).callback(move |query| {
             if let Some(opening) = opening(query) {
                 into.put(Event::Opening(opening));
             }
-        })
-        .wait()?;
-    let into = Arc::clone(inbox);
-    let machines = session
-        .liveliness()
-        .declare_subscriber(format!("{ROOT}/machines/*/*"))
-        .history(true)
-        .callback(move |sample| {
+        });
+        declared.wait()
+    };
+    let tokens = |key: &str, event: fn(&str, bool) -> Option<Event>| {
+        let into = Arc::clone(inbox);
+        let declared = session.liveliness().declare_subscriber(format!("{ROOT}/{key}"));
+        let declared = declared.history(true).callback(move |sample| {
             let is_there = sample.kind() == SampleKind::Put;
-            if let Some(agent) = AgentId::read(&mut sample.key_expr().as_str().rsplit('/')) {
-                into.put(Event::Agent { agent, is_there });
+            if let Some(event) = event(sample.key_expr().as_str(), is_there) {
+                into.put(event);
             }
-        })
-        .wait()?;
-    let token = session.liveliness().declare_token(format!("{ROOT}/machines/{me}")).wait()?;
-    Ok((token, (packets, machines, openings)))
+        });
+        declared.wait()
+    };
+    Ok(Declared {
+        _packets: [
+            packets(format!("{ROOT}/links/{me}/*/*/*"))?,
+            packets(format!("{ROOT}/by/*/links/{me}/*/*/*"))?,
+        ],
+        _openings: [
+            openings(format!("{ROOT}/open/{me}/*/*"))?,
+            openings(format!("{ROOT}/by/*/open/{me}/*/*"))?,
+        ],
+        _machines: tokens("machines/*/*", |key, is_there| {
+            Some(Event::Agent { agent: AgentId::read(&mut key.rsplit('/'))?, is_there })
+        })?,
+        _routes: tokens("routes/*/*/*", |key, is_there| {
+            let mut parts = key.rsplit('/');
+            let agent = AgentId::read(&mut parts)?;
+            let router = parts.next().filter(|router| is_name(router))?.to_owned();
+            Some(Event::Route { router, agent, is_there })
+        })?,
+        _token: session.liveliness().declare_token(format!("{ROOT}/machines/{me}")).wait()?,
+    })
 }
 
 /// What another agent asks for, if it is well-formed.
@@ -388,15 +430,17 @@ fn opening(query: Query) -> Option<Opening> {
     let payload = query.payload()?.to_bytes();
     let OpeningText { number, name } = serde_json::from_slice(&payload).ok()?;
     // Of who asks, only the key can be believed: access control looks at it.
-    let agent = AgentId::read(&mut query.key_expr().as_str().rsplit('/'))?;
-    is_name(&name).then_some(Opening { link: LinkId { agent, number }, name, query })
+    let key = query.key_expr().as_str();
+    let agent = AgentId::read(&mut key.rsplit('/'))?;
+    let link = LinkId { agent, number, router: router::of(key) };
+    is_name(&name).then_some(Opening { link, name, query })
 }
 
 /// The link to which the key of a packet belongs, if it is one.
 fn link_of(key: &str) -> Option<LinkId> {
     let mut parts = key.rsplit('/');
     let number = u64::from_str_radix(parts.next()?, 16).ok()?;
-    Some(LinkId { agent: AgentId::read(&mut parts)?, number })
+    Some(LinkId { agent: AgentId::read(&mut parts)?, number, router: router::of(key) })
 }
 
 fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh::Config, Failure> {
@@ -419,6 +463,9 @@ fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh:
                 .to_owned(),
         ),
     ];
+    if options.connect_only {
+        settings.push(("scouting/gossip/autoconnect", "[]".to_owned()));
+    }
     if let Some(tls) = &options.tls {
         let path = |path: &std::path::Path| text(&path.to_string_lossy());
         settings.extend([

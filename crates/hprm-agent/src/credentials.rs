@@ -109,6 +109,11 @@ impl Credentials {
         &self.name
     }
 
+    /// Whether this machine leads what others send.
+    pub(crate) fn is_router(&self) -> bool {
+        self.roster.is_router(&self.name)
+    }
+
     /// Where the credentials are, and with them the roster when another process changes it.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder

@@ -6,7 +6,7 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 
 use hprm_core::PhysicalTime;
-use hprm_federated::relay::{End, FRAME_LIMIT, Input, Output, Relay};
+use hprm_federated::relay::{End, Input, Output, Relay};
 use rustix::event::PollFlags;
 
 use crate::carrier::Way;
@@ -21,8 +21,6 @@ pub(crate) struct Link {
     socket: Option<UnixStream>,
     /// Whether the process at the other end is known to be there.
     is_open: bool,
-    /// Where what it sends is read into.
-    buffer: Box<[u8]>,
     /// Whether it sends no more.
     has_finished: bool,
     /// What this end's process has not taken, and how much of the first of it it has.
@@ -45,7 +43,6 @@ impl Link {
             what,
             socket: Some(socket),
             is_open: false,
-            buffer: vec![0; FRAME_LIMIT].into(),
             has_finished: false,
             unread: VecDeque::new(),
             taken: 0,
@@ -102,21 +99,21 @@ impl Link {
         self.proceed(now);
     }
 
-    /// The socket may be ready.
-    pub(crate) fn socket_ready(&mut self, now: PhysicalTime) {
-        self.read(now);
+    /// The socket may be ready. What it has is read into a buffer as long as a frame may be.
+    pub(crate) fn socket_ready(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
+        self.read(now, buffer);
         self.proceed(now);
     }
 
     /// Reads what the process sends, as far as the link takes it.
-    fn read(&mut self, now: PhysicalTime) {
+    fn read(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
         while !self.has_finished && self.relay.room() > 0 {
             let Some(mut socket) = self.socket.as_ref() else { return };
             let room = self.relay.room();
-            match socket.read(&mut self.buffer[..room]) {
+            match socket.read(&mut buffer[..room]) {
                 Ok(0) => self.finish(now),
                 Ok(len) => {
-                    let frame = self.buffer[..len].to_vec();
+                    let frame = buffer[..len].to_vec();
                     self.handle(now, Input::Frame(frame));
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,

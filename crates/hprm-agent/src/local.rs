@@ -57,6 +57,7 @@ impl Local {
 
     /// The requests that are complete now.
     pub(crate) fn requests(&mut self) -> Vec<(UnixStream, Request)> {
+        let mut requests = Vec::new();
         while let Ok((stream, _)) = self.listener.accept() {
             let is_mine = sockopt::socket_peercred(&stream)
                 .is_ok_and(|peer| peer.uid == rustix::process::geteuid());
@@ -64,11 +65,20 @@ impl Local {
                 self.greetings.push((stream, Vec::new()));
             }
             if self.greetings.len() > GREETINGS {
+                // Those that have said what they want, however many came at once, are not among the idle.
+                self.read_greetings(&mut requests);
+            }
+            if self.greetings.len() > GREETINGS {
                 self.greetings.remove(0);
             }
         }
         self.registrations.retain(|_, stream| is_open(stream));
-        let mut requests = Vec::new();
+        self.read_greetings(&mut requests);
+        requests
+    }
+
+    /// Reads the first lines of connections, as far as they have come.
+    fn read_greetings(&mut self, requests: &mut Vec<(UnixStream, Request)>) {
         for (mut stream, mut line) in std::mem::take(&mut self.greetings) {
             match read_line(&mut stream, &mut line) {
                 Ok(false) => self.greetings.push((stream, line)),
@@ -80,7 +90,6 @@ impl Local {
                 Err(_) => {}
             }
         }
-        requests
     }
 
     /// Registers a listener, or says why not.

@@ -17,6 +17,8 @@ mod link;
 mod local;
 mod membership;
 mod options;
+mod others;
+mod router;
 mod starters;
 mod threads;
 

@@ -30,9 +30,16 @@ pub(crate) struct Arguments {
     /// Where other agents reach this one; by default 0.0.0.0:7650 if it has a certificate, and 127.0.0.1:7650 otherwise
     #[arg(long, value_name = "HOST:PORT")]
     listen: Vec<String>,
-    /// Where another agent or a Zenoh router listens
+    /// Where another agent listens
     #[arg(long, value_name = "HOST:PORT")]
     connect: Vec<String>,
+    /// Connect only where --connect says, and not also where agents listen of which those tell
+    #[arg(long)]
+    connect_only: bool,
+    /// Lead what agents send to one another that reach this one, but not one another; a machine that was enrolled is a
+    /// router if it was invited as one
+    #[arg(long)]
+    router: bool,
     /// The certificate of this machine, in PEM, instead of that with which it was enrolled
     #[arg(long, value_name = "FILE", requires_all = ["tls_key", "tls_ca"])]
     tls_cert: Option<PathBuf>,
@@ -58,6 +65,10 @@ pub(crate) struct Options {
     pub(crate) name: String,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
+    /// Whether it connects nowhere else.
+    pub(crate) connect_only: bool,
+    /// Whether it is asked to be a router.
+    router: bool,
     pub(crate) tls: Option<Tls>,
     /// What this machine has from its authority, if it was enrolled.
     pub(crate) credentials: Option<Credentials>,
@@ -92,6 +103,14 @@ impl Arguments {
         if !is_name(&name) {
             return Err(Failure::new(format!("'{name}' cannot be the name of a machine"))
                 .hint("write --name NAME with letters, digits, and '-', '_' or '.' between them"));
+        }
+        if let Some(credentials) = credentials.as_ref().filter(|it| self.router && !it.is_router())
+        {
+            let name = credentials.name();
+            return Err(Failure::new(format!("{name} was not invited as a router")).hint(format!(
+                "`hprm agent invite {name} --router` on the authority's machine makes it one; \
+                     a router can read and change what it leads"
+            )));
         }
         let tls = match (self.tls_cert, self.tls_key, self.tls_ca) {
             (Some(cert), Some(key), Some(ca)) => Some(Tls { cert, key, ca }),
@@ -130,7 +149,15 @@ impl Arguments {
             Ok(Programs { keys, allow_root, limits })
         });
         let programs = programs.transpose()?;
-        Ok(Options { name, listen, connect: self.connect, tls, credentials, programs })
+        let Self { connect, connect_only, router, .. } = self;
+        Ok(Options { name, listen, connect, connect_only, router, tls, credentials, programs })
+    }
+}
+
+impl Options {
+    /// Whether the agent leads what others send, with these credentials: the authority says so, or else the command line.
+    pub(crate) fn is_router(&self, credentials: Option<&Credentials>) -> bool {
+        credentials.map_or(self.router, Credentials::is_router)
     }
 }
 

@@ -47,7 +47,8 @@ fn row(machine: &Machine) -> Vec<String> {
         (false, Some(_)) => machine.name.clone(),
         (false, None) => format!("{} (does not answer)", machine.name),
     };
-    let mut cells = vec![name];
+    let way = machine.through.as_ref().map(|router| format!(" (through {router})"));
+    let mut cells = vec![name + &way.unwrap_or_default()];
     match &machine.about {
         Some(About { version, addresses, processors, memory, federations }) => cells.extend([
             version.clone(),
@@ -114,19 +115,22 @@ mod tests {
             is_here: name == "robot1",
             about,
             clock,
+            through: (name == "robot4").then(|| "robot2".to_owned()),
         };
         let clock = ClockReading { offset: 1_500_000, bound: 200_000 };
         let alone = About { federations: Vec::new(), ..about.clone() };
         let shown = table(&[
             machine("robot1", Some(alone), None),
-            machine("robot2", Some(about), Some(clock)),
+            machine("robot2", Some(about.clone()), Some(clock)),
             machine("robot3", None, None),
+            machine("robot4", Some(about), Some(clock)),
         ]);
         let expected = "\
 machine                   version  processors   memory             clock  federations      listens at
 robot1 (this machine)       0.1.0           4  8.00 GB                 -            -  192.0.2.1:7650
 robot2                      0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650
-robot3 (does not answer)        -           -        -                 -            -               -";
+robot3 (does not answer)        -           -        -                 -            -               -
+robot4 (through robot2)     0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650";
         assert_eq!(shown, expected);
     }
 }

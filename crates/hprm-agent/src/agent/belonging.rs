@@ -44,9 +44,12 @@ impl Agent {
         let now = Clock::local();
         let mut halves = Vec::new();
         for (id, link) in &mut self.links {
-            let machine = &id.agent.machine;
-            if credentials.roster().member(machine).is_none() {
+            let (machine, roster) = (&id.agent.machine, credentials.roster());
+            if roster.member(machine).is_none() {
                 let why = format!("the authority has taken {machine} out of its machines");
+                link.handle(now, Input::Abort(why));
+            } else if let Some(router) = id.router.as_ref().filter(|it| !roster.is_router(it)) {
+                let why = format!("{router} is no router any more, as the authority says");
                 link.handle(now, Input::Abort(why));
             } else if link.is_open() {
                 link.handle(now, Input::CarrierDown);

@@ -23,7 +23,7 @@ pub(crate) struct Member {
     pub(crate) name: String,
     /// The common name in its certificate.
     pub(crate) subject: String,
-    /// Whether it is a Zenoh router, which leads what others say.
+    /// Whether it is a router, which leads what others send.
     #[serde(default)]
     pub(crate) is_router: bool,
 }
@@ -46,6 +46,11 @@ impl Roster {
     /// The member with a name, if there is one.
     pub(crate) fn member(&self, name: &str) -> Option<&Member> {
         self.machines.iter().find(|member| member.name == name)
+    }
+
+    /// Whether a machine is a member and a router.
+    pub(crate) fn is_router(&self, name: &str) -> bool {
+        self.member(name).is_some_and(|member| member.is_router)
     }
 
     /// With a machine that has a new certificate; an old one of that name counts no more. Returns the subject.

@@ -29,6 +29,9 @@ pub(crate) struct AuthorityOptions {
     /// The name of this machine; by default its host name
     #[arg(long)]
     name: Option<String>,
+    /// This machine is a router, as with `hprm agent invite --router`
+    #[arg(long)]
+    router: bool,
 }
 
 #[derive(Args, Debug)]
@@ -41,7 +44,8 @@ pub(crate) struct Invite {
     /// For how many minutes the code is valid
     #[arg(long, value_name = "MINUTES", default_value_t = 10.0, value_parser = minutes)]
     valid: f64,
-    /// The machine is a Zenoh router in the middle of others, and may say what any of them may
+    /// The machine is a router: its agent leads what others send that do not reach one another, and can read and change
+    /// that
     #[arg(long)]
     router: bool,
 }
@@ -87,7 +91,7 @@ fn make(options: &AuthorityOptions) -> Result<(), Failure> {
     check(&name)?;
     let mut authority = Authority::make()?;
     let (key, request) = authority::request(&name)?;
-    let admission = authority.admit(&name, false, &request)?;
+    let admission = authority.admit(&name, options.router, &request)?;
     let credentials = Credentials::keep(&key, &admission)?;
     say(&format!(
         "the authority is in {}: whoever reads its key can be any machine\n\

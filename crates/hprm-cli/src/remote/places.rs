@@ -181,6 +181,7 @@ mod tests {
             is_here: false,
             about,
             clock: None,
+            through: None,
         };
         let known = [machine("robot1", None), machine("robot2", None)];
         let error = |name| format!("{:?}", check("camera", name, &known).unwrap_err());

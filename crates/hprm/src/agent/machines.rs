@@ -15,6 +15,9 @@ pub struct Machine {
     pub about: Option<About>,
     /// What its clock shows beside that of the machine whose agent was asked; none for that machine itself.
     pub clock: Option<ClockReading>,
+    /// The machine whose agent leads what the two agents say to one another; none if they reach one another.
+    #[serde(default)]
+    pub through: Option<String>,
 }
 
 /// What an agent says of its machine.
