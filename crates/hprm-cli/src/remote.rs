@@ -11,9 +11,11 @@
 //! starter then ends the federate. So no process is left, whichever of them is killed.
 //!
 //! `places` says which federate belongs where, `program` which files it needs, `protocol` what both say to one another,
-//! `key` how each proves that it may, `cache` keeps files, `limits` bounds what a federate uses.
+//! `clocks` whether federates wait long enough for the clocks of their machines, `key` how each proves that it may, `cache`
+//! keeps files, `limits` bounds what a federate uses.
 
 mod cache;
+mod clocks;
 mod key;
 mod limits;
 mod places;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use hprm::agent::{self, Machine, Place};
 use hprm_core::{FederateId, Program};
 
+use super::clocks;
 use super::stand_in::probe;
 use crate::args::At;
 use crate::hosts::is_this_machine;
@@ -74,6 +75,10 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     asked.sort();
     asked.dedup();
     asked.into_iter().try_for_each(|machine| probe(machine, key))?;
+    let machine_of = |federate| machines.get(&federate).map(String::as_str);
+    for warning in clocks::warnings(program, &here, machine_of, &known) {
+        warning.show_as_warning();
+    }
     let places = Places { machines, here, key: key.clone() };
     Ok((!places.machines.is_empty()).then_some(places))
 }
