@@ -103,22 +103,29 @@ impl Clocks {
 
 #[cfg(test)]
 mod tests {
-    use hprm_core::{Direction, ProgramBuilder, Properties};
+    use hprm_core::{Direction, Effect, ProgramBuilder, Properties, ReactionSpec, Trigger};
 
     use super::*;
 
     /// `a` sends to `b`, both with this maxwait, `c` to nothing.
     fn program(maxwait: Nanos, delay: Delay, properties: Properties) -> Program {
         let mut b = ProgramBuilder::new("Main", properties);
-        let mut ports = Vec::new();
+        let (mut ports, mut reactors) = (Vec::new(), Vec::new());
         for name in ["a", "b", "c"] {
             let reactor = b.reactor(b.main(), name);
             b.federate(reactor, name, maxwait, None);
+            reactors.push(reactor);
             ports.push((
                 b.port(reactor, "out", Direction::Output),
                 b.port(reactor, "inp", Direction::Input),
             ));
         }
+        let effects = vec![Effect::Port(ports[0].0)];
+        let sends =
+            ReactionSpec { triggers: vec![Trigger::Startup], effects, ..Default::default() };
+        b.reaction(reactors[0], sends);
+        let triggers = vec![Trigger::Port(ports[1].1)];
+        b.reaction(reactors[1], ReactionSpec { triggers, ..Default::default() });
         b.connect(ports[0].0, ports[1].1, delay);
         b.build().unwrap()
     }
