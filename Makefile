@@ -29,7 +29,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -151,6 +151,10 @@ bench-in-process: build $(VENV)/.requirements ## compare federates as threads wi
 
 bench-frames: toolchain ## count the frames between federates and the RTI
 	cargo bench --quiet -p hprm-sim --bench frames
+
+bench-fleet: toolchain agent ## count what a thousand federates on a hundred machines send, and measure the memory of agents
+	cargo bench --quiet -p hprm-sim --bench fleet
+	@$(BIN)/python bench/agent_links.py
 
 bench-grants: toolchain ## measure what a grant costs, with up to a thousand federates
 	cargo bench --quiet -p hprm-sim --bench grants

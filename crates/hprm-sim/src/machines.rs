@@ -43,8 +43,8 @@ pub struct Machines {
     federates: Vec<usize>,
     rti: usize,
     pub(crate) line: Line,
-    /// The most bytes that a frame has.
-    pub(crate) longest: u64,
+    /// The most bytes that a frame has, if it has not those of the protocol.
+    pub(crate) longest: Option<u64>,
     pub(crate) troubles: Vec<Trouble>,
 }
 
@@ -76,6 +76,12 @@ impl Trouble {
 }
 
 impl Machines {
+    /// The machines of federates and of the RTI, in a network that loses nothing. Frames have the sizes of the protocol.
+    #[must_use]
+    pub fn in_a_good_network(federates: Vec<usize>, rti: usize) -> Self {
+        Self { federates, rti, line: Line::good(), longest: None, troubles: Vec::new() }
+    }
+
     /// The machine of a federate.
     pub(crate) fn of(&self, federate: FederateId) -> usize {
         self.federates[federate.index()]
@@ -121,7 +127,7 @@ impl Machines {
         let rti = machine();
         let federates = program.federates.ids().map(|_| machine()).collect();
         let line = Line::draw(&mut rng);
-        let longest = [8, 300, 20_000][usize::try_from(rng.below(3)).unwrap_or(0)];
+        let longest = Some([8, 300, 20_000][usize::try_from(rng.below(3)).unwrap_or(0)]);
         let later = LATER[usize::try_from(rng.below(3)).unwrap_or(0)];
         if let Some((_, at)) = &mut plan.crash {
             at.0 *= later;

@@ -28,14 +28,15 @@ impl Instance {
     /// Its link to the RTI, after so many others `before`.
     pub(crate) fn link(self, before: u32) -> LinkId {
         let Self { federate, life } = self;
-        assert!(federate.0 < 16 && life < 256 && before < 1 << 20, "a simulation is small");
-        LinkId(before << 12 | u32::from(life) << 4 | u32::from(federate.0))
+        let fits = federate.0 < 1 << 10 && life < 1 << 8 && before < 1 << 14;
+        assert!(fits, "a simulation has at most 1024 federates, with few lives and links each");
+        LinkId(before << 18 | u32::from(life) << 10 | u32::from(federate.0))
     }
 
     /// The process with that link to the RTI.
     pub(crate) fn of_link(link: LinkId) -> Self {
         let part = |number: u32| u16::try_from(number).unwrap_or(0);
-        Self { federate: FederateId(part(link.0 & 0xf)), life: part(link.0 >> 4 & 0xff) }
+        Self { federate: FederateId(part(link.0 & 0x3ff)), life: part(link.0 >> 10 & 0xff) }
     }
 
     /// The address at which it accepts direct links.

@@ -226,6 +226,19 @@ impl World {
         Err("it goes on for ever".to_owned())
     }
 
+    /// Runs a federation that is too large for what [`Self::run`] looks at besides.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run`].
+    pub fn run_large(mut self) -> Result<Outcome, String> {
+        while let Some((now, event)) = self.next() {
+            self.events += 1;
+            self.step(now, event).map_err(|fault| fault.to_string())?;
+        }
+        self.outcome()
+    }
+
     /// The next event.
     fn next(&mut self) -> Option<(PhysicalTime, Event)> {
         let next = self.network.next();

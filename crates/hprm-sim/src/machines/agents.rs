@@ -37,6 +37,10 @@ struct Agent {
 pub struct Traffic {
     /// How many there were.
     pub links: usize,
+    /// The frames that processes have sent.
+    pub frames: u64,
+    /// The bytes of packets that were sent.
+    pub bytes: u64,
     /// The packets that were sent, and those that were lost.
     pub packets: u64,
     /// See above.
@@ -65,6 +69,8 @@ pub(crate) struct Agents {
     /// The link that is in use between two processes.
     current: BTreeMap<(Place, Place), usize>,
     carried: Carried<Target>,
+    /// The bytes of packets that were sent.
+    bytes: u64,
     /// What begins and what ends, in the order of times.
     changes: VecDeque<(Nanos, bool, Trouble)>,
     lost: Vec<Frame>,
@@ -89,6 +95,7 @@ impl Agents {
             links: Vec::new(),
             current: BTreeMap::new(),
             carried: Carried::new(),
+            bytes: 0,
             changes: changes.collect(),
             lost: Vec::new(),
             severed: BTreeSet::new(),
@@ -118,7 +125,14 @@ impl Agents {
     /// What has come of all links.
     pub(crate) fn traffic(&self) -> Traffic {
         let Carried { sent, lost, .. } = self.carried;
-        Traffic { links: self.links.len(), packets: sent, lost, severed: self.severed.clone() }
+        Traffic {
+            links: self.links.len(),
+            frames: self.links.iter().map(Link::frames).sum(),
+            bytes: self.bytes,
+            packets: sent,
+            lost,
+            severed: self.severed.clone(),
+        }
     }
 
     /// What is wrong with a link, if anything.
@@ -334,8 +348,8 @@ impl Agents {
         if link.has_unsent(end) {
             link.begin(end, *now, rng);
         }
-        let effects =
-            link.proceed(end, *now, || usize::try_from(rng.below(machines.longest)).unwrap_or(0));
+        let mut random = |longest| usize::try_from(rng.below(longest)).unwrap_or(0);
+        let effects = link.proceed(end, *now, || machines.longest.map(&mut random));
         self.lost.extend(link.take_lost());
         for effect in effects {
             match effect {
@@ -351,6 +365,7 @@ impl Agents {
         if machines.any(|machine| self.agents[machine].is_cut_off) {
             return;
         }
+        self.bytes += packet.len() as u64;
         self.carried.send(&self.machines.line, &mut self.rng, self.now, to, packet);
     }
 

@@ -5,6 +5,7 @@
 use std::collections::VecDeque;
 
 use hprm_core::{Nanos, PhysicalTime};
+use hprm_federated::codec::encode;
 use hprm_federated::relay::{End, Input, Output, Relay};
 use hprm_federated::{Frame, Input as FederateInput, LinkId, RtiInput};
 
@@ -107,12 +108,17 @@ impl Link {
         }
     }
 
-    /// The agent at an end does what is to be done. Frames have `len` bytes at most, or what they need.
+    /// How many frames the processes have sent.
+    pub(super) fn frames(&self) -> u64 {
+        self.sites.iter().map(|site| site.given).sum()
+    }
+
+    /// The agent at an end does what is to be done. Frames have `len` bytes, or as many as in the protocol.
     pub(super) fn proceed(
         &mut self,
         end: usize,
         now: Nanos,
-        mut len: impl FnMut() -> usize,
+        mut len: impl FnMut() -> Option<usize>,
     ) -> Vec<Effect> {
         let mut effects = Vec::new();
         loop {
@@ -126,13 +132,14 @@ impl Link {
     }
 
     /// Gives the relayed link what the process has sent, as far as there is room.
-    fn fill(&mut self, end: usize, now: Nanos, len: &mut impl FnMut() -> usize) -> bool {
+    fn fill(&mut self, end: usize, now: Nanos, len: &mut impl FnMut() -> Option<usize>) -> bool {
         let site = &mut self.sites[end];
         let Some(relay) = &mut site.relay else { return false };
         let mut any = false;
-        while !site.unsent.is_empty() {
+        while let Some(event) = site.unsent.front() {
             let mut bytes = site.given.to_le_bytes().to_vec();
-            bytes.resize(len().max(bytes.len()), 0);
+            let len = len().unwrap_or_else(|| encoded(event));
+            bytes.resize(len.max(bytes.len()), 0);
             if relay.room() < bytes.len() {
                 break;
             }
@@ -240,6 +247,16 @@ impl Site {
             is_deaf: false,
         }
     }
+}
+
+/// How many bytes an event has in the protocol.
+fn encoded(event: &Event) -> usize {
+    let mut bytes = Vec::new();
+    if let Some(frame) = frame(event) {
+        // A frame that cannot be encoded is not sent either.
+        let _ = encode(frame, &mut bytes);
+    }
+    bytes.len()
 }
 
 /// The frame that an event brings.

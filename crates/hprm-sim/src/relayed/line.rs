@@ -19,6 +19,11 @@ pub(crate) struct Line {
 }
 
 impl Line {
+    /// That of a network which only takes its time.
+    pub(crate) fn good() -> Self {
+        Self { loss: 0, duplicates: 0, latency: 200, jitter: 50, backlog: 256 }
+    }
+
     /// Whether it keeps the order of packets, but for a few.
     pub(crate) fn is_orderly(&self) -> bool {
         self.jitter <= 50 && self.duplicates <= 5 && self.loss <= 5
