@@ -120,8 +120,8 @@ pub(crate) struct Boards {
     known: Option<Step>,
     /// Whether this federate has counted a message since it last posted.
     counted: bool,
-    /// Whether it has counted one since [`Self::take_unshown`].
-    unshown: bool,
+    /// How many it has counted since [`Self::shown`]: none, one or several.
+    unshown: u8,
 }
 
 impl Tally {
@@ -180,7 +180,7 @@ impl Boards {
             downstream: downstream.into_iter().filter(|other| *other != me).collect(),
             known: None,
             counted: false,
-            unshown: false,
+            unshown: 0,
         }
     }
 
@@ -221,12 +221,19 @@ impl Boards {
         let Some((_, at)) = self.own.get(at).filter(|(id, _)| *id == channel) else { return };
         let tally = &mut self.postings[self.me].tallies[*at];
         *tally = Tally { messages: tally.messages + 1, latest: tally.latest.max(tag) };
-        (self.counted, self.unshown) = (true, true);
+        self.counted = true;
+        self.unshown = (self.unshown + 1).min(2);
     }
 
-    /// Whether this federate has counted a message since the last call.
-    pub(crate) fn take_unshown(&mut self) -> bool {
-        std::mem::take(&mut self.unshown)
+    /// How many messages this federate has counted that the others do not see on its board: none, one, or two for
+    /// several.
+    pub(crate) fn unshown(&self) -> u8 {
+        self.unshown
+    }
+
+    /// The others see all that this federate has counted.
+    pub(crate) fn shown(&mut self) {
+        self.unshown = 0;
     }
 
     /// From now on, this federate does nothing before a step, and its board is to say so.

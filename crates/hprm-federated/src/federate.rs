@@ -376,15 +376,7 @@ impl Federate {
                     self.reached(next);
                 }
             }
-            Input::Reached(level) => {
-                let step = self.step(level);
-                self.learn_from_boards();
-                self.report_absent_ports(step, now);
-                self.activity = match self.step_permission(step, now) {
-                    Permission::Granted => Activity::Processing,
-                    Permission::Wait | Permission::WaitUntil(_) => Activity::Within(step),
-                };
-            }
+            Input::Reached(level) => self.passed_levels(now, self.step(level)),
             Input::Begun(tag) => {
                 self.current = tag;
                 self.activity = Activity::Processing;
@@ -557,6 +549,16 @@ impl Federate {
     }
 
     // Advancing.
+
+    /// All levels of the current tag before a step are done.
+    fn passed_levels(&mut self, now: PhysicalTime, next: Step) {
+        self.learn_from_boards();
+        self.report_absent_ports(next, now);
+        self.activity = match self.step_permission(next, now) {
+            Permission::Granted => Activity::Processing,
+            Permission::Wait | Permission::WaitUntil(_) => Activity::Within(next),
+        };
+    }
 
     fn completed(&mut self, now: PhysicalTime, tag: Tag) {
         self.activity = Activity::Unknown;

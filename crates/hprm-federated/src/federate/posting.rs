@@ -1,8 +1,12 @@
 //! What this federate shows on its board, and what it finds on the boards of others.
 //!
 //! The rules by which boards tell how far a federate may advance are in `boards`. Here is when this federate posts:
-//! whenever it knows its next step and does not take it at once. While it processes a tag, its board says what was true
-//! before, which is safe: for a message that it has read meanwhile, others still take the bound for unread ones.
+//! whenever it knows its next step and others would learn something. While it processes a tag, its board says what was true
+//! before, which is safe.
+//!
+//! A federate that begins a tag at once because of one message posts nothing before: for the others, the bound for a message
+//! that it has not read is the tag of that message. Where its board would say more, as that a clock has gone on, or which of
+//! several messages is the next, it posts before it begins, because the tag may take long.
 //!
 //! Inputs that the driver follows with its next event, or with how far it has come within a tag, change nothing here:
 //! however many boards and messages have come, this federate looks once.
@@ -137,7 +141,9 @@ impl Federate {
         if self.is_fast || next.tag.due(start) <= now {
             machine.safe(showing.boards.known(&self.topology));
         }
-        if certain < next || departs || !self.begins_at_once(now, start) {
+        let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
+        let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
+        if !is_known || !self.begins_at_once(now, start) {
             let waits = self.awaited(next, now, start);
             self.show(now, Shown { next: certain, waits, departs }, certain < next && !departs);
         }
@@ -153,8 +159,7 @@ impl Federate {
         }
     }
 
-    /// Whether this federate is between two tags, and the driver begins the next one now. When that is complete, it
-    /// posts more.
+    /// Whether this federate is between two tags, and the driver begins the next one now.
     fn begins_at_once(&self, now: PhysicalTime, start: PhysicalTime) -> bool {
         let Activity::Idle(tag) = self.activity else { return false };
         tag < Tag::FOREVER
@@ -232,8 +237,7 @@ impl Federate {
 impl Showing {
     /// What is to be posted, if it is new. What only a clock changes is posted now and then.
     fn news(&mut self, now: PhysicalTime, new: Shown, by_clock: bool) -> Option<Posting> {
-        let has_counted = self.boards.take_unshown();
-        if let Some(shown) = self.shown.filter(|_| !has_counted) {
+        if let Some(shown) = self.shown.filter(|_| self.boards.unshown() == 0) {
             let same = Shown { next: shown.next, ..new } == shown;
             let soon = by_clock && now < self.shown_at.plus(CLOCK_POST);
             if same && (new.next == shown.next || soon) {
@@ -243,6 +247,7 @@ impl Showing {
         self.shown_at = now;
         self.shown = Some(new);
         self.boards.wait_for(new.waits);
+        self.boards.shown();
         Some(self.boards.own().clone())
     }
 }
