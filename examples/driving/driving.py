@@ -40,7 +40,7 @@ class World(hprm.Reactor):
         if self.simulator.ended():
             self.request_stop()
             return
-        image, view = hprm.empty(PICTURE, np.uint8), np.empty(BIRDVIEW, np.uint8)
+        image, view = hprm.empty(PICTURE, np.uint8), hprm.empty(BIRDVIEW, np.uint8)
         self.simulator.take_picture(image)
         self.simulator.look_down(view)
         self.picture.set(image)

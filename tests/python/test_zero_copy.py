@@ -79,6 +79,16 @@ def loan(number):
     return array
 
 @moved
+def small_loan(number):
+    array = hprm.empty(5_000)
+    array.fill(number)
+    return array
+
+@copied
+def small(number):
+    return np.full(5_000, float(number))
+
+@moved
 def loan_like(number):
     array = hprm.empty_like(full(0))
     array[:] = number

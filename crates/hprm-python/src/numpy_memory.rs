@@ -28,7 +28,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple};
 
 pub(crate) use self::abi::{count, counts_tell};
-use self::handler::StoreHandler;
+use self::handler::{StoreHandler, made_to_be_sent};
 pub(crate) use self::publish::{freeze, publish};
 
 static ALLOCATOR: OnceLock<Arc<StoreAllocator>> = OnceLock::new();
@@ -87,7 +87,7 @@ pub(crate) fn in_store<'py>(
     if let Some(handler) = handler {
         handler.select(handler.capsule);
     }
-    let made = function.call(arguments, keywords);
+    let made = made_to_be_sent(|| function.call(arguments, keywords));
     if let Some(handler) = handler {
         handler.select(handler.default);
     }

@@ -2,12 +2,13 @@
 
 #![allow(unsafe_code)]
 
+use std::cell::Cell;
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 
-use hprm_core::limits::HEAP_ARRAY_LIMIT;
+use hprm_core::limits::{HEAP_ARRAY_LIMIT, INLINE_LIMIT};
 use hprm_store::StoreAllocator;
 use pyo3::ffi;
 use pyo3::intern;
@@ -17,6 +18,19 @@ use super::abi::{
     Allocator, CAPSULE, DEFAULT_HANDLER, GET_HANDLER, GetHandler, Handler, SET_HANDLER,
     counts_tell, entry, has_known_fields, is_known, release_reference, table,
 };
+
+thread_local! {
+    /// How many bytes an array may have on this thread that is to be in the heap.
+    static LEFT_IN_HEAP: Cell<usize> = const { Cell::new(HEAP_ARRAY_LIMIT) };
+}
+
+/// Calls a function whose array is made to be sent: all that does not travel inside a message is to be in the store.
+pub(super) fn made_to_be_sent<T>(make: impl FnOnce() -> T) -> T {
+    let before = LEFT_IN_HEAP.replace(INLINE_LIMIT);
+    let made = make();
+    LEFT_IN_HEAP.set(before);
+    made
+}
 
 /// NumPy's handler for arrays in the store; never freed.
 pub(super) struct StoreHandler {
@@ -120,7 +134,7 @@ impl StoreHandler {
 
     /// Memory in the store, for a large array.
     fn alloc(&self, len: usize) -> Option<*mut c_void> {
-        if len <= HEAP_ARRAY_LIMIT {
+        if len <= LEFT_IN_HEAP.get() {
             return None;
         }
         // Nothing may unwind into NumPy; after a panic the array is in the heap.
