@@ -120,7 +120,7 @@ pub(crate) struct Boards {
     known: Option<Step>,
     /// Whether this federate has counted a message since it last posted.
     counted: bool,
-    /// How many it has counted since [`Self::shown`]: none, one or several.
+    /// How many it has counted since [`Self::show`]: none, one or several.
     unshown: u8,
 }
 
@@ -231,11 +231,6 @@ impl Boards {
         self.unshown
     }
 
-    /// The others see all that this federate has counted.
-    pub(crate) fn shown(&mut self) {
-        self.unshown = 0;
-    }
-
     /// From now on, this federate does nothing before a step, and its board is to say so.
     pub(crate) fn post(&mut self, next: Step, departs: bool) {
         let own = &mut self.postings[self.me];
@@ -248,9 +243,12 @@ impl Boards {
         }
     }
 
-    /// From now on, the board is to say that this federate waits until it knows its inputs through a step.
-    pub(crate) fn wait_for(&mut self, waits: Step) {
+    /// What the others are to see from now on: all that this federate has counted, and that it waits until it knows its
+    /// inputs through a step.
+    pub(crate) fn show(&mut self, waits: Step) -> Posting {
+        self.unshown = 0;
         self.postings[self.me].waits = waits;
+        self.own().clone()
     }
 
     /// This federate has ended.

@@ -348,7 +348,8 @@ impl Federate {
         if log::is_on() {
             log::federate_input(&input);
         }
-        let shows_more = !matches!(input, Input::Board { .. } | Input::FromPeer { .. });
+        // The driver reads all that has come, and then says how far it is.
+        let is_followed = matches!(input, Input::Board { .. } | Input::FromPeer { .. });
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,
@@ -403,7 +404,7 @@ impl Federate {
             Input::Wake => self.apply_link_limits(now),
         }
         self.report(now);
-        if shows_more {
+        if !is_followed {
             self.look_at_boards(now);
         }
         Ok(())

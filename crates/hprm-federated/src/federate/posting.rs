@@ -137,12 +137,12 @@ impl Federate {
             certain = certain.min(Step::begin(self.current.succ().max(self.first)));
         }
         showing.boards.post(certain, departs);
-        // Before that, nothing depends on it, and then this federate looks again.
-        if self.is_fast || next.tag.due(start) <= now {
-            machine.safe(showing.boards.known(&self.topology));
-        }
         let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
         let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
+        // Before that, nothing depends on it, and then this federate looks again.
+        if self.is_due(next.tag, now, start) {
+            self.learn_from_boards();
+        }
         if !is_known || !self.begins_at_once(now, start) {
             let waits = self.awaited(next, now, start);
             self.show(now, Shown { next: certain, waits, departs }, certain < next && !departs);
@@ -163,7 +163,7 @@ impl Federate {
     fn begins_at_once(&self, now: PhysicalTime, start: PhysicalTime) -> bool {
         let Activity::Idle(tag) = self.activity else { return false };
         tag < Tag::FOREVER
-            && (self.is_fast || tag.due(start) <= now)
+            && self.is_due(tag, now, start)
             && self.permission(tag, now) == Permission::Granted
     }
 
@@ -201,10 +201,15 @@ impl Federate {
 
     /// Through which step this federate must know its inputs now, to go on; `NEVER` if it does not wait for that.
     fn awaited(&self, next: Step, now: PhysicalTime, start: PhysicalTime) -> Step {
-        match self.is_fast || next.tag.due(start) <= now {
+        match self.is_due(next.tag, now, start) {
             true => self.needs(next),
             false => Step::NEVER,
         }
+    }
+
+    /// Whether a tag begins as soon as the coordination permits it.
+    fn is_due(&self, tag: Tag, now: PhysicalTime, start: PhysicalTime) -> bool {
+        self.is_fast || tag.due(start) <= now
     }
 
     fn needs(&self, next: Step) -> Step {
@@ -246,8 +251,6 @@ impl Showing {
         }
         self.shown_at = now;
         self.shown = Some(new);
-        self.boards.wait_for(new.waits);
-        self.boards.shown();
-        Some(self.boards.own().clone())
+        Some(self.boards.show(new.waits))
     }
 }

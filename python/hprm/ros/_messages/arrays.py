@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 if TYPE_CHECKING:
     import numpy
 
+#: More bytes than a copy is cheap for: what NumPy has in the store while bodies run.
+LARGE = 65_536
+
 
 def is_array(value: object) -> TypeGuard[numpy.ndarray[Any, Any]]:
     """Return whether a value is an array of NumPy; there is none where nothing has imported it."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy
 
+from hprm.ros._messages.arrays import LARGE
 from hprm.ros._messages.definitions import Field, Structure, Type
 from hprm.ros._messages.fields import NUMBERS
 
@@ -33,9 +34,6 @@ except ModuleNotFoundError as missing:
 
 #: The field that a type without fields has among the bytes.
 _FILLER = "structure_needs_at_least_one_member"
-
-# More bytes than a copy is cheap for: what NumPy has in the store while bodies run.
-_LARGE = 65_536
 
 Translate = Callable[[Any], Any]
 
@@ -177,7 +175,7 @@ def _from_bytes(type_: Type, views: bool) -> Translate | None:
     code = NUMBERS[base][0]
 
     def grown(values: Any) -> Any:
-        if views and values.nbytes > _LARGE:
+        if views and values.nbytes > LARGE:
             return values
         made: array.array[Any] = array.array(code)
         if len(values):

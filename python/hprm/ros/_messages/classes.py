@@ -248,9 +248,6 @@ def _initial(it: Field, scope: dict[str, Any]) -> str:
     return one if many is None else f"[{one} for _ in range({it.type.size})]"
 
 
-# More bytes than a copy is cheap for: what NumPy has in the store while bodies run.
-_LARGE = 65_536
-
 _ZERO = {int: 0, float: 0.0, bool: False, str: "", bytes: b"\0"}
 
 
@@ -302,7 +299,7 @@ def _copier(kind: Any) -> Callable[[Any], Any]:
 
 def _copy(value: Any) -> Any:
     if arrays.is_array(value):
-        return value if value.nbytes > _LARGE else value.copy()
+        return value if value.nbytes > arrays.LARGE else value.copy()
     if isinstance(value, array.array):
         return value[:]
     if isinstance(value, list):
