@@ -72,8 +72,10 @@ class Running:
 
 
 def _api(reactor: Running) -> Api:
-    api: Api | None = vars(reactor).get("_hprm_api_")
-    if api is None:
+    try:
+        api: Api = reactor._hprm_api_  # type: ignore[attr-defined]
+    except AttributeError:
         name = type(reactor).__name__
-        raise RuntimeError(f"this {name} does not run here; a reaction of it can ask for that")
+        message = f"this {name} does not run here; a reaction of it can ask for that"
+        raise RuntimeError(message) from None
     return api

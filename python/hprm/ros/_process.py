@@ -25,6 +25,9 @@ _on_stop: list[Callable[[], object]] = []
 def runtime() -> Runtime:
     """Return the runtime of this process; the first call makes it."""
     global _runtime
+    made = _runtime
+    if made is not None:
+        return made
     with _lock:
         if _runtime is None:
             _runtime = _made(_meeting.of_this_process())

@@ -93,6 +93,7 @@ class Runtime:
         self._loop_ident = 0
         self._thread_hook = threading.excepthook
         self._membership: Membership | None = None
+        self._has_hub = False
         self._process: Process | None = None
         self._ended = threading.Event()
         self._requests: deque[Callable[[], None]] = deque()
@@ -267,23 +268,35 @@ class Runtime:
 
         A thread that ``sleeps`` may have locks of the program.
         """
-        self.start()
-        if timeout_ns is None:
-            self._block(lambda: condition() or self._ended.is_set())
-            return condition()
-        over = threading.Event()
-        alarm = None
-        if timeout_ns > 0:
-            alarm = self.call_at(timeout_ns, over.set)
-        else:
-            # By the clock: a loop that polls would otherwise stop logical time.
-            self.request(over.set)
-        self._block(lambda: over.is_set() or condition() or self._ended.is_set(), sleeps)
-        if alarm is not None:
-            alarm.cancel()
+        self.wait(condition, timeout_ns, sleeps=sleeps)
         return condition()
 
-    def _block(self, condition: Callable[[], bool], sleeps: bool = False) -> None:
+    def wait(
+        self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
+    ) -> None:
+        """Do the same for a caller that finds out itself why it goes on."""
+        self.start()
+        if timeout_ns is None:
+            self._block(condition, sleeps)
+            return
+        is_over = False
+
+        def end() -> None:
+            nonlocal is_over
+            is_over = True
+
+        alarm = None
+        if timeout_ns > 0:
+            alarm = self.call_at(timeout_ns, end)
+        else:
+            # By the clock: a loop that polls would otherwise stop logical time.
+            self.request(end)
+        self._block(lambda: is_over or condition(), sleeps)
+        if alarm is not None:
+            alarm.cancel()
+
+    def _block(self, condition: Callable[[], bool], sleeps: bool) -> None:
+        # The end of the federate is the end of all turns.
         self.turns.block(condition, self._poke, sleeps=sleeps)
         # What the thread makes for its messages need not be copied when it publishes them.
         _hprm.use_store()
@@ -324,6 +337,8 @@ class Runtime:
 
     def start(self) -> None:
         """Begin with what has been declared by now, unless the federate has begun."""
+        if self._loop is not None:
+            return
         with self._lock:
             if self._loop is not None or self._ended.is_set():
                 return
@@ -386,7 +401,7 @@ class Runtime:
         self._leaves = True
 
     def _holds(self) -> bool:
-        return self.turns.holds() or threading.get_ident() == self._loop_ident
+        return threading.get_ident() == self._loop_ident or self.turns.holds()
 
     def _poke(self) -> None:
         """Have a reaction run soon."""
@@ -422,6 +437,7 @@ class Runtime:
             membership = self.meeting.meet()
             if membership is not None:
                 self._membership = membership
+                self._has_hub = membership.has_hub
                 self._process = membership.process
                 membership.process.behavior = self
                 if membership.is_fast:
@@ -482,7 +498,7 @@ class Runtime:
                 self._deliver(flow, message)
         for name, flow in membership.inputs:
             self._take(process, name, flow)
-        if membership.has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
+        if self._has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
             self._take_news(process.from_hub.value)  # type: ignore[attr-defined]
         if process.wake.is_present:  # type: ignore[attr-defined]
             self._do_alarms()
@@ -510,7 +526,7 @@ class Runtime:
         for name, flow in membership.inputs:
             if flow.kind != "topic":
                 self._take(process, name, flow)
-        if membership.has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
+        if self._has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
             news = process.from_hub.value  # type: ignore[attr-defined]
             self._take_news([it for it in news if it[0] != "message" or it[1] != "topic"])
         if process.outside.is_present:  # type: ignore[attr-defined]

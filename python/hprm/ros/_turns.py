@@ -58,6 +58,8 @@ class Turns:
         self._patience, self._with_sleepers = patience, with_sleepers
         self._on_lost = on_lost
         self._waiters: list[Waiter] = []
+        #: Whose condition was false when nothing but that thread could have made it true.
+        self._looked: Waiter | None = None
         self._holders: set[int] = set()
         #: The last number by which a tag was put by; those of threads are positive.
         self._put_by = 0
@@ -89,6 +91,8 @@ class Turns:
             waiter = Waiter(ident, condition, sleeps)
             self._waiters.append(waiter)
             is_settled = self._release(ident)
+            if is_settled:
+                self._looked = waiter
         try:
             if not held:
                 poke()
@@ -108,13 +112,12 @@ class Turns:
         with self._lock:
             if self._holders:
                 self._wait()
-            while True:
-                waiter = next((it for it in self._waiters if it.condition()), None)
-                if waiter is None or self._is_over:
-                    return
+            while (waiter := self._next()) is not None:
                 self._waiters.remove(waiter)
                 self._holders.add(waiter.ident)
+                self._looked = None
                 self._wait(waiter.wakes)
+            self._looked = None
 
     def blocked(self) -> list[int]:
         """Return the numbers of the threads that are blocked."""
@@ -170,6 +173,15 @@ class Turns:
                 waiter.wakes.give()
             self._waiters.clear()
             self._settled.give()
+
+    def _next(self) -> Waiter | None:
+        """Find a thread for which there is something."""
+        if self._is_over:
+            return None
+        for waiter in self._waiters:
+            if waiter is not self._looked and waiter.condition():
+                return waiter
+        return None
 
     def _release(self, ident: int) -> bool:
         """Have a thread hold no tag; return whether the federate is to be told, which waits."""

@@ -8,8 +8,9 @@ may block, in a call to a service for example, while others run.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
+from inspect import iscoroutinefunction
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,10 @@ class ExternalShutdownException(Exception):
 
 class ConditionReachedException(Exception):
     """What was waited for has happened."""
+
+
+def _never() -> bool:
+    return False
 
 
 class Executor:
@@ -135,7 +140,7 @@ class Executor:
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for one callback, no longer than the timeout, and run it."""
-        self._spin_once(timeout_sec, lambda: False)
+        self._spin_once(timeout_sec, _never)
 
     def spin_until_future_complete(
         self, future: Future[Any], timeout_sec: float | None = None
@@ -179,7 +184,7 @@ class Executor:
         self,
         timeout_sec: float | None = None,
         nodes: list[Node] | None = None,
-        condition: Callable[[], bool] = lambda: False,
+        condition: Callable[[], bool] = _never,
     ) -> tuple[Task[Any], Entity | None, Node | None]:
         """Wait for a callback; return a task that runs it in any thread, and whose it is.
 
@@ -224,8 +229,24 @@ class Executor:
 
     def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
         found = self._wait(timeout_sec, is_over)
-        if found is not None:
+        if isinstance(found, Task):
             self._run(*self._taken(found))
+        elif found is not None:
+            self._call(found)
+
+    def _call(self, entity: Entity) -> None:
+        """Run the callback of an entity in this thread; what it raises, this raises."""
+        # Few callbacks are coroutines, which need a task.
+        group = entity.callback_group
+        group.beginning_execution(entity)
+        callback = entity.take()
+        if iscoroutinefunction(callback):
+            self._run(Task(callback, executor=self), entity)
+            return
+        try:
+            callback()
+        finally:
+            group.ending_execution(entity)
 
     def _wait(
         self,
@@ -246,7 +267,7 @@ class Executor:
 
         negative = timeout_sec is None or timeout_sec < 0
         timeout_ns = None if negative else round((timeout_sec or 0) * 1e9)
-        self._runtime.block(has_something, timeout_ns)
+        self._runtime.wait(has_something, timeout_ns)
         if self._is_shutdown:
             return None
         if not self._context.ok():
@@ -268,14 +289,14 @@ class Executor:
                 self._tasks.remove(task)
             elif task.is_ready:
                 return task
-        for entity in self._entities():
-            if (nodes is None or entity._node in nodes) and self._is_there(entity):
-                return entity
-        return None
-
-    def _entities(self) -> Iterator[Entity]:
         for node in list(self._nodes):
-            yield from node._entities_in_order()
+            if nodes is not None and node not in nodes:
+                continue
+            # Each callback is looked for here, so this calls no more functions than it has to.
+            for entity in node._entities_in_order():
+                if entity.has_work() and entity.callback_group.can_execute(entity):
+                    return entity
+        return None
 
     def _taken(self, found: Task[Any] | Entity) -> tuple[Task[Any], Entity | None]:
         """Take what a callback needs, so that nothing else finds it."""
@@ -333,6 +354,9 @@ class MultiThreadedExecutor(Executor):
             super()._wait_and_run(timeout_sec, lambda: bool(self._errors) or is_over())
         if self._errors:
             raise self._errors.pop(0)
+
+    def _call(self, entity: Entity) -> None:
+        self._run(*self._taken(entity))
 
     def _run(self, task: Task[Any], entity: Entity | None) -> None:
         self._running += 1
