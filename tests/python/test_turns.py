@@ -132,3 +132,37 @@ def test_a_thread_that_has_ended_is_not_waited_for() -> None:
     turns.settle()
     assert time.monotonic() - begun < 30
     thread.join(10)
+
+
+def test_a_thread_gets_at_the_same_tag_what_a_later_one_gives_it() -> None:
+    turns = Turns(10.0, 10.0, lambda *_: None)
+    due, done, looks = [False, False], [], [0, 0]
+
+    def script(number: int) -> None:
+        def is_due() -> bool:
+            looks[number] += 1
+            return due[number]
+
+        while True:
+            turns.block(is_due, lambda: None)
+            if not due[number]:
+                return
+            due[number] = False
+            done.append(number)
+            if number == 1:
+                due[0] = len(done) == 2
+
+    threads = [threading.Thread(target=script, args=(it,), daemon=True) for it in (0, 1)]
+    for count, it in enumerate(threads, 1):
+        it.start()
+        until = time.monotonic() + 10
+        while len(turns.blocked()) < count and time.monotonic() < until:
+            time.sleep(0.001)
+    due[:] = [True, True]
+    turns.settle()
+    assert done == [0, 1, 0]
+    # It is not asked again for what it has just looked itself: nothing has changed since.
+    assert looks == [4, 3]
+    turns.end()
+    for it in threads:
+        it.join(10)
