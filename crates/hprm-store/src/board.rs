@@ -7,11 +7,14 @@
 //! **No reader waits for the owner, and the owner never waits.** Notes and cells have two buffers each and a count of
 //! publications; the owner writes the buffer that is not current, and then counts. So there is a whole text at
 //! any moment, even if the owner is stopped or killed in the middle of writing. A reader looks at the count before and
-//! after, and reads again if it has changed.
+//! after, and reads again if it has changed ([`sequence`]).
+
+pub(crate) mod sequence;
 
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
+use self::sequence::{before_look, current, publish};
 use crate::SegmentError;
 use crate::shm::{PublishedWords, WordsView};
 
@@ -38,9 +41,6 @@ const FIRST_LANE: usize = 2 * LINE;
 const MOST_LANES: usize = 1 << 12;
 const MOST_CELLS: usize = LINE - CAPACITIES;
 const LARGEST_CELL: usize = 1 << 28;
-
-/// How often a reader reads again what has changed meanwhile. Owners publish cells some times in a second.
-const ATTEMPTS: usize = 100;
 
 const WORD: usize = size_of::<u64>();
 
@@ -183,20 +183,12 @@ impl Board {
             self.memory.words()[FIRST_LANE + lane].store(value, Ordering::Relaxed);
         }
     }
-}
 
-/// Writes the buffer that is not current, and makes it current. The first word is the count; two buffers of `len` words
-/// follow.
-#[inline]
-fn publish(words: &[AtomicU64], len: usize, values: impl IntoIterator<Item = u64>) {
-    let count = words[0].load(Ordering::Relaxed).wrapping_add(1);
-    let buffer = &words[1 + (count % 2) as usize * len..][..len];
-    // A reader that sees any of the following words also sees that the buffer has not been current for long.
-    fence(Ordering::Release);
-    for (word, value) in buffer.iter().zip(values) {
-        word.store(value, Ordering::Relaxed);
+    /// Comes between what is shown on this board and a look at the boards of others. Of two processes that do both, at
+    /// least one sees what the other one has shown, cells and lanes.
+    pub fn before_look(&self) {
+        before_look::<AtomicU64>();
     }
-    words[0].store(count, Ordering::Release);
 }
 
 /// A board of another process, or of this one.
@@ -249,7 +241,7 @@ impl BoardView {
             }
             bytes.truncate(length);
         };
-        self.current(start, read, 1 + capacity).is_some()
+        current(&self.memory, start, 1 + capacity, read).is_some()
     }
 
     /// How often something was published in a cell.
@@ -262,7 +254,7 @@ impl BoardView {
     #[must_use]
     pub fn note(&self) -> Option<(u64, [u64; NOTE])> {
         let read = |buffer| std::array::from_fn(|at| self.memory.load(buffer + at));
-        self.current(NOTES, read, NOTE)
+        current(&self.memory, NOTES, NOTE, read)
     }
 
     /// The word of a lane; none, if there is no such lane.
@@ -275,28 +267,6 @@ impl BoardView {
     #[must_use]
     pub fn lanes(&self) -> usize {
         self.layout.lanes
-    }
-
-    /// What `read` finds in the current buffer, which begins where it is told, and the number of the publication.
-    fn current<T>(
-        &self,
-        start: usize,
-        mut read: impl FnMut(usize) -> T,
-        len: usize,
-    ) -> Option<(u64, T)> {
-        for _ in 0..ATTEMPTS {
-            let count = self.memory.load(start);
-            if count == 0 {
-                return None;
-            }
-            fence(Ordering::Acquire);
-            let found = read(start + 1 + (count % 2) as usize * len);
-            fence(Ordering::Acquire);
-            if self.memory.load(start) == count {
-                return Some((count, found));
-            }
-        }
-        None
     }
 }
 

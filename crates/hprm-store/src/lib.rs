@@ -30,6 +30,9 @@ mod object;
 mod ring;
 mod shm;
 mod store;
+#[cfg(test)]
+mod weak_memory;
+mod word;
 
 pub use allocator::StoreAllocator;
 pub use arena::{Arena, Block};

@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::SegmentError;
 use crate::shm::SharedWords;
+use crate::word::Word;
 
 /// How many bytes a ring holds: more than a usual frame has, so that a writer seldom waits in the middle
 /// of one.
@@ -63,16 +64,6 @@ trait Memory {
     fn words(&self) -> &[Self::Word];
 }
 
-/// A word that both sides load and store.
-trait Word {
-    fn load(&self, order: Ordering) -> u64;
-
-    fn store(&self, value: u64, order: Ordering);
-
-    /// Stores a value in the place of what is there, which it returns.
-    fn swap(&self, value: u64, order: Ordering) -> u64;
-}
-
 impl<M: AsRef<[AtomicU64]>> Memory for M {
     type Word = AtomicU64;
 
@@ -80,23 +71,6 @@ impl<M: AsRef<[AtomicU64]>> Memory for M {
 
     fn words(&self) -> &[AtomicU64] {
         self.as_ref()
-    }
-}
-
-impl Word for AtomicU64 {
-    #[inline]
-    fn load(&self, order: Ordering) -> u64 {
-        self.load(order)
-    }
-
-    #[inline]
-    fn store(&self, value: u64, order: Ordering) {
-        self.store(value, order);
-    }
-
-    #[inline]
-    fn swap(&self, value: u64, order: Ordering) -> u64 {
-        self.swap(value, order)
     }
 }
 
@@ -411,6 +385,8 @@ fn up_to_word(at: usize) -> usize {
     at.next_multiple_of(WORD) - at
 }
 
+#[cfg(test)]
+mod before_board;
 #[cfg(test)]
 mod sleeping;
 #[cfg(test)]

@@ -8,7 +8,6 @@
 
 use std::io;
 use std::os::fd::OwnedFd;
-use std::sync::atomic::{Ordering, fence};
 
 use hprm_core::{FederateId, SortedMap, Tag};
 use hprm_federated::{Input, Posting, Step, Tally};
@@ -99,7 +98,7 @@ impl Boards {
     pub(super) fn take_posted(&mut self) -> bool {
         let posted = std::mem::take(&mut self.posted);
         if posted {
-            fence(Ordering::SeqCst);
+            self.own.before_look();
         }
         posted
     }
@@ -139,7 +138,7 @@ impl Boards {
     /// From now on, others wake this federate up. It must look at the boards once more.
     pub(crate) fn announce_sleep(&self) {
         self.own.set_lane(ASLEEP, 1);
-        fence(Ordering::SeqCst);
+        self.own.before_look();
     }
 
     /// This federate is awake.
