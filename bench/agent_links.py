@@ -16,6 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from ports import free_ports
+
 ROOT = Path(__file__).resolve().parents[1]
 AGENT = ROOT / "out" / "agent" / "release" / "hprm-agent"
 LINKS = [100, 1000]
@@ -129,15 +131,6 @@ def memory(agent: subprocess.Popen[str]) -> float:
     status = Path(f"/proc/{agent.pid}/status").read_text()
     (kilobytes,) = re.findall(r"VmRSS:\s+(\d+) kB", status)
     return float(kilobytes)
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports of this machine at which nothing listens."""
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [int(listener.getsockname()[1]) for listener in sockets]
-    for listener in sockets:
-        listener.close()
-    return ports
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from pathlib import Path
 from evaluation import ROOT, gather, inference, order, page, placing, serialization
 from evaluation.experiment import Effort, Experiment, ExperimentError
 from evaluation.record import Record, RecordError, load
+from options import positive
 
 OUT = ROOT / "out" / "evaluation"
 EXPERIMENTS: tuple[Experiment, ...] = tuple(
@@ -88,7 +89,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--contenders", type=_words, metavar="NAMES", help="parts of names, as in hprm,ros2"
     )
-    parser.add_argument("--repetitions", type=_positive, metavar="N", help="interleaved")
+    parser.add_argument("--repetitions", type=positive, metavar="N", help="interleaved")
     parser.add_argument(
         "--page", action="store_true", help="measure nothing, write the page from earlier results"
     )
@@ -105,12 +106,6 @@ def _experiments(text: str) -> list[str]:
     if not words or not set(words) <= set(NAMES):
         raise argparse.ArgumentTypeError(f"{text!r}: must be some of {', '.join(NAMES)}")
     return words
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number above 0")
-    return int(text)
 
 
 def chosen(names: Sequence[str]) -> list[Experiment]:

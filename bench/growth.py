@@ -24,6 +24,7 @@ from evaluation.record import Record
 from evaluation.texts import by_case
 from federation import FederationError, command
 from growing.measures import COORDINATIONS, FULL, QUICK, TITLES, take
+from options import positive
 from shown import show
 
 OUT = growing.ROOT / "out" / "growth"
@@ -68,15 +69,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(prog="growth.py", description="what growth costs")
     parser.add_argument("--quick", action="store_true", help="a little of all: does it work?")
-    parser.add_argument("--repetitions", type=_positive, metavar="N", help="of all, in turn")
+    parser.add_argument("--repetitions", type=positive, metavar="N", help="of all, in turn")
     parser.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help="for all files")
     return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number above 0")
-    return int(text)
 
 
 def print_table(name: str, record: Record) -> None:

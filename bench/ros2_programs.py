@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import socket
 import statistics
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent / "peers"))
 
 import environments
+from ports import free_ports
 from shown import show
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -102,7 +102,7 @@ def pair(name: str, size: str, is_quick: bool) -> list[float]:
         printed = run([str(HPRM), "ros", "run", *scripts])
         (line,) = [it for it in printed.splitlines() if it.startswith("[pair-2] ")]
         return list(map(float, line.split()[1:]))
-    words.append(DOMAIN if name == "cyclonedds" else str(free_port()))
+    words.append(DOMAIN if name == "cyclonedds" else str(free_ports(1)[0]))
     program = [str(environments.python_of(name)), str(PROGRAMS / PEERS[name])]
     with subprocess.Popen([*program, "talker", *words]) as talker:
         try:
@@ -147,14 +147,6 @@ def run(words: list[str]) -> str:
     if done.returncode != 0:
         raise Failed(f"{' '.join(words)} has failed: {done.stderr}")
     return done.stdout
-
-
-def free_port() -> int:
-    """Return a port that nothing listens at."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":
