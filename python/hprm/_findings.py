@@ -23,6 +23,8 @@ REFUSED = "LF1007"
 DECLARED = "LF1008"
 #: What ends the loading of a program.
 LOADING = "LF1009"
+#: A parameter that an executable cannot be given.
+NOT_GIVEN = "LF1107"
 #: What is declared has a code of its own, as in files of Lingua Franca.
 TAKEN, NO_MAIN, SEVERAL_MAINS = "LF0201", "LF0206", "LF0205"
 NO_REACTOR, NO_TIME, NO_WIDTH = "LF0301", "LF0403", "LF0405"

@@ -110,7 +110,8 @@ class Reactor(Running, metaclass=_Constructed):
         Other target properties, by their names: ``properties={"store-limit": "2 GB"}``.
     executable : str, path or list
         For a class that declares ports only: the executable that is this federate, such as one in
-        Rust, relative to the file of the class; a list has arguments behind the path.
+        Rust, relative to the file of the class; a list has arguments behind the path. The arguments
+        of the constructor are its parameters.
 
     Raises
     ------

@@ -12,6 +12,7 @@ from typing import Any
 
 from hprm import _construction, _duration, _places
 from hprm._connect import Connection, check_types
+from hprm._construction import Construction
 from hprm._facts import of_parameters
 from hprm._handles import Handle, parts
 from hprm._mistakes import ProgramError
@@ -79,6 +80,7 @@ class _Structure:
             "at": self._at(_place_of_class(cls)),
             "federated": self._federated and isinstance(reactor, Federation),
             "executable": cls._hprm_executable_,
+            "parameters": self._parameters(cls, construction),
             "ports": [self._port(reactor, it) for it in declared if it.kind in ("input", "output")],
             "timers": [
                 self._timer(reactor, it, number) for it in declared if isinstance(it, Timer)
@@ -98,6 +100,15 @@ class _Structure:
         }
         self._reactors.append(data)
         return len(self._reactors) - 1
+
+    def _parameters(self, cls: type[Reactor], construction: Construction) -> list[list[Any]]:
+        """Return what an executable is given; other reactors have used their parameters."""
+        if not cls._hprm_executable_ or not construction.arguments:
+            return []
+        # Only a program with executables that have parameters needs the module.
+        from hprm import _given
+
+        return _given.of(construction.arguments, construction.place)
 
     def _child(self, container: Reactor, name: str, child: Reactor | list[Reactor]) -> Data:
         members = child if isinstance(child, list) else [child]

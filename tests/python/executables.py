@@ -13,6 +13,8 @@ SCRIPT = """\
 if [ -n "$HPRM_DESCRIBE" ]; then
   echo asked >> {asked}
   cat {declared} > "$HPRM_DESCRIBE"
+  # A text where the declaration has what to say of one.
+  if grep -q '"fast"' "$HPRM_PARAMETERS"; then cat {declared}.fast > "$HPRM_DESCRIBE"; fi
   exit 0
 fi
 {runs}
@@ -31,10 +33,10 @@ def reactor(name: str, ports: list[dict[str, Any]], **members: Any) -> dict[str,
     return {"name": name, "at": AT, "ports": ports, "reactions": [reaction], **members}
 
 
-def document(*reactors: dict[str, Any]) -> str:
+def document(*reactors: dict[str, Any], **more: Any) -> str:
     """Return a declaration, whose first reactor is the main one."""
     files = [{"path": "/somewhere/camera", "text": ""}]
-    return json.dumps({"files": files, "main": 0, "reactors": reactors})
+    return json.dumps({"files": files, "main": 0, "reactors": reactors, **more})
 
 
 def write(path: Path, declared: str, runs: str = "exit 9") -> Path:

@@ -76,7 +76,11 @@ def test_an_example_gives_its_code_and_the_mended_one_nothing(code: str, tmp_pat
         if code.startswith("LF11"):
             (folder / "bin").mkdir()
             camera = executables.reactor("Camera", [executables.port("frame")])
-            executables.write(folder / "bin/camera", executables.document(camera))
+            rate: dict[str, Any] = {"parameters": [["rate", "u32"]]}
+            executables.write(folder / "bin/camera", executables.document(camera, **rate))
+            wrong = {"wrong": ["rate", "expected u32, found the str 'fast'"]}
+            refused = executables.document(camera, refused=wrong, **rate)
+            (folder / "bin/camera.json.fast").write_text(refused)
         command = example["command"] or f"hprm check {example['files'][0]['name']}"
         done = hprm(*shlex.split(command)[1:], folder=folder)
         said = done.stdout + done.stderr

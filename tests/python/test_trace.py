@@ -247,6 +247,68 @@ def test_diff_names_the_first_difference(tmp_path: Path) -> None:
     assert hprm("diff", a, a).returncode == 0
 
 
+NAMED = {
+    "app.py": """\
+import hprm
+
+
+class Source(hprm.Reactor):
+    out = hprm.Output()
+
+    @hprm.reaction(hprm.startup, effects=[out])
+    def begin(self):
+        self.out.set(VALUE)
+
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.source = Source()
+
+
+if __name__ == "__main__":
+    hprm.run(Main())
+""",
+    "Main.lf": """\
+target Python
+reactor Source {
+  output out
+  reaction begin(startup) -> out {= out.set(VALUE) =}
+}
+main reactor { source = new Source() }
+""",
+    "bare/Main.lf": """\
+target Python
+reactor Source {
+  output out
+  reaction(startup) -> out {= out.set(VALUE) =}
+}
+main reactor { source = new Source() }
+""",
+}
+
+
+def test_diff_calls_reactions_by_their_names_and_compares_none(tmp_path: Path) -> None:
+    traces = {}
+    for name, text in NAMED.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        for value in (1, 2):
+            path.write_text(text.replace("VALUE", str(value)))
+            traces[name, value] = tmp_path / f"{len(traces)}.trace"
+            trace(path, traces[name, value])
+    for first in NAMED:
+        for second in NAMED:
+            a, b = traces[first, 1], traces[second, 2]
+            found = hprm("diff", a, b)
+            number = first == second == "bare/Main.lf"
+            name = "Main.source." + ("1" if number else "begin")
+            begins = f"at (0 ns, 0), reaction {name} sets Main.source.out to 1 in {a}"
+            assert found.stdout.startswith(begins), found.stdout
+            divergence = json.loads(hprm("diff", "--json", a, b).stdout)["divergence"]
+            assert (divergence["reaction"], divergence["name"]) == ("Main.source.1", name)
+            assert hprm("diff", a, traces[second, 1]).returncode == 0
+
+
 def test_what_is_no_trace_is_said_to_be_none(tmp_path: Path) -> None:
     path = program(tmp_path, PHYSICAL)
     for wrong in (path, tmp_path / "nowhere", tmp_path):

@@ -73,6 +73,7 @@ pub(crate) fn as_json(comparison: &Comparison, names: [&str; 2]) -> Value {
         json!({
             "tag": [divergence.tag.0, divergence.tag.1],
             "reaction": divergence.reaction,
+            "name": divergence.name,
             "message": sentence(divergence, names),
             "consequence": comparison.consequence.as_ref().map(|then| sentence(then, names)),
             "hint": hint(divergence),

@@ -42,10 +42,11 @@ pub(crate) fn declared(path: &Path, arguments: &[&OsString]) -> Result<Executabl
     let command = command.ok_or_else(|| {
         unable(format!("{} and its arguments are not all UTF-8 text", path.display()))
     })?;
-    let declaration = hprm::declaration_of(&command).map_err(|why| match why.split_once('\n') {
-        Some((why, hint)) => unable(why.to_owned()).hint(hint),
-        None => unable(why),
-    })?;
+    let declaration =
+        hprm::declaration_of(&command, &[]).map_err(|why| match why.split_once('\n') {
+            Some((why, hint)) => unable(why.to_owned()).hint(hint),
+            None => unable(why),
+        })?;
     if Declaration::read(&declaration).is_ok_and(|declared| !declared.is_federation()) {
         let error = Error::option(format!("{} declares no federation", path.display()));
         return Err(error.hint(
@@ -53,7 +54,7 @@ pub(crate) fn declared(path: &Path, arguments: &[&OsString]) -> Result<Executabl
              in a program, and that is run",
         ));
     }
-    Ok(ExecutableFederate { command, declaration })
+    Ok(ExecutableFederate { command, parameters: Vec::new(), declaration })
 }
 
 /// Lets an executable be all federates of the federation that it has declared.
@@ -113,7 +114,7 @@ pub(crate) fn launched(
         return Ok(None);
     };
     let meeting = Meeting { rti: membership.rti, federation, security };
-    let mut handover = handover(compiled, membership.name, &meeting);
+    let mut handover = handover(compiled, executable, membership.name, &meeting);
     let share = membership.share.clone();
     handover.logical_trace = share.map(|share| (share.file, Some(share.trace)));
     let mut command = started(executable);
@@ -144,7 +145,7 @@ pub(crate) fn replacing(
     let settings = &compiled.settings;
     let security = Security { auth: settings.auth, encrypt: settings.encrypt, tls };
     let meeting = Meeting { rti, federation, security: &security };
-    let mut handover = handover(compiled, name, &meeting);
+    let mut handover = handover(compiled, executable, name, &meeting);
     handover.launched = false;
     handover.connect_timeout = connect_timeout.as_secs_f64();
     handover.advertise.clone_from(&arguments.advertise);
@@ -169,9 +170,15 @@ fn absolute(files: Option<TlsFiles>) -> Option<TlsFiles> {
     })
 }
 
-fn handover(compiled: &Compiled, name: &str, meeting: &Meeting<'_>) -> Handover {
+fn handover(
+    compiled: &Compiled,
+    executable: &ExecutableFederate,
+    name: &str,
+    meeting: &Meeting<'_>,
+) -> Handover {
     let mut handover = Handover::new(name, &compiled.program, &compiled.fingerprint(), meeting);
     handover.store = compiled.settings.store;
+    handover.parameters.clone_from(&executable.parameters);
     handover
 }
 

@@ -13,9 +13,10 @@ mod outline;
 mod skip;
 mod variants;
 
+use std::marker::PhantomData;
 use std::sync::Arc;
 
-use serde::de::{DeserializeOwned, Deserializer, Visitor};
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, Visitor};
 use smallvec::SmallVec;
 
 use self::nodes::Want;
@@ -41,7 +42,20 @@ pub fn decode<T: DeserializeOwned>(
     head: &[u8],
     parts: &[Arc<dyn Memory>],
 ) -> Result<T, DecodeError> {
-    whole(head, parts, false)
+    whole(PhantomData::<T>, head, parts, false)
+}
+
+/// Decodes a value as `seed` does it, for whatever hands on parts of values: the value may borrow from the head.
+///
+/// # Errors
+///
+/// If the bytes are no value, or one of another type.
+pub fn decode_seed<'a, S: DeserializeSeed<'a>>(
+    seed: S,
+    head: &'a [u8],
+    parts: &'a [Arc<dyn Memory>],
+) -> Result<S::Value, DecodeError> {
+    whole(seed, head, parts, false)
 }
 
 /// Decodes a value to look at, of whatever type it is. An object that only Python reads becomes a dict of one entry: what
@@ -51,20 +65,21 @@ pub fn decode<T: DeserializeOwned>(
 ///
 /// If the bytes are no value, or one that contains itself, or a pickle.
 pub fn outline(head: &[u8], parts: &[Arc<dyn Memory>]) -> Result<Dynamic, DecodeError> {
-    whole(head, parts, true)
+    whole(PhantomData::<Dynamic>, head, parts, true)
 }
 
-fn whole<T: DeserializeOwned>(
-    head: &[u8],
-    parts: &[Arc<dyn Memory>],
+fn whole<'a, S: DeserializeSeed<'a>>(
+    seed: S,
+    head: &'a [u8],
+    parts: &'a [Arc<dyn Memory>],
     is_outline: bool,
-) -> Result<T, DecodeError> {
+) -> Result<S::Value, DecodeError> {
     let (head, parts) = format::root(head, parts, |part| part.bytes())?;
     if head.peek()? == NodeKind::Pickle {
         return Err(DecodeError::pickle());
     }
     let mut walk = Walk { is_outline, ..Walk::new(head, parts) };
-    let value = T::deserialize(&mut walk)?;
+    let value = seed.deserialize(&mut walk)?;
     if walk.head.rest().is_empty() && walk.part == parts.len() {
         Ok(value)
     } else {

@@ -44,7 +44,7 @@ mod slot;
 mod transfer;
 
 pub use array::{Array, ShapeError};
-pub use decode::{decode, outline};
+pub use decode::{decode, decode_seed, outline};
 pub use dynamic::{Dynamic, DynamicArray};
 pub use element::{Dtype, Element};
 pub use encode::encode;

@@ -2,6 +2,7 @@
 //!
 //! What is not known here is refused, so that nothing is left out silently.
 
+use hprm_model::Given;
 use serde::Deserialize;
 
 /// A program.
@@ -18,6 +19,23 @@ pub(crate) struct Document {
     /// Code that federates compare: subject and text.
     #[serde(default)]
     pub(crate) modules: Vec<(String, String)>,
+    /// Of an executable, the parameters that it has: names, and types as people know them.
+    #[serde(default)]
+    pub(crate) parameters: Vec<(String, String)>,
+    /// Of an executable, why it does not take the parameters that it was given; it declares nothing else then.
+    pub(crate) refused: Option<Refusal>,
+}
+
+/// Why an executable does not take its parameters.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Refusal {
+    /// It needs this one.
+    Missing(String),
+    /// It does not have this one.
+    Unknown(String),
+    /// The value of this one does not fit, or all together do not: why.
+    Wrong(Option<String>, String),
 }
 
 #[derive(Debug, Deserialize)]
@@ -70,6 +88,9 @@ pub(crate) struct Reactor {
     /// The path of the executable that declares the rest, and the arguments that it gets.
     #[serde(default)]
     pub(crate) executable: Vec<String>,
+    /// The names and the values of the parameters of an executable.
+    #[serde(default)]
+    pub(crate) parameters: Vec<(String, Given)>,
     #[serde(default)]
     pub(crate) ports: Vec<Port>,
     #[serde(default)]

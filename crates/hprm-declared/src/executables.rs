@@ -1,8 +1,12 @@
 //! Reactors that are executables: what they declare becomes part of the program that names them.
 
-use hprm_model::{Diagnostic, Executable, ExecutableFederate, Library, Report};
+use std::collections::BTreeSet;
 
-use crate::document::Document;
+use hprm_model::{
+    Diagnostic, Executable, ExecutableFederate, Library, Overrides, Refusal, Refused, Report,
+};
+
+use crate::document::{self, Document};
 use crate::{Declaration, Malformed, reactors};
 
 /// What an executable has declared.
@@ -14,18 +18,24 @@ pub struct Described {
     pub text: String,
 }
 
-/// Has all executables that a program needs describe themselves, each once, and puts what they declare into its
-/// library. `ask` returns why there is no declaration, if there is none; what to do about that may be a second line.
+/// Has all executables that a program needs describe themselves, each once for each set of parameters, and puts what
+/// they declare into its library. `ask` returns why there is no declaration, if there is none; what to do about that may be a second line.
 pub fn describe(
     library: &mut Library,
+    overrides: &Overrides,
     mut ask: impl FnMut(&Executable) -> Result<Described, String>,
     report: &mut Report,
 ) {
-    let executables = library.executables(report);
+    let executables = library.executables(overrides, report);
     if report.has_errors() {
         return;
     }
+    // What is wrong with an executable is told once, not for each set of parameters.
+    let mut wrong = BTreeSet::new();
     for executable in executables {
+        if wrong.contains(&executable.span) {
+            continue;
+        }
         let known = report.errors();
         let filled =
             ask(&executable).and_then(|described| fill(library, &executable, described, report));
@@ -35,6 +45,9 @@ pub fn describe(
                 None => (reason, None),
             };
             report.add(Diagnostic::error("LF1102", executable.span, reason).maybe_hint(hint));
+        }
+        if report.errors() > known {
+            wrong.insert(executable.span);
         }
         if report.errors() > known && report.is_full() {
             return;
@@ -64,10 +77,31 @@ fn fill(
         );
         return Ok(());
     }
+    if let Some(refusal) = refusal(&document, executable) {
+        library.refuse(executable, &refusal, &command, report);
+        return Ok(());
+    }
     let reactor = reactors::part(&document, library, report).map_err(malformed)?;
-    let how = ExecutableFederate { command, declaration: text };
+    let parameters = executable.parameters.iter().map(|it| (it.name.clone(), it.value.clone()));
+    let how = ExecutableFederate { command, parameters: parameters.collect(), declaration: text };
     library.fill(executable, reactor, how, report);
     Ok(())
+}
+
+/// Why an executable does not take its parameters: it has said so, or does not have one of them.
+fn refusal(document: &Document, executable: &Executable) -> Option<Refusal> {
+    let known = document.parameters.clone();
+    let (parameter, refused) = match &document.refused {
+        Some(document::Refusal::Missing(name)) => (Some(name.clone()), Refused::Missing),
+        Some(document::Refusal::Unknown(name)) => (Some(name.clone()), Refused::Unknown),
+        Some(document::Refusal::Wrong(name, why)) => (name.clone(), Refused::Wrong(why.clone())),
+        None => {
+            let is_unknown = |name: &String| known.iter().all(|(known, _)| known != name);
+            let mut names = executable.parameters.iter().map(|it| &it.name);
+            (Some(names.find(|name| is_unknown(name))?.clone()), Refused::Unknown)
+        }
+    };
+    Some(Refusal { parameter, refused, known })
 }
 
 /// What a document declares that is more than one reactor.

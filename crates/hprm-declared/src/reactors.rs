@@ -4,7 +4,7 @@ use hprm_model::declaration::{
     Attribute, Expression, ExpressionKind, Instantiation, Member, Name, Parameter, ReactorKind,
     ReactorNode,
 };
-use hprm_model::{ClassId, Diagnostic, FileId, Library, Report, Span};
+use hprm_model::{ClassId, Diagnostic, FileId, Given, Library, Report, Span};
 
 use crate::Malformed;
 use crate::document::{At, Child, Document, Reactor};
@@ -158,9 +158,7 @@ impl<'d> Reactors<'d> {
         let name = Some(Name::new(reactor.name.as_str(), header));
         let mut node = ReactorNode::new(kind, name, header);
         node.attributes = executable(reactor, header).into_iter().collect();
-        if !reactor.executable.is_empty() {
-            node.parameters = parameters(reactor, header);
-        }
+        node.parameters = parameters(reactor, header);
         node.members = members(reactor, &self.places)?;
         for child in &reactor.children {
             let instance = Member::Instantiation(self.instance(child)?);
@@ -201,16 +199,16 @@ fn executable(reactor: &Reactor, span: Span) -> Option<Attribute> {
     Some(attribute("executable", texts.map(literal).collect(), span))
 }
 
-/// The parameters of a reactor whose values the program has used, so that it can be told that it has any.
+/// The parameters of an executable. Those of other reactors the program has used itself.
 fn parameters(reactor: &Reactor, span: Span) -> Vec<Parameter> {
-    let names = reactor.facts.iter().filter_map(|(subject, _)| subject.strip_prefix("parameter "));
-    let parameter = |name: &str| Parameter {
+    let parameter = |(name, value): &(String, Given)| Parameter {
         attributes: Vec::new(),
-        name: Name::new(name, span),
+        name: Name::new(name.as_str(), span),
         ty: None,
         default: None,
+        given: Some(value.clone()),
     };
-    names.map(parameter).collect()
+    reactor.parameters.iter().map(parameter).collect()
 }
 
 /// Everything that is declared under a name, and its place.
@@ -218,6 +216,7 @@ fn names(document: &Document) -> Vec<(At, &str)> {
     let mut names = Vec::new();
     for reactor in &document.reactors {
         names.push((reactor.at, reactor.name.as_str()));
+        names.extend(reactor.parameters.iter().map(|(name, _)| (reactor.at, name.as_str())));
         names.extend(reactor.ports.iter().map(|it| (it.at, it.name.as_str())));
         names.extend(reactor.timers.iter().map(|it| (it.at, it.name.as_str())));
         names.extend(reactor.actions.iter().map(|it| (it.at, it.name.as_str())));

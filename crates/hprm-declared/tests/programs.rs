@@ -334,13 +334,13 @@ fn what_is_no_declaration_is_one_error() {
     assert_snapshot!(found.join("\n"), @r#"
     the declaration of the program cannot be read: reactor 1 contains itself
     the declaration of the program cannot be read: the main reactor is not in the first file
-    the declaration of the program cannot be read: unknown field `watchdogs`, expected one of `name`, `at`, `federated`, `executable`, `ports`, `timers`, `actions`, `modes`, `children`, `connections`, `reactions`, `facts`
+    the declaration of the program cannot be read: unknown field `watchdogs`, expected one of `name`, `at`, `federated`, `executable`, `parameters`, `ports`, `timers`, `actions`, `modes`, `children`, `connections`, `reactions`, `facts`
     the declaration of the program cannot be read: `cameras` has 2 members and is no bank
     the declaration of the program cannot be read: a reactor has no mode 0
     the declaration of the program cannot be read: "a.b" is no name
     the declaration of the program cannot be read: it has no reactor 3
     the declaration of the program cannot be read: EOF while parsing a value at line 1 column 0
-    the declaration of the program cannot be read: invalid length 0, expected struct Document with 5 elements at line 1 column 2
+    the declaration of the program cannot be read: invalid length 0, expected struct Document with 7 elements at line 1 column 2
     the declaration of the program cannot be read: missing field `main` at line 1 column 13
     the declaration of the program cannot be read: recursion limit exceeded at line 1 column 680
     "#);

@@ -77,8 +77,8 @@ fn all_stages(
 ) -> Result<Compiled, CompileFailure> {
     let mut report = Report::default();
     let Loaded { mut library, states_target } = load::load(path, loader, &mut report);
-    hprm_declared::describe(&mut library, |it| loader.describe(it), &mut report);
     let overrides = overrides(stated, &mut library, &mut report);
+    hprm_declared::describe(&mut library, &overrides, |it| loader.describe(it), &mut report);
     let properties = TargetProperties::read(&library, &overrides, &mut report);
     if !states_target && !report.has_errors() {
         let message = "the file does not say what its target is";

@@ -25,10 +25,10 @@ pub fn compile_declared(
     let declaration = Declaration::read(text)?;
     let mut report = Report::new(Syntax::Python);
     let mut library = declaration.library(&mut report)?;
-    hprm_declared::describe(&mut library, |it| loader.describe(it), &mut report);
     let is_property = |stated: &&String| !stated.starts_with(PARAMETER);
     let stated: Vec<String> = properties.iter().filter(is_property).cloned().collect();
     let overrides = overrides(&stated, &mut library, &mut report);
+    hprm_declared::describe(&mut library, &overrides, |it| loader.describe(it), &mut report);
     let properties = TargetProperties::read(&library, &overrides, &mut report);
     check_files(&properties, library.sources(), loader, &mut report);
     let compiled = hprm_model::compile(library, properties, &overrides, purpose, report);

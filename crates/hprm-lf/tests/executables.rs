@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 
 use common::connections;
 use hprm_declared::Described;
-use hprm_lf::{SourceLoader, compile, compile_declared};
-use hprm_model::{CompileFailure, Compiled, Executable, Purpose};
+use hprm_lf::{SourceLoader, compile, compile_declared, compile_with};
+use hprm_model::{CompileFailure, Compiled, Executable, Given, Purpose};
 use insta::assert_snapshot;
 use serde_json::{Value, json};
 
@@ -17,6 +17,10 @@ struct World {
     files: BTreeMap<&'static str, String>,
     declared: BTreeMap<&'static str, Value>,
     asked: Vec<Vec<String>>,
+    /// The parameters with which they were asked, each time.
+    given: Vec<Vec<(String, Given)>>,
+    /// What they declare instead, each time.
+    answers: Vec<Value>,
 }
 
 impl SourceLoader for World {
@@ -28,7 +32,14 @@ impl SourceLoader for World {
         let Executable { command, file, .. } = executable;
         self.asked.push(command.clone());
         let path = command[0].as_str();
+        let given = executable.parameters.iter().map(|it| (it.name.clone(), it.value.clone()));
+        self.given.push(given.collect());
         let declared = self.declared.get(path).ok_or(format!("there is no executable {path}"))?;
+        let mut declared = declared.clone();
+        if !self.answers.is_empty() {
+            declared["reactors"] = self.answers.remove(0);
+            fill(&mut declared["reactors"], &json!([0, 1, 0, -1]));
+        }
         let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
         let mut started = vec![format!("/{folder}/{path}").replace("//", "/")];
         started.extend(command[1..].iter().cloned());
@@ -56,6 +67,12 @@ impl World {
         }
         self.declared.insert(path, document);
         self
+    }
+
+    /// States the parameters of an executable.
+    fn takes(&mut self, path: &str, names: &[&str]) {
+        let names: Vec<_> = names.iter().map(|name| (*name, "u32")).collect();
+        self.declared.get_mut(path).unwrap()["parameters"] = json!(names);
     }
 
     fn compiled(&mut self) -> Result<Compiled, CompileFailure> {
@@ -228,7 +245,7 @@ fn ports_that_differ_are_errors_that_name_both_ends() {
 fn an_executable_has_ports_only() {
     let text = r#"
         @executable("a")
-        reactor A(rate = 1) extends B {
+        reactor A extends B {
             output out
             timer tick
             state count = 0
@@ -238,21 +255,13 @@ fn an_executable_has_ports_only() {
         main reactor { }
     "#;
     assert_snapshot!(World::new(text).errors(), @r#"
-    error[LF1101]: an executable has no parameters
-     --> Main.lf:4:19
-      |
-    4 |         reactor A(rate = 1) extends B {
-      |                   ^^^^
-      |
-      = help: the program states its ports, and the executable declares the rest
-
     error[LF1101]: an executable extends no reactor
-     --> Main.lf:4:37
+     --> Main.lf:4:27
       |
-    4 |         reactor A(rate = 1) extends B {
-      |                                     ^
+    4 |         reactor A extends B {
+      |                           ^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
 
     error[LF1101]: a timer cannot be declared here: the reactor is an executable
      --> Main.lf:6:19
@@ -260,7 +269,7 @@ fn an_executable_has_ports_only() {
     6 |             timer tick
       |                   ^^^^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
 
     error[LF1101]: a state variable cannot be declared here: the reactor is an executable
      --> Main.lf:7:19
@@ -268,7 +277,7 @@ fn an_executable_has_ports_only() {
     7 |             state count = 0
       |                   ^^^^^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
 
     error[LF1101]: a reaction cannot be declared here: the reactor is an executable
      --> Main.lf:8:13
@@ -276,7 +285,7 @@ fn an_executable_has_ports_only() {
     8 |             reaction(tick) -> out {= out.set(1) =}
       |             ^^^^^^^^^^^^^^^^^^^^^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
     "#);
 }
 
@@ -309,7 +318,7 @@ fn an_executable_is_no_main_reactor_and_nothing_extends_it() {
     5 |         @executable main reactor { c = new C() }
       |                     ^^^^^^^^^^^^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
 
     error[LF1101]: a contained reactor cannot be declared here: the reactor is an executable
      --> Main.lf:5:36
@@ -317,7 +326,7 @@ fn an_executable_is_no_main_reactor_and_nothing_extends_it() {
     5 |         @executable main reactor { c = new C() }
       |                                    ^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: the program states its ports and parameters, and the executable declares the rest
 
     error[LF0212]: `@executable` takes the path of a file, and perhaps arguments: texts
      --> Main.lf:6:9
@@ -376,7 +385,7 @@ fn what_is_no_declaration_of_a_reactor_is_an_error_at_the_attribute() {
     let mut world = World::new(VISION);
     world.declared.insert("bin/camera", json!({"version": 7}));
     assert_snapshot!(world.errors(), @r#"
-    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules` at line 1 column 10
+    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules`, `parameters`, `refused` at line 1 column 10
      --> Main.lf:3:5
       |
     3 |     @executable("bin/camera", "--fast")
@@ -477,17 +486,23 @@ fn programs_in_python_name_executables_too() {
     // What federates compare of each instance is of the one that it is stated for.
     let subjects: Vec<_> = compiled.modules.iter().map(|fact| fact.subject.as_str()).collect();
     assert_eq!(subjects, ["parameter size of detector"]);
-    let mut wrong = python();
-    wrong["reactors"][0]["facts"] = json!([["parameter rate", "1"]]);
-    assert_snapshot!(compile(&wrong, &mut world).unwrap_err(), @r#"
-    error[LF1101]: an executable has no parameters
+    let mut given = python();
+    given["reactors"][0]["parameters"] = json!([["rate", 20], ["size", {"float": "0.5"}]]);
+    assert_snapshot!(compile(&given, &mut world).unwrap_err(), @r#"
+    error[LF1105]: the executable /src/camera has no parameter `rate`, and Camera in src/app.py:2 has one
      --> src/app.py:2:7
       |
     2 | class Camera: ...
       |       ^^^^^^
       |
-      = help: the program states its ports, and the executable declares the rest
+      = help: its parameters: there are none
     "#);
+    world.takes("camera", &["rate", "size"]);
+    let compiled = compile(&given, &mut world).unwrap();
+    let executable = compiled.executables.values().next().unwrap();
+    let names: Vec<_> = executable.parameters.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["rate", "size"]);
+    assert_eq!(world.given.last().unwrap()[0].1, Given::Integer(20));
     let mut wrong = python();
     wrong["reactors"][0]["ports"][0]["width"] = json!(2);
     assert_snapshot!(compile(&wrong, &mut world).unwrap_err(), @r#"
@@ -499,4 +514,192 @@ fn programs_in_python_name_executables_too() {
       |
       = help: the ports of both must have the same names, directions and widths
     "#);
+}
+
+/// A camera with parameters: it has a timer with this period.
+fn paced(period: i64) -> Value {
+    let mut declared = camera();
+    declared[0]["timers"][0]["period"] = json!(period);
+    declared
+}
+
+#[test]
+fn an_executable_is_asked_with_the_values_of_its_parameters() {
+    let text = r#"
+        @executable("bin/camera")
+        reactor Camera(rate = 10, name = "front", times = [1 ms, 0], bank_index = 0) { input rate_in; output image }
+        federated reactor(pace = 0.5, label = "left") {
+            a = new Camera()
+            b = new Camera(rate = pace, name = label, times = (label, 2))
+            c = new[2] Camera(name = "back")
+            d = new Camera()
+        }
+    "#;
+    let mut declared = camera();
+    declared[0]["ports"][1]["name"] = json!("rate_in");
+    declared[0]["reactions"][1]["triggers"][0]["name"] = json!("rate_in");
+    let mut world = World::new(text).executable("bin/camera", declared);
+    world.takes("bin/camera", &["rate", "name", "times", "bank_index"]);
+    let stated = ["main.label=right".to_owned()];
+    let compiled = compile_with("Main.lf", &stated, &mut world).unwrap();
+    let given: Vec<_> = world.given.iter().map(|it| serde_json::to_string(it).unwrap()).collect();
+    let c = |index| {
+        format!(
+            r#"[["rate",10],["name","back"],["times",[{{"time":1000000}},0]],["bank_index",{index}]]"#
+        )
+    };
+    let b = r#"[["rate",{"float":"0.5"}],["name","right"],["times",{"tuple":["right",2]}],["bank_index",0]]"#;
+    let a = c(0).replace("back", "front");
+    // Instances with equal values are asked once.
+    assert_eq!(given, [a.clone(), b.to_owned(), c(0), c(1)]);
+    let values = compiled.executables.values();
+    let values: Vec<_> = values.map(|it| serde_json::to_string(&it.parameters).unwrap()).collect();
+    assert_eq!(values, [a.clone(), b.to_owned(), c(0), c(1), a]);
+}
+
+#[test]
+fn what_an_executable_declares_may_follow_from_its_parameters() {
+    let text = r#"
+        @executable("bin/camera")
+        reactor Camera(period = 10 ms) { input rate; output image }
+        federated reactor { a = new Camera(); b = new[2] Camera(period = 5 ms); c = new Camera() }
+    "#;
+    let mut world = World::new(text).executable("bin/camera", paced(10_000_000));
+    world.takes("bin/camera", &["period"]);
+    world.answers = vec![paced(10_000_000), paced(5_000_000)];
+    let program = world.compiled().unwrap().program.clone();
+    let periods: Vec<_> = program.timers.values().map(|timer| timer.period).collect();
+    assert_eq!(periods, [10_000_000, 5_000_000, 5_000_000, 10_000_000]);
+}
+
+#[test]
+fn parameters_of_one_end_are_errors_that_name_both() {
+    let text = VISION.replace("reactor Camera {", "reactor Camera(speed = 10, depth = 2) {");
+    let refused = |refused: Value| {
+        let mut world = World::new(&text).executable("bin/camera", camera());
+        world.takes("bin/camera", &["speed_max", "depth"]);
+        world.declared.get_mut("bin/camera").unwrap()["refused"] = refused;
+        world.errors()
+    };
+    assert_snapshot!(refused(json!({"missing": "speed_max"})), @r#"
+    error[LF1105]: the executable /bin/camera needs the parameter `speed_max: u32`, and Camera in Main.lf:4 has none of that name
+     --> Main.lf:4:5
+      |
+    4 |     reactor Camera(speed = 10, depth = 2) { input rate; output image }
+      |     ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^
+      |
+      = help: the executable has `speed_max: u32`, `depth: u32`
+    "#);
+    assert_snapshot!(refused(json!({"unknown": "speed"})), @r#"
+    error[LF1105]: the executable /bin/camera has no parameter `speed`, and Camera in Main.lf:4 has one
+     --> Main.lf:4:20
+      |
+    4 |     reactor Camera(speed = 10, depth = 2) { input rate; output image }
+      |                    ^^^^^
+      |
+      = help: its parameters: `speed_max`, `depth`
+    "#);
+    assert_snapshot!(refused(json!({"wrong": ["depth", "`value`: expected String, found the int 2"]})), @r#"
+    error[LF1106]: the executable /bin/camera does not take `depth` of Camera in Main.lf:4: `value`: expected String, found the int 2
+     --> Main.lf:4:40
+      |
+    4 |     reactor Camera(speed = 10, depth = 2) { input rate; output image }
+      |                                -----   ^
+      |                                |
+      |                                the program declares it here
+      |
+      = help: it has the parameter `depth: u32`
+    "#);
+    assert_snapshot!(refused(json!({"wrong": [null, "too much"]})), @r#"
+    error[LF1106]: the executable /bin/camera does not take the parameters of Camera in Main.lf:4: too much
+      --> Main.lf:12:9
+       |
+    12 |         camera = new Camera()
+       |         ^^^^^^
+    "#);
+    // An executable that says nothing of parameters has none.
+    assert_snapshot!(World::new(&text).executable("bin/camera", camera()).errors(), @r#"
+    error[LF1105]: the executable /bin/camera has no parameter `speed`, and Camera in Main.lf:4 has one
+     --> Main.lf:4:20
+      |
+    4 |     reactor Camera(speed = 10, depth = 2) { input rate; output image }
+      |                    ^^^^^
+      |
+      = help: its parameters: there are none
+    "#);
+}
+
+#[test]
+fn a_wrong_value_is_an_error_where_it_is_stated_once() {
+    let text = VISION
+        .replace("reactor Camera {", "reactor Camera(depth = 2, bank_index = 0) {")
+        .replace("new Camera()", "new[3] Camera(depth = 3)")
+        .replace("input image", "input[3] image")
+        .replace("detector.rate ->", "(detector.rate)+ ->");
+    let mut world = World::new(&text).executable("bin/camera", camera());
+    world.takes("bin/camera", &["depth", "bank_index"]);
+    let why = "`value`: expected String, found the int 3";
+    world.declared.get_mut("bin/camera").unwrap()["refused"] = json!({"wrong": ["depth", why]});
+    assert_snapshot!(world.errors(), @r#"
+    error[LF1106]: the executable /bin/camera does not take `depth` of Camera in Main.lf:4: `value`: expected String, found the int 3
+      --> Main.lf:12:40
+       |
+     4 |     reactor Camera(depth = 2, bank_index = 0) { input rate; output image }
+       |                    ----- the program declares it here
+    ...
+    12 |         camera = new[3] Camera(depth = 3)
+       |                                        ^
+       |
+       = help: it has the parameter `depth: u32`
+    "#);
+}
+
+#[test]
+fn a_value_that_is_not_known_before_the_program_runs_is_an_error() {
+    let text = VISION.replace("reactor Camera {", "reactor Camera(depth = {= 1 + 1 =}) {");
+    let mut world = World::new(&text).executable("bin/camera", camera());
+    world.takes("bin/camera", &["depth"]);
+    assert_snapshot!(world.errors(), @r#"
+    error[LF1107]: a parameter of an executable cannot be computed in Python: it is needed before anything runs
+     --> Main.lf:4:28
+      |
+    4 |     reactor Camera(depth = {= 1 + 1 =}) { input rate; output image }
+      |                            ^^^^^^^^^^^
+      |
+      = help: write the value, or a parameter whose value is written
+    "#);
+    // Errors of other rules come once, and no executable is asked.
+    let text = VISION.replace("new Camera()", "new Camera(depth = [nothing])");
+    let text = text.replace("reactor Camera {", "reactor Camera(depth = 1) {");
+    let mut world = World::new(&text).executable("bin/camera", camera());
+    world.takes("bin/camera", &["depth"]);
+    assert_snapshot!(world.errors(), @r#"
+    error[LF0306]: there is no parameter `nothing`
+      --> Main.lf:12:38
+       |
+    12 |         camera = new Camera(depth = [nothing])
+       |                                      ^^^^^^^
+       |
+       = help: a value of Python is written `{= nothing =}`
+    "#);
+}
+
+#[test]
+fn a_width_may_be_a_parameter_of_the_executable() {
+    let text = r#"
+        @executable("c") reactor C(n = 2) { output[n + 1] out }
+        federated reactor { a = new C(n = 3) }
+    "#;
+    let declared = |width: i64| {
+        let port = json!({"name": "out", "kind": "output", "width": width});
+        let mut world = World::new(text).executable("c", json!([{"name": "C", "ports": [port]}]));
+        world.takes("c", &["n"]);
+        world
+    };
+    assert_eq!(declared(4).compiled().unwrap().program.ports.len(), 4);
+    assert!(
+        declared(3)
+            .errors()
+            .contains("declares output `out[3]`, and C in Main.lf:3 has output `out[4]`")
+    );
 }

@@ -10,6 +10,7 @@ use hprm_core::{
 
 use crate::code::Code;
 use crate::diagnostic::Diagnostic;
+use crate::given::Given;
 use crate::outline::Outline;
 use crate::properties::Settings;
 use crate::render::render_all;
@@ -78,10 +79,12 @@ impl Compiled {
 }
 
 /// A federate that is an executable.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct ExecutableFederate {
     /// What starts it from anywhere: its absolute path, and its arguments.
     pub command: Vec<String>,
+    /// The names and the values of its parameters.
+    pub parameters: Vec<(String, Given)>,
     /// What it has declared, as text.
     pub declaration: String,
 }

@@ -9,6 +9,7 @@
 
 use hprm_core::{Nanos, Transition};
 
+use crate::given::Given;
 use crate::library::ClassId;
 use crate::source::Span;
 
@@ -143,6 +144,8 @@ pub struct Parameter {
     pub ty: Option<Span>,
     /// Its value where an instance is made without one.
     pub default: Option<Expression>,
+    /// Its value in all instances, if the front end knows instances; there is no default then.
+    pub given: Option<Given>,
 }
 
 /// A member of a reactor, or of one of its modes.

@@ -9,7 +9,9 @@ use hprm_core::Nanos;
 
 use crate::declaration::{Expression, ExpressionKind, Instantiation, Parameter, Width, WidthTerm};
 use crate::diagnostic::{Diagnostic, Report};
+use crate::given::{Given, OtherGiven};
 use crate::overrides::Assigned;
+use crate::source::Span;
 
 /// The widest bank or multiport.
 pub(crate) const WIDEST: u32 = 100_000;
@@ -76,6 +78,50 @@ impl<'a> Environment<'a> {
         self.values.iter().find_map(|(name, value)| match value {
             Static::Written(expression) if named(name) => Some(*expression),
             _ => None,
+        })
+    }
+
+    /// The value of a parameter as data, if it is known: none where another check reports why it is not. `outer` has the
+    /// parameters that may stand in it.
+    pub(crate) fn given(
+        &self,
+        name: &str,
+        outer: &Self,
+        report: &mut Report,
+    ) -> Option<(Given, Option<Span>)> {
+        match self.values.get(name)? {
+            Static::Index(index) => Some((Given::Integer(i64::from(*index)), None)),
+            Static::Written(written) => Some((outer.data(written, report)?, Some(written.span))),
+        }
+    }
+
+    fn data(&self, expression: &'a Expression, report: &mut Report) -> Option<Given> {
+        let written = match self.find(expression) {
+            Static::Index(index) => return Some(Given::Integer(i64::from(index))),
+            Static::Written(written) => written,
+        };
+        let mut all = |items: &'a [Expression]| {
+            items.iter().map(|item| self.data(item, report)).collect::<Option<Vec<_>>>()
+        };
+        Some(match &written.kind {
+            ExpressionKind::Integer(number) => Given::Integer(*number),
+            ExpressionKind::Float(number) => Given::Other(OtherGiven::Float(*number)),
+            ExpressionKind::Bool(truth) => Given::Bool(*truth),
+            ExpressionKind::String(text) => Given::Text(text.clone()),
+            ExpressionKind::Character(character) => Given::Text(character.to_string()),
+            ExpressionKind::Time(nanos) => Given::Other(OtherGiven::Time(*nanos)),
+            ExpressionKind::List(items) => Given::List(all(items)?),
+            ExpressionKind::Tuple(items) => Given::Other(OtherGiven::Tuple(all(items)?)),
+            ExpressionKind::Parameter(_) => return None,
+            ExpressionKind::Code(_) => {
+                let message = "a parameter of an executable cannot be computed in Python: it is \
+                               needed before anything runs";
+                report.add(
+                    Diagnostic::error("LF1107", written.span, message)
+                        .hint("write the value, or a parameter whose value is written"),
+                );
+                return None;
+            }
         })
     }
 

@@ -9,7 +9,7 @@
 //! [`declaration`] has what can be declared. The stages: `model` and `resolve` sort the members of a class
 //! and resolve its references, `inherit` merges those of its superclasses, `slots` finds the arguments of a
 //! reaction's function, `check` has the rules of the language, `properties` those of target properties,
-//! `executable` finds the reactors that executables declare, `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies and values into
+//! `executable` finds the reactors that executables declare, `variants` which values their parameters have, `instance`, `reaction` and `connections` build the instance graph, `class` brings bodies and values into
 //! the form that Python gets, `fingerprint` states what processes compare. [`outline`] is a program as people draw it, and
 //! `sketch` makes it.
 //!
@@ -57,6 +57,7 @@ mod environment;
 mod executable;
 pub mod explanation;
 mod fingerprint;
+mod given;
 mod inherit;
 mod instance;
 mod legacy;
@@ -81,6 +82,7 @@ mod syntax;
 mod transitions;
 mod unconnected;
 mod value;
+mod variants;
 
 pub use code::Code;
 pub use compile::{Purpose, compile};
@@ -91,7 +93,8 @@ pub use compiled::{
 };
 pub use container_property::Containers;
 pub use diagnostic::{Diagnostic, Label, Report, Severity, did_you_mean, existing};
-pub use executable::Executable;
+pub use executable::{Executable, GivenParameter, Refusal, Refused};
+pub use given::{Given, OtherGiven};
 pub use library::{ClassId, Library};
 pub use overrides::{Overrides, ParameterOverride};
 pub use properties::{Settings, StatedFile, TargetProperties};

@@ -10,7 +10,6 @@ use crate::diagnostic::Report;
 use crate::instance::{Node, Tree};
 use crate::legacy::Waits;
 use crate::model::{self, Entity, Held, Model, Slot};
-use crate::syntax::Syntax;
 
 /// The reaction `reaction` of `node`, for the scheduler.
 pub(crate) fn spec<'a>(
@@ -20,8 +19,10 @@ pub(crate) fn spec<'a>(
     report: &mut Report,
 ) -> ReactionSpec {
     let mut spec = ReactionSpec::default();
-    // In `.lf` files most have no name, and are known by their numbers.
-    let name = reaction.decl.name.as_ref().filter(|_| report.syntax() == Syntax::Python);
+    // Executables declare their reactions with their numbers for names.
+    let is_number =
+        |name: &str| name.strip_prefix("reaction_").is_some_and(|rest| rest.parse::<u32>().is_ok());
+    let name = reaction.decl.name.as_ref().filter(|name| !is_number(&name.text));
     spec.label = name.map(|name| name.text.as_str().into());
     for trigger in &reaction.triggers {
         match trigger {

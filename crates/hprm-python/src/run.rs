@@ -216,6 +216,7 @@ fn become_executable(
     let mut handover = Handover::new(name, &compiled.program, &options.fingerprint, &meeting);
     handover.launched = false;
     handover.store = compiled.settings.store;
+    handover.parameters.clone_from(&executable.parameters);
     handover.connect_timeout = reach.connect_timeout.as_secs_f64();
     handover.advertise.clone_from(&reach.advertise);
     let share = options.trace.clone();

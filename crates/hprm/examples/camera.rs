@@ -1,19 +1,30 @@
 //! A camera that is a federate of a program in Lingua Franca or Python, which names this executable.
 //!
-//! The program states its ports; docs/howto/mixed.md has such programs.
+//! The program states its ports and how fast it is; docs/howto/mixed.md has such programs.
 
 use std::time::Duration;
 
 use hprm::prelude::*;
+use serde::Deserialize;
 
-struct Camera;
+/// A camera; its fields are the parameters that the program states.
+#[derive(Deserialize)]
+struct Camera {
+    /// Images in a second.
+    #[serde(default = "hundred")]
+    rate: u32,
+}
+
+fn hundred() -> u32 {
+    100
+}
 
 impl Reactor for Camera {
     type Ports = (OutputPort<Array<f64>>, OutputPort<u32>);
 
     fn assemble(&mut self, camera: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
         let (image, number) = (camera.output("image"), camera.output("number"));
-        let tick = camera.timer("tick", Duration::ZERO, Duration::from_millis(10));
+        let tick = camera.timer("tick", Duration::ZERO, Duration::from_secs(1) / self.rate);
         let mut taken = 0;
         camera.reaction().on(tick).sets(image).sets(number).run(move |_, ctx| {
             // In memory that receivers read in place.
@@ -28,5 +39,5 @@ impl Reactor for Camera {
 }
 
 fn main() -> Result<(), Failure> {
-    run_as_federate("Camera", Camera)
+    run_as_federate_with("Camera", |camera: Camera| camera)
 }

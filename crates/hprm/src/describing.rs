@@ -1,10 +1,11 @@
 //! Asking executables what they declare, for programs that name them.
 //!
 //! An executable is started with the environment variable `HPRM_DESCRIBE`, which names a file: it writes its
-//! declaration there, as the JSON that `hprm-declared` reads, and ends.
+//! declaration there, as the JSON that `hprm-declared` reads, and ends. `HPRM_PARAMETERS` names a file with the
+//! parameters of the federate that it would be, if it has any, as JSON: a list of names and values.
 //!
 //! A launcher hands what it was told to the processes that it starts, by the environment variable
-//! `HPRM_DESCRIPTIONS`, so that each executable is asked once.
+//! `HPRM_DESCRIPTIONS`, so that each executable is asked once for each set of parameters.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -18,16 +19,20 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm_declared::Described;
-use hprm_model::{Compiled, Executable};
+use hprm_model::{Compiled, Executable, Given};
 use nix::sys::signal::{SigSet, Signal, kill, killpg};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::Pid;
 
+use crate::Failure;
 use crate::answer::Answer;
 use crate::console::reason;
 
 /// The environment variable that asks an executable what it declares: the file that it writes.
 pub(crate) const DESCRIBE: &str = "HPRM_DESCRIBE";
+
+/// Where an executable that is asked what it declares finds its parameters.
+const PARAMETERS: &str = "HPRM_PARAMETERS";
 
 /// Where the processes of a program find what its executables have declared.
 pub const DESCRIPTIONS: &str = "HPRM_DESCRIPTIONS";
@@ -49,18 +54,40 @@ const HINT: &str = "asked by HPRM_DESCRIBE=FILE, an executable writes what it de
 /// Why that is not known; a second line says what to do.
 pub(crate) fn describe(executable: &Executable) -> Result<Described, String> {
     let command = find(executable)?;
-    let text = declaration_of(&command)?;
+    let parameters = executable.parameters.iter().map(|it| (it.name.clone(), it.value.clone()));
+    let text = declaration_of(&command, &parameters.collect::<Vec<_>>())?;
     Ok(Described { command, text })
 }
 
-/// What an executable declares: its absolute path, and its arguments.
+/// What an executable declares that has these parameters: its absolute path, and its arguments.
 ///
 /// # Errors
 ///
 /// Why that is not known; a second line says what to do.
-pub fn declaration_of(command: &[String]) -> Result<String, String> {
-    let known = handed(command).or_else(|| answered(command));
-    known.map_or_else(|| ask_and_remember(command), Ok)
+pub fn declaration_of(
+    command: &[String],
+    parameters: &[(String, Given)],
+) -> Result<String, String> {
+    let key = key(command, parameters);
+    let known = handed(&key).or_else(|| answered(&key, command));
+    known.map_or_else(|| ask_and_remember(key, command, parameters), Ok)
+}
+
+/// The names and the values of the parameters of an executable.
+type Parameters = [(String, Given)];
+
+/// The parameters with which this process is asked what it declares.
+///
+/// # Errors
+///
+/// If they cannot be read.
+pub(crate) fn given() -> Result<Vec<(String, Given)>, Failure> {
+    let file = std::env::var_os(PARAMETERS).filter(|_| std::env::var_os(DESCRIBE).is_some());
+    let Some(file) = file else { return Ok(Vec::new()) };
+    let text = std::fs::read(&file);
+    let text = text.map_err(|error| Failure::system("the parameters cannot be read", &error))?;
+    serde_json::from_slice(&text)
+        .map_err(|error| Failure::option(format!("{PARAMETERS}: no parameters: {error}")))
 }
 
 /// What executables have answered in this process, and which file each was then.
@@ -75,18 +102,22 @@ fn file_state(path: &str) -> Option<FileState> {
 }
 
 /// What the same executable has answered before.
-fn answered(command: &[String]) -> Option<String> {
+fn answered(key: &str, command: &[String]) -> Option<String> {
     let answers = ANSWERS.lock().unwrap_or_else(PoisonError::into_inner);
-    let (state, text) = answers.get(&key(command))?;
+    let (state, text) = answers.get(key)?;
     (Some(*state) == file_state(command.first()?)).then(|| text.clone())
 }
 
-fn ask_and_remember(command: &[String]) -> Result<String, String> {
+fn ask_and_remember(
+    key: String,
+    command: &[String],
+    parameters: &Parameters,
+) -> Result<String, String> {
     let state = command.first().and_then(|path| file_state(path));
-    let text = ask(command, PATIENCE)?;
+    let text = ask(command, parameters, PATIENCE)?;
     if let Some(state) = state {
         let mut answers = ANSWERS.lock().unwrap_or_else(PoisonError::into_inner);
-        answers.insert(key(command), (state, text.clone()));
+        answers.insert(key, (state, text.clone()));
     }
     Ok(text)
 }
@@ -106,7 +137,8 @@ impl Descriptions {
             return Ok(None);
         }
         let known = compiled.executables.values();
-        Self::with(&known.map(|it| (key(&it.command), it.declaration.as_str())).collect()).map(Some)
+        let known = known.map(|it| (key(&it.command, &it.parameters), it.declaration.as_str()));
+        Self::with(&known.collect()).map(Some)
     }
 
     /// All that this process knows.
@@ -144,13 +176,18 @@ pub fn read_descriptions() {
 }
 
 /// What a launcher was told by the executable; none if there is no launcher.
-fn handed(command: &[String]) -> Option<String> {
+fn handed(key: &str) -> Option<String> {
     read_descriptions();
-    HANDED.get()?.get(&key(command)).cloned()
+    HANDED.get()?.get(key).cloned()
 }
 
-fn key(command: &[String]) -> String {
-    command.join("\0")
+fn key(command: &[String], parameters: &Parameters) -> String {
+    let command = command.join("\0");
+    match parameters {
+        [] => command,
+        // Nothing in them cannot be written.
+        given => format!("{command}\0\0{}", serde_json::to_string(given).unwrap_or_default()),
+    }
 }
 
 /// The command of an executable, by which it is started from anywhere.
@@ -210,13 +247,20 @@ fn is_executable(path: &str, is_path: bool) -> Result<(), String> {
 /// # Errors
 ///
 /// Why it has not; a second line says what to do.
-pub(crate) fn ask(command: &[String], patience: Duration) -> Result<String, String> {
+pub(crate) fn ask(
+    command: &[String],
+    parameters: &Parameters,
+    patience: Duration,
+) -> Result<String, String> {
     let path = &command[0];
     let unable = |error: io::Error| format!("the executable {path} cannot run: {}", reason(&error));
     let mut answer = Answer::new().map_err(unable)?;
     let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(unable)?;
     let mut process = Command::new(path);
     process.args(&command[1..]).env(DESCRIBE, answer.path()).env_remove(DESCRIPTIONS);
+    let given = serde_json::to_vec(parameters).map_err(|error| unable(error.into()))?;
+    let given = Answer::with(&given).map_err(unable)?;
+    process.env(PARAMETERS, given.path());
     // A group of its own, so that nothing of it is left if it takes too long.
     process.stdin(Stdio::null()).stdout(stderr).process_group(0);
     let status = run(process, patience).map_err(unable)?;
@@ -320,7 +364,7 @@ mod tests {
 
     fn asked(text: &str) -> Result<String, String> {
         let (folder, command) = script(text);
-        let answer = ask(&command, Duration::from_secs(30));
+        let answer = ask(&command, &[], Duration::from_secs(30));
         answer.map_err(|why| why.replace(folder.path().to_str().unwrap(), ""))
     }
 
@@ -333,6 +377,16 @@ mod tests {
         assert_eq!(asked(r#"printf %s "$1: {}" > "$HPRM_DESCRIBE""#).unwrap(), "one two: {}");
         // It reads nothing, and what it prints is no declaration.
         assert_eq!(asked(r#"cat; echo noise; echo '{}' > "$HPRM_DESCRIBE""#).unwrap(), "{}\n");
+    }
+
+    #[test]
+    fn an_executable_is_given_its_parameters_in_a_file() {
+        let (_folder, command) = script(r#"cat "$HPRM_PARAMETERS" > "$HPRM_DESCRIBE""#);
+        let rate = [("rate".to_owned(), Given::Integer(20))];
+        assert_eq!(ask(&command, &rate, Duration::from_secs(30)).unwrap(), r#"[["rate",20]]"#);
+        // Of each set of parameters the answer is remembered.
+        assert_eq!(declaration_of(&command, &rate).unwrap(), r#"[["rate",20]]"#);
+        assert_eq!(declaration_of(&command, &[]).unwrap(), "[]");
     }
 
     #[test]
@@ -356,7 +410,7 @@ mod tests {
     fn an_executable_that_hangs_is_killed_with_what_it_has_started() {
         let (folder, command) = script("sleep 1000 & echo $! > \"$0.pid\"; wait");
         let pid = folder.path().join("camera.pid");
-        let answer = ask(&command, Duration::from_secs(1));
+        let answer = ask(&command, &[], Duration::from_secs(1));
         assert!(answer.unwrap_err().contains("does not say within 1 s"));
         let child = fs::read_to_string(pid).unwrap();
         let status = format!("/proc/{}/stat", child.trim());
@@ -374,7 +428,8 @@ mod tests {
         let kind = hprm_model::declaration::ReactorKind::Plain;
         let node = hprm_model::declaration::ReactorNode::new(kind, None, span);
         let class = library.add_reactor(FileId::MAIN, node, &mut report);
-        Executable { class, command: vec![stated.to_owned()], file: file.to_owned(), span }
+        let (command, file) = (vec![stated.to_owned()], file.to_owned());
+        Executable { class, command, file, span, parameters: Vec::new(), instance: None }
     }
 
     #[test]
@@ -414,6 +469,8 @@ mod tests {
         assert_eq!(why("./"), "/ is a folder, not an executable");
         let (_folder, command) = script("");
         fs::write(&command[0], "\x7fELF").unwrap();
-        assert!(ask(&command, PATIENCE).unwrap_err().contains("cannot run: Exec format error"));
+        assert!(
+            ask(&command, &[], PATIENCE).unwrap_err().contains("cannot run: Exec format error")
+        );
     }
 }

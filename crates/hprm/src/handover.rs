@@ -1,5 +1,5 @@
 //! What a launcher gives to a federate that is an executable of its own: which federate it is, where its federation
-//! is, and the whole program.
+//! is, its parameters, and the whole program.
 //!
 //! It travels in memory without a name, because it contains the secret of the federation. Programs that the federate
 //! starts inherit the environment, so that says which process it is meant for.
@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use hprm_core::{Fact, Fingerprint, Program, StoreOptions};
 use hprm_federated::FederationId;
+use hprm_model::Given;
 use rustix::fs::{MemfdFlags, memfd_create};
 use serde::{Deserialize, Serialize};
 
@@ -59,6 +60,8 @@ pub struct Handover {
     pub launched: bool,
     /// Its share of the logical trace, and the trace.
     pub logical_trace: Option<(PathBuf, Option<PathBuf>)>,
+    /// The names and the values of its parameters.
+    pub parameters: Vec<(String, Given)>,
     /// The program of the federation.
     pub program: Program,
     /// Which of the federations of the same name in the launcher it is; none if that is the first one.
@@ -113,6 +116,7 @@ impl Handover {
             store: StoreOptions::default(),
             launched: true,
             logical_trace: None,
+            parameters: Vec::new(),
             program: program.clone(),
             which: None,
             facts: fingerprint.facts().to_vec(),

@@ -10,6 +10,7 @@
 #[cfg(doctest)]
 // Blocks with file names have attributes that are Sphinx's.
 #[allow(rustdoc::invalid_codeblock_attributes)]
+#[doc = include_str!("../../../docs/howto/mixed.md")]
 #[doc = include_str!("../../../docs/howto/rust.md")]
 #[doc = include_str!("../../../docs/reference/language/index.md")]
 #[doc = include_str!("../../../docs/reference/language/reactions.md")]
@@ -80,7 +81,7 @@ pub use program::{
     Action, CarriedPort, Connections, Context, Entry, Federate, Federation, InputPort, Interface,
     Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port, Ports, Program,
     ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart, Runnable, ScheduleError,
-    Sender, Shutdown, Startup, Timer, Triggers, WhenFull, run_as_federate,
+    Sender, Shutdown, Startup, Timer, Triggers, WhenFull, run_as_federate, run_as_federate_with,
 };
 pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;

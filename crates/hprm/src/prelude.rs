@@ -58,4 +58,5 @@ pub use crate::{
     Interface, Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port,
     Ports, Program, ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart, Runnable,
     ScheduleError, Sender, Shutdown, Startup, Timer, Transfer, Triggers, WhenFull, run_as_federate,
+    run_as_federate_with,
 };

@@ -53,6 +53,8 @@ pub(crate) struct Divergence {
     pub(crate) tag: At,
     /// Empty if it is the end that differs.
     pub(crate) reaction: String,
+    /// What messages call it.
+    pub(crate) name: String,
     pub(crate) what: Difference,
 }
 
@@ -98,6 +100,25 @@ impl Judge {
                 a.name, programs[0], b.name, programs[1]
             )));
         }
+        let mut found = self.compare_all(a, b)?;
+        let Comparison { divergence, consequence, missed, .. } = &mut found;
+        for parted in [divergence, consequence, missed].into_iter().flatten() {
+            // One of the two may have been written in another way, without names.
+            let name = b.header.name_of(&parted.reaction);
+            a.header
+                .names
+                .get(&parted.reaction)
+                .map_or(name, String::as_str)
+                .clone_into(&mut parted.name);
+        }
+        Ok(found)
+    }
+
+    fn compare_all<A, B>(self, a: &mut Reader<A>, b: &mut Reader<B>) -> Result<Comparison, Error>
+    where
+        A: BufRead + Seek,
+        B: BufRead + Seek,
+    {
         let mut found = Comparison { limit: limit(&a.end, &b.end), ..Comparison::default() };
         loop {
             let next = [a.next_tag(), b.next_tag()].into_iter().flatten().min();
@@ -123,7 +144,7 @@ impl Judge {
             || [&a.end, &b.end].iter().any(|end| end.physical || end.outcome != RunEnding::Done);
         if a.end.end != b.end.end && (!by_chance || self.physical) {
             let (tag, what) = (a.end.end.min(b.end.end), Difference::End([a.end.end, b.end.end]));
-            found.diverge(Divergence { tag, reaction: String::new(), what });
+            found.diverge(Divergence { tag, reaction: String::new(), name: String::new(), what });
         }
         Ok(found)
     }
@@ -222,7 +243,8 @@ impl Comparison {
 
 impl Divergence {
     fn of(entry: &Entry, what: Difference) -> Self {
-        Self { tag: entry.tag, reaction: entry.reaction.clone(), what }
+        let reaction = entry.reaction.clone();
+        Self { tag: entry.tag, name: reaction.clone(), reaction, what }
     }
 }
 

@@ -12,10 +12,10 @@ pub(crate) fn moment((time, microstep): At) -> String {
 
 /// Where two traces part, and what each has there.
 pub(crate) fn sentence(divergence: &Divergence, [a, b]: [&str; 2]) -> String {
-    let Divergence { tag, reaction, what } = divergence;
+    let Divergence { tag, name, what, .. } = divergence;
     let only = |second: bool| if second { [b, a] } else { [a, b] };
     let both = |subject: &str, [x, y]: [String; 2]| format!("{subject} {x} in {a}, and {y} in {b}");
-    let subject = format!("at {}, reaction {reaction}", moment(*tag));
+    let subject = format!("at {}, reaction {name}", moment(*tag));
     match what {
         Difference::Ran(second) => {
             let [does, not] = only(*second);

@@ -59,7 +59,7 @@ impl Parser<'_> {
             let name = parser.name("the name of a parameter")?;
             let ty = parser.maybe_type()?;
             let default = parser.initializer()?;
-            Ok(Parameter { attributes, name, ty, default })
+            Ok(Parameter { attributes, name, ty, default, given: None })
         })
     }
 

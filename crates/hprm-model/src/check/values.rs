@@ -23,6 +23,7 @@ fn defaults(declared: &Declarations<'_>, report: &mut Report) {
     for parameter in &declared.parameters {
         let name = &parameter.name;
         match &parameter.default {
+            None if parameter.given.is_some() => {}
             None => {
                 let message = format!("the parameter `{}` has no default value", name.text);
                 report.add(

@@ -12,19 +12,50 @@ use hprm_core::{
 };
 use serde_json::{Value, json};
 
+use super::parameters::Mistake;
 use super::running::end;
 use crate::Failure;
 use crate::describing::DESCRIBE;
 
-/// Writes what `program` declares, and ends this process, if it was asked for that.
+/// The names and the types of the parameters that an executable takes.
+pub(super) type Known = [(String, String)];
+
+/// Writes what `program` declares, and ends this process, if it was asked for that. `parameters` are those that it takes.
 ///
 /// # Errors
 ///
 /// If the file cannot be written.
-pub(super) fn answer(program: &Program, store: StoreOptions) -> Result<(), Failure> {
+pub(super) fn answer(
+    program: &Program,
+    store: StoreOptions,
+    parameters: &Known,
+) -> Result<(), Failure> {
+    let mut document = Describe::new(program).document(store);
+    if !parameters.is_empty() {
+        document["parameters"] = json!(parameters);
+    }
+    write(&document)
+}
+
+/// Writes that the parameters do not fit with which this process was asked what it declares, and ends it, if it was asked.
+///
+/// # Errors
+///
+/// If the file cannot be written.
+pub(super) fn refuse(mistake: &Mistake, parameters: &Known) -> Result<(), Failure> {
+    let refused = match mistake {
+        Mistake::Missing(name) => json!({"missing": name}),
+        Mistake::Unknown(name) => json!({"unknown": name}),
+        Mistake::Wrong(name, why) => json!({"wrong": (name, why)}),
+    };
+    write(&json!({
+        "files": [], "main": 0, "reactors": [], "parameters": parameters, "refused": refused,
+    }))
+}
+
+fn write(document: &Value) -> Result<(), Failure> {
     let Some(file) = std::env::var_os(DESCRIBE).map(PathBuf::from) else { return Ok(()) };
-    let text = Describe::new(program).document(store).to_string();
-    fs::write(&file, text).map_err(|error| {
+    fs::write(&file, document.to_string()).map_err(|error| {
         Failure::system(format!("cannot write the declaration {}", file.display()), &error)
     })?;
     end(0)

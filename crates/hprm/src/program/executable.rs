@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use hprm_codec::Transfer;
 use hprm_core::{PortId, Properties, ReactorId, StoreOptions};
+use serde::de::DeserializeOwned;
 
 use super::builder::{Reactor, ReactorBuilder};
 use super::describe;
@@ -11,11 +12,13 @@ use super::graph::Graph;
 use super::handed::Handed;
 use super::handle::{InputPort, OutputPort, Slotted};
 use super::identity::Of;
+use super::parameter_names;
+use super::parameters::{self, Mistake};
 use super::parts::Parts;
 use super::running::run_federate;
 use super::transport::Codec;
 use crate::handover::Handover;
-use crate::{Failure, Kind, Report};
+use crate::{Failure, Kind, Report, describing};
 
 /// The ports of a reactor that other federates can be connected to: their values can travel.
 ///
@@ -132,19 +135,86 @@ tuples! { (A) (A B) (A B C) (A B C D) (A B C D E) (A B C D E F) (A B C D E F G) 
 /// # Errors
 ///
 /// If this process was not started as a federate, or the reactor breaks a rule.
-pub fn run_as_federate<R: Reactor>(name: &str, mut reactor: R) -> Result<(), Failure>
+pub fn run_as_federate<R: Reactor>(name: &str, reactor: R) -> Result<(), Failure>
+where
+    R::Ports: Interface,
+{
+    run_as_federate_with(name, |()| reactor)
+}
+
+/// Like [`run_as_federate`], for a reactor with parameters: `make` makes it of those that the program states. They are
+/// a type that derives serde's `Deserialize`, in most cases a struct whose fields are the parameters.
+///
+/// In an `.lf` file they are the parameters of the reactor, in Python those of its constructor. A time is a
+/// [`Duration`](std::time::Duration); docs/reference/codec.md says which other types
+/// fit. A parameter that the program does not have, and the type needs, is an error of `hprm check`, as is
+/// one that the type does not have, and one of another type.
+///
+/// Whatever asks what the executable declares does so with the parameters of each federate, so timers, ports inside and
+/// all else may follow from them.
+///
+/// ```no_run
+/// use std::time::Duration;
+///
+/// use hprm::prelude::*;
+/// use serde::Deserialize;
+///
+/// /// `reactor Camera(rate = 10)` in an `.lf` file.
+/// #[derive(Deserialize)]
+/// struct Camera {
+///     rate: u32,
+/// }
+///
+/// impl Reactor for Camera {
+///     type Ports = OutputPort<u32>;
+///
+///     fn assemble(&mut self, camera: &mut ReactorBuilder<'_, Self>) -> Self::Ports {
+///         let number = camera.output("number");
+///         let tick = camera.timer("tick", Duration::ZERO, Duration::from_secs(1) / self.rate);
+///         let mut taken = 0;
+///         camera.reaction().on(tick).sets(number).run(move |_, ctx| {
+///             taken += 1;
+///             ctx.set(number, taken);
+///         });
+///         number
+///     }
+/// }
+///
+/// fn main() -> Result<(), Failure> {
+///     run_as_federate_with("Camera", |camera: Camera| camera)
+/// }
+/// ```
+///
+/// # Errors
+///
+/// If this process was not started as a federate, or the reactor breaks a rule.
+pub fn run_as_federate_with<P: DeserializeOwned, R: Reactor>(
+    name: &str,
+    make: impl FnOnce(P) -> R,
+) -> Result<(), Failure>
 where
     R::Ports: Interface,
 {
     let handover = Handover::of_this_process()?;
+    let given = match &handover {
+        None => describing::given()?,
+        Some(handover) => handover.parameters.clone(),
+    };
+    let known = || {
+        let names = given.iter().map(|(name, _)| (name.clone(), String::new()));
+        parameter_names::of::<P>().unwrap_or_else(|| names.collect())
+    };
+    let mut reactor = match (parameters::read(&given).map(make), &handover) {
+        (Ok(reactor), _) => reactor,
+        (Err(mistake), Some(handover)) => run_federate(handover, Err(other_parameters(&mistake))),
+        (Err(mistake), None) => {
+            describe::refuse(&mistake, &known())?;
+            return Err(alone(name));
+        }
+    };
     let mut graph = match &handover {
         None => Graph::new(name),
-        Some(handover) => {
-            let program = Arc::new(handover.program.clone());
-            let federate = program.federate_named(&handover.federate);
-            let root = federate.map(|federate| program.federates[federate].reactor);
-            Graph::of(Parts::Handed(Handed::new(program, root.unwrap_or(ReactorId(0)))))
-        }
+        Some(handover) => handed(handover),
     };
     let root = graph.parts.root();
     let ports = reactor.assemble(&mut ReactorBuilder::new(&mut graph, root));
@@ -161,8 +231,25 @@ where
     if !mistakes.is_empty() {
         return Err(Failure::Mistakes(mistakes));
     }
-    describe::answer(&program, StoreOptions::default())?;
+    describe::answer(&program, StoreOptions::default(), &known())?;
     Err(alone(name))
+}
+
+/// The program that this process was handed.
+fn handed(handover: &Handover) -> Graph {
+    let program = Arc::new(handover.program.clone());
+    let federate = program.federate_named(&handover.federate);
+    let root = federate.map(|federate| program.federates[federate].reactor);
+    Graph::of(Parts::Handed(Handed::new(program, root.unwrap_or(ReactorId(0)))))
+}
+
+/// The executable took its parameters when it was asked, and does not take them now.
+fn other_parameters(mistake: &Mistake) -> Failure {
+    let what = format!("this executable does not take its parameters any more: {mistake}");
+    Failure::Mistakes(vec![
+        Report::new(Kind::Program, what)
+            .hint("it was built again after the launcher had asked it; run the program again"),
+    ])
 }
 
 fn collect(ports: &dyn Interface, graph: &mut Graph) {

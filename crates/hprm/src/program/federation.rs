@@ -313,7 +313,7 @@ impl Federation {
             }
         };
         let (program, ..) = built?;
-        describe::answer(&program, launching.store)?;
+        describe::answer(&program, launching.store, &[])?;
         if !program.is_federated() {
             return Err(Failure::option(format!("the federation {name} has no federates")));
         }

@@ -99,12 +99,15 @@ fn open(path: &Path) -> io::Result<File> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::super::line::{Header, VERSION};
     use super::*;
 
     fn header() -> Line {
         let program = "x".repeat(100_000);
-        Line::Header(Header { hprm_logical_trace: VERSION, program, federated: false })
+        let names = BTreeMap::new();
+        Line::Header(Header { hprm_logical_trace: VERSION, program, federated: false, names })
     }
 
     #[test]

@@ -4,7 +4,9 @@
 //! which process wrote a line. A file is a header, then one entry for each reaction that ran, by tag,
 //! level and place in the program, then the end.
 
-use hprm_core::{Body, Scheduled, Tag, Transition};
+use std::collections::BTreeMap;
+
+use hprm_core::{Body, Program, Reaction, ReactionId, Scheduled, Tag, Transition};
 use serde::{Deserialize, Serialize};
 
 use super::Described;
@@ -42,6 +44,31 @@ pub struct Header {
     pub program: String,
     /// Whether the program is federated, however it was run.
     pub federated: bool,
+    /// What the program calls its reactions that have names, by the names that all have. For people: a program with
+    /// other names may do the same.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub names: BTreeMap<String, String>,
+}
+
+impl Header {
+    pub(super) fn of(program: &Program) -> Self {
+        let named = |(id, reaction): (ReactionId, &Reaction)| {
+            let is_named = reaction.label.is_some();
+            is_named.then(|| (program.reaction_name(id), program.reaction_label(id)))
+        };
+        Self {
+            hprm_logical_trace: VERSION,
+            program: program.name.clone(),
+            federated: program.is_federated(),
+            names: program.reactions.iter().filter_map(named).collect(),
+        }
+    }
+
+    /// What messages call a reaction.
+    #[must_use]
+    pub fn name_of<'a>(&'a self, reaction: &'a str) -> &'a str {
+        self.names.get(reaction).map_or(reaction, String::as_str)
+    }
 }
 
 /// What a reaction did.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use hprm_core::{Program, ReactionId};
 
-use super::line::{End, Entry, Header, Line, RunEnding, VERSION};
+use super::line::{End, Entry, Header, Line, RunEnding};
 use super::{Draft, Reader};
 use crate::Failure;
 
@@ -29,13 +29,8 @@ pub(super) fn merge<R: BufRead + Seek>(
         .iter()
         .map(|(id, reaction)| (program.reaction_name(id), (reaction.level, id)))
         .collect();
-    let header = Header {
-        hprm_logical_trace: VERSION,
-        program: program.name.clone(),
-        federated: program.is_federated(),
-    };
     let mut draft = Draft::create(path).map_err(unwritten)?;
-    draft.write(&Line::Header(header)).map_err(unwritten)?;
+    draft.write(&Line::Header(Header::of(program))).map_err(unwritten)?;
     while let Some(tag) = shares.iter().filter_map(Reader::next_tag).min() {
         let mut entries: Vec<Entry> = Vec::new();
         for share in shares.iter_mut().filter(|share| share.next_tag() == Some(tag)) {

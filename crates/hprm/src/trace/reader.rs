@@ -2,6 +2,7 @@
 //!
 //! How a run ended stands in the last line, but says which tags are complete, so it is read first.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -64,7 +65,8 @@ impl<R: BufRead + Seek> Reader<R> {
     /// If it does not begin like a trace.
     pub fn new(name: &str, mut source: R) -> Result<Self, Failure> {
         let (end, whole) = tail(&mut source).map_err(|error| unreadable(name, &error))?;
-        let header = Header { hprm_logical_trace: 0, program: String::new(), federated: false };
+        let (program, names) = (String::new(), BTreeMap::new());
+        let header = Header { hprm_logical_trace: 0, program, federated: false, names };
         let name = name.to_owned();
         let mut reader = Self { name, header, end, whole, source, line: 0, next: None };
         match reader.read()? {

@@ -12,7 +12,7 @@ use hprm_core::{
     Tag,
 };
 
-use super::line::{End, Enter, Entry, Header, Line, Read, RunEnding, Schedule, Set, VERSION, at};
+use super::line::{End, Enter, Entry, Header, Line, Read, RunEnding, Schedule, Set, at};
 use super::{Described, Draft};
 use crate::{Failure, Host};
 
@@ -78,14 +78,9 @@ impl Trace {
     ///
     /// If the file cannot be written. The failure names the trace, as the user knows no other file.
     pub fn create_share(share: &TraceShare, program: &Arc<Program>) -> Result<Self, Failure> {
-        let header = Header {
-            hprm_logical_trace: VERSION,
-            program: program.name.clone(),
-            federated: program.is_federated(),
-        };
         let unwritten = |error| Failure::trace(&share.trace, &error);
         let mut draft = Draft::create(&share.file).map_err(unwritten)?;
-        draft.write(&Line::Header(header)).map_err(unwritten)?;
+        draft.write(&Line::Header(Header::of(program))).map_err(unwritten)?;
         let program = Arc::clone(program);
         let output = Output { draft: Some(draft), through: Tag::START, tardy: 0 };
         let output = Arc::new(Mutex::new(output));

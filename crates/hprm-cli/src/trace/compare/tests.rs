@@ -276,3 +276,30 @@ fn traces_of_different_programs_are_not_compared() {
     let error = Judge::default().compare(&mut trace("A", ""), &mut other).unwrap_err();
     assert!(format!("{error:?}").contains("A is a trace of M, and B one of N"));
 }
+
+#[test]
+fn a_reaction_is_called_as_one_of_the_programs_names_it() {
+    let named = |name: &str, lines: &[&str], names: &str| {
+        let header =
+            format!(r#"{{"hprm_logical_trace":2,"program":"M","federated":false{names}}}"#);
+        Reader::new(name, Cursor::new(format!("{header}\n{}", text(lines)))).unwrap()
+    };
+    let names = r#","names":{"M.a.1":"M.a.detect"}"#;
+    let ran = [&entry(""), DONE];
+    for given in [["", names], [names, ""], [names, names]] {
+        let [mut a, mut b] = [named("A", &ran, given[0]), named("B", &[DONE], given[1])];
+        let found = Judge::default().compare(&mut a, &mut b).unwrap();
+        let divergence = found.divergence.unwrap();
+        assert_eq!(divergence.reaction, "M.a.1");
+        assert_eq!(
+            sentence(&divergence, ["A", "B"]),
+            "at (10 ns, 0), reaction M.a.detect runs in A, but not in B"
+        );
+    }
+    // Names are no difference, and not in the digest.
+    let [mut a, mut b] = [named("A", &ran, names), named("B", &ran, "")];
+    assert_eq!(Judge::default().compare(&mut a, &mut b).unwrap().divergence, None);
+    let digests = [names, ""]
+        .map(|names| digest(Judge::default(), &mut named("A", &ran, names), None).unwrap());
+    assert_eq!(digests[0], digests[1]);
+}
