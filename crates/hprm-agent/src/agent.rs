@@ -421,3 +421,22 @@ fn epoch() -> Result<u64, String> {
         random_bytes().map_err(|error| format!("the system has no random numbers: {error}"))?;
     Ok(u64::from_le_bytes(bytes))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+    use std::thread;
+
+    use super::*;
+
+    #[test]
+    fn a_thread_that_panics_wakes_the_loop_and_is_remembered() {
+        let (mut stop, stops) = UnixStream::pair().unwrap();
+        let failed = end_with_threads(stops);
+        assert!(!failed.load(Ordering::SeqCst));
+        assert!(thread::spawn(|| panic!("as a thread of Zenoh does")).join().is_err());
+        assert!(failed.load(Ordering::SeqCst));
+        stop.read_exact(&mut [0]).unwrap();
+        drop(std::panic::take_hook());
+    }
+}

@@ -53,6 +53,11 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     }
     frames::begin(&arguments.frames, Some(&compiled.program))?;
     let places = remote::places(&compiled.program, &arguments.at)?;
+    let trace = arguments.tracing.request(compiled.trace_file());
+    if let Some(places) = &places {
+        places.refuse_terminal(&compiled.program, debugged)?;
+        trace.iter().for_each(|_| places.untraced(&compiled.program).show_as_warning());
+    }
     check::show(&hosts::rti(&compiled), &compiled.sources);
     // That option says where all of them run.
     if arguments.at.fleet_key.is_none() && !arguments.in_process {
@@ -82,7 +87,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         debugged,
         hang_timeout: arguments.hang.timeout(),
         logical_trace: arguments.logical_trace.clone(),
-        trace: arguments.tracing.request(compiled.trace_file()),
+        trace,
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
         places,

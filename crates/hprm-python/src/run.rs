@@ -215,7 +215,7 @@ fn become_executable(
     let meeting = Meeting { rti, federation: *federation, security };
     let name = &compiled.program.federates[options.federate].name;
     let mut handover = Handover::new(name, &compiled.program, &options.fingerprint, &meeting);
-    handover.launched = false;
+    handover.launched = options.end_process.is_none();
     handover.store = compiled.settings.store;
     handover.connect_timeout = reach.connect_timeout.as_secs_f64();
     handover.advertise.clone_from(&reach.advertise);

@@ -34,6 +34,32 @@ impl Places {
         self.machines.get(&federate).map(String::as_str)
     }
 
+    /// Refuses the terminal to a federate of another machine.
+    ///
+    /// # Errors
+    ///
+    /// If it is to have it.
+    pub(crate) fn refuse_terminal(
+        &self,
+        program: &Program,
+        debugged: Option<FederateId>,
+    ) -> Result<(), Error> {
+        let elsewhere = debugged.and_then(|it| Some((it, self.machine_of(it)?)));
+        let Some((federate, machine)) = elsewhere else { return Ok(()) };
+        let name = &program.federates[federate].name;
+        let what =
+            format!("--debug: the federate {name} is to run on {machine}, without a terminal");
+        Err(Error::option(what).hint(format!("--at {name}=localhost runs it here")))
+    }
+
+    /// A warning that a trace misses federates: nothing of what others record comes back.
+    pub(crate) fn untraced(&self, program: &Program) -> Error {
+        let names: Vec<_> =
+            self.machines.keys().map(|it| program.federates[*it].name.as_str()).collect();
+        Error::new(format!("the trace misses federates on other machines: {}", names.join(", ")))
+            .hint("--logical-trace has what all of them do; --at FEDERATE=localhost runs one here")
+    }
+
     /// The file with the key.
     pub(crate) fn key(&self) -> &Path {
         &self.key
