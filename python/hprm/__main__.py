@@ -76,8 +76,7 @@ def main() -> NoReturn:
             {
                 "rti": options.rti,
                 "federation": options.federation,
-                # A launcher's RTI is there.
-                "connect_timeout": 0.0 if options.launched else options.connect_timeout,
+                "connect_timeout": 0.0 if _is_beside(options) else options.connect_timeout,
                 "advertise": options.advertise,
                 "tls": _tls(parser, options),
                 "launched": options.launched,
@@ -89,6 +88,15 @@ def main() -> NoReturn:
     # A federate that has failed does not delay the end of its federation.
     alone = options.command == "run" and not options.in_process
     leave(code, patience=None if alone or code == 0 else AFTER_FAILURE)
+
+
+def _is_beside(options: argparse.Namespace) -> bool:
+    """Whether a launcher has started this federate where all others are: its RTI is there.
+
+    Agents, which lead links to other machines, may need a while, and be started again.
+    """
+    is_led = options.rti.startswith("agent:") or options.advertise == "agent:"
+    return options.launched and not is_led
 
 
 def _launch(options: argparse.Namespace, arguments: list[str]) -> int:

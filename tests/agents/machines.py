@@ -63,7 +63,7 @@ federated reactor {
 PLACES = {"source": "robot1", "sink__0": "robot2", "sink__1": "robot2"}
 
 #: What a federate says that is late, as it is while the link is broken.
-LAGS = re.compile(r"warning: federate \w+ lags .*\n  hint: .*\n")
+LAGS = re.compile(r"(\[\w+\] )?warning: federate \w+ lags .*\n(\[\w+\] )?  hint: .*\n")
 
 
 #: How many times connections are cut at random; more of them on demand.

@@ -75,6 +75,24 @@ def test_a_machine_has_the_name_with_which_it_was_enrolled(machines: Machines) -
     assert code == 1 and "others can read the key" in err
 
 
+def test_a_program_starts_while_machines_are_enrolled(machines: Machines) -> None:
+    """Agents connect again whenever the roster changes, and programs start all the same."""
+    machines.make_authority("robot1")
+    assert machines.enroll("robot2")[0] == 0
+    machines.start_agents("--fleet-keys", "keys", "--allow-root")
+    out, expected = alone(machines.folder, PROGRAM)
+    said = "".join(f"[source] {line}\n" for line in out.splitlines())
+    options = ["--at", "sink=robot2", "--fleet-key", "keys", "--logical-trace", "trace"]
+    (machines.folder / "Fed.lf").write_text(PROGRAM)
+    for coordination in ("centralized", "decentralized"):
+        stated = ["--property", f"coordination={coordination}"]
+        launcher = machines.spawn("robot1", HPRM, "run", *options, *stated, "Fed.lf")
+        for number in range(3):
+            assert machines.enroll(f"{coordination[:3]}{number}")[0] == 0
+        assert finish(launcher) == (0, said, "")
+        assert reactions([machines.folder / "trace"]) == expected
+
+
 def test_a_wrong_code_is_refused_and_after_five_no_code_is_right(machines: Machines) -> None:
     machines.make_authority("robot1")
     host, place, code = machines.invite("robot2")

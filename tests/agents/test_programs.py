@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -102,6 +104,48 @@ federated reactor { here = new Says()
     nothing_is_left(machines)
 
 
+CAMERA = """\
+#!/bin/sh
+if [ -n "$HPRM_DESCRIBE" ]; then
+  echo '{DECLARED}' > "$HPRM_DESCRIBE"
+  exit 0
+fi
+echo "runs for $HPRM_AGENT in $0"
+exit 9
+"""
+
+
+def test_executables_travel_and_end_as_elsewhere(machines: Machines) -> None:
+    start(machines)
+    at = [0, 1, 0, -1]
+    out = {"name": "image", "at": at, "kind": "output", "width": None}
+    effects = [{"name": "image", "at": at}]
+    reaction = {"name": "shoots", "at": at, "triggers": ["startup"], "effects": effects}
+    camera = {"name": "Camera", "at": at, "ports": [out], "reactions": [reaction]}
+    declared = {"files": [{"path": "/a/camera", "text": ""}], "main": 0, "reactors": [camera]}
+    (machines.folder / "bin").mkdir()
+    path = machines.folder / "bin" / "camera"
+    path.write_text(CAMERA.replace("{DECLARED}", json.dumps(declared)))
+    path.chmod(0o755)
+    program = """
+target Python
+@executable("bin/camera")
+reactor Camera { output image }
+reactor Sees { input image
+  reaction(image) {= =} }
+federated reactor { camera = new Camera()
+  sees = new Sees()
+  camera.image -> sees.image }
+"""
+    code, said, err = finish(run(machines, program, "--at", "camera=robot2", *AT[2:]))
+    assert (code, err.count("error: ")) == (9, 1), err
+    assert "error: federate camera exited with code 9" in err
+    address = machines.address("robot2")
+    line = re.fullmatch(rf"\[camera\] runs for unix:@{address} in (.*)\n", said)
+    assert line and f"{machines.folder}/cache-robot2/hprm/programs/runs/" in line[1], said
+    nothing_is_left(machines)
+
+
 @pytest.mark.parametrize(
     "body, code, said",
     [("raise ValueError('no')", 1, "ValueError: no"), ("import os; os._exit(7)", 7, "exit")],
@@ -191,6 +235,18 @@ def test_what_cannot_be_started_is_told_before_anything_runs(machines: Machines)
         code, out, err = finish(run(machines, PROGRAM, *at, "--fleet-key", "keys"))
         assert (code != 0, out) == (True, ""), err
         assert err.count("error: ") == 1 and said in err, err
+
+
+def test_what_is_only_done_here_is_told_of_federates_elsewhere(machines: Machines) -> None:
+    start(machines)
+    program = PROGRAM.replace("source = new Source()", "source = new Source() at robot2")
+    code, out, err = finish(run(machines, program, "--debug", "source", *AT[2:]))
+    assert (code != 0, out, err.count("error: ")) == (True, "", 1), err
+    assert "--debug: the federate source is to run on robot2, without a terminal" in err
+    code, out, err = finish(run(machines, PROGRAM, *AT, "--trace", "trace.pftrace"))
+    assert (code, err.count("warning: "), err.count("error: ")) == (0, 1, 0), err
+    assert "the trace misses federates on other machines: sink__0, sink__1\n" in err
+    assert (machines.folder / "trace.pftrace").stat().st_size > 0
 
 
 def test_only_those_with_a_key_start_programs(machines: Machines) -> None:

@@ -116,3 +116,24 @@ def test_a_federate_waits_for_the_secret_no_longer_than_for_the_rti(bench: Bench
     outcome = finish(bench.call("federate", "Main.lf", "a", *options))
     assert outcome.code == 1
     outcome.assert_one_error("error: cannot read secret: ", "`hprm rti --federation-file FILE`")
+
+
+def test_a_federate_joins_where_the_program_has_its_rti(bench: Bench) -> None:
+    (port,) = free_ports(1)
+    place = f"127.0.0.1:{port}"
+    text = "target Python\nreactor A {}\nfederated reactor at PLACE { a = new A() }\n"
+    (bench.folder / "Main.lf").write_text(text.replace("PLACE", f"pi@{place}"))
+    secret = ["--federation-file", "secret"]
+    federate = bench.call("federate", "Main.lf", "a", *secret)
+    rti = bench.call("rti", "Main.lf", "--listen", place, *secret)
+    assert [finish(rti).code, finish(federate).code] == [0, 0]
+    # Only the secret is not in the program.
+    finish(bench.call("federate", "Main.lf", "a")).assert_one_error(
+        "the secret of the federation is missing", "--federation-file FILE"
+    )
+    (bench.folder / "Main.lf").write_text(text.replace(" at PLACE", ""))
+    for options in (secret, []):
+        outcome = finish(bench.call("federate", "Main.lf", "a", *options))
+        assert outcome.code != 0
+        outcome.assert_one_error("find a federation" if options else "no federation", "--rti")
+        assert "federated reactor at HOST:PORT" in outcome.err

@@ -24,6 +24,7 @@ use crate::carrier::{AgentId, ROOT};
 use crate::local::answer;
 use crate::options::Options;
 use crate::others::Reached;
+use crate::replies::Replies;
 use crate::router;
 
 /// How long an agent may take to answer.
@@ -98,14 +99,18 @@ pub(crate) fn declare(
     session: &zenoh::Session,
     me: &AgentId,
     here: &Arc<Here>,
+    replies: &Replies,
 ) -> Result<[Queryable<()>; 2], zenoh::Error> {
     let declare = |key: String| {
-        let here = Arc::clone(here);
+        let (here, replies) = (Arc::clone(here), replies.clone());
         let declared = session.declare_queryable(key).callback(move |query| {
-            let reply = Reply { about: here.about(), clock: Clock::local().0 };
-            let reply = serde_json::to_vec(&reply).expect("it has texts and numbers only");
-            // If it does not arrive, the other agent does not wait for ever.
-            let _ = query.reply(query.key_expr().clone(), reply).wait();
+            let here = Arc::clone(&here);
+            replies.give(move || {
+                let reply = Reply { about: here.about(), clock: Clock::local().0 };
+                let reply = serde_json::to_vec(&reply).expect("it has texts and numbers only");
+                // If it does not arrive, the other agent does not wait for ever.
+                let _ = query.reply(query.key_expr().clone(), reply).wait();
+            });
         });
         declared.wait()
     };

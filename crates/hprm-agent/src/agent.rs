@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::agent::{Answer, Place, Request};
 use hprm::{Clock, random_bytes};
@@ -58,6 +60,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         let stops = stops.try_clone().map_err(system)?;
         signal_hook::low_level::pipe::register(signal, stops).map_err(system)?;
     }
+    let failed = end_with_threads(stops);
     // First of all, so that a second agent of this machine disturbs nothing.
     let local = Local::listen()?;
     let epoch = Clock::local().0.unsigned_abs();
@@ -101,8 +104,27 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
             return Err(Failure::new(text).hint("give each machine a name of its own: --name NAME"));
         }
     }
+    if failed.load(Ordering::SeqCst) {
+        agent.end_without_carrier();
+    }
     agent.end();
     Ok(())
+}
+
+/// Has the loop end when a thread of Zenoh panics, and returns whether one has.
+///
+/// Its locks are poisoned then, and the session carries nothing more, whatever it says. Processes of this machine are better told
+/// at once than by the silence of their links.
+fn end_with_threads(stops: UnixStream) -> Arc<AtomicBool> {
+    let failed = Arc::new(AtomicBool::new(false));
+    let (has_failed, usual) = (Arc::clone(&failed), std::panic::take_hook());
+    std::panic::set_hook(Box::new(move |panic| {
+        usual(panic);
+        has_failed.store(true, Ordering::SeqCst);
+        // Without a reader, the loop has ended already.
+        let _ = (&stops).write(&[1]);
+    }));
+    failed
 }
 
 impl Agent {
@@ -200,15 +222,15 @@ impl Agent {
         let (mine, other) = UnixStream::pair().map_err(|error| refused(&error))?;
         mine.set_nonblocking(true).map_err(|error| refused(&error))?;
         let way = self.carrier.way(id).map_err(|error| refused(&error))?;
-        let relay = Relay::new(epoch().map_err(|error| refused(&error))?, now);
+        let epoch = epoch().map_err(|error| refused(&error))?;
         if Starters::is_meant(name) {
             self.starters.start(&other).map_err(Answer::Refused)?;
         } else if !self.local.hand_over(name, &other) {
             return Err(Answer::Absent(absent(here, name)));
         }
         let what = format!("of {from} to agent:{here}/{name}{}", through(id));
-        let mut link = Link::new(relay, way, what, mine);
-        link.opened();
+        let mut link = Link::new(epoch, way, what, mine);
+        link.opened(now);
         self.links.insert(id.clone(), link);
         Ok(())
     }
@@ -220,7 +242,7 @@ impl Agent {
             answer(socket, &opened);
         }
         match opened {
-            Answer::Done(_) => link.opened(),
+            Answer::Done(_) => link.opened(now),
             Answer::Absent(why) | Answer::Refused(why) => {
                 link.handle(now, Input::Abort(why));
                 self.links.remove(id);
@@ -306,7 +328,7 @@ impl Agent {
             let text = format!("no agent has the name {machine}; there are: {known}");
             return answer(&stream, &Answer::Absent(text));
         };
-        match self.begin(now, other, place, &stream) {
+        match self.begin(other, place, &stream) {
             Ok((id, link)) => {
                 self.carrier.open_link(&id, name);
                 self.links.insert(id, link);
@@ -318,7 +340,6 @@ impl Agent {
     /// A link of which the other end is not there yet.
     fn begin(
         &self,
-        now: PhysicalTime,
         other: Reached,
         place: &Place,
         stream: &UnixStream,
@@ -330,9 +351,8 @@ impl Agent {
         let socket = OwnedFd::from(stream.try_clone().map_err(failed)?);
         let id = LinkId { agent: other.agent, number: epoch()?, router: other.router };
         let way = self.carrier.way(&id)?;
-        let relay = Relay::new(epoch()?, now);
         let what = format!("to agent:{place}{}", through(&id));
-        Ok((id, Link::new(relay, way, what, socket.into())))
+        Ok((id, Link::new(epoch()?, way, what, socket.into())))
     }
 
     fn tell_machines(&self, stream: UnixStream) {
@@ -365,6 +385,15 @@ impl Agent {
         self.starters.reap();
     }
 
+    /// Ends the process and leaves nothing behind here. What Zenoh has is not touched any more.
+    fn end_without_carrier(self) -> ! {
+        let Self { local, links, carrier: _carrier, .. } = self;
+        drop((links, local));
+        eprintln!("error: Zenoh has failed, so the agent of {} ends", self.me.machine);
+        eprintln!("  hint: start it again, and report what it says above to its developers");
+        std::process::exit(1)
+    }
+
     /// Tells the other ends of all links, and leaves nothing behind.
     fn end(mut self) {
         let now = Clock::local();
@@ -391,4 +420,23 @@ fn epoch() -> Result<u64, String> {
     let bytes =
         random_bytes().map_err(|error| format!("the system has no random numbers: {error}"))?;
     Ok(u64::from_le_bytes(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+    use std::thread;
+
+    use super::*;
+
+    #[test]
+    fn a_thread_that_panics_wakes_the_loop_and_is_remembered() {
+        let (mut stop, stops) = UnixStream::pair().unwrap();
+        let failed = end_with_threads(stops);
+        assert!(!failed.load(Ordering::SeqCst));
+        assert!(thread::spawn(|| panic!("as a thread of Zenoh does")).join().is_err());
+        assert!(failed.load(Ordering::SeqCst));
+        stop.read_exact(&mut [0]).unwrap();
+        drop(std::panic::take_hook());
+    }
 }

@@ -28,8 +28,9 @@ use hprm_federated::relay::FRAME_LIMIT;
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
+use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::SampleKind;
@@ -41,6 +42,7 @@ use crate::credentials::Credentials;
 use crate::membership::{self, News};
 use crate::options::Options;
 use crate::others::Reached;
+use crate::replies::Replies;
 use crate::router::{self, Router};
 
 pub(crate) const ROOT: &str = "hprm/agents/1";
@@ -58,7 +60,7 @@ const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
 const MESSAGE_LIMIT: usize = 4 << 20;
 
 /// How long an agent may take to open a link.
-pub(crate) const OPENING: Duration = Duration::from_secs(5);
+pub(crate) const OPENING: Duration = Duration::from_secs(20);
 
 /// An agent: its machine, and when it was started, which tells it from others of that name.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
@@ -141,7 +143,13 @@ struct Inbox {
 }
 
 /// One direction of a link: packets for its other end.
-pub(crate) struct Way(Publisher<'static>);
+///
+/// Nothing is declared for it: each declaration is told to all other agents, and answered, and Zenoh 1.10 does not bear it well
+/// if many come and go.
+pub(crate) struct Way {
+    session: zenoh::Session,
+    key: KeyExpr<'static>,
+}
 
 impl Carrier {
     /// Opens a session, and makes this machine known.
@@ -165,10 +173,14 @@ impl Carrier {
         let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         let here = Arc::new(Here::new(options));
-        let about = about::declare(&session, &me, &here).map_err(failed)?;
-        let rosters = credentials.map(|it| membership::declare(&session, it, news(&inbox)));
+        let replies = Replies::open()
+            .map_err(|error| Failure::new(format!("the agent has no thread left: {error}")))?;
+        let about = about::declare(&session, &me, &here, &replies).map_err(failed)?;
+        let rosters =
+            credentials.map(|it| membership::declare(&session, it, &replies, news(&inbox)));
         let rosters = rosters.transpose().map_err(failed)?;
-        let router = options.is_router(credentials).then(|| Router::open(&session, &me.machine));
+        let is_router = options.is_router(credentials);
+        let router = is_router.then(|| Router::open(&session, &me.machine, &replies));
         let router = router.transpose().map_err(failed)?;
         let declared = declare(&session, &me, &inbox).map_err(failed)?;
         Ok(Self {
@@ -259,13 +271,9 @@ impl Carrier {
     pub(crate) fn way(&self, link: &LinkId) -> Result<Way, String> {
         let LinkId { agent, number, router } = link;
         let rest = format!("links/{agent}/{}/{number:016x}", self.me);
-        let publisher = self
-            .session
-            .declare_publisher(router::key(router.as_deref(), &rest))
-            .congestion_control(CongestionControl::Drop)
-            .express(true)
-            .wait();
-        publisher.map(Way).map_err(|error| error.to_string())
+        let key = KeyExpr::try_from(router::key(router.as_deref(), &rest));
+        let key = key.map_err(|error| error.to_string())?;
+        Ok(Way { session: self.session.clone(), key })
     }
 
     /// Sends one packet of a link for which there is no way.
@@ -291,8 +299,9 @@ impl AsFd for Carrier {
 impl Way {
     /// Sends a packet, or drops it.
     pub(crate) fn send(&self, packet: Vec<u8>) {
+        let put = self.session.put(&self.key, packet);
         // A session that has ended carries nothing; the link notices the silence.
-        let _ = self.0.put(packet).wait();
+        let _ = put.congestion_control(CongestionControl::Drop).express(true).wait();
     }
 }
 

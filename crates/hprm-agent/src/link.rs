@@ -13,6 +13,8 @@ use crate::carrier::Way;
 
 /// See the module.
 pub(crate) struct Link {
+    /// Which life of this end it is, and the machine of that life, which begins when the link is open.
+    epoch: u64,
     relay: Relay,
     way: Way,
     /// Which link it is, for people.
@@ -35,10 +37,12 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// A link whose other end may not be there yet.
-    pub(crate) fn new(relay: Relay, way: Way, what: String, socket: UnixStream) -> Self {
+    /// A link whose other end may not be there yet, with the number of the life of this one.
+    pub(crate) fn new(epoch: u64, way: Way, what: String, socket: UnixStream) -> Self {
         Self {
-            relay,
+            epoch,
+            // Nothing leaves it before the link is open, but that it never will be.
+            relay: Relay::new(epoch, PhysicalTime::FOREVER),
             way,
             what,
             socket: Some(socket),
@@ -53,9 +57,12 @@ impl Link {
         }
     }
 
-    /// The process at the other end is there.
-    pub(crate) fn opened(&mut self) {
-        self.is_open = true;
+    /// The process at the other end is there. Silence counts from now on, however long it took to open the link.
+    pub(crate) fn opened(&mut self, now: PhysicalTime) {
+        if self.ended.is_none() {
+            self.is_open = true;
+            self.relay = Relay::new(self.epoch, now);
+        }
     }
 
     /// Sends another way from now on.
@@ -84,7 +91,10 @@ impl Link {
     }
 
     pub(crate) fn next_wakeup(&self) -> PhysicalTime {
-        self.relay.next_wakeup()
+        match self.is_open || self.ended.is_some() {
+            true => self.relay.next_wakeup(),
+            false => PhysicalTime::FOREVER,
+        }
     }
 
     /// Whether nothing of the link is left.
@@ -92,8 +102,12 @@ impl Link {
         self.relay.is_over(now) && self.socket.is_none()
     }
 
-    /// Takes what has happened to the link, and does what follows.
+    /// Takes what has happened to the link, and does what follows. Before it is open, the other agent may not know it, and
+    /// would say so to whatever it is sent.
     pub(crate) fn handle(&mut self, now: PhysicalTime, input: Input) {
+        if !self.is_open && self.ended.is_none() && !matches!(input, Input::Abort(_)) {
+            return;
+        }
         // Only frames can be refused, and those are no longer than there is room.
         let _ = self.relay.handle(now, input);
         self.proceed(now);

@@ -14,11 +14,13 @@ use std::time::Duration;
 use hprm_core::{Nanos, PhysicalTime};
 use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
 
 use crate::Failure;
 use crate::access::ROSTER;
 use crate::credentials::Credentials;
+use crate::replies::Replies;
 
 /// How often other agents are asked, and how often at most.
 const ASKING: Nanos = 10_000_000_000;
@@ -122,19 +124,25 @@ impl AsFd for Membership {
 pub(crate) fn declare(
     session: &zenoh::Session,
     credentials: &Credentials,
+    replies: &Replies,
     tell: impl Fn(News) + Send + Sync + 'static,
 ) -> Result<Queryable<()>, zenoh::Error> {
-    let (number, text) = (credentials.roster().number, credentials.signed_roster().to_vec());
+    let number = credentials.roster().number;
+    // Shared by all answers that wait.
+    let text = ZBytes::from(credentials.signed_roster().to_vec());
+    let replies = replies.clone();
     session
         .declare_queryable(ROSTER)
         .callback(move |query| {
-            let Ok(theirs) = query.parameters().as_str().parse::<u64>() else { return };
-            if theirs < number {
-                // If it does not arrive, the other agent asks again.
-                let _ = query.reply(ROSTER, text.clone()).wait();
-            } else if theirs > number {
+            let theirs = query.parameters().as_str().parse::<u64>().unwrap_or(number);
+            if theirs > number {
                 tell(News::IsOld);
             }
+            let text = (theirs < number).then(|| text.clone());
+            replies.give(move || {
+                // If it does not arrive, the other agent asks again.
+                drop(text.map(|text| query.reply(ROSTER, text).wait()));
+            });
         })
         .wait()
 }

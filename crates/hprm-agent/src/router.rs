@@ -28,6 +28,7 @@ use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable};
 
 use crate::carrier::{AgentId, OPENING, PACKET_LIMIT, PACKETS, ROOT};
+use crate::replies::Replies;
 
 /// How many queries may wait for their answers; more are dropped.
 const QUERIES: usize = 256;
@@ -49,7 +50,11 @@ enum Led {
 
 impl Router {
     /// Leads what comes, on a thread that ends with the session.
-    pub(crate) fn open(session: &zenoh::Session, machine: &str) -> Result<Self, zenoh::Error> {
+    pub(crate) fn open(
+        session: &zenoh::Session,
+        machine: &str,
+        replies: &Replies,
+    ) -> Result<Self, zenoh::Error> {
         let (led_in, led) = sync_channel(PACKETS);
         let packets = take_packets(session, machine, led_in.clone())?;
         let queries = ["open", "about"].map(|what| {
@@ -59,8 +64,9 @@ impl Router {
             declared.callback(move |query| drop(led_in.try_send(Led::Query(query)))).wait()
         });
         let [open, about] = queries;
-        let session = session.clone();
-        thread::Builder::new().name("router".to_owned()).spawn(move || lead(&session, &led))?;
+        let (session, replies) = (session.clone(), replies.clone());
+        let lead = move || lead(&session, &led, &replies);
+        thread::Builder::new().name("router".to_owned()).spawn(lead)?;
         Ok(Self {
             machine: machine.to_owned(),
             tokens: BTreeMap::new(),
@@ -121,7 +127,7 @@ fn take_packets(
 }
 
 /// Leads what comes, until nothing can come any more.
-fn lead(session: &zenoh::Session, led: &Receiver<Led>) {
+fn lead(session: &zenoh::Session, led: &Receiver<Led>, replies: &Replies) {
     let waiting = Arc::new(AtomicUsize::new(0));
     for one in led {
         match one {
@@ -130,28 +136,52 @@ fn lead(session: &zenoh::Session, led: &Receiver<Led>) {
                 // A session that has ended carries nothing.
                 drop(put.congestion_control(CongestionControl::Drop).express(true).wait());
             }
-            Led::Query(query) => ask(session, query, &waiting),
+            Led::Query(query) => ask(session, query, &waiting, replies.clone()),
         }
     }
 }
 
 /// Asks the agent that is meant, and answers with what it answers.
-fn ask(session: &zenoh::Session, query: Query, waiting: &Arc<AtomicUsize>) {
+fn ask(session: &zenoh::Session, query: Query, waiting: &Arc<AtomicUsize>, replies: Replies) {
     let Some(key) = onward(query.key_expr().as_str()) else { return };
     let Some(place) = Place::take(waiting) else { return };
     let text = query.payload().filter(|text| text.len() <= PACKET_LIMIT).cloned();
     let asked = session.get(key).payload(text.unwrap_or_default()).timeout(OPENING);
-    let asked = asked.callback(move |reply| {
-        let _ = &place;
+    let mut asked_for = AskedFor { query: Some(query), replies, _place: place };
+    let asked = asked.callback_mut(move |reply| {
         if let Ok(sample) = reply.result()
             && sample.payload().len() <= PACKET_LIMIT
         {
-            // If it does not arrive, the one that asks does not wait for ever.
-            drop(query.reply(query.key_expr().clone(), sample.payload().clone()).wait());
+            asked_for.answer(Some(sample.payload().clone()));
         }
     });
     // If it fails, the query is gone, which is an answer.
     drop(asked.wait());
+}
+
+/// A query that waits for the answer of another agent.
+struct AskedFor {
+    query: Option<Query>,
+    replies: Replies,
+    _place: Place,
+}
+
+impl AskedFor {
+    /// Answers it, or says that there is no answer.
+    fn answer(&mut self, payload: Option<ZBytes>) {
+        let Some(query) = self.query.take() else { return };
+        self.replies.give(move || {
+            let key = query.key_expr().clone();
+            // If it does not arrive, the one that asks does not wait for ever.
+            drop(payload.map(|payload| query.reply(key, payload).wait()));
+        });
+    }
+}
+
+impl Drop for AskedFor {
+    fn drop(&mut self) {
+        self.answer(None);
+    }
 }
 
 /// One of those that may wait.

@@ -517,7 +517,8 @@ pub(crate) struct FederateArguments {
     #[arg(value_name = "NAME")]
     pub(crate) name: String,
     /// Where the RTI listens. Without it, the federation of this program is joined that `hprm run` runs
-    /// on this machine, with its target properties.
+    /// on this machine, with its target properties; or, if there is none, that of the host at which the
+    /// program has its RTI (`federated reactor at HOST:PORT`; without a port, 15045).
     #[arg(long, value_name = "ADDRESS", env = "HPRM_RTI")]
     pub(crate) rti: Option<Address>,
     /// Seconds that the RTI may take to be there, and the file with the secret; and for how long a link

@@ -13,6 +13,7 @@ use hprm_core::{FederateId, Program};
 use hprm_model::Compiled;
 
 use crate::args::{FederateArguments, Interpreter, Properties, Run};
+use crate::join::Found;
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
 use crate::registry::Record;
@@ -52,6 +53,11 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     }
     frames::begin(&arguments.frames, Some(&compiled.program))?;
     let places = remote::places(&compiled.program, &arguments.at)?;
+    let trace = arguments.tracing.request(compiled.trace_file());
+    if let Some(places) = &places {
+        places.refuse_terminal(&compiled.program, debugged)?;
+        trace.iter().for_each(|_| places.untraced(&compiled.program).show_as_warning());
+    }
     check::show(&hosts::rti(&compiled), &compiled.sources);
     // That option says where all of them run.
     if arguments.at.fleet_key.is_none() && !arguments.in_process {
@@ -81,7 +87,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         debugged,
         hang_timeout: arguments.hang.timeout(),
         logical_trace: arguments.logical_trace.clone(),
-        trace: arguments.tracing.request(compiled.trace_file()),
+        trace,
         stage: stage.as_ref().map(|stage| stage.path().to_owned()),
         security: Security { auth: compiled.settings.auth, ..Security::default() },
         places,
@@ -143,37 +149,33 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error> {
     let mut properties = arguments.properties.clone();
-    let running = match join::running(arguments) {
-        Ok(running) => running,
-        // Nothing is to be joined. If the program cannot be, that is the reason to tell.
-        Err(error) => {
-            return match has_federate(arguments, &properties, &arguments.interpreter)? {
-                Ok(_) => Err(error),
-                Err(code) => Ok(code),
-            };
-        }
+    let (running, nothing) = match join::running(arguments)? {
+        Found::Running(running) => (running, None),
+        Found::Nothing(error) => (None, Some(error)),
     };
-    if let Ok(inherited) = std::env::var(PROPERTIES) {
-        properties.inherit(inherited.lines());
-    } else if let Some(running) = &running {
-        properties.inherit(running.properties.iter().map(String::as_str));
-    }
+    inherit(&mut properties, running.as_ref());
     let mut interpreter = arguments.interpreter.clone();
     if let Some(running) = &running {
         interpreter.python.get_or_insert_with(|| running.python.clone());
     }
     let mut known = None;
-    if declare::is_python(&arguments.file) && !secret::is_awaited(&arguments.secret) {
-        // The one process that runs it makes its reactors, and says what is wrong.
-        declare::is_readable(declare::file_of(&arguments.file))?;
-    } else {
+    let is_made_here =
+        !declare::is_python(&arguments.file) || secret::is_awaited(&arguments.secret);
+    if is_made_here || nothing.is_some() {
         match has_federate(arguments, &properties, &interpreter)? {
             Ok(compiled) => known = Some(compiled),
             Err(code) => return Ok(code),
         }
+    } else {
+        // The one process that runs it makes its reactors, and says what is wrong.
+        declare::is_readable(declare::file_of(&arguments.file))?;
+    }
+    let says_where = known.as_ref().is_some_and(|compiled| compiled.rti_host.is_some());
+    if let Some(error) = nothing.filter(|_| !says_where) {
+        return Err(error);
     }
     frames::begin(&arguments.frames, known.as_ref().map(|compiled| &*compiled.program))?;
-    let rti = join::address(arguments, running.as_ref())?;
+    let rti = join::address(arguments, running.as_ref(), known.as_ref())?;
     let (secret, connect_timeout) = match running.as_ref().and_then(Record::federation) {
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
@@ -210,6 +212,15 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(arguments.arguments.all());
     command.env(FEDERATION_ID, secret.to_string());
     Err(replace(command))
+}
+
+/// Lets target properties be those of the process that has started this one, or of the federation that runs.
+fn inherit(properties: &mut Properties, running: Option<&Record>) {
+    if let Ok(inherited) = std::env::var(PROPERTIES) {
+        properties.inherit(inherited.lines());
+    } else if let Some(running) = running {
+        properties.inherit(running.properties.iter().map(String::as_str));
+    }
 }
 
 /// The program, if it has the federate; what the command ends with if it has mistakes, which

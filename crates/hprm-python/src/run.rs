@@ -165,6 +165,7 @@ pub(crate) fn run_federate(
     membership: Membership,
 ) -> i32 {
     let launched = membership.launched;
+    let is_beside = launched && !membership.rti.starts_with(hprm::THROUGH_AGENT);
     let mut joined = false;
     let checked = Checked::load(py, path, &membership.properties);
     let outcome = checked.and_then(|checked| {
@@ -196,10 +197,10 @@ pub(crate) fn run_federate(
         outcome.map_err(|failure| by_signal(failure, interrupt.get()))
     });
     match outcome {
-        // The RTI or this process itself reports it to the launcher, or the launcher has ended the RTI.
-        Err(failure) if launched && (joined || matches!(failure, Failure::NoRti { .. })) => {
-            failure.exit_code()
-        }
+        // The RTI or this process itself reports it to the launcher.
+        Err(failure) if launched && joined => failure.exit_code(),
+        // The launcher has ended the RTI.
+        Err(failure @ Failure::NoRti { .. }) if is_beside => failure.exit_code(),
         outcome => exit_code(&outcome),
     }
 }
@@ -214,7 +215,7 @@ fn become_executable(
     let meeting = Meeting { rti, federation: *federation, security };
     let name = &compiled.program.federates[options.federate].name;
     let mut handover = Handover::new(name, &compiled.program, &options.fingerprint, &meeting);
-    handover.launched = false;
+    handover.launched = options.end_process.is_none();
     handover.store = compiled.settings.store;
     handover.parameters.clone_from(&executable.parameters);
     handover.connect_timeout = reach.connect_timeout.as_secs_f64();
@@ -328,7 +329,8 @@ pub(crate) fn options(
             connect_timeout: Duration::try_from_secs_f64(connect_timeout)
                 .map_err(|error| wrong("--connect-timeout", &error))?,
             advertise,
-            notice: Some(say),
+            // A launcher waits as well, and says for how long.
+            notice: (!launched).then_some(say as fn(&str)),
             // The handlers of signals that have come; that of Ctrl-C raises.
             interrupted: Some(|| Python::attach(|py| py.check_signals().is_err())),
         },

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use hprm::agent::{self, Machine, Place};
 use hprm_core::{FederateId, Program};
@@ -11,6 +13,10 @@ use super::stand_in::probe;
 use crate::args::At;
 use crate::hosts::is_this_machine;
 use crate::message::{self, Error};
+
+/// How long machines may take to meet: their agents connect again when one of them has been enrolled or taken out.
+const MEETING: Duration = Duration::from_secs(4);
+const PAUSE: Duration = Duration::from_millis(200);
 
 /// The federates that are to run on other machines.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -26,6 +32,32 @@ impl Places {
     /// The machine of a federate that is not to run on this one.
     pub(crate) fn machine_of(&self, federate: FederateId) -> Option<&str> {
         self.machines.get(&federate).map(String::as_str)
+    }
+
+    /// Refuses the terminal to a federate of another machine.
+    ///
+    /// # Errors
+    ///
+    /// If it is to have it.
+    pub(crate) fn refuse_terminal(
+        &self,
+        program: &Program,
+        debugged: Option<FederateId>,
+    ) -> Result<(), Error> {
+        let elsewhere = debugged.and_then(|it| Some((it, self.machine_of(it)?)));
+        let Some((federate, machine)) = elsewhere else { return Ok(()) };
+        let name = &program.federates[federate].name;
+        let what =
+            format!("--debug: the federate {name} is to run on {machine}, without a terminal");
+        Err(Error::option(what).hint(format!("--at {name}=localhost runs it here")))
+    }
+
+    /// A warning that a trace misses federates: nothing of what others record comes back.
+    pub(crate) fn untraced(&self, program: &Program) -> Error {
+        let names: Vec<_> =
+            self.machines.keys().map(|it| program.federates[*it].name.as_str()).collect();
+        Error::new(format!("the trace misses federates on other machines: {}", names.join(", ")))
+            .hint("--logical-trace has what all of them do; --at FEDERATE=localhost runs one here")
     }
 
     /// The file with the key.
@@ -62,9 +94,7 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     if machines.values().all(|machine| is_this_machine(machine)) {
         return Ok(None);
     }
-    let known = agent::machines().map_err(|error| {
-        Error::new(format!("federates cannot run on other machines: {}", message::reason(&error)))
-    })?;
+    let known = known(&machines)?;
     let here = known.iter().find(|machine| machine.is_here).map(|here| here.name.clone());
     let here = here.ok_or_else(|| Error::new("the agent of this machine does not name it"))?;
     machines.retain(|_, machine| *machine != here && !is_this_machine(machine));
@@ -81,6 +111,24 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     }
     let places = Places { machines, here, key: key.clone() };
     Ok((!places.machines.is_empty()).then_some(places))
+}
+
+/// The machines that the agent of this one knows, once it knows all that are named; or after a moment without some of them.
+fn known(named: &BTreeMap<FederateId, String>) -> Result<Vec<Machine>, Error> {
+    let until = Instant::now() + MEETING;
+    loop {
+        let known = agent::machines().map_err(|error| {
+            let why = message::reason(&error);
+            Error::new(format!("federates cannot run on other machines: {why}"))
+        })?;
+        let is_there = |name: &String| {
+            is_this_machine(name) || known.iter().any(|it| it.name == *name && it.about.is_some())
+        };
+        if named.values().all(is_there) || Instant::now() >= until {
+            return Ok(known);
+        }
+        thread::sleep(PAUSE);
+    }
 }
 
 /// What `--at` says, federate by federate.

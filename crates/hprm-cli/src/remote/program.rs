@@ -1,7 +1,8 @@
-//! The files that a program needs on another machine: its sources, the files that it names, and the modules of Python
-//! that lie beside it. Others do not travel.
+//! The files that a program needs on another machine: its sources, the files that it names, its executables, and the modules
+//! of Python that lie beside it. Others do not travel.
 
 use std::collections::BTreeSet;
+use std::env;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::os::unix::fs::PermissionsExt;
@@ -47,6 +48,9 @@ pub(super) fn files(compiled: &Compiled, path: &Path) -> Result<Files, Error> {
     for (name, stated_in) in compiled.files.iter().chain(&compiled.protobufs) {
         paths.extend(named(name, sources.path(*stated_in))?);
     }
+    for executable in compiled.executables.values() {
+        paths.extend(built(executable.command.first())?);
+    }
     modules(&home, &mut paths)?;
     let mut root = home;
     while !paths.iter().all(|path| path.starts_with(&root)) {
@@ -74,6 +78,15 @@ fn named(name: &str, stated_in: &str) -> Result<Option<PathBuf>, Error> {
     let beside = absolute(Path::new(stated_in))?;
     let path = beside.parent().unwrap_or(Path::new("/")).join(name);
     Ok(Some(flat(&path)).filter(|path| path.is_file()))
+}
+
+/// An executable that belongs to the program: one on `PATH` is installed, there as here.
+fn built(path: Option<&String>) -> Result<Option<PathBuf>, Error> {
+    let Some(path) = path else { return Ok(None) };
+    let path = absolute(Path::new(path))?;
+    let folders = env::var_os("PATH").unwrap_or_default();
+    let is_installed = env::split_paths(&folders).any(|folder| path.parent() == Some(&folder));
+    Ok(Some(path).filter(|path| !is_installed && path.is_file()))
 }
 
 /// Adds the modules of Python below a folder.
@@ -148,5 +161,5 @@ fn too_many(at: &Path) -> Error {
         "a program has at most {FILES} files and {gigabytes} GiB on another machine, and this one has more, as in {}",
         at.display()
     ))
-    .hint("its files are its sources, those that it names in `files`, and the modules of Python in its folder")
+    .hint("its files are its sources, those that it names in `files`, its executables, and the modules of Python in its folder")
 }

@@ -7,7 +7,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use hprm::FederationId;
 use hprm::agent::{self, Place, STARTERS};
@@ -25,8 +26,10 @@ use crate::launch::Plan;
 use crate::message::{self, Error, print_error};
 use crate::{declare, signals};
 
-/// How long a machine may take to be reached, and to answer before the federate runs.
-const CONNECTING: Duration = Duration::from_secs(10);
+/// How long a machine may take to be reached, with pauses between two attempts from the first to the last of these, and to
+/// answer before the federate runs.
+const CONNECTING: Duration = Duration::from_secs(20);
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 const ANSWERING: Duration = Duration::from_secs(60);
 
 /// What a launcher has a stand-in do. It travels as the standard input of that process, where no other user reads it.
@@ -160,24 +163,36 @@ pub(super) fn probe(machine: &str, key: &Path) -> Result<(), Error> {
     admitted(machine, key).map(drop)
 }
 
-/// A link to a starter that knows the key.
+/// A link to a starter that knows the key. Nothing has been started before there is one, so what may be an accident is
+/// tried again: agents connect again when the roster changes, and drop what they have no room for.
 fn admitted(machine: &str, key: &Path) -> Result<UnixStream, Error> {
-    let unreached = |error: io::Error| {
-        let why = message::reason(&error);
-        Error::new(format!("no program can be started on {machine}: {why}"))
-    };
-    let stream = connect(machine).map_err(unreached)?;
-    match prove(&stream, machine, key) {
-        Ok(()) => Ok(stream),
-        Err(Lost::Told(error)) => Err(error),
-        Err(Lost::Link(error)) => Err(unreached(error)),
+    let (until, mut pause) = (Instant::now() + CONNECTING, PAUSES.0);
+    loop {
+        let left = until.saturating_duration_since(Instant::now());
+        let proved = connect(machine, left).map_err(Lost::Link);
+        let proved = proved.and_then(|stream| prove(&stream, machine, key).map(|()| stream));
+        match proved {
+            Ok(stream) => return Ok(stream),
+            Err(Lost::Told(error)) => return Err(error),
+            Err(Lost::Link(error)) if is_final(&error) || left <= pause => {
+                let why = message::reason(&error);
+                return Err(Error::new(format!("no program can be started on {machine}: {why}")));
+            }
+            Err(Lost::Link(_)) => thread::sleep(pause),
+        }
+        pause = (2 * pause).min(PAUSES.1);
     }
 }
 
+/// Whether an error will be the same again: an agent refuses, for a reason.
+fn is_final(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
+}
+
 /// Asks the agent of this machine for a link to a starter.
-fn connect(machine: &str) -> io::Result<UnixStream> {
+fn connect(machine: &str, within: Duration) -> io::Result<UnixStream> {
     let place = Place { machine: machine.to_owned(), name: STARTERS.to_owned() };
-    let stream = agent::connect(&place, CONNECTING)?;
+    let stream = agent::connect(&place, within)?;
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(ANSWERING))?;
     Ok(stream)

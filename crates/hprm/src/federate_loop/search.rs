@@ -11,8 +11,10 @@ use crate::link::{Keys, Link, Network, Purpose};
 use crate::wait::{Breaker, Deadline, wait};
 use crate::{Address, Clock, Failure, nanoseconds};
 
-/// How long one attempt to connect may take.
+/// How long one attempt to connect may take; through agents, which say themselves what is not there, and may have much to
+/// do while a large federation starts.
 const ATTEMPT: Nanos = 5_000_000_000;
+const ATTEMPT_THROUGH_AGENTS: Nanos = 20_000_000_000;
 
 /// Between two attempts; it doubles from the first to the last of these.
 pub(super) const PAUSES: (Nanos, Nanos) = (20_000_000, 1_000_000_000);
@@ -108,7 +110,11 @@ impl Search {
         network: &Network,
         breaker: Breaker,
     ) -> Result<Result<Link, NoLink>, Failure> {
-        let deadline = Deadline { until: Clock::now().plus(ATTEMPT), breaker };
+        let time = match self.rti {
+            Address::Agent(_) => ATTEMPT_THROUGH_AGENTS,
+            _ => ATTEMPT,
+        };
+        let deadline = Deadline { until: Clock::now().plus(time), breaker };
         let link = network.connect(&self.rti, Purpose::Coordination, keys, deadline);
         match link.and_then(|mut link| link.establish(deadline).map(|()| link)) {
             Ok(link) => Ok(Ok(link)),

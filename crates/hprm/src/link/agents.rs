@@ -18,7 +18,7 @@ use crate::wait::{Deadline, Interest};
 use crate::{Address, Clock, nanoseconds};
 
 /// How long the agent may take to register a listener.
-const REGISTRATION: Duration = Duration::from_secs(5);
+const REGISTRATION: Duration = Duration::from_secs(20);
 
 /// How long the agent may take to ask all others of their machines.
 const MACHINES: Duration = Duration::from_secs(10);
