@@ -22,7 +22,7 @@ _ATTRIBUTE = "__hprm_hint__"
 _UNPICKLABLE = (
     "pickle carries no locks, open files or generators, and functions and classes only by their "
     "names in a preamble or a module; send data instead, such as dicts, lists, arrays and "
-    "dataclasses (docs/concepts/serialization.md)"
+    "dataclasses (handbook page concepts/serialization)"
 )
 
 _READ_ONLY = re.compile(r"read-only|read only|not writeable", re.IGNORECASE)
@@ -76,6 +76,8 @@ def _hint(error: BaseException) -> str | None:
             return _name(error, frames)
         case AttributeError(obj=None, name=str()) | TypeError() if "NoneType" in str(error):
             return _absent(frame, line)
+        case TypeError() if "port_capsule' object is not callable" in str(error):
+            return "`port.set(value)` sets a port, and `port.value` is its value"
         case TypeError() if "port_capsule" in str(error):
             return "a port is not its value, which is `port.value`"
         case AttributeError(name=str()):
@@ -83,7 +85,8 @@ def _hint(error: BaseException) -> str | None:
         case ValueError() | TypeError() if _READ_ONLY.search(str(error)):
             return (
                 "arrays that are sent or received are shared and read-only; write to a copy, "
-                "`value.copy()`, or declare the input as `mutable input`"
+                "`value.copy()`, or declare the input as `mutable input`, in Python as "
+                "`hprm.Input(mutable=True)`"
             )
     return None
 

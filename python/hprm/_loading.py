@@ -175,7 +175,7 @@ def _only(module: ModuleType, file: str) -> Any:
             hint="a program is a class that extends hprm.Reactor or hprm.Federation",
             code=_findings.NO_MAIN,
         )
-    names = ", ".join(programs)
+    names = ", ".join(whole or programs)
     raise ProgramError(
         f"{file} defines several reactors: {names}",
         hint=f"name the program: {file}:{list(whole or programs)[-1]}",

@@ -275,6 +275,7 @@ def test_a_wrong_path_or_interpreter_is_one_error(stage: Stage) -> None:
     code, _, err = stage.hprm("run", "--python", "./app.py", "app.py")
     assert (code, stage.calls) == (1, [])
     assert err.startswith("error: ./app.py is no Python interpreter\n")
+    (stage.folder / "app.txt").touch()
     code, _, err = stage.hprm("run", "app.txt")
     assert err == (
         "error: app.txt is not a program\n"

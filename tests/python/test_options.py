@@ -160,7 +160,7 @@ def test_an_interpreter_without_hprm_is_one_error(folder: Path, words: list[str]
     found = report(done)
     assert (done.returncode, done.stdout, found["kind"], found["code"]) == (1, "", "option", 1)
     assert found["message"] == f"HPRM is not installed for the interpreter {python}"
-    assert "pip install ." in found["hint"] and "--python" in found["hint"]
+    assert "-m pip install" in found["hint"] and "--python" in found["hint"]
     done = hprm(folder, "run", "--python", python, *words)
     assert (done.returncode, done.stderr.count("error: ")) == (1, 1)
     assert "No module named" not in done.stderr

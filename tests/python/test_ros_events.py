@@ -243,8 +243,8 @@ def test_what_is_left_out_says_so(run) -> None:
     assert modules == [
         "hprm.ros has no rclpy.type_description_service: nodes do not serve the descriptions of"
         " their types",
-        "  hint: docs/howto/rclpy.md says what there is not",
+        "  hint: the handbook page howto/rclpy says what there is not",
         "hprm.ros has no rclpy.experimental: there is one kind of loop for all executors",
-        "  hint: docs/howto/rclpy.md says what there is not",
+        "  hint: the handbook page howto/rclpy says what there is not",
         "No module named 'rclpy.nothing'",
     ]

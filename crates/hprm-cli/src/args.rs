@@ -298,6 +298,9 @@ pub(crate) struct Run {
     /// A file to which failures are written as JSON, whatever is told on the standard error.
     #[arg(long, hide = true, value_name = "FILE")]
     pub(crate) failures_to: Option<PathBuf>,
+    /// Never outlive the caller, which is this process.
+    #[arg(long, hide = true, value_name = "PID")]
+    pub(crate) die_with_parent: Option<i32>,
     /// Run the federates as threads of one process. Arrays go from one to the other without a copy,
     /// and are read-only from then on.
     #[arg(long)]

@@ -131,7 +131,7 @@ fn plan(
         return Err(Error::new(format!(
             "federate {name} is an executable, for which no image can be made"
         ))
-        .hint("docs/howto/containers.md says what goes into an image"));
+        .hint("the handbook page howto/containers says what goes into an image"));
     }
     let wheel = wanted.wheel.as_deref().map(wheel_name).transpose()?;
     if wheel.is_none() && stated.runner_base.is_none() {

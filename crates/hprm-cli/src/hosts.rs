@@ -26,8 +26,8 @@ pub(crate) fn federates(
             span: *span,
             labels: Vec::new(),
             hint: Some(format!(
-                "with agents, --fleet-key FILE starts it there (docs/howto/agents.md); by hand, `hprm rti` and \
-                 `hprm federate` do (docs/howto/deployment.md); --at {name}=localhost starts it here"
+                "with agents, --fleet-key FILE starts it there (handbook page howto/agents); by hand, `hprm rti` and \
+                 `hprm federate` do (handbook page howto/deployment); `hprm run --at {name}=localhost` starts it here"
             )),
         })
     };
@@ -43,7 +43,7 @@ pub(crate) fn rti(compiled: &Compiled) -> Vec<Diagnostic> {
         message: format!("the RTI is to run at `{host}`, and `hprm run` starts it here"),
         span: *span,
         labels: Vec::new(),
-        hint: Some("`hprm rti` starts it alone (docs/howto/deployment.md)".to_owned()),
+        hint: Some("`hprm rti` starts it alone (handbook page howto/deployment)".to_owned()),
     };
     stated.map(warning).collect()
 }

@@ -100,8 +100,7 @@ print(json.dumps({
 "#;
 
 fn interpreter(chosen: &Interpreter) -> Vec<Finding> {
-    const INSTALL: &str =
-        "install Python 3.10 or later, then HPRM into it: pip install . in a checkout";
+    const INSTALL: &str = "install Python 3.10 or later, then HPRM into it: `pip install` with its wheel, or with . in a checkout";
     let Ok(python) = python::find_any(chosen) else {
         return vec![Finding::bad("python", "not found", INSTALL)];
     };
@@ -133,12 +132,12 @@ fn interpreted(answers: &Value) -> Vec<Finding> {
         Some(other) => Finding::bad(
             "python module",
             format!("version {other}, but this command is {VERSION}"),
-            "install both from the same release: pip install . in its checkout",
+            "install both from the same release: `pip install` with its wheel, or with . in its checkout",
         ),
         None => Finding::bad(
             "python module",
             reason(&answers["hprm"]),
-            "install HPRM into this interpreter: pip install . in a checkout",
+            "install HPRM into this interpreter: `pip install` with its wheel, or with . in a checkout",
         ),
     };
     let numpy = match answers["numpy"].as_str() {
@@ -236,7 +235,9 @@ fn pickles() -> Finding {
             "also from other machines, by HPRM_PICKLE=allow",
             "every member of a federation can run code in this user's name",
         ),
-        Err(reason) => Finding::bad(subject, reason, "see docs/concepts/serialization.md"),
+        Err(reason) => {
+            Finding::bad(subject, reason, "see the handbook page concepts/serialization")
+        }
     }
 }
 

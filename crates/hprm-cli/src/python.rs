@@ -76,7 +76,7 @@ pub(crate) fn find_any(interpreter: &Interpreter) -> Result<PathBuf, Error> {
 fn without_hprm(stated: &Path) -> Error {
     let stated = stated.display();
     Error::option(format!("HPRM is not installed for the interpreter {stated}")).hint(format!(
-        "install it there with `{stated} -m pip install .` in a checkout, or choose another interpreter with --python"
+        "install it there: `{stated} -m pip install` with its wheel, or with . in a checkout; or choose another interpreter with --python"
     ))
 }
 
@@ -89,7 +89,7 @@ fn search_here() -> Result<PathBuf, Error> {
     };
     search(&surroundings).ok_or_else(|| {
         Error::new("there is no python3 to run reactions with")
-            .hint("install Python 3.10 or later, then HPRM into it: pip install . in a checkout")
+            .hint("install Python 3.10 or later, then HPRM into it: `pip install` with its wheel, or with . in a checkout")
     })
 }
 

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
+use hprm::launch::die_with_parent;
 use hprm::recorder::TRACE;
 use hprm::{Security, Stage};
 use hprm_core::{FederateId, Program};
@@ -28,6 +29,13 @@ use crate::{
 ///
 /// If it cannot be started.
 pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
+    if let Some(parent) = arguments.die_with_parent {
+        let lives = die_with_parent(parent)
+            .map_err(|error| Error::new(format!("cannot end with the caller: {error}")))?;
+        if !lives {
+            return Ok(ExitCode::FAILURE);
+        }
+    }
     if !arguments.is_for_federation() && declare::is_alone(&arguments.file)? {
         let this = std::env::current_exe();
         let this =

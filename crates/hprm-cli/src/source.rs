@@ -10,7 +10,7 @@ use hprm_model::{CompileFailure, Compiled, Purpose};
 use crate::args::Interpreter;
 use crate::declare::{self, Undeclared};
 use crate::executable;
-use crate::message::Error;
+use crate::message::{Error, reason};
 
 /// A program, and what decides what it is.
 #[derive(Clone, Debug)]
@@ -139,17 +139,26 @@ fn utf8(path: &Path) -> Result<&str, Error> {
     })
 }
 
+const WHERE: &str = "is the path right? It is relative to the current directory";
+const WHAT: &str =
+    "programs are files whose name ends in .lf or .py, and executables that are federations";
+
 /// Reads a file before anything else, so that a wrong path is one plain error, not a diagnostic in a
 /// file that does not exist.
 fn read(path: &Path) -> Result<(&str, Disk), Error> {
     let name = utf8(path)?;
     if path.extension().is_none_or(|extension| extension != "lf") {
+        if !name.contains(':')
+            && let Err(error) = path.metadata()
+        {
+            let error = Error::new(format!("cannot read {name}: {}", reason(&error)));
+            return Err(error.hint(format!("{WHERE}; {WHAT}")));
+        }
         let error = Error::new(format!("{name} is not a program"));
         if let Some((file, _)) = name.rsplit_once(':').filter(|(file, _)| file.ends_with(".lf")) {
             return Err(error.hint(format!("an .lf file has one main reactor: write {file} alone")));
         }
-        return Err(error
-            .hint("programs are files whose name ends in .lf or .py, and executables that are federations"));
+        return Err(error.hint(WHAT));
     }
     let mut disk = Disk::from_environment();
     disk.read_ahead(name).map_err(|found| unreadable(name, found))?;
@@ -163,7 +172,7 @@ fn unreadable(name: &str, Unreadable { reason, line }: Unreadable) -> Error {
     }
     let error = Error::from(report);
     match Path::new(name).try_exists() {
-        Ok(false) => error.hint("is the path right? It is relative to the current directory"),
+        Ok(false) => error.hint(WHERE),
         _ => error,
     }
 }
@@ -188,18 +197,17 @@ mod tests {
             ("/nowhere/Main.lf", "/nowhere/Main.lf"),
             ("/nowhere/app.py", "/nowhere/app.py"),
             ("/nowhere/app.py:Vision", "/nowhere/app.py"),
+            ("/nowhere/app", "/nowhere/app"),
         ] {
-            assert_eq!(
-                error(Path::new(path)),
-                Error::new(format!("cannot read {file}: No such file or directory"))
-                    .hint("is the path right? It is relative to the current directory")
-            );
+            let error = format!("{:?}", error(Path::new(path)));
+            assert!(error.contains(&format!("cannot read {file}: No such file or directory")));
+            assert!(error.contains("is the path right? It is relative to the current directory"));
         }
     }
 
     #[test]
     fn another_kind_of_file_is_refused() {
-        for name in ["main.rs", "Main", "lf", "Main.lf:Main"] {
+        for name in ["Cargo.toml", "src", "Main.lf:Main"] {
             let error = error(Path::new(name));
             assert!(format!("{error:?}").contains("is not a program"), "{error:?}");
         }

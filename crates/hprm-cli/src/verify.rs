@@ -11,12 +11,15 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use hprm::Failure;
 use hprm::launch::unstarted;
+use hprm::supervisor::{SIGNAL_DEBOUNCE, Signal};
 use hprm::trace::Reader;
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::{self, Pid, kill_process, kill_process_group};
 use serde_json::json;
 
 use self::variant::{Deployment, Kind, Variant};
@@ -24,13 +27,16 @@ use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash, print_more};
 use crate::message::{self, Error, print_line};
 use crate::trace::{Comparison, Judge, sentence};
-use crate::{check, python};
+use crate::{check, python, signals};
 
 /// How often to look whether a run is over.
 const PATIENCE: Duration = Duration::from_millis(5);
 
 /// How much of what a failed run says is shown.
 const SAID: usize = 4_000;
+
+/// How the folders of traces are called that nothing keeps, before the number of the process.
+const OWN: &str = "hprm-verify-";
 
 /// Verifies a program.
 ///
@@ -51,6 +57,10 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
         }
     };
     check::show_warnings(&compiled);
+    // From now on there is something to tidy up.
+    let (asks, asked) = channel();
+    signals::watch(move |signal| asks.send(signal).is_ok())
+        .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let folder = Folder::of(arguments)?;
     let kind = Kind::of(&compiled.program);
     let stated = arguments.properties.stated();
@@ -63,7 +73,10 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
     let judge = Judge { physical: arguments.verdict.physical };
     let mut total: Option<Comparison> = None;
     for run in &runs {
-        run.perform(arguments)?;
+        if let Some(signal) = run.perform(arguments, &asked)? {
+            Error::from(Failure::Interrupted { signal: signal.0 }).show();
+            return Ok(ExitCode::from(u8::try_from(signal.exit_code()).unwrap_or(u8::MAX)));
+        }
         if run.variant.number == 1 {
             continue;
         }
@@ -129,8 +142,12 @@ fn report(arguments: &Verify, found: &Comparison, runs: [&Run; 2]) -> ExitCode {
 }
 
 impl Run {
-    /// Runs the program to its end.
-    fn perform(&self, arguments: &Verify) -> Result<(), Error> {
+    /// Runs the program to its end. Returns the signal by which this process was asked to stop, if it was.
+    fn perform(
+        &self,
+        arguments: &Verify,
+        asked: &Receiver<Signal>,
+    ) -> Result<Option<Signal>, Error> {
         let mut command = self.command(arguments)?;
         // Its group, so that nothing of it is left if it must be ended.
         command.process_group(0).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
@@ -138,7 +155,7 @@ impl Run {
         let mut child = command.spawn().map_err(failed)?;
         let busy = AtomicBool::new(true);
         let mut stderr = child.stderr.take();
-        let (code, said) = thread::scope(|scope| {
+        let (ended, said) = thread::scope(|scope| {
             let load = || {
                 while busy.load(Ordering::Relaxed) {
                     std::hint::spin_loop();
@@ -159,22 +176,25 @@ impl Run {
             let started = start();
             // Without its threads, the run would not be the one that it is to be.
             let time = if started.is_ok() { arguments.run_timeout } else { Duration::ZERO };
-            let code = wait(&mut child, time);
+            let ended = wait(&mut child, time, asked);
             busy.store(false, Ordering::Relaxed);
             let said = started.map(|said| said.join().unwrap_or_default());
-            (code, said)
+            (ended, said)
         });
         let said = said.map_err(|error| unstarted("cannot run the program", &error))?;
         let run = format!("run {} ({})", self.variant.number, self.variant);
-        match code.map_err(failed)? {
-            Some(0) => Ok(()),
-            Some(code) => {
+        match ended.map_err(failed)? {
+            Ended::Code(0) => Ok(None),
+            Ended::Asked(signal) => Ok(Some(signal)),
+            Ended::Code(code) => {
                 let said =
                     String::from_utf8_lossy(&said[said.len().saturating_sub(SAID)..]).into_owned();
                 Err(Error::new(format!("{run} ended with exit code {code}\n{said}")))
             }
-            None => Err(Error::new(format!("{run} did not end in {:?}", arguments.run_timeout))
-                .hint("allow more with --run-timeout, or end the program with --timeout '5 s'")),
+            Ended::Late => {
+                Err(Error::new(format!("{run} did not end in {:?}", arguments.run_timeout))
+                    .hint("allow more with --run-timeout, or end the program with --timeout '5 s'"))
+            }
         }
     }
 
@@ -195,6 +215,7 @@ impl Run {
             }
             command
         };
+        command.arg("--die-with-parent").arg(std::process::id().to_string());
         command.arg("--logical-trace").arg(&self.trace);
         command.args(arguments.properties.options());
         command.args(self.variant.properties().map(|stated| format!("--property={stated}")));
@@ -213,22 +234,46 @@ impl Run {
     }
 }
 
-/// Waits for a process, and ends it with all its descendants if it takes too long. Returns the exit
-/// code; none in that case, or if a signal ended it.
-fn wait(child: &mut Child, timeout: Duration) -> std::io::Result<Option<i32>> {
+/// How a run has ended.
+enum Ended {
+    /// With an exit code; -1, if a signal ended it.
+    Code(i32),
+    /// It took too long, and was ended.
+    Late,
+    /// This process was asked to stop, by this signal first.
+    Asked(Signal),
+}
+
+/// Waits for a process, and ends it with all its descendants if it takes too long. A signal that asks this process to stop
+/// goes to that one, and a second one ends it.
+fn wait(child: &mut Child, timeout: Duration, asked: &Receiver<Signal>) -> std::io::Result<Ended> {
     let launched = Instant::now();
-    while launched.elapsed() < timeout {
+    let mut first: Option<(Signal, Instant)> = None;
+    // It is this one's child, and has not been waited for, so the number is its own.
+    let group = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    while first.is_some() || launched.elapsed() < timeout {
         if let Some(status) = child.try_wait()? {
-            return Ok(Some(status.code().unwrap_or(-1)));
+            let code = Ended::Code(status.code().unwrap_or(-1));
+            return Ok(first.map_or(code, |(signal, _)| Ended::Asked(signal)));
+        }
+        match (asked.try_recv(), first) {
+            (Ok(signal), None) => {
+                first = Some((signal, Instant::now()));
+                if let Some((pid, signal)) = group.zip(process::Signal::from_named_raw(signal.0)) {
+                    let _ = kill_process(pid, signal);
+                }
+            }
+            (Ok(_), Some((_, at))) if at.elapsed() > SIGNAL_DEBOUNCE => break,
+            _ => {}
         }
         thread::sleep(PATIENCE);
     }
-    if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+    if let Some(group) = group {
         // It may have ended this moment.
-        let _ = kill_process_group(group, Signal::KILL);
+        let _ = kill_process_group(group, process::Signal::KILL);
     }
     child.wait()?;
-    Ok(None)
+    Ok(first.map_or(Ended::Late, |(signal, _)| Ended::Asked(signal)))
 }
 
 /// Where the traces are.
@@ -240,11 +285,32 @@ struct Folder {
 impl Folder {
     fn of(arguments: &Verify) -> Result<Self, Error> {
         let kept = arguments.keep.clone();
-        let own = || std::env::temp_dir().join(format!("hprm-verify-{}", std::process::id()));
+        let own = || {
+            remove_abandoned();
+            own(std::process::id())
+        };
         let folder = Self { kept: kept.is_some(), path: kept.unwrap_or_else(own) };
         let made = fs::create_dir_all(&folder.path);
         made.map_err(|error| unwritable(&folder.path, &error))?;
         Ok(folder)
+    }
+}
+
+/// The folder of the process `pid`.
+fn own(pid: u32) -> PathBuf {
+    std::env::temp_dir().join(format!("{OWN}{pid}"))
+}
+
+/// Removes folders of processes that were killed before they could do that.
+fn remove_abandoned() {
+    let Ok(entries) = fs::read_dir(std::env::temp_dir()) else { return };
+    for name in entries.flatten().map(|entry| entry.file_name()) {
+        let pid = name.to_str().and_then(|name| name.strip_prefix(OWN)?.parse().ok());
+        let is_dead = |pid: &u32| !Path::new("/proc").join(pid.to_string()).exists();
+        if let Some(pid) = pid.filter(is_dead) {
+            // One of another user is left.
+            let _ = fs::remove_dir_all(own(pid));
+        }
     }
 }
 

@@ -30,7 +30,7 @@ enum Cause {
 }
 
 const PICKLE: &str = "the value has arrived as a pickle, which only Python can read (hint: send a dataclass, or a \
-    dict of numbers, strings, lists and NumPy arrays; docs/reference/codec.md lists what both sides know)";
+    dict of numbers, strings, lists and NumPy arrays; the handbook page reference/codec lists what both sides know)";
 
 impl Display for Cause {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {

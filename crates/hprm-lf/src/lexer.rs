@@ -3,6 +3,8 @@
 //! Comments are removed, a `{= ... =}` body is one token, and characters that the language does not
 //! know are reported once and skipped, so that the parser never sees them.
 
+use std::collections::BTreeSet;
+
 use hprm_model::{Diagnostic, FileId, Report, Span};
 
 use crate::body::{self, End};
@@ -24,7 +26,7 @@ pub(crate) struct Tokens {
 
 /// Reads all tokens of `text`.
 pub(crate) fn tokens(file: FileId, text: &str, report: &mut Report) -> Tokens {
-    let mut lexer = Lexer { file, text, at: 0, cut: false, report };
+    let mut lexer = Lexer { file, text, at: 0, cut: false, foreign: BTreeSet::new(), report };
     let mut all = Vec::new();
     loop {
         let token = lexer.next();
@@ -40,6 +42,8 @@ struct Lexer<'a> {
     text: &'a str,
     at: usize,
     cut: bool,
+    /// The names with letters that names do not have, which have been reported.
+    foreign: BTreeSet<&'a str>,
     report: &'a mut Report,
 }
 
@@ -69,13 +73,11 @@ impl Lexer<'_> {
             _ if rest.starts_with("{=") => return self.body(),
             _ if rest.starts_with("->") => self.take(2, TokenKind::Arrow),
             _ if rest.starts_with("~>") => self.take(2, TokenKind::Squiggle),
-            'a'..='z' | 'A'..='Z' | '_' | '^' => {
-                let length = rest
-                    .find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '^'))
-                    .unwrap_or(rest.len());
+            '0'..='9' => self.number(),
+            first if is_in_name(first) => {
+                let length = rest.find(|c| !is_in_name(c)).unwrap_or(rest.len());
                 self.name(length)
             }
-            '0'..='9' => self.number(),
             '.' if digit(second) => self.number(),
             '"' => return self.string(),
             '\'' => return self.character(),
@@ -94,12 +96,23 @@ impl Lexer<'_> {
     }
 
     fn name(&mut self, length: usize) -> TokenKind {
+        let name = &self.text[self.at..self.at + length];
+        if let Some(letter) = name.chars().find(|c| !c.is_ascii())
+            && self.foreign.insert(name)
+        {
+            let shown: String = name.chars().take(20).collect();
+            let span = Span::new(self.file, self.at..self.at + length);
+            let message = format!("the name `{shown}` has the letter `{letter}`");
+            self.report.add(
+                Diagnostic::error("LF0001", span, message)
+                    .hint("names have the letters a to z and A to Z, digits and underscores"),
+            );
+        }
         if length > LONGEST_NAME {
             let span = Span::new(self.file, self.at..self.at + length);
             let message = format!("a name has at most {LONGEST_NAME} characters");
             self.report.add(Diagnostic::error("LF0007", span, message));
-            self.at += length - LONGEST_NAME;
-            return self.take(LONGEST_NAME, TokenKind::Identifier);
+            return self.take(length, TokenKind::Identifier);
         }
         self.take(length, TokenKind::Identifier)
     }
@@ -242,12 +255,8 @@ impl Lexer<'_> {
 
     fn unknown(&mut self) {
         let start = self.at;
-        let known = |c: char| {
-            c.is_ascii_alphanumeric()
-                || c.is_whitespace()
-                || "_#\"'".contains(c)
-                || MARKS.contains(c)
-        };
+        let known =
+            |c: char| is_in_name(c) || c.is_whitespace() || "#\"'".contains(c) || MARKS.contains(c);
         let rest = self.rest();
         let first = rest.chars().next().map_or(0, char::len_utf8);
         let length = rest[first..].find(known).map_or(rest.len(), |more| first + more);
@@ -260,6 +269,11 @@ impl Lexer<'_> {
                 .hint("Python code belongs between `{=` and `=}`"),
         );
     }
+}
+
+/// Whether a name may go on with this, or was meant to: letters that the language does not have are reported.
+fn is_in_name(c: char) -> bool {
+    c.is_alphanumeric() || c == '_' || c == '^'
 }
 
 /// The length of a literal in quotes that ends on its line, or else of what remains of the line.
@@ -313,6 +327,13 @@ mod tests {
         use TokenKind::*;
         assert_eq!(kinds("120s 1e5").0, [Integer, Identifier, Integer, Identifier, End]);
         assert_eq!(kinds("1.x").0, [Integer, Mark('.'), Identifier, End]);
+    }
+
+    #[test]
+    fn a_name_with_foreign_letters_is_a_name_and_is_reported_once() {
+        use TokenKind::*;
+        assert_eq!(kinds("größe = größe"), (vec![Identifier, Mark('='), Identifier, End], 1));
+        assert_eq!(kinds("ä1 x名 2é"), (vec![Identifier, Identifier, Integer, Identifier, End], 3));
     }
 
     #[test]

@@ -79,7 +79,7 @@ class _Finder(MetaPathFinder):
         if found is None:
             if name in LEFT_OUT:
                 raise ModuleNotFoundError(
-                    f"hprm.ros has no {name}: {LEFT_OUT[name]}\n  hint: docs/howto/rclpy.md says"
+                    f"hprm.ros has no {name}: {LEFT_OUT[name]}\n  hint: the handbook page howto/rclpy says"
                     " what there is not",
                     name=name,
                 )

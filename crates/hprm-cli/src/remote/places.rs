@@ -175,7 +175,7 @@ fn check(federate: &str, machine: &str, known: &[Machine]) -> Result<(), Error> 
 fn no_key(federate: &str, machine: &str) -> Error {
     Error::option(format!("--at {federate}={machine} needs a fleet key")).hint(
         "name the file that the agent of that machine has, --fleet-key FILE, or set HPRM_FLEET_KEY \
-         (docs/howto/agents.md)",
+         (handbook page howto/agents)",
     )
 }
 

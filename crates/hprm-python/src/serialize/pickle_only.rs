@@ -54,7 +54,7 @@ impl PickleOnly {
         }
         PyTypeError::new_err(format!(
             "`{path}` is {}, which only pickle can carry, and {}; send what needs no pickle, such as \
-             dicts, lists, arrays and dataclasses (docs/concepts/serialization.md), or {}",
+             dicts, lists, arrays and dataclasses (handbook page concepts/serialization), or {}",
             self.what,
             trust.reason(),
             trust.remedy()

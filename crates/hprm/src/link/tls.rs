@@ -107,7 +107,9 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Failure> {
 fn unreadable(path: &Path, error: &dyn fmt::Display) -> Failure {
     Failure::Option {
         message: format!("TLS cannot use {}: {error}", path.display()),
-        hint: Some("certificates and keys are files in PEM, see docs/howto/deployment.md"),
+        hint: Some(
+            "certificates and keys are files in PEM, see the handbook page howto/deployment",
+        ),
     }
 }
 

@@ -225,7 +225,7 @@ impl Transport {
             format!("{to} expects {expected}, and {from} has sent something else: {error}");
         let source = Code::Other(format!("receiving a value on connection {from} -> {to}"));
         Failure::raised(source, message)
-            .with_hint("both ends of a connection have one type of values: docs/reference/codec.md says which values fit")
+            .with_hint("both ends of a connection have one type of values: the handbook page reference/codec says which values fit")
     }
 }
 
