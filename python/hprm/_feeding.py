@@ -186,7 +186,7 @@ def _check(fed: Fed, name: str, time: Time, value: Any) -> None:
 
 
 def _check_type(fed: Fed, name: str, time: Time, value: Any) -> None:
-    types = accepted(fed.part.type)  # type: ignore[attr-defined]
+    types = accepted(fed.part.type)
     if types is None or isinstance(value, types):
         return
     takes = " or ".join(it.__name__ for it in types)
