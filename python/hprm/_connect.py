@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_origin
 from hprm import _construction, _duration, _places
 from hprm._arguments import checked
 from hprm._duration import Time
-from hprm._handles import Handle, parts
+from hprm._handles import Handle, parts, ports_of
 from hprm._mistakes import ProgramError, one
 from hprm._parts import Mode, Part
 from hprm._places import Place
@@ -117,12 +117,22 @@ def _handles(given: Any, side: str, place: Place) -> list[Handle]:
             hint = "name a port of a contained reactor, such as self.camera.image, or an own one"
             if isinstance(handle, Part):
                 hint = "make a reactor of that class, with parentheses: self.camera = Camera()"
+            elif ports := _ports_of(handle):
+                hint = f"name one of its ports: {ports}"
             raise ProgramError(
                 f"the {side} of this connection is {_what(handle)}, not a port of a reactor",
                 place,
                 hint,
             )
     return found
+
+
+def _ports_of(thing: object) -> str:
+    """Return the ports of a reactor; nothing for other things."""
+    # The classes of reactors import this module.
+    from hprm._reactor import Reactor
+
+    return ports_of(thing) if isinstance(thing, Reactor) else ""
 
 
 def _what(thing: object) -> str:

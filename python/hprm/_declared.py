@@ -24,15 +24,17 @@ Body = Callable[..., Any]
 class Declared:
     """A program: its main reactor, and what that contains."""
 
-    def __init__(self, main: Reactor, *, federated: bool = True) -> None:
+    def __init__(self, main: Reactor, *, federated: bool = True, is_test: bool = False) -> None:
         """Declare the program whose main reactor is ``main``.
 
-        Federations in a program that is not ``federated`` are ordinary reactors.
+        Federations in a program that is not ``federated`` are ordinary reactors. In a test in
+        virtual time, physical actions follow logical time.
         """
         if _construction.of(main).container is not None:
             raise ValueError(f"this {type(main).__name__} is contained in another reactor")
         self.main = main
         self._federated = federated
+        self.is_test = is_test
         self._by_name: dict[str, Reactor] = {}
         self._note(main, type(main).__name__)
 

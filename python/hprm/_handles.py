@@ -93,6 +93,13 @@ class Handle:
         return width
 
 
+def ports_of(reactor: Reactor) -> str:
+    """Return the ports that a reactor has, as messages name them."""
+    declared = type(reactor)._hprm_parts_.values()
+    ports = (it for it in declared if it.kind in ("input", "output"))
+    return ", ".join(f"{it.name} ({it.kind})" for it in ports)
+
+
 def parts(handle: Handle) -> tuple[Reactor, Part, int | None]:
     """Return the reactor, the part and the channel of a handle."""
     return handle._owner, handle._part, handle._channel

@@ -18,7 +18,7 @@ from typing import Any
 from hprm import _construction, _duration, _hprm, _loading, _structure
 from hprm._declared import Declared
 from hprm._duration import Time
-from hprm._mistakes import WARNED, ProgramError, ProgramFailed, one
+from hprm._mistakes import WARNED, ProgramError, failed, one
 from hprm._places import here, shown
 from hprm._reactor import Federation, Reactor
 
@@ -59,7 +59,8 @@ def run(
         If something is wrong with the program; nothing has run then.
     ProgramFailed
         If the program fails; what has happened is told on the standard error. It is a
-        ``SystemExit``: a script that does not handle it ends with the exit code.
+        ``SystemExit``: a script that does not handle it ends with the exit code. After Ctrl-C it is
+        a ``KeyboardInterrupt``, too.
 
     """
     file = _loading.loading()
@@ -76,7 +77,7 @@ def run(
     options = [_property(name, value) for name, value in stated.items() if value is not None]
     try:
         declared = Declared(main)
-        check(declared, options)
+        warnings = _refuse(declared, options)
     except ProgramError as error:
         # How it was found is of no help to the user.
         raise error.with_traceback(None) from error.__cause__
@@ -84,8 +85,10 @@ def run(
     files = {option: os.fspath(path) for option, path in traces.items() if path is not None}
     failures: list[str] = []
     if isinstance(main, Federation) and processes:
+        # The command says what to beware of.
         code = _launch(main, options, files, failures)
     else:
+        _tell(warnings)
         code = _hprm.run_declared(
             declared,
             options,
@@ -94,7 +97,7 @@ def run(
             failures=failures,
         )
     if code:
-        raise ProgramFailed(code, *failures[:1])
+        raise failed(code, failures)
 
 
 def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | None = None) -> None:
@@ -116,11 +119,20 @@ def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | N
     if isinstance(program, type):
         program = program()
     declared = program if isinstance(program, Declared) else Declared(program)
-    is_right, text = _hprm.check_declared(declared, properties or [])
+    _tell(_refuse(declared, properties or []))
+
+
+def _refuse(declared: Declared, properties: list[str]) -> str:
+    """Raise ``ProgramError`` if something is wrong with a program, or return its warnings."""
+    is_right, text = _hprm.check_declared(declared, properties)
     if not is_right:
         raise ProgramError(text.strip(), code="")
-    if text.strip():
-        print(text.rstrip(), file=sys.stderr)
+    return text.rstrip()
+
+
+def _tell(warnings: str) -> None:
+    if warnings:
+        print(warnings, file=sys.stderr)
 
 
 def _property(name: str, value: Any) -> str:

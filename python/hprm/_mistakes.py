@@ -108,6 +108,20 @@ class ProgramFailed(SystemExit):
         return self.message or f"exit code {self.code}"
 
 
+class ProgramInterrupted(ProgramFailed, KeyboardInterrupt):
+    """A program has ended because of Ctrl-C: a ``KeyboardInterrupt``, with the exit code 130."""
+
+
+# The exit code of a program that SIGINT has stopped.
+_INTERRUPTED = 130
+
+
+def failed(code: int, failures: list[str]) -> ProgramFailed:
+    """Return the exception of a program that has ended with a code other than zero."""
+    kind = ProgramInterrupted if code == _INTERRUPTED else ProgramFailed
+    return kind(code, *failures[:1])
+
+
 class ProgramWarning(UserWarning):
     """Something in a program is probably not meant; Python's filters for warnings decide."""
 

@@ -3,9 +3,10 @@
 import linecache
 import os
 import sys
+from collections.abc import Iterable
 from itertools import islice
 from types import FrameType, FunctionType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 _OWN = os.path.dirname(__file__) + os.sep
 
@@ -59,6 +60,26 @@ def _of_frame(frame: FrameType) -> Place:
 def of_function(function: FunctionType) -> Place:
     """Return the first line of a function: that of its first decorator, if it has one."""
     return of_line(function.__code__.co_filename, function.__code__.co_firstlineno)
+
+
+def of_assignment(functions: Iterable[Any], name: str) -> Place | None:
+    """Return the first line of some functions that assigns to the attribute ``name``."""
+    # Only a program with a mistake needs the module.
+    import dis
+
+    for function in functions:
+        code = getattr(function, "__code__", None)
+        if code is None:
+            continue
+        for instruction in dis.get_instructions(code):
+            if instruction.opname == "STORE_ATTR" and instruction.argval == name:
+                lines = (
+                    line
+                    for first, end, line in code.co_lines()
+                    if first <= instruction.offset < end
+                )
+                return of_line(code.co_filename, next(lines) or code.co_firstlineno)
+    return None
 
 
 def of_line(path: str, line: int) -> Place:

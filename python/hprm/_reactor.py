@@ -12,6 +12,7 @@ from hprm import _class_body, _construction, _duration, _places, _restart
 from hprm._arguments import checked
 from hprm._construction import Construction
 from hprm._duration import Time
+from hprm._handles import ports_of
 from hprm._mistakes import ProgramError, one
 from hprm._namespace import Namespace
 from hprm._parts import Part
@@ -144,6 +145,31 @@ class Reactor(Running, metaclass=_Constructed):
     def __init__(self) -> None:
         """Make a reactor without parameters."""
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Say which ports there are, of a reactor that has no such attribute."""
+            if hasattr(type(self), name):
+                # A property has raised that: it does so again.
+                return object.__getattribute__(self, name)
+            message = f"{type(self).__name__} has no attribute {name}"
+            if not name.startswith("_"):
+                ports = ports_of(self)
+                message += f"; its ports: {ports}" if ports else "; it has no ports"
+            raise AttributeError(message, name=name, obj=self)
+
+        def __rshift__(self, other):
+            """Refuse to connect a reactor: it is ports that are connected."""
+            from hprm._connect import connect
+
+            connect(self, other)
+
+        def __rrshift__(self, other):
+            """Refuse to connect a reactor: it is ports that are connected."""
+            from hprm._connect import connect
+
+            connect(other, self)
+
     def __init_subclass__(
         cls,
         *,
@@ -176,7 +202,7 @@ class Reactor(Running, metaclass=_Constructed):
         cls._hprm_parts_ = _class_body.parts_of(cls)
         cls._hprm_reactions_ = _class_body.reactions_of(cls)
         for name, part in cls._hprm_parts_.items():
-            if hasattr(Reactor, name) or name == "_hprm_":
+            if _is_of_all(name) or name == "_hprm_":
                 raise ProgramError(
                     f"every reactor has an attribute `{name}` already",
                     part.place,
@@ -318,6 +344,8 @@ def federate(
 def _adopt(reactor: Reactor, construction: Construction) -> None:
     """Find what a reactor contains: the reactors that are its attributes."""
     for name, value in vars(reactor).items():
+        if _is_of_all(name):
+            _refuse_name(reactor, construction, name)
         if name in type(reactor)._hprm_parts_:
             part = type(reactor)._hprm_parts_[name]
             raise ProgramError(
@@ -363,6 +391,21 @@ def _adopt(reactor: Reactor, construction: Construction) -> None:
                 inner.place,
                 "assign it to an attribute of self, or to a list of reactors of its class",
             )
+
+
+def _is_of_all(name: str) -> bool:
+    """Whether every reactor has an attribute of that name, such as ``elapsed``."""
+    return any(name in vars(cls) for cls in Reactor.__mro__)
+
+
+def _refuse_name(reactor: Reactor, construction: Construction, name: str) -> None:
+    constructors = [vars(cls).get("__init__") for cls in type(reactor).__mro__]
+    raise ProgramError(
+        f"the constructor of {type(reactor).__name__} assigns to `{name}`, which every reactor has"
+        " already",
+        _places.of_assignment(constructors, name) or construction.place,
+        "give the attribute another name",
+    )
 
 
 def _adopt_one(container: Reactor, child: Reactor, called: tuple[str, int | None]) -> None:

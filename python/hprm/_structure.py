@@ -127,7 +127,7 @@ class _Structure:
 
     def _port(self, reactor: Reactor, part: Part) -> Data:
         kind = "mutable" if isinstance(part, Input) and part.mutable else part.kind
-        width = _width(reactor, part)
+        width = width_of(reactor, part)
         return {"name": part.name, "at": self._at(part.place), "kind": kind, "width": width}
 
     def _timer(self, reactor: Reactor, part: Timer, number: Callable[..., Any]) -> Data:
@@ -274,13 +274,14 @@ def _refuse_a_share(named: Data, place: Place) -> None:
 def _channels(handle: Handle) -> int:
     """Return how many channels a connection joins at a port."""
     owner, part, channel = parts(handle)
-    width = None if channel is not None else _width(owner, part)
+    width = None if channel is not None else width_of(owner, part)
     return 1 if width is None else width
 
 
-def _width(reactor: Reactor, part: Part) -> int | None:
-    width: int | None = _late(reactor, part.place, f"the width of {part.name}", part.width_of)
-    return width
+def width_of(reactor: Reactor, part: Part) -> int | None:
+    """Return the number of channels of a port; none if it is not a multiport."""
+    found: int | None = _late(reactor, part.place, f"the width of {part.name}", part.width_of)
+    return found
 
 
 def _place_of_class(cls: type) -> Place:

@@ -24,14 +24,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hprm import _hprm
-from hprm._connect import connect
 from hprm._declared import Declared
 from hprm._duration import Time
+from hprm._feeding import Events
 from hprm._hprm import nanoseconds
 from hprm._launching import check
-from hprm._mistakes import ProgramFailed
-from hprm._parts import Action, Input, Output, Part
-from hprm._reactions import reaction, startup
+from hprm._mistakes import failed
+from hprm._parts import Output
+from hprm._reactions import reaction
 from hprm._reactor import Reactor
 
 _DEFAULT = 10 * 10**9
@@ -69,7 +69,9 @@ def run(
         The reactor, or a whole program, also a federation.
     inputs : dict of str to list of (Time, object), optional
         By input: the values that it gets, each with its time after the start; of a multiport, lists
-        with None for absent channels. Two values at one time are an error.
+        with None for absent channels. Two values at one time are an error. A name may also be that
+        of a physical action, ``"frame"``, or ``"camera.frame"`` of a reactor inside: its events are
+        scheduled at these times, and come after its ``min_delay``, as its ``spacing`` allows.
     timeout : Time, default 10 s
         When the run ends, if nothing has ended it before. Nothing is waited for.
 
@@ -83,87 +85,44 @@ def run(
     ProgramError
         If something is wrong with the program.
     ProgramFailed
-        If a reaction fails; what has happened is told on the standard error.
+        If a reaction fails; what has happened is told on the standard error. After Ctrl-C it is a
+        ``KeyboardInterrupt``, too.
+    TypeError
+        If a value is of another type than its input or action declares.
     ValueError
-        If the reactor has no input of that name, or it gets two values at one time.
+        If the reactor has no input or physical action of that name, or one gets two values at one
+        time.
+
+    Notes
+    -----
+    Physical actions follow virtual time: if a reaction schedules one, its delay counts from the
+    current tag. What anything but a reaction schedules, such as a thread, is dropped with a
+    ``RuntimeWarning``: when it would come depends on the machine.
 
     """
-    events = _events(reactor, inputs or {})
+    events = Events(reactor, inputs or {})
     outputs: dict[str, list[tuple[int, Any]]] = {
         name: [] for name, part in type(reactor)._hprm_parts_.items() if isinstance(part, Output)
     }
     bench = _bench(reactor, events, outputs)
     properties = ["fast=true", f"timeout={nanoseconds(timeout)} ns"]
-    declared = Declared(bench, federated=False)
+    declared = Declared(bench, federated=False, is_test=True)
     check(declared, properties)
     with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
         path = os.path.join(folder, "trace")
         failures: list[str] = []
         code = _hprm.run_declared(declared, properties, logical_trace=path, failures=failures)
         if code:
-            raise ProgramFailed(code, *failures[:1])
+            raise failed(code, failures)
         with open(path, encoding="utf-8") as file:
             trace = file.read().splitlines()
     return Result(outputs, trace)
 
 
-def _events(
-    reactor: Reactor, inputs: Mapping[str, Iterable[tuple[Time, Any]]]
-) -> dict[int, dict[str, Any]]:
-    """Sort the values of all inputs by their times."""
-    events: dict[int, dict[str, Any]] = {}
-    for name, values in inputs.items():
-        part = type(reactor)._hprm_parts_.get(name)
-        if not isinstance(part, Input):
-            known = [it.name for it in type(reactor)._hprm_parts_.values() if isinstance(it, Input)]
-            raise ValueError(
-                f"{type(reactor).__name__} has no input {name}; it has: {', '.join(known)}"
-            )
-        for time, value in values:
-            at = events.setdefault(nanoseconds(time), {})
-            if name in at:
-                raise ValueError(f"the input {name} has two values at {time}")
-            at[name] = value
-    return events
-
-
-def _bench(
-    reactor: Reactor,
-    events: dict[int, dict[str, Any]],
-    outputs: dict[str, list[tuple[int, Any]]],
-) -> Reactor:
+def _bench(reactor: Reactor, events: Events, outputs: dict[str, list[tuple[int, Any]]]) -> Reactor:
     """Make a program that feeds a reactor and notes what it sets."""
-    fed = sorted({name for values in events.values() for name in values})
     parts = type(reactor)._hprm_parts_
-
-    def width(name: str) -> Any:
-        return None if (known := parts[name].width_of(reactor)) is None else known
-
-    ports: dict[str, Part] = {name: Output(width=width(name)) for name in fed}
-    due: Action[Any] = Action()
-
-    def send(self: Any, values: dict[str, Any]) -> None:
-        for name, value in values.items():
-            port = getattr(self, name)
-            if width(name) is None:
-                port.set(value)
-            else:
-                for channel, one in zip(port, value, strict=True):
-                    if one is not None:
-                        channel.set(one)
-
-    @reaction(startup, effects=[due, *ports.values()])  # type: ignore[list-item]
-    def begin(self: Any) -> None:
-        send(self, events.get(0, {}))
-        for time in sorted(events):
-            if time:
-                self.due_.schedule(time, events[time])
-
-    @reaction(due, effects=list(ports.values()))  # type: ignore[arg-type]
-    def feed(self: Any) -> None:
-        send(self, self.due_.value)
-
-    feeder = type("Feeder", (Reactor,), {**ports, "due_": due, "begin": begin, "feed": feed})
+    feeder = events.feeder()
 
     def note(name: str) -> Any:
         @reaction(lambda self: getattr(self.reactor, name))
@@ -177,10 +136,9 @@ def _bench(
 
     def make(self: Any) -> None:
         self.reactor = reactor
-        if fed:
-            self.feeder = feeder()
-        for name in fed:
-            connect(getattr(self.feeder, name), getattr(reactor, name))
+        if feeder is not None:
+            self.feeder = feeder
+            events.join(feeder)
 
     notes = {f"note_{name}": note(name) for name in outputs}
     bench: type[Reactor] = type("Bench", (Reactor,), {"__init__": make, **notes})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import linecache
+import re
 import sys
 import textwrap
 from itertools import count
@@ -696,3 +697,77 @@ def test_decorators_and_functions_with_a_self_of_their_own_are_understood(tmp_pa
     linecache.checkcache()
     with pytest.raises(hprm.ProgramError, match="reaction begin uses the output `number`"):
         load(str(path), [])
+
+
+@pytest.mark.parametrize("name", ["elapsed", "tag", "lag", "_hprm_parts_"])
+def test_what_every_reactor_has_is_not_assigned(tmp_path: Path, name: str) -> None:
+    text = f"""
+        class Base(hprm.Reactor):
+            def __init__(self):
+                self.count = 0
+                self.{name} = 3  # here
+
+        class Main(Base):
+            def __init__(self, more=1):
+                super().__init__()
+                self.register = more
+        """
+    found = error(tmp_path, text)
+    assert found.message == (
+        f"the constructor of Main assigns to `{name}`, which every reactor has already"
+    )
+    assert found.hint == "give the attribute another name"
+
+
+CAMERA = """
+class Camera(hprm.Reactor):
+    image = hprm.Output(int)
+    light = hprm.Input(int)
+
+class Empty(hprm.Reactor):
+    pass
+
+class Main(hprm.Reactor):
+    def __init__(self):
+        self.camera, self.empty = Camera(), Empty()
+"""
+CAMERA_PORTS = "its ports: image (output), light (input)"
+
+
+@pytest.mark.parametrize(
+    ("connection", "side", "what", "hint"),
+    [
+        ("self.camera >> self.empty", "source", "a Camera", f"name one of {CAMERA_PORTS}"),
+        ("self.camera.image >> self.camera", "destination", "a Camera", CAMERA_PORTS),
+        ("[self.camera] >> self.camera", "source", "a Camera", CAMERA_PORTS),
+        ("self.empty >> self.camera", "source", "an Empty", "name a port of a contained reactor"),
+    ],
+)
+def test_reactors_are_not_connected_but_their_ports(
+    tmp_path: Path, connection: str, side: str, what: str, hint: str
+) -> None:
+    found = error(tmp_path, f"{CAMERA}        {connection}  # here\n")
+    assert found.message == f"the {side} of this connection is {what}, not a port of a reactor"
+    assert hint in str(found.hint)
+
+
+def test_a_port_that_is_not_there_is_told_with_those_that_are() -> None:
+    class Camera(hprm.Reactor):
+        image = hprm.Output(int)
+        light = hprm.Input(int)
+
+        @property
+        def size(self) -> int:
+            return self.pixels  # type: ignore[attr-defined, no-any-return]
+
+    camera = Camera()
+    with pytest.raises(
+        AttributeError, match=f"^Camera has no attribute imag; {re.escape(CAMERA_PORTS)}$"
+    ):
+        camera.imag  # type: ignore[attr-defined]  # noqa: B018
+    # What a property raises is not hidden.
+    with pytest.raises(AttributeError, match="^Camera has no attribute pixels; its ports"):
+        camera.size  # noqa: B018
+    assert not hasattr(camera, "depth")
+    with pytest.raises(AttributeError, match="^Empty has no attribute image; it has no ports$"):
+        type("Empty", (hprm.Reactor,), {})().image  # noqa: B018

@@ -43,7 +43,7 @@ def test_inputs_at_tags_and_outputs_with_times() -> None:
     samples = [("0 ms", 1.0), ("50 ms", 2.0), ("150 ms", 6.0), ("160 ms", 10.0)]
     result = hprm.testing.run(Average(), inputs={"sample": samples}, timeout="250 ms")
     assert result.outputs == {"mean": [(100_000_000, 1.5), (200_000_000, 6.0)]}
-    assert len([line for line in result.trace if "Bench.reactor.1" in line]) == 4
+    assert len([line for line in result.trace if '"reaction":"Bench.reactor.1"' in line]) == 4
 
 
 def test_no_time_is_waited_for() -> None:
@@ -137,7 +137,9 @@ def test_a_failing_reaction_is_an_exception(capfd: pytest.CaptureFixture[str]) -
 
 
 def test_wrong_inputs_are_refused() -> None:
-    with pytest.raises(ValueError, match="Average has no input simple; it has: sample"):
+    with pytest.raises(
+        ValueError, match="Average has no input or physical action simple; it has: sample"
+    ):
         hprm.testing.run(Average(), inputs={"simple": []})
     with pytest.raises(ValueError, match="the input sample has two values at 0 ms"):
         hprm.testing.run(Average(), inputs={"sample": [(0, 1.0), ("0 ms", 2.0)]})
@@ -172,7 +174,7 @@ class Asks(hprm.Reactor):
 
 
 def test_a_body_may_await_and_start_what_outlives_its_tag() -> None:
-    # Its program runs with the clock, since a physical action comes from outside.
+    # Its program runs with the clock, since what a task schedules comes from outside.
     class Main(hprm.Reactor, timeout="10 s"):
         def __init__(self) -> None:
             self.asks = Asks()

@@ -328,3 +328,10 @@ if __name__ == "__main__":
     assert second == f"{before}reaction Vision.camera.open raised OSError: no device True"
     # It is told as well.
     assert "raised OSError: no device" in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["Federation", "Reactor"])
+def test_a_warning_of_a_script_is_told_once(tmp_path: Path, kind: str) -> None:
+    text = VISION.format(kind=kind).replace("        hprm.connect", "        # hprm.connect")
+    _, err = script(tmp_path, text + "if __name__ == '__main__':\n    hprm.run(Vision())\n")
+    assert err.count("warning[LF0505]: nothing is connected to `detector.image`") == 1, err

@@ -27,6 +27,8 @@ pub enum Purpose {
     /// To find what is wrong in a file, which need not have a main reactor; without one, the program is
     /// empty. The classes are not only those that have instances, but all that have been looked at.
     Check,
+    /// To test a reactor in virtual time: only reactions schedule its physical actions, which follow logical time.
+    Test,
     /// To draw it: as to run it, and there is an outline, also of a program whose reactions or connections do not fit
     /// together.
     Draw,
@@ -89,7 +91,11 @@ fn stages(
     }
     let federated = main.is_some_and(|main| is_federated(library, main));
     property_rules::contradictions(library, federated, report);
-    let physical = Physical::of(&models);
+    let mut physical = Physical::of(&models);
+    if purpose == Purpose::Test {
+        // So they go together with `fast`, and nothing comes once no event is left.
+        physical.actions = false;
+    }
     stated.settle(federated, physical, report);
     if report.has_errors() {
         return None;

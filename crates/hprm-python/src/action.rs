@@ -103,25 +103,26 @@ impl Action {
     }
 
     /// Schedules an event, `offset` and the minimum delay after the current tag; of a physical action, after
-    /// what the clock shows, and from any thread.
+    /// what the clock shows, and from any thread. In a test in virtual time, only reactions schedule either.
     ///
     /// The offset is a whole number of nanoseconds, a text such as "10 ms", or a `timedelta`; zero if it is
     /// left out. Raises `queue.Full` if a thread schedules more than `HPRM_EVENT_LIMIT` allows.
     #[pyo3(signature = (offset = None, value = None))]
     fn schedule(
         &self,
+        py: Python<'_>,
         offset: Option<&Bound<'_, PyAny>>,
         value: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let nanos = offset.map_or(Ok(0), nanos)?;
-        if let Some(offset) = offset.filter(|_| nanos < 0) {
+        if nanos < 0 {
             let name = self.name();
             let message = format!(
                 "{name}.schedule({nanos}): the past cannot be changed, so this is {name}.schedule(0)"
             );
             // It names the line, once.
-            let category = offset.py().get_type::<PyRuntimeWarning>();
-            PyErr::warn(offset.py(), &category, &CString::new(message)?, 1)?;
+            let category = py.get_type::<PyRuntimeWarning>();
+            PyErr::warn(py, &category, &CString::new(message)?, 1)?;
         }
         if let (Some(accepts), Some(value)) = (&self.accepts, value) {
             accepts.check(value, || {
@@ -129,6 +130,14 @@ impl Action {
                 let setter = setter.map(|it| self.runtime.program().reaction_label(it));
                 (format!("action {}", self.name()), setter)
             })?;
+        }
+        if self.runtime.is_outside_of_virtual_time(self.action) {
+            let name = self.name();
+            let message = format!(
+                "an event of {name} is dropped: in a test in virtual time, only reactions and inputs={{\"{name}\": \
+                 [...]}} schedule a physical action"
+            );
+            return PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &CString::new(message)?, 1);
         }
         self.runtime.schedule(self.users.as_ref(), (self.action, nanos), value)
     }

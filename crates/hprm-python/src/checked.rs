@@ -70,7 +70,9 @@ impl Checked {
         file: Option<(String, Vec<String>)>,
     ) -> Result<Self, Failure> {
         let text = text_of(object)?;
-        let compiled = compile(&text, properties);
+        let purpose = purpose_of(object)
+            .map_err(|error| failure_at(object.py(), error, declaring(), ("", true)))?;
+        let compiled = compile(&text, properties, purpose);
         let compiled = compiled.map_err(|error| Failure::option(error.to_string()))?;
         let declared = Some(Declared { object: object.clone().unbind(), text, file });
         Ok(Self { compiled: accept(object.py(), compiled)?, declared })
@@ -115,15 +117,26 @@ fn load(py: Python<'_>, path: &str, properties: &[String]) -> Result<Py<PyAny>, 
 fn text_of(object: &Bound<'_, PyAny>) -> Result<String, Failure> {
     let py = object.py();
     let text = object.getattr(intern!(py, "text")).and_then(|text| text.extract::<String>());
-    let source = || Source::Other("declaring the program".to_owned());
-    text.map_err(|error| failure_at(py, error, source(), ("", true)))
+    text.map_err(|error| failure_at(py, error, declaring(), ("", true)))
+}
+
+fn declaring() -> Source {
+    Source::Other("declaring the program".to_owned())
+}
+
+/// Whether the program is to be run, or a reactor of it is to be tested in virtual time.
+fn purpose_of(object: &Bound<'_, PyAny>) -> PyResult<Purpose> {
+    let is_test = object.getattr_opt(intern!(object.py(), "is_test"))?;
+    let is_test = is_test.map_or(Ok(false), |it| it.is_truthy())?;
+    Ok(if is_test { Purpose::Test } else { Purpose::Run })
 }
 
 fn compile(
     text: &str,
     properties: &[String],
+    purpose: Purpose,
 ) -> Result<Result<Compiled, CompileFailure>, Malformed> {
-    hprm_lf::compile_declared(text, properties, &mut Disk::from_environment(), Purpose::Run)
+    hprm_lf::compile_declared(text, properties, &mut Disk::from_environment(), purpose)
 }
 
 /// The program, unless there is something wrong with it.
@@ -150,7 +163,7 @@ pub(crate) fn check_declared(
 ) -> PyResult<(bool, String)> {
     let py = declared.py();
     let text: String = declared.getattr(intern!(py, "text"))?.extract()?;
-    let compiled = compile(&text, &properties);
+    let compiled = compile(&text, &properties, purpose_of(declared)?);
     let compiled = compiled.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(match compiled {
         Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color(py))),

@@ -286,7 +286,12 @@ impl Runtime {
             if is_logical && !users.is_none_or(may) {
                 return Err(users::undeclared_action(&self.program, *reaction, action, Use::Set));
             }
-            effects.schedule(scheduler, action, extra, object, Clock::now);
+            let clock = || match self.program.properties.fast {
+                // A test in virtual time; other programs have either `fast` or physical actions.
+                true => scheduler.tag().due(scheduler.start_time()),
+                false => Clock::now(),
+            };
+            effects.schedule(scheduler, action, extra, object, clock);
             return Ok(());
         }
         if is_logical {
@@ -302,6 +307,14 @@ impl Runtime {
         // The inbox refuses the action if the program has ended. The thread need not know: it ends soon too.
         let _ = self.inbox.schedule(action, extra, value);
         Ok(())
+    }
+
+    /// Whether an event of the action that is scheduled now would be dropped: physical actions go together with
+    /// `fast` only in a test in virtual time, where nothing but a reaction has a time.
+    pub(crate) fn is_outside_of_virtual_time(&self, action: ActionId) -> bool {
+        self.program.properties.fast
+            && self.program.actions[action].origin == hprm_core::Origin::Physical
+            && self.running_reaction().is_none()
     }
 
     /// Enters a mode when the tag of the running reaction is done.
