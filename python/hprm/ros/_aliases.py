@@ -79,8 +79,8 @@ class _Finder(MetaPathFinder):
         if found is None:
             if name in LEFT_OUT:
                 raise ModuleNotFoundError(
-                    f"hprm.ros has no {name}: {LEFT_OUT[name]}\n  hint: the handbook page howto/rclpy says"
-                    " what there is not",
+                    f"hprm.ros has no {name}: {LEFT_OUT[name]}\n  hint: the handbook page"
+                    " howto/rclpy says what there is not",
                     name=name,
                 )
             return None
