@@ -111,6 +111,10 @@ class ProgramFailed(SystemExit):
 class ProgramInterrupted(ProgramFailed, KeyboardInterrupt):
     """A program has ended because of Ctrl-C: a ``KeyboardInterrupt``, with the exit code 130."""
 
+    def __str__(self) -> str:
+        """Say what has happened."""
+        return self.message or f"the program was stopped by Ctrl-C (exit code {self.code})"
+
 
 # The exit code of a program that SIGINT has stopped.
 _INTERRUPTED = 130

@@ -226,6 +226,32 @@ def test_inputs_that_are_left_out_are_no_mistake(capfd: pytest.CaptureFixture[st
     assert "warning" not in capfd.readouterr().err
 
 
+def test_a_time_that_stands_still_is_told_with_its_line(tmp_path: Path) -> None:
+    text = """
+        import hprm, hprm.testing
+
+        class Zeno(hprm.Reactor):
+            again = hprm.Action()
+
+            @hprm.reaction(hprm.startup, again, effects=[again])
+            def go(self):
+                self.again.schedule(0)
+
+        hprm.testing.run(Zeno(), timeout="1 s")
+        """
+    (tmp_path / "zeno.py").write_text(textwrap.dedent(text))
+    process = subprocess.Popen(
+        [sys.executable, "zeno.py"], cwd=tmp_path, text=True, stderr=subprocess.PIPE
+    )
+    told = hear(process.stderr, "time goes on\n")
+    process.terminate()
+    process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert "warning: the logical time of the program has stood still for" in told
+    assert "reaction Bench.reactor.go (zeno.py:7) took longest" in told
+    assert told.count("warning") == 1
+
+
 INTERRUPTED = """
 import sys
 import hprm, hprm.testing
@@ -278,11 +304,11 @@ def test_ctrl_c_in_a_script_is_a_keyboard_interrupt(tmp_path: Path) -> None:
         try:
             hprm.run(Slow(), timeout="1000 days")
         except KeyboardInterrupt as error:
-            print("interrupted", error.code)
+            print(error)
         """
     assert _interrupted(tmp_path, textwrap.dedent(handled), "test_it.py") == (
         0,
-        "interrupted 130\n",
+        "the program was stopped by Ctrl-C (exit code 130)\n",
     )
 
 

@@ -2,9 +2,10 @@
 //!
 //! A program lags by the time between the moment at which a tag is due and the one at which it begins.
 //! The watch is told of each tag that begins; only while the lag is large does it want to know how long
-//! reactions take. It reads no clock and says nothing itself: see [`Workers`](crate::workers).
+//! reactions take. A `fast` program follows no clock; it lags if its time stands still, because microstep
+//! follows microstep. The watch says nothing itself: see [`Workers`](crate::workers).
 
-use hprm_core::{Nanos, PhysicalTime, Program, ReactionId, Scope, Table, Tag, show_time};
+use hprm_core::{Nanos, PhysicalTime, Program, ReactionId, Reading, Scope, Table, Tag, show_time};
 
 const SECOND: Nanos = 1_000_000_000;
 
@@ -14,12 +15,16 @@ const NOTICED: Nanos = SECOND / 10;
 const BOUND: Nanos = SECOND;
 /// How long it has to last.
 const LASTS: Nanos = SECOND;
+/// After how many microsteps at one time a program that follows no clock looks at one.
+const LOOKS: u32 = 64;
 
 /// See the module.
 #[derive(Debug, Default)]
 pub(crate) struct LagWatch {
-    /// Whether the watch has ended: the overload has been reported, or the program follows no clock.
+    /// Whether the overload has been reported.
     is_over: bool,
+    /// The logical time at which a program that follows no clock stands, and since when.
+    stands: Option<(Nanos, PhysicalTime)>,
     /// The latest tag that was in time.
     in_time: Option<Tag>,
     behind: Option<Behind>,
@@ -63,10 +68,9 @@ pub(crate) struct Overload {
 }
 
 impl LagWatch {
-    /// For so many reactions. A program that runs as `fast` as it can has nothing to lag behind.
-    pub(crate) fn new(fast: bool, reactions: usize) -> Self {
-        let reactions = if fast { 0 } else { reactions };
-        Self { is_over: fast, costs: Table::filled(reactions, Cost::default()), ..Self::default() }
+    /// For so many reactions.
+    pub(crate) fn new(reactions: usize) -> Self {
+        Self { costs: Table::filled(reactions, Cost::default()), ..Self::default() }
     }
 
     /// Whether to say how long each reaction takes.
@@ -92,6 +96,29 @@ impl LagWatch {
             return None;
         }
         self.begins_late(tag, lag, now)
+    }
+
+    /// Notes that `tag` of a program begins that follows no clock: only the first tag of a time that it stands at is
+    /// due at a time. Returns once that the program does not get on.
+    #[inline]
+    pub(crate) fn begins_at_once(&mut self, tag: Tag, now: impl Reading) -> Option<Overload> {
+        if tag.microstep % LOOKS != LOOKS - 1 {
+            if tag.microstep == 0 && self.behind.is_some() {
+                self.behind = None;
+            }
+            return None;
+        }
+        self.stands_still(tag, now.read())
+    }
+
+    #[cold]
+    fn stands_still(&mut self, tag: Tag, now: PhysicalTime) -> Option<Overload> {
+        let since = match self.stands {
+            Some((time, since)) if time == tag.time => since,
+            _ => now,
+        };
+        self.stands = Some((tag.time, since));
+        self.begins(tag, since, now)
     }
 
     #[cold]
@@ -160,7 +187,14 @@ impl Overload {
             Scope::Federate(id) => (format!("federate {}", program.federates[id].name), false),
         };
         let (lag, since) = (seconds(self.lag), show_tag(self.since));
-        let mut text = format!("{name} lags {lag} behind its clock, since tag {since}");
+        let fast = program.properties.fast;
+        let mut text = match fast {
+            true => format!(
+                "the logical time of {name} has stood still for {lag}, one microstep after the other, since tag \
+                 {since}"
+            ),
+            false => format!("{name} lags {lag} behind its clock, since tag {since}"),
+        };
         if let Some((jump, before)) = self.jump {
             text +=
                 &format!(", before which {} went by at tag {}", seconds(jump), show_tag(before));
@@ -178,6 +212,9 @@ impl Overload {
         let is_busy = self.busy >= self.elapsed / 2;
         text += "\n  hint: ";
         text += match (is_busy, alone) {
+            _ if fast => {
+                "an event with a delay of 0 comes at the same time, a microstep later; with a larger delay, time goes on"
+            }
             (true, true) => {
                 "let it run less often, make it quicker, give it a deadline, or move it into a \
                  federate of its own"
@@ -222,7 +259,7 @@ mod tests {
 
     /// Runs a timer of 10 ms for so many tags, each of which takes as long as `cost` says.
     fn run(tags: i64, cost: impl Fn(i64) -> Nanos) -> (LagWatch, Vec<Overload>, u64) {
-        let (mut watch, mut told, mut timed) = (LagWatch::new(false, 8), Vec::new(), 0);
+        let (mut watch, mut told, mut timed) = (LagWatch::new(8), Vec::new(), 0);
         let mut now = PhysicalTime(0);
         for index in 0..tags {
             let due = PhysicalTime(10 * MS * index);
@@ -281,7 +318,7 @@ mod tests {
 
     #[test]
     fn a_lag_must_last() {
-        let mut watch = LagWatch::new(false, 8);
+        let mut watch = LagWatch::new(8);
         let mut begins = |at: Nanos, lag: Nanos| {
             watch.begins(Tag::new(at, 0), PhysicalTime(at), PhysicalTime(at + lag))
         };
@@ -324,13 +361,50 @@ mod tests {
         assert!(text.contains("is the machine busy with something else?"), "{text}");
     }
 
+    /// Runs a program without a clock for `seconds` seconds, of which each has 100 tags; `tag` says which.
+    fn run_at_once(seconds: i64, tag: impl Fn(u32) -> Tag) -> Vec<Overload> {
+        let mut watch = LagWatch::new(8);
+        let tags = (0..).zip(0..seconds * 100);
+        tags.filter_map(|(number, at)| {
+            let told = watch.begins_at_once(tag(number), PhysicalTime(at * 10 * MS));
+            watch.ran(SLOW, MS);
+            told
+        })
+        .collect()
+    }
+
     #[test]
     fn without_a_clock_to_follow_there_is_no_lag() {
-        let mut watch = LagWatch::new(true, 8);
-        for second in 0..10 {
-            let now = PhysicalTime(3_600 * SECOND + second * SECOND);
-            assert_eq!(watch.begins(Tag::new(second, 0), PhysicalTime(0), now), None);
-            assert!(!watch.is_timing());
-        }
+        assert_eq!(run_at_once(100, |number| Tag::new(number.into(), 0)), []);
+        // 80 microsteps at each time.
+        let tag = |number: u32| Tag::new((number / 80).into(), number % 80);
+        assert_eq!(run_at_once(100, tag), []);
+    }
+
+    #[test]
+    fn a_time_that_stands_still_is_told_once() {
+        let stands = |number: u32| match number {
+            0..200 => Tag::new(0, number),
+            _ => Tag::new(5 * MS, number - 200),
+        };
+        let told = run_at_once(20, stands);
+        assert_eq!(told.len(), 1);
+        assert_eq!(told[0].since, Tag::new(5 * MS, 127));
+        assert!((2_000 * MS..4_000 * MS).contains(&told[0].lag), "{told:?}");
+        let mut b = ProgramBuilder::new("Main", Properties { fast: true, ..Properties::default() });
+        let worker = b.reactor(b.main(), "worker");
+        let reaction = b.reaction(worker, ReactionSpec::default());
+        let program = b.build().unwrap();
+        let slowest = told[0].slowest.map(|(_, cost)| (reaction, cost));
+        let text =
+            Overload { slowest, ..told[0].clone() }.message(&program, Scope::Whole, |_| None);
+        assert!(
+            text.starts_with(
+                "the logical time of the program has stood still for 2.56 s, one microstep after the \
+                 other, since tag (5 ms, 127); reaction Main.worker.1 took longest"
+            ),
+            "{text}"
+        );
+        assert!(text.contains("hint: an event with a delay of 0 comes at the same time"), "{text}");
     }
 }

@@ -86,7 +86,7 @@ impl<V: Clone> Workers<V> {
     ) -> Result<Self, Failure> {
         let team = Team::new(program, scope)?;
         let is_plain = team.is_none() && trace.is_none() && !recorder.is_on();
-        let lag = LagWatch::new(program.properties.fast, program.reactions.len());
+        let lag = LagWatch::new(program.reactions.len());
         let (lanes, backlog_is_reported) = (BoardLanes::default(), false);
         Ok(Self { team, trace, recorder, lanes, is_plain, scope, lag, backlog_is_reported })
     }
@@ -106,7 +106,11 @@ impl<V: Clone> Workers<V> {
         (tag, due): (Tag, PhysicalTime),
         now: PhysicalTime,
     ) {
-        if let Some(overload) = self.lag.begins(tag, due, now) {
+        let overload = match scheduler.program().properties.fast {
+            true => self.lag.begins_at_once(tag, Clock::now),
+            false => self.lag.begins(tag, due, now),
+        };
+        if let Some(overload) = overload {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }
         if let Some(connection) = scheduler.connection_with_backlog()
