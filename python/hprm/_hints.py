@@ -134,6 +134,13 @@ def _attribute(error: AttributeError, frames: list[FrameType]) -> str | None:
             if meant is not None and reaction is not None:
                 return f"a body gets what its reaction names, without `self.`: {meant}"
             return meant or _names.did_you_mean(name, dir(thing))
+    # A reactor of a program in Python. Only a program with a mistake needs the modules.
+    from hprm._handles import ports_of
+    from hprm._reactor import Reactor
+
+    if isinstance(thing, Reactor):
+        ports = ports_of(thing)
+        return f"its ports: {ports}" if ports else "it has no ports"
     if not isinstance(thing, ModuleType) and sys.version_info >= (3, 12):
         return None
     return _names.did_you_mean(name, dir(thing))

@@ -12,7 +12,6 @@ from hprm import _class_body, _construction, _duration, _places, _restart
 from hprm._arguments import checked
 from hprm._construction import Construction
 from hprm._duration import Time
-from hprm._handles import ports_of
 from hprm._mistakes import ProgramError, one
 from hprm._namespace import Namespace
 from hprm._parts import Part
@@ -146,17 +145,6 @@ class Reactor(Running, metaclass=_Constructed):
         """Make a reactor without parameters."""
 
     if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            """Say which ports there are, of a reactor that has no such attribute."""
-            if hasattr(type(self), name):
-                # A property has raised that: it does so again.
-                return object.__getattribute__(self, name)
-            message = f"{type(self).__name__} has no attribute {name}"
-            if not name.startswith("_"):
-                ports = ports_of(self)
-                message += f"; its ports: {ports}" if ports else "; it has no ports"
-            raise AttributeError(message, name=name, obj=self)
 
         def __rshift__(self, other):
             """Refuse to connect a reactor: it is ports that are connected."""
