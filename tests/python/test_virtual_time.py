@@ -315,3 +315,33 @@ def test_ctrl_c_in_a_script_is_a_keyboard_interrupt(tmp_path: Path) -> None:
 def test_a_script_that_does_not_handle_ctrl_c_ends_quietly(tmp_path: Path) -> None:
     run = 'hprm.run(Slow(), timeout="1000 days")\n'
     assert _interrupted(tmp_path, run, "test_it.py") == (130, "")
+
+
+class Watched(hprm.Federation):
+    """A federation with a sensor."""
+
+    def __init__(self) -> None:
+        self.sensing = hprm.federate(Sensing(), maxwait="1 s")
+        self.limit = Limit()
+        hprm.connect(self.limit.value, self.sensing.limit)
+
+
+class Limit(hprm.Reactor):
+    """What sets the limit of a sensor."""
+
+    value = hprm.Output(int)
+
+    @hprm.reaction(hprm.startup, effects=[value])
+    def begin(self) -> None:
+        self.value.set(3)
+
+
+def test_actions_of_federates_are_named_too() -> None:
+    inputs = {"sensing.measured": [("1 ms", 2), ("2 ms", 5)]}
+    first = hprm.testing.run(Watched(), inputs=inputs)
+    told = [line for line in first.trace if '"reaction":"Bench.reactor.sensing.2"' in line]
+    assert [line.partition(',"reaction')[0] for line in told] == [
+        '{"tag":[1000000,1]',
+        '{"tag":[2000000,1]',
+    ]
+    assert hprm.testing.run(Watched(), inputs=inputs).trace == first.trace
