@@ -239,3 +239,35 @@ def test_every_code_of_a_diagnostic_is_explained_and_every_explanation_has_a_cod
         flags=re.MULTILINE,
     )
     assert explained == sorted(used)
+
+
+def test_every_lock_file_knows_what_our_crates_need() -> None:
+    """Other workspaces compile our crates with ``--locked``, which fails where one is too old."""
+    manifests = {path.parent.name: path.read_text() for path in ROOT.glob("crates/*/Cargo.toml")}
+    others = ("bench/*", "crates/hprm-agent", "fuzz")
+    locks = [ROOT / "Cargo.lock", *(it for at in others for it in ROOT.glob(f"{at}/Cargo.lock"))]
+    missing = [
+        f"{lock.relative_to(ROOT)}: {crate} needs {name}"
+        for lock in locks
+        for crate, known in locked(lock.read_text()).items()
+        for name in sorted(needed(manifests[crate]) - known)
+    ]
+    assert len(locks) > 4
+    assert missing == []
+
+
+def locked(text: str) -> dict[str, set[str]]:
+    """Return the dependencies of our crates in a lock file, by name."""
+    found = {}
+    for package in text.split("[[package]]\n")[1:]:
+        name = re.search(r'^name = "(.*)"', package)
+        if name and (ROOT / "crates" / name[1]).is_dir() and "\nsource = " not in package:
+            found[name[1]] = set(re.findall(r'^ "([^" ]+)', package, flags=re.MULTILINE))
+    return found
+
+
+def needed(manifest: str) -> set[str]:
+    """Return the dependencies that a crate always has."""
+    section = manifest.partition("\n[dependencies]\n")[2].partition("\n[")[0]
+    lines = (line for line in section.splitlines() if "optional = true" not in line)
+    return {found[1] for line in lines if (found := re.match(r"([\w-]+)[. ]", line))}
