@@ -22,6 +22,7 @@ from hprm import _findings, _hprm, _parameters, _places, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
+from hprm._uncached import UncachedLoader
 
 #: The environment variable with the file that has the arguments of the program's constructor.
 CALL = "HPRM_PROGRAM_CALL"
@@ -103,6 +104,7 @@ def _import(file: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, os.path.abspath(file))
     if spec is None or spec.loader is None:
         raise ProgramError(f"{file} is no Python program")
+    spec.loader = UncachedLoader(name, os.path.abspath(file))
     module = importlib.util.module_from_spec(spec)
     if shared:
         _threads.publish(name, module)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -58,6 +59,15 @@ def test_a_program_without_federates_is_imported_once(tmp_path: Path) -> None:
     (tmp_path / "app.py").write_text(HELLO)
     words = ["run", "app.py", "--rate", "3", "--", "-x"]
     assert hprm(tmp_path, *words) == (0, "imported app ['-x']\nhello 3\n", "")
+
+
+def test_a_program_is_what_its_file_says_however_soon_that_has_changed(tmp_path: Path) -> None:
+    path = tmp_path / "app.py"
+    for word in ("hello", "howdy"):
+        path.write_text(HELLO.replace("hello", word))
+        # As if it had been written at the same time: what Python keeps of a module would count.
+        os.utime(path, (1_700_000_000, 1_700_000_000))
+        assert hprm(tmp_path, "run", "app.py") == (0, f"imported app []\n{word} 1\n", "")
 
 
 def test_a_program_may_turn_out_to_be_a_federation(tmp_path: Path) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import Any
 
+from hprm._uncached import UncachedLoader
 from hprm.ros import _aliases
 from hprm.ros._launch._entities import (
     LaunchContext,
@@ -108,22 +108,10 @@ def load(path: Path) -> LaunchDescription:
     )
 
 
-class _Loader(SourceFileLoader):
-    """Compiles a launch file whenever it is loaded.
-
-    What Python keeps of it would count for a second after it has changed, and lie in its folder.
-    """
-
-    def get_code(self, fullname: str) -> CodeType:
-        path = self.get_filename(fullname)
-        code: CodeType = self.source_to_code(self.get_data(path), path)
-        return code
-
-
 def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleType:
     """Execute a launch file, and return it as a module."""
     _aliases.install()
-    loader = _Loader("python_launch_file", python_launch_file_path)
+    loader = UncachedLoader("python_launch_file", python_launch_file_path)
     spec = spec_from_file_location("python_launch_file", python_launch_file_path, loader=loader)
     if spec is None or spec.loader is None:
         raise InvalidPythonLaunchFileError(f"{python_launch_file_path} is no module")
