@@ -29,7 +29,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet fmt lint clean toolchain
+.PHONY: help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent test-fleet bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -96,8 +96,7 @@ conformance-ros2: build $(VENV)/.requirements ## talk to nodes of ROS 2 that HPR
 	cargo build --quiet --locked --manifest-path tests/hiroz/Cargo.toml --target-dir out/hiroz
 	$(BIN)/python tests/hiroz/run.py out/hiroz/debug/hprm-hiroz
 
-# Zenoh and its 300 crates take some minutes, so the agent is in no other build. A hundred federates start alone: beside other
-# tests, ten agents of one small machine may be silent for too long.
+# Zenoh and its 300 crates take some minutes, so the agent is in no other build.
 AGENT := out/agent/release/hprm-agent
 agent: $(VENV)/.build-requirements ## build the command `hprm-agent`, which leads links between machines, into out/agent and .venv
 	cargo build --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
@@ -109,6 +108,9 @@ test-agent: build agent ## check the agent's lints, and run federations through 
 	cargo clippy --release --locked --all-targets --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent -- -D warnings
 	cargo test --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
 	$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n $(WORKERS) --dist worksteal
+
+# It fails at times: `docs/howto/agents.md` says what is known of that.
+test-fleet: build agent ## run a federation of a hundred federates on ten machines, by nothing but agents
 	$(BIN)/python -m pytest tests/agents/test_fleet.py
 
 BENCH ?=
