@@ -72,7 +72,8 @@ def _file(stated: str, words: list[str]) -> tuple[str, list[str]]:
 
 def _show_theirs(error: Exception) -> None:
     """Show what code in a launch file raises as Python does, without what has called that code."""
-    own = os.path.dirname(__file__)
+    # All of the package: some of it loads the file.
+    own = os.path.dirname(os.path.dirname(__file__)) + os.sep
     frames = [
         it
         for it in traceback.extract_tb(error.__traceback__)
