@@ -30,11 +30,13 @@ pub(super) fn answer(
     store: StoreOptions,
     parameters: &Known,
 ) -> Result<(), Failure> {
-    let mut document = Describe::new(program).document(store);
-    if !parameters.is_empty() {
-        document["parameters"] = json!(parameters);
-    }
-    write(&document)
+    write(|| {
+        let mut document = Describe::new(program).document(store);
+        if !parameters.is_empty() {
+            document["parameters"] = json!(parameters);
+        }
+        document
+    })
 }
 
 /// Writes that the parameters do not fit with which this process was asked what it declares, and ends it, if it was asked.
@@ -48,14 +50,17 @@ pub(super) fn refuse(mistake: &Mistake, parameters: &Known) -> Result<(), Failur
         Mistake::Unknown(name) => json!({"unknown": name}),
         Mistake::Wrong(name, why) => json!({"wrong": (name, why)}),
     };
-    write(&json!({
-        "files": [], "main": 0, "reactors": [], "parameters": parameters, "refused": refused,
-    }))
+    write(|| {
+        json!({
+            "files": [], "main": 0, "reactors": [], "parameters": parameters, "refused": refused,
+        })
+    })
 }
 
-fn write(document: &Value) -> Result<(), Failure> {
+/// Makes the document only if it was asked for: a program that merely starts need not describe itself.
+fn write(document: impl FnOnce() -> Value) -> Result<(), Failure> {
     let Some(file) = std::env::var_os(DESCRIBE).map(PathBuf::from) else { return Ok(()) };
-    fs::write(&file, document.to_string()).map_err(|error| {
+    fs::write(&file, document().to_string()).map_err(|error| {
         Failure::system(format!("cannot write the declaration {}", file.display()), &error)
     })?;
     end(0)
