@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 use hprm::Failure;
 use hprm::launch::unstarted;
 use hprm::supervisor::{SIGNAL_DEBOUNCE, Signal};
-use hprm::trace::Reader;
+use hprm::trace::{Reader, remove_abandoned};
 use rustix::process::{self, Pid, kill_process, kill_process_group};
 use serde_json::json;
 
@@ -286,7 +286,7 @@ impl Folder {
     fn of(arguments: &Verify) -> Result<Self, Error> {
         let kept = arguments.keep.clone();
         let own = || {
-            remove_abandoned();
+            remove_abandoned(&std::env::temp_dir(), OWN);
             own(std::process::id())
         };
         let folder = Self { kept: kept.is_some(), path: kept.unwrap_or_else(own) };
@@ -299,19 +299,6 @@ impl Folder {
 /// The folder of the process `pid`.
 fn own(pid: u32) -> PathBuf {
     std::env::temp_dir().join(format!("{OWN}{pid}"))
-}
-
-/// Removes folders of processes that were killed before they could do that.
-fn remove_abandoned() {
-    let Ok(entries) = fs::read_dir(std::env::temp_dir()) else { return };
-    for name in entries.flatten().map(|entry| entry.file_name()) {
-        let pid = name.to_str().and_then(|name| name.strip_prefix(OWN)?.parse().ok());
-        let is_dead = |pid: &u32| !Path::new("/proc").join(pid.to_string()).exists();
-        if let Some(pid) = pid.filter(is_dead) {
-            // One of another user is left.
-            let _ = fs::remove_dir_all(own(pid));
-        }
-    }
 }
 
 fn unwritable(path: &Path, error: &std::io::Error) -> Error {

@@ -17,6 +17,7 @@ mod writer;
 pub use digest::{Described, Digest, Digester};
 pub use draft::Draft;
 pub(crate) use folder::Folder;
+pub use folder::remove_abandoned;
 pub use parts::Parts;
 pub use reader::{Group, Reader};
 pub use writer::{Trace, TraceShare, cut_traces, reads};

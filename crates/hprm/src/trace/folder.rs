@@ -1,10 +1,14 @@
 //! A folder beside a trace for what processes write of it, while the run lasts.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::Draft;
 use crate::Failure;
+
+/// What comes between the name of a trace and the number of a process in the name of a folder.
+const PARTS: &str = ".parts-";
 
 /// The folder. It is gone when this is.
 #[derive(Debug)]
@@ -24,7 +28,10 @@ impl Folder {
         let unwritten = |error| Failure::trace(path, &error);
         let is_beside = Draft::replaces(path).map_err(unwritten)?;
         let folder = if is_beside {
-            remove_abandoned(path);
+            if let Some(name) = path.file_name().and_then(OsStr::to_str) {
+                let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+                remove_abandoned(folder.unwrap_or(Path::new(".")), &format!("{name}{PARTS}"));
+            }
             beside(path, std::process::id())
         } else {
             // Beside a device or a link is no place for files.
@@ -55,22 +62,20 @@ impl Drop for Folder {
 /// The folder of the process `pid` with the shares of the trace `path`.
 fn beside(path: &Path, pid: u32) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(format!(".parts-{pid}"));
+    name.push(format!("{PARTS}{pid}"));
     PathBuf::from(name)
 }
 
-/// Removes folders of processes that were killed before they could do that.
-fn remove_abandoned(path: &Path) {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let Ok(entries) = fs::read_dir(folder.unwrap_or(Path::new("."))) else { return };
+/// Removes the folders of traces in `folder` of processes that were killed before they could do that: those whose names
+/// are `prefix` and the number of a process.
+pub fn remove_abandoned(folder: &Path, prefix: &str) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
     for name in entries.flatten().map(|entry| entry.file_name()) {
-        let pid = name.to_str().and_then(|name| name.rsplit_once(".parts-")?.1.parse().ok());
-        let dead = |pid: &u32| !Path::new("/proc").join(pid.to_string()).exists();
-        if let Some(pid) = pid.filter(dead)
-            && beside(path, pid).file_name() == Some(&name)
-        {
+        let pid = name.to_str().and_then(|name| name.strip_prefix(prefix)?.parse::<u32>().ok());
+        let is_dead = |pid: &u32| !Path::new("/proc").join(pid.to_string()).exists();
+        if let Some(pid) = pid.filter(is_dead) {
             // It is not needed; if it cannot be removed, it is left.
-            let _ = fs::remove_dir_all(beside(path, pid));
+            let _ = fs::remove_dir_all(folder.join(format!("{prefix}{pid}")));
         }
     }
 }
