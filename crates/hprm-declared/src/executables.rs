@@ -82,8 +82,7 @@ fn fill(
         return Ok(());
     }
     let reactor = reactors::part(&document, library, report).map_err(malformed)?;
-    let parameters = executable.parameters.iter().map(|it| (it.name.clone(), it.value.clone()));
-    let how = ExecutableFederate { command, parameters: parameters.collect(), declaration: text };
+    let how = ExecutableFederate { command, parameters: executable.given(), declaration: text };
     library.fill(executable, reactor, how, report);
     Ok(())
 }

@@ -39,6 +39,14 @@ pub struct Executable {
     pub instance: Option<Span>,
 }
 
+impl Executable {
+    /// The names and the values of its parameters.
+    #[must_use]
+    pub fn given(&self) -> Vec<(String, Given)> {
+        self.parameters.iter().map(|it| (it.name.clone(), it.value.clone())).collect()
+    }
+}
+
 /// A parameter of an executable, and its value.
 #[derive(Clone, PartialEq, Debug)]
 pub struct GivenParameter {

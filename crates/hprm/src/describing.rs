@@ -54,8 +54,7 @@ const HINT: &str = "asked by HPRM_DESCRIBE=FILE, an executable writes what it de
 /// Why that is not known; a second line says what to do.
 pub(crate) fn describe(executable: &Executable) -> Result<Described, String> {
     let command = find(executable)?;
-    let parameters = executable.parameters.iter().map(|it| (it.name.clone(), it.value.clone()));
-    let text = declaration_of(&command, &parameters.collect::<Vec<_>>())?;
+    let text = declaration_of(&command, &executable.given())?;
     Ok(Described { command, text })
 }
 
