@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import av
@@ -23,7 +24,7 @@ from autopilot.detector import Detection, Detector, decode
 from autopilot.judge import interval, journey
 from autopilot.latency import Latencies
 from autopilot.lookout import Lookout
-from autopilot.network import ModelError
+from autopilot.network import ModelError, Network
 from autopilot.rules import Rules
 from autopilot.simulator import BIRDVIEW, PICTURE, Town, state_of
 from town.camera import CAMERA_AHEAD, CAMERA_HEIGHT, FOCAL, HORIZON
@@ -266,7 +267,7 @@ def test_a_lookout_without_eyes_asks_for_nothing() -> None:
         ("missing", r"model\.onnx does not exist"),
         ("corrupt", r"model\.onnx cannot be read: "),
         ("cut short", r"model\.onnx cannot be read: "),
-        ("of another shape", r"model\.onnx has the inputs .*\(1, 6, 64, 64\).*, not "),
+        ("with other inputs", r"model\.onnx has the inputs .*\(1, 6, 64, 64\).*, not "),
     ],
 )
 def test_a_model_that_cannot_be_used_is_one_clear_error(
@@ -277,6 +278,23 @@ def test_a_model_that_cannot_be_used_is_one_clear_error(
         network(tmp_path / "model.onnx")
 
 
+@pytest.mark.parametrize(
+    ("size", "numbers", "told"),
+    [
+        (64, 2, None),
+        (32, 2, "has the inputs {'birdview': (1, 6, 64, 64), 'state': (1, 8)}, not "),
+        (64, 3, "has the outputs {'action': (1, 2)}, not {'action': (1, 3)}"),
+    ],
+)
+def test_a_model_of_another_shape_is_one_clear_error(
+    size: int, numbers: int, told: str | None
+) -> None:
+    inputs = {"birdview": (1, 6, size, size), "state": (1, 8)}
+    expected = pytest.raises(ModelError, match=re.escape(told)) if told else nullcontext()
+    with expected:
+        Network(DRIVING / "models" / "policy.onnx", inputs, {"action": (1, numbers)})
+
+
 def spoil(model: Path, fault: str) -> None:
     """Leaves something else in the place of a model."""
     whole = (DRIVING / "models" / "policy.onnx").read_bytes()
@@ -284,11 +302,11 @@ def spoil(model: Path, fault: str) -> None:
         model.write_bytes(b"not a network")
     elif fault == "cut short":
         model.write_bytes(whole[: len(whole) // 2])
-    elif fault == "of another shape":
+    elif fault == "with other inputs":
         model.write_bytes(whole.replace(b"birdview", b"overview"))
 
 
-@pytest.mark.parametrize("fault", ["missing", "corrupt", "of another shape"])
+@pytest.mark.parametrize("fault", ["missing", "corrupt", "with other inputs"])
 def test_a_program_without_its_model_is_one_clear_error(fault: str, tmp_path: Path) -> None:
     for name in ("autopilot", "town"):
         shutil.copytree(DRIVING / name, tmp_path / name)

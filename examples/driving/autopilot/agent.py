@@ -53,7 +53,7 @@ class PolicyAgent:
 
     def __init__(self, path: Path = MODELS / "policy.onnx") -> None:
         inputs = {"birdview": (1, *SHAPE), "state": (1, STATE)}
-        self._network = Network(path, inputs, "action")
+        self._network = Network(path, inputs, {"action": (1, 2)})
 
     def drive(self, birdview: Pixels, state: State) -> Control:
         """What to do at a frame."""

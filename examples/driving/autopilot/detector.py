@@ -48,7 +48,9 @@ class Detector:
     """Finds things on pictures, by a network that was trained by `training/train_detector.py`."""
 
     def __init__(self, path: Path = MODELS / "detector.onnx") -> None:
-        self._network = Network(path, {"picture": (1, HEIGHT, WIDTH, 3)}, "cells")
+        cells = sum((HEIGHT // it.stride) * (WIDTH // it.stride) for it in SCALES)
+        inputs = {"picture": (1, HEIGHT, WIDTH, 3)}
+        self._network = Network(path, inputs, {"cells": (cells, 5 + len(KINDS))})
 
     def detect(self, picture: npt.NDArray[np.uint8], certain: float = _CERTAIN) -> list[Detection]:
         """What is on a picture, with at least this certainty."""

@@ -17,10 +17,13 @@ class ModelError(Exception):
     """A model file cannot be used; the message says which and why."""
 
 
-class Network:
-    """A network with given inputs, by name and shape, and one output."""
+Shapes = Mapping[str, tuple[int, ...]]
 
-    def __init__(self, path: Path, inputs: Mapping[str, tuple[int, ...]], output: str) -> None:
+
+class Network:
+    """A network with given inputs and one output, each a name and a shape."""
+
+    def __init__(self, path: Path, inputs: Shapes, output: Shapes) -> None:
         options = ort.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
@@ -30,16 +33,18 @@ class Network:
             session = ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # What ONNX Runtime raises has no common class.
             raise ModelError(f"the model {path} cannot be read: {_first_line(error)}") from None
-        has = {it.name: tuple(it.shape) for it in session.get_inputs()}
-        if has != dict(inputs):
-            raise ModelError(f"the model {path} has the inputs {has}, not {dict(inputs)}")
-        if output not in {it.name for it in session.get_outputs()}:
-            raise ModelError(f"the model {path} has no output {output!r}")
-        self._session, self._output = session, output
+        for what, wanted, nodes in (
+            ("inputs", inputs, session.get_inputs()),
+            ("outputs", output, session.get_outputs()),
+        ):
+            has = {it.name: tuple(it.shape) for it in nodes}
+            if has != dict(wanted):
+                raise ModelError(f"the model {path} has the {what} {has}, not {dict(wanted)}")
+        self._session, self._outputs = session, list(output)
 
     def run(self, **inputs: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """The output for these inputs."""
-        (result,) = self._session.run([self._output], inputs)
+        (result,) = self._session.run(self._outputs, inputs)
         return np.asarray(result, np.float32)
 
 
