@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import uuid
@@ -353,6 +354,31 @@ def test_an_rti_is_open_to_the_network_only_with_a_secret(hprm: Hprm) -> None:
     assert "no secret" in answer.stderr
     assert "hint: " in answer.stderr
     assert "--federation-file" in answer.stderr
+
+
+def test_an_address_that_cannot_be_used_says_why_and_what_to_do(
+    hprm: Hprm, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken, socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(tmp_path / "left"))
+        port = taken.getsockname()[1]
+        for address, reason, cure in (
+            (f"tcp:127.0.0.1:{port}", "Address already in use", "`ss -ltnxp` names it"),
+            (f"unix:{tmp_path}/left", "Address already in use", "remove it then"),
+        ):
+            answer = hprm("rti", "Fed.lf", "--listen", address)
+            assert answer.returncode == 1
+            assert f"error: the RTI cannot listen at {address}: {reason}" in answer.stderr
+            assert re.search(f"hint: .*{re.escape(cure)}", answer.stderr), answer.stderr
+            assert answer.stderr.count("error: ") == 1
+        # An address of documentation, which no machine has.
+        secret = tmp_path / "secret"
+        secret.write_text("0123456789abcdef0123456789abcdef")
+        secret.chmod(0o600)
+        words = ["--listen", "192.0.2.1:0", "--federation-file", str(secret)]
+        answer = hprm("rti", "Fed.lf", *words)
+        assert "Cannot assign requested address" in answer.stderr
+        assert "`ip address` lists" in answer.stderr
 
 
 PARAMETERS = """\

@@ -7,6 +7,7 @@ CARLA, PyTorch, OpenCV, Plasma and the modules of the repository of the paper.
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import subprocess
@@ -18,12 +19,16 @@ from processes import COORDINATIONS
 
 PAPER = Path(__file__).resolve().parents[1] / "paper"
 HPRM = Path(sys.executable).parent / "hprm"
-STEPS = 10
+STEPS = 500
 
 
 def run(program: str, folder: Path) -> str:
     """What a program prints that runs in this folder."""
-    variables = {"PAPER_LOGS": str(folder), "PYTHONPATH": str(PAPER / "stubs")}
+    variables = {
+        "PAPER_LOGS": str(folder),
+        "PAPER_STEPS": str(STEPS),
+        "PYTHONPATH": str(PAPER / "stubs"),
+    }
     done = subprocess.run(
         [HPRM, "run", PAPER / program],
         cwd=folder,
@@ -41,10 +46,11 @@ def run(program: str, folder: Path) -> str:
 def test_a_driving_program_drives_all_steps_and_ends(coordination: str, tmp_path: Path) -> None:
     printed = run(f"Drive{coordination.capitalize()}.lf", tmp_path)
     assert "[world] the world starts\n" in printed
-    # The driver halves the distance in each step: it has had every observation, in order.
-    assert (
-        tmp_path / "drove"
-    ).read_text() == f"{STEPS + 1} steps, {0.5 ** (STEPS + 1):.6f} m off\n"
+    # The world has refused none of the actions: each was the one for the observation before it.
+    off = 1.0
+    for step in range(STEPS + 1):
+        off += -0.5 * off + math.sin(step)
+    assert (tmp_path / "drove").read_text() == f"{STEPS + 1} steps, {off:.6f} m off\n"
     assert (tmp_path / "video").read_text() == f"{STEPS + 1} pictures\n"
     assert (tmp_path / "videos" / f"{coordination}.mp4").read_text() == f"{STEPS + 1} pictures\n"
     for node in ("world", "driver", "watcher", "merge"):

@@ -286,7 +286,25 @@ impl Failure {
     /// The RTI, or else a federate, cannot listen at an address.
     pub(crate) fn listen(rti: bool, address: &Address, error: &io::Error) -> Self {
         let (address, reason) = (address.clone(), error.to_string());
-        Self::Listen { rti, address, reason, hint: advice(error) }
+        let hint = match (error.kind(), &address) {
+            (io::ErrorKind::AddrInUse, Address::Path(_)) => Some(
+                "a process listens there, or one that has ended has left this path: remove it then, or choose \
+                 another",
+            ),
+            (io::ErrorKind::AddrInUse, _) => Some(
+                "another process listens there: end it (`ss -ltnxp` names it, if it is yours), or choose \
+                 another address; of TCP ports, 0 is a free one",
+            ),
+            (io::ErrorKind::AddrNotAvailable, _) => Some(
+                "no interface of this machine has this address: `ip address` lists those that it has; 0.0.0.0 \
+                 stands for all of them",
+            ),
+            (io::ErrorKind::PermissionDenied, _) => {
+                Some("choose a port from 1024 on, or a path in a folder of yours")
+            }
+            _ => advice(error),
+        };
+        Self::Listen { rti, address, reason, hint }
     }
 
     /// Code of the program has failed, and the message says all.

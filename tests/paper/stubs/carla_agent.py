@@ -1,11 +1,14 @@
 """Stands for the module of that name in the paper's repository, which has simulator and agents.
 
-Its world is a number that says how far the car is from the middle of its lane; the agent steers
-against that. An observation is made as there: a dict by actor, with pictures as arrays.
+Its world is a number that says how far the car is from the middle of its lane, where the wind
+blows it to and fro; the agent steers against that. The world refuses an action that is not the one
+for what was observed last. An observation is made as there: a dict by actor, with pictures as
+arrays.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
-cfg = SimpleNamespace(warmup_steps=2, total_steps=10, log_video=True, agent="other")
+cfg = SimpleNamespace(
+    warmup_steps=2, total_steps=int(os.environ["PAPER_STEPS"]), log_video=True, agent="other"
+)
 hydra_dir = os.environ["PAPER_LOGS"]
 agents_dict: dict[str, Any] = {}
 
@@ -34,7 +39,7 @@ class _World:
         self.offset = 1.0
 
     def observation(self) -> dict[str, Any]:
-        frame = np.full((120, 160, 3), self.timestamp["step"], np.uint8)
+        frame = np.full((120, 160, 3), self.timestamp["step"] % 256, np.uint8)
         return {
             _HERO: {
                 "birdview": {"masks": np.zeros((6, 96, 96), np.uint8)},
@@ -67,7 +72,10 @@ def agent_action(obs: dict[str, Any]) -> dict[str, Any]:
 
 def game_step(world: _World, control: dict[str, Any]) -> tuple[Any, ...]:
     """Goes on by a step."""
-    world.offset += control[_HERO].steer
+    steer, step = control[_HERO].steer, world.timestamp["step"]
+    if steer != -0.5 * world.offset:
+        raise RuntimeError(f"step {step}: {steer} is no action for an offset of {world.offset}")
+    world.offset += steer + math.sin(step)
     world.timestamp["step"] += 1
     obs = world.observation()
     picture = obs[_HERO]["central_rgb"]["data"]
